@@ -22,6 +22,7 @@ from flows.stage.stages import (
     generate,
     judge_batch_stage,
     prepare_simulation,
+    robots_in_reserve,
     simulate,
     skip_deployment,
     vouch,
@@ -95,28 +96,50 @@ def _report(
     prepare_simulation(spec, store, run)
     worlds, generation = generate(spec, store, base, run)
     require_not_canceled(store, run)
-    exported, (batch, simulated) = _export_and_simulate(spec, worlds, store, versions, run)
-    require_not_canceled(store, run)
-    batch = vouch(spec, batch, worlds, store, versions)
-    judged = judge_batch_stage(spec, batch, store, run, ships)
-    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        judged = _show_verdict(judged, store, batch)
-    if batch:
-        simulated = _show_trend(simulated, store, run, batch)
-    require_not_canceled(store, run)
-    verdict = judged[0].status if judged else None
-    passed = verdict == "PASS" or spec.gate is None
     asked = Asked(spec, base, versions, worlds, ships)
-    deployed = deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+    with robots_in_reserve(spec, store) as begin_robots:
+        exported, (batch, simulated) = _export_and_simulate(spec, worlds, store, versions, run)
+        require_not_canceled(store, run)
+        begin_robots()
+        simulated, judged, deployed = _judge_and_deploy(asked, batch, simulated, store, run)
+    verdict = judged[0].status if judged else None
     return PipelineReport.model_validate(
         {
             "run": run.id,
             "name": spec.name,
             "stages": (*generation, *exported, *simulated, *judged, *deployed),
             "verdict": verdict,
-            "shipped": deployed[0].status == "Succeeded" if deployed and passed else None,
+            "shipped": deployed[0].status == "Succeeded" if deployed and _passed(spec, verdict) else None,
         }
     )
+
+
+def _judge_and_deploy(
+    asked: Asked, batch: JobRecord | None, simulated: Reports, store: Store, run: JobRecord
+) -> tuple[Reports, Reports, Reports]:
+    """Returns the reports of the batch, with its trend, of the gate, and of the deployment.
+
+    Args:
+        asked: The document, and what this process knows of it.
+        batch: The batch's record, or None.
+        simulated: Its report until now.
+        store: The run's store.
+        run: The run's record.
+    """
+    spec = asked.spec
+    batch = vouch(spec, batch, asked.worlds, store, asked.versions)
+    judged = judge_batch_stage(spec, batch, store, run, asked.ships)
+    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
+        judged = _show_verdict(judged, store, batch)
+    if batch:
+        simulated = _show_trend(simulated, store, run, batch)
+    require_not_canceled(store, run)
+    passed = _passed(spec, judged[0].status if judged else None)
+    return simulated, judged, deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+
+
+def _passed(spec: PipelineSpec, verdict: str | None) -> bool:
+    return verdict == "PASS" or spec.gate is None
 
 
 def _export_and_simulate(

@@ -5,10 +5,12 @@ Under Prefect each is a flow run of its own; see `flows.stage.orchestrator`.
 
 import logging
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from typing import TypeVar, cast
 
+from flows.batch.batch_steps import EPISODES
 from flows.document.references import Numbers, deployed_version, numbered_finder
 from flows.gate.judge import GateAnswer, gate_answer, judge_batch
 from flows.gate.shipment import evidence_changes, refusal_report, shippable, withdraw_deployment
@@ -32,6 +34,8 @@ from specs.data.run_report import StageName, StageReport
 from specs.errors import ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import stops_early
+from tasks.deploy.step import robot_reserve
+from tasks.progress.listener import current_listener, listen_to_progress
 from tasks.results.gate.shipped_builds import Shipment, shipment_of, version_changes
 from tasks.simulate.batch.job import KIND
 from tasks.storage.base.store import Store
@@ -213,6 +217,29 @@ def deploy(asked: Asked, batch: JobRecord | None, store: Store, run: JobRecord) 
         lambda: run_step(deployment_sync, section, store.url, tested, versions, token, builds=builds)
     )
     return _ended(deployment_report(record, seconds))
+
+
+@contextmanager
+def robots_in_reserve(spec: PipelineSpec, store: Store) -> Generator[Callable[[], None], None, None]:
+    """Yields what begins a demonstration's agents: it is called when the batch's last episode ends, or by the block.
+
+    They import what they need while the batch is audited and judged. The roll-out alone tells them what to do, which
+    there is only after the gate has passed.
+
+    Args:
+        spec: The document.
+        store: The run's store.
+    """
+    section, listener = spec.deployment, current_listener()
+    with robot_reserve(store, section) if section else nullcontext(lambda: None) as begin:
+
+        def hear(stage: str, done: int, total: int) -> None:
+            listener(stage, done, total)
+            if stage == EPISODES and done >= total:
+                begin()
+
+        with listen_to_progress(hear):
+            yield begin
 
 
 def skip_deployment(spec: PipelineSpec) -> Reports:

@@ -1,7 +1,7 @@
 """A roll-out as a step: a plain function of data, which a process calls or Prefect runs as a task."""
 
 from collections.abc import Callable, Collection, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
@@ -10,7 +10,9 @@ from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.kit.local_agents import local_agents
+from tasks.deploy.kit.agent_reserve import agent_reserve
+from tasks.deploy.kit.local_agents import local_agents, local_names
+from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer
 from tasks.deploy.trust.trust_choice import chosen_keys
@@ -21,6 +23,8 @@ from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store, store_id
 
 STAGE = "Deployment"
+# Robots of this machine end their steps soon, and a wave begins when the last one is seen to have ended.
+_LOCAL_POLL_S = 0.05
 
 
 def roll_out(
@@ -44,6 +48,7 @@ def roll_out(
     """
     store = open_store(store_url)
     signer = section_signer(store, section)
+    robots = _robots(section, store, signer.root_of_trust if signer else None)
     return run_deployment_job(
         store,
         request,
@@ -52,7 +57,8 @@ def roll_out(
         token=token,
         progress=stage_progress(STAGE),
         rules=section.rollOut,
-        robots=_robots(section, store, signer.root_of_trust if signer else None),
+        pace=ControllerPace(poll_s=_LOCAL_POLL_S) if robots else None,
+        robots=robots,
         signer=signer,
     )
 
@@ -104,6 +110,18 @@ def agents_folder(store: Store) -> Path:
     if store.url.startswith("file://"):
         return Path(unquote(store.url.removeprefix("file://"))) / "agents"
     return cache_folder() / "agents" / store_id(store)
+
+
+def robot_reserve(store: Store, section: Deployment) -> AbstractContextManager[Callable[[], None]]:
+    """Returns a ``with`` block of what begins a demonstration's agents early, for a roll-out that calls them up.
+
+    They are told nothing, and ask no store, before that.
+    """
+    fleet = section.fleet
+    if not isinstance(fleet, LocalFleet) or not fleet.localAgents:
+        return nullcontext(lambda: None)
+    names, signed = local_names(fleet.name, fleet.localAgents), section.trust == "signed"
+    return agent_reserve(store, names, agents_folder(store), signed=signed)
 
 
 def _robots(

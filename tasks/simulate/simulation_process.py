@@ -59,6 +59,9 @@ if TYPE_CHECKING:
     from tasks.simulate.replay.replay_drive import DrivenAgain
 
 _PR_SET_PDEATHSIG = 1
+# So few episodes, in so small a part of the lanes, are driven soonest by themselves, as an audit's are: no lane is
+# refilled for them, and the programs that refill lanes take longer to load than they take to drive.
+_NARROW = 4
 PROGRAMS = "SIMYARD_PROGRAMS"
 """Where it is ``trace``, each process traces its programs anew."""
 
@@ -134,8 +137,8 @@ class Service:
 
     def _work(self, work: LanesWork | AuditWork | AgainWork) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
-        if not isinstance(work, LanesWork) and self._under_way is not None:
-            self._under_way.forget()
+        if not isinstance(work, LanesWork):
+            self._under_way = None  # with all chunks that were begun early
         match work:
             case LanesWork():
                 self._lanes(work, bundles)
@@ -153,7 +156,8 @@ class Service:
         from tasks.simulate.chunk.runner import simulate_lanes  # noqa: PLC0415 - after JAX's settings
         from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
-        self._under_way = self._under_way or ChunksUnderWay()
+        if self._under_way is None and (work.ahead or _NARROW * len(work.chunk.requests) > work.lanes):
+            self._under_way = ChunksUnderWay()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz)
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_lanes(

@@ -1,15 +1,22 @@
 """What the process that simulates answers when something goes wrong in it."""
 
 import socket
+from collections.abc import Sequence
 
 import pytest
 
+from specs.data.episode import EpisodeResult
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_drive
+from tasks.simulate.audit.audit_report import AuditReport
+from tasks.simulate.chunk import runner
+from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process.wire import receive
-from tasks.simulate.process.work import AuditWork, SentWorlds
+from tasks.simulate.process.work import AuditWork, LanesWork, SentWorlds
 from tasks.simulate.simulation_process import Service
+from tests.factories.simulations import delivery
 
+LANES = 8
 WORK = AuditWork(sample=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto", drawn=0)
 
 
@@ -35,3 +42,52 @@ def test_a_lack_of_memory_a_crash_and_a_defect_are_different_answers(
         document = receive(ours).document
     assert document["kind"] == kind
     assert said in str(document)
+
+
+@pytest.mark.parametrize(("episodes", "ahead", "refilled"), [(1, 0, False), (2, 0, False), (3, 0, True), (1, 1, True)])
+def test_few_episodes_with_nothing_after_them_are_driven_by_themselves(
+    monkeypatch: pytest.MonkeyPatch, episodes: int, ahead: int, *, refilled: bool
+):
+    assert [given is not None for given in _under_way(monkeypatch, [_lanes(episodes, ahead)])] == [refilled]
+
+
+def test_few_episodes_of_a_batch_that_is_under_way_stay_with_it(monkeypatch: pytest.MonkeyPatch):
+    first, last = _under_way(monkeypatch, [_lanes(8, 1), _lanes(1, 0)])
+    assert first is not None
+    assert last is first
+
+
+def test_nothing_that_was_begun_early_outlives_an_audit(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(audit_drive, "audit", lambda *_, **__: AuditReport(verdict="SOUND", sentence=""))
+    first, after = _under_way(monkeypatch, [_lanes(8, 1), WORK, _lanes(8, 0)])
+    assert after is not None
+    assert after is not first
+
+
+def _under_way(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | AuditWork]) -> list[object]:
+    """Returns what of lanes under way each question about lanes was simulated with."""
+    given: list[object] = []
+
+    def simulate(*_: object, under_way: object, **__: object) -> list[EpisodeResult]:
+        given.append(under_way)
+        return []
+
+    monkeypatch.setattr(runner, "simulate_lanes", simulate)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        service = Service(theirs)
+        for work in works:
+            service.answer(work)
+    return given
+
+
+def _lanes(episodes: int, ahead: int) -> LanesWork:
+    chunk = Chunk(number=0, requests=tuple(delivery(k, world="hand/apartment-0", seed=k) for k in range(episodes)))
+    return LanesWork(
+        chunk=chunk,
+        worlds=SentWorlds(new={}),
+        bundles={},
+        lanes=LANES,
+        engine="auto",
+        ahead=(chunk.model_copy(update={"number": 1}),) * ahead,
+    )

@@ -4,9 +4,7 @@ import contextlib
 import logging
 import os
 import platform
-import socket
 import subprocess
-import sys
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,11 +12,11 @@ from pathlib import Path
 from specs.field_types import Architecture
 from tasks.deploy.fleet.fleets import create_fleet
 from tasks.deploy.fleet.robots import create_robot, deregister_robot, members, register_robot
+from tasks.deploy.kit.agent_reserve import call_up, robot_arguments
 from tasks.deploy.robot.disk import lock_folder
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
 
-_NOT_FOR_AGENTS = ("SIMYARD_KEYS", "SIMYARD_OWNER_KEY", "PREFECT_")
 _LOG = logging.getLogger(__name__)
 _PATIENCE_S = 10.0
 _ARCHITECTURES: Mapping[str, Architecture] = {
@@ -27,7 +25,8 @@ _ARCHITECTURES: Mapping[str, Architecture] = {
     "armv7l": "ARMHF",
     "armv8l": "ARMHF",
 }
-_PACKAGES = Path(__file__).parents[3]
+# A look at a folder costs a millisecond, and of a roll-out a wave waits for it.
+_LONGEST_POLL_S = "0.2"
 
 
 @contextmanager
@@ -62,8 +61,8 @@ def local_agents(
     roots = [folder.absolute() / name for name in names]
     agents: list[subprocess.Popen[bytes]] = []
     try:
-        for name, root in zip(names, roots, strict=True):
-            agents.append(_start(store, name, root, grace_s, root_of_trust))
+        for root in roots:
+            agents.append(_begin(store, root, grace_s, root_of_trust))  # noqa: PERF401 - one may fail after others
         yield names
     finally:
         _end(agents)
@@ -93,42 +92,14 @@ def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
     return names
 
 
-def _start(store: Store, name: str, root: Path, grace_s: float, trust: Path | None) -> subprocess.Popen[bytes]:
-    root.mkdir(parents=True, exist_ok=True)
+def _begin(store: Store, root: Path, grace_s: float, trust: Path | None) -> subprocess.Popen[bytes]:
     # What they run was simulated by this process already, under its account.
     account = {"parent": str(os.getpid()), "user": str(os.geteuid())}
-    options = {"robot": name, "root": str(root), "store": store.url, **account}
-    pace = {"poll-s": "0.1", "longest-poll-s": "0.5", "grace-s": str(grace_s)}
-    argv = [f"--{option}={value}" for option, value in {**options, **pace}.items()]
-    argv.append(f"--root-of-trust={trust}" if trust else "--unsigned")
-    path = os.pathsep.join(filter(None, [str(_PACKAGES), os.environ.get("PYTHONPATH")]))
-    with (root / "agent.log").open("ab") as log:
-        return subprocess.Popen(  # noqa: S603 - this very package, with arguments made here
-            [sys.executable, "-m", "tasks.deploy.robot.agent", *argv],
-            env={**_agent_environment(), **_own_ros(name), "PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=log,
-            start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone, which then ends its agents
-        )
-
-
-def _agent_environment() -> dict[str, str]:
-    """Returns what an agent needs of this process's environment: not the keys, and no way to Prefect's server."""
-    return {name: value for name, value in os.environ.items() if not name.startswith(_NOT_FOR_AGENTS)}
-
-
-def _own_ros(name: str) -> dict[str, str]:
-    """Returns where a robot's own ROS is: two robots of one machine must not talk to each other's nodes."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    number = int(name.rpartition("-")[2])
-    # Of DDS, domains up to 101 keep clear of other programs' ports (Linux).
-    return {
-        "ROS_MASTER_URI": f"http://127.0.0.1:{port}",
-        "ROS_IP": "127.0.0.1",
-        "ROS_DOMAIN_ID": str(1 + number % 101),
-    }
+    pace = {"poll-s": "0.1", "longest-poll-s": _LONGEST_POLL_S, "grace-s": str(grace_s)}
+    options = [f"--{option}={value}" for option, value in {**account, **pace}.items()]
+    return call_up(
+        root, [*robot_arguments(store, root), *options, f"--root-of-trust={trust}" if trust else "--unsigned"]
+    )
 
 
 def _sweep(root: Path) -> None:

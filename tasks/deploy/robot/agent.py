@@ -5,12 +5,14 @@ nothing else of what Simyard needs. Ends at SIGTERM with exit code 0, and takes 
 """
 
 import argparse
+import json
 import logging
 import os
 import random
 import sys
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 
 from specs.errors import StoreError
@@ -34,6 +36,8 @@ from tasks.storage.store_url import connect
 _LOG = logging.getLogger(__name__)
 _GROWTH = 1.3
 _LOCK_POLL_S = 0.1
+RESERVE = "--reserve"
+"""First of the arguments of an agent that only imports until its input says with which arguments it begins."""
 
 
 class Poll:
@@ -89,9 +93,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: The command line, by default this process's.
     """
-    options = _parser().parse_args(arguments)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    if given[:1] == [RESERVE]:
+        given = _called_up(given)
+        if not given:
+            return 0
+    options = _parser().parse_args(given)
     with log_in_chosen_format():
         return _run(options)
+
+
+def _called_up(given: Sequence[str]) -> list[str]:
+    """Returns the arguments to begin with; none when whoever started this process has ended, or needs no agent.
+
+    Until then it imports what it is going to need, and nothing else: it reads no file, and asks no store.
+    """
+    if "--unsigned" not in given:
+        import_module("tasks.deploy.trust.verification")
+    line = sys.stdin.buffer.readline()
+    return [str(each) for each in json.loads(line)] if line else []
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -11,10 +11,6 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-import jax
-import numpy as np
-from jaxtyping import Float32
-
 from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
@@ -22,17 +18,13 @@ from tasks.simulate.audit.audit_findings import Driven, DrivenEpisode, findings
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.audit.audit_verdict import needs_control, with_verdict
-from tasks.simulate.chunk.episodes import ReadyChunk, keep_timing, ready_parts
-from tasks.simulate.chunk.run_rows import lane_row, open_run
+from tasks.simulate.audit.drives import UNDISTURBED_M, Drives
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.engines import REFERENCE
-from tasks.simulate.host.host_lanes import most_lanes
-from tasks.simulate.plan.chunks import plan_chunks
 
 logger = logging.getLogger(__name__)
 DISTURBANCES_M = ((1e-6, 0.0), (0.0, 1e-6))
 """Where the control starts, from where the episode does (x, y): far below what any map or sensor knows."""
-_UNDISTURBED_M = (0.0, 0.0)
 
 
 def drive_sample(
@@ -42,7 +34,7 @@ def drive_sample(
     *,
     lanes: int,
     engine: str,
-    beside_m: tuple[float, float] = _UNDISTURBED_M,
+    beside_m: tuple[float, float] = UNDISTURBED_M,
 ) -> dict[int, DrivenEpisode]:
     """Returns episodes driven to their ends, by index; without those that could not start.
 
@@ -57,47 +49,8 @@ def drive_sample(
     Raises:
         BundleCrash: An application does not import, or raises when it is traced.
     """
-    lanes = min(lanes, most_lanes(requests, bundles) or lanes)
-    return {
-        each.row.index: each
-        for chunk in plan_chunks(requests, lanes)
-        for each in _driven_chunk(chunk.requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)
-    }
-
-
-def _driven_chunk(
-    requests: Sequence[EpisodeRequest],
-    worlds: Mapping[str, World],
-    bundles: Mapping[str, Path],
-    *,
-    lanes: int,
-    engine: str,
-    beside_m: tuple[float, float],
-) -> list[DrivenEpisode]:
-    parts = ready_parts(requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)
-    return [each for part in parts for each in _driven_part(part)]
-
-
-def _driven_part(chunk: ReadyChunk) -> list[DrivenEpisode]:
-    if chunk.run is None:
-        return []
-    poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
-    with open_run(chunk.run) as run:
-        state = run.begin()
-        while not np.all(state.done):
-            state, record = run.advance(state)
-            poses.append(np.asarray(record.pose))
-            chunk.watch.mark()
-    keep_timing(chunk)
-    end, path = jax.device_get(state._replace(controller=None, scenario=None)), np.concatenate(poses, axis=1)
-    return [
-        DrivenEpisode(
-            engine=chunk.program.engine,
-            row=lane_row(chunk.program, chunk.run.host, lane, position, end, poses),
-            places_m=path[position, : int(end.step[position]), :2],
-        )
-        for position, lane in enumerate(chunk.lanes)
-    ]
+    with Drives() as drives:
+        return drives.begin(requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)()
 
 
 def audit(
@@ -127,17 +80,21 @@ def audit(
         BundleCrash: An application that made rows before now fails.
     """
     here = [each for each in sample if each.row.device == device_kind()]
-    ours = drive_sample([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)
-    progress(len(here))
     others = [each.request for each in sample if each.row.engine != REFERENCE]
     few = min(lanes, len(sample))
     theirs: Driven = {}
     why = f"the rows were made by {REFERENCE}, the reference itself"
-    if others:
-        try:
-            theirs = drive_sample(others, worlds, bundles, lanes=few, engine=REFERENCE)
-        except BundleCrash as crash:
-            why = crash.reason
+    with Drives() as drives:
+        began_theirs: Callable[[], Driven] | None = None
+        if others:  # first, because it takes longer
+            try:
+                began_theirs = drives.begin(others, worlds, bundles, lanes=few, engine=REFERENCE)
+            except BundleCrash as crash:
+                why = crash.reason
+        ours = drives.begin([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)()
+        progress(len(here))
+        if began_theirs:
+            theirs = began_theirs()
     progress(2 * len(sample))
     found = findings(sample, ours, theirs, (), max(drawn, len(sample)))
     if needs_control(found):

@@ -157,7 +157,7 @@ def test_robots_on_this_machine_are_of_its_architecture(
     machine: str, known: Architecture, file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("platform.machine", lambda: machine)
-    monkeypatch.setattr("tasks.deploy.kit.local_agents._start", lambda *_: _Ended())
+    monkeypatch.setattr("tasks.deploy.kit.local_agents._begin", lambda *_: _Ended())
 
     with local_agents(file_store, "yard", 1, tmp_path):
         assert [robot.architecture for robot in members(file_store, "yard")] == [known]

@@ -1,13 +1,15 @@
 """Intervals: textbook examples, what must always hold, and how often they cover, by simulation."""
 
 import math
+import subprocess
+import sys
 from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import binom, quantile_test
+from scipy.stats import binom, binomtest, quantile_test
 
 from tasks.results.statistics.intervals import (
     Interval,
@@ -42,6 +44,22 @@ def test_more_confidence_never_narrows_the_interval(count: tuple[int, int]):
     narrow, wide = wilson(*count, 0.8), wilson(*count, 0.99)
     assert wide.lower <= narrow.lower
     assert narrow.upper <= wide.upper
+
+
+@given(counts.filter(lambda count: count[1] > 0), st.floats(0.01, 0.9999))
+def test_the_interval_of_a_share_has_the_bits_of_scipys(count: tuple[int, int], confidence: float):
+    bounds = binomtest(*count).proportion_ci(confidence, method="wilson")
+    assert wilson(*count, confidence) == Interval(lower=float(bounds.low), upper=float(bounds.high))
+
+
+def test_the_interval_of_a_share_does_not_wait_for_scipys_statistics():
+    code = (
+        f"import sys; from {wilson.__module__} import wilson; wilson(1, 2, 0.95); print('scipy.stats' in sys.modules)"
+    )
+
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+    assert told.stdout == "False\n"
 
 
 def test_nothing_counted_says_nothing():

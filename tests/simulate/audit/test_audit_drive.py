@@ -1,6 +1,6 @@
 """The audit drives a sample again on C MuJoCo, and finds what is wrong with rows."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -12,6 +12,7 @@ from tasks.simulate.audit.audit_drive import audit, drive_sample
 from tasks.simulate.audit.audit_findings import DrivenEpisode
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.audit.drives import Drives
 from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing
@@ -111,11 +112,12 @@ def test_an_engine_that_leaves_out_furniture_is_found(pens: dict[str, World], mo
     empty = {name: world.model_copy(update={"furniture": ()}) for name, world in pens.items()}
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
 
-    def without_furniture(*args: object, engine: str, **more: object) -> dict[int, DrivenEpisode]:
-        asked, worlds, *others = args
-        return drive_sample(asked, worlds if engine == "mujoco" else empty, *others, engine=engine, **more)  # type: ignore[arg-type]
+    class WithoutFurniture(Drives):
+        def begin(self, *args: object, engine: str, **more: object) -> Callable[[], dict[int, DrivenEpisode]]:
+            asked, worlds, *others = args
+            return super().begin(asked, worlds if engine == "mujoco" else empty, *others, engine=engine, **more)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(audit_drive, "drive_sample", without_furniture)
+    monkeypatch.setattr(audit_drive, "Drives", WithoutFurniture)
     made = drive_sample(requests, empty, FOLDERS, lanes=PUSHER_LANES, engine="planar")
     found = audit(sample(requests, [made[k].row for k in range(PUSHER_LANES)]), pens, FOLDERS, lanes=PUSHER_LANES)
     assert (found.verdict, found.unreproduced) == ("SUSPECT", ())

@@ -7,6 +7,7 @@ gives each physics step's sensor values, of which impulse and energy are summed 
 import contextlib
 import logging
 from collections.abc import Generator, Sequence
+from threading import Lock
 from typing import NamedTuple
 
 import mujoco
@@ -144,11 +145,23 @@ def _single(values: Float64[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shap
     return np.where(np.abs(values) < _MOST, values, np.nan).astype(np.float32)
 
 
+class _QuietSteps:
+    """How many threads step now, while MuJoCo's warnings go to this module's log."""
+
+    turn = Lock()
+    threads = 0
+
+
 @contextlib.contextmanager
 def _no_log() -> Generator[None]:
     """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory: a state that blows up is a row."""
-    mujoco.set_mju_user_warning(logger.debug)
+    with _QuietSteps.turn:
+        _QuietSteps.threads += 1
+        mujoco.set_mju_user_warning(logger.debug)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(None)
+        with _QuietSteps.turn:
+            _QuietSteps.threads -= 1
+            if not _QuietSteps.threads:
+                mujoco.set_mju_user_warning(None)

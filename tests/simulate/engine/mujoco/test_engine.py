@@ -11,7 +11,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.mujoco.model import host_robot, world_model, world_models
-from tasks.simulate.engine.mujoco.stepper import Stepper
+from tasks.simulate.engine.mujoco.stepper import Stepper, _no_log
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FAULTY, FOLDERS, cluttered, pushing
 from tests.simulate.conftest import PUSHER_LANES
@@ -129,3 +129,14 @@ def test_it_drives_as_mujoco_does_step_by_step(pens: dict[str, World]):
     stepper = Stepper(host_robot(ROBOT), [model], start[None], 1)
     ours = np.stack([stepper.drive(each, np.ones(1, bool))[0].qpos[0] for each in controls])
     np.testing.assert_allclose(ours, replay(model, start, controls[:, 0]), atol=1e-6)
+
+
+def test_two_threads_that_step_share_who_hears_warnings_of_mujoco(monkeypatch: pytest.MonkeyPatch):
+    heard: list[object] = []
+    monkeypatch.setattr(mujoco, "set_mju_user_warning", heard.append)
+
+    with _no_log(), _no_log():
+        pass
+
+    assert heard[-1] is None
+    assert heard.count(None) == 1
