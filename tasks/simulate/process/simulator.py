@@ -160,6 +160,10 @@ class Simulator:
             del self._worlds[name]
         return SentWorlds(new=new, gone=gone)
 
+    def refused(self, answer: Exception) -> SimulatorEnded:
+        """Ends the process, whose answer is none, and returns how it ended."""
+        return self._ended_for(f"it answered what is no answer: {str(answer)[:200]!r}", "limit")
+
     def end(self) -> None:
         """Ends the process, with all that it has started."""
         self._connection.close()
@@ -211,7 +215,7 @@ class Simulator:
         except (EOFError, OSError):
             raise self._ended() from None
         except (MessageRefused, ValidationError) as exc:
-            raise self._ended_for(f"it answered what is no answer: {str(exc)[:200]!r}", "limit") from None
+            raise self.refused(exc) from None
         if isinstance(answer, Rows | Audited):
             for each in answer.timings:
                 remember_timing(each.program, each.timing)

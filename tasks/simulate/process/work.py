@@ -118,21 +118,21 @@ class Samples(Spec):
 
 
 class RecordingEnds(Spec):
-    """The lanes have ended, with these rows, in their order; how, follows as arrays."""
+    """The lanes have ended; their rows, in their order, follow as an array of bytes, and how, as others."""
 
     kind: Literal["recording-ends"] = "recording-ends"
-    rows: tuple[EpisodeResult, ...]
 
 
 class Rows(Spec):
-    """The rows that were asked for, in request order, but for those that recordings ended with.
+    """The rows that were asked for, but for those that recordings ended with; they follow as an array of bytes.
+
+    The bytes are those of ``specs.data.column_bytes``, whose reader believes nothing.
 
     Attributes:
         tags: What applications gave to their jobs, by the index of the episode.
     """
 
     kind: Literal["rows"] = "rows"
-    rows: tuple[EpisodeResult, ...]
     timings: tuple[RememberedTiming, ...] = ()
     tags: dict[int, TagMap] = Field(default_factory=dict[int, TagMap])
 
