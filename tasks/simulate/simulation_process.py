@@ -34,6 +34,7 @@ from tasks.simulate.chunk.job_tags import collect_tags
 from tasks.simulate.chunk.timings import hand_over_timings
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
+from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process.sent_log import log_parts
 from tasks.simulate.process.wire import receive, send
 from tasks.simulate.process.work import (
@@ -103,7 +104,7 @@ class Service:
 
     def __init__(self, connection: socket.socket) -> None:
         """Begins without worlds."""
-        self._connection, self._worlds = connection, dict[str, World]()
+        self._connection, self._worlds, self._chunks = connection, dict[str, World](), dict[int, Chunk]()
         self._stopped, self._poll = False, select.poll()
         self._under_way: ChunksUnderWay | None = None
         self._poll.register(connection, select.POLLIN)
@@ -156,10 +157,13 @@ class Service:
         from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
         self._under_way = self._under_way or ChunksUnderWay()
+        known = {**self._chunks, **{chunk.number: chunk for chunk in work.new}}
+        self._chunks = {number: known[number] for number in work.numbers}
+        chunk, *ahead = self._chunks.values()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz)
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_columns(
-                work.chunk,
+                chunk,
                 self._worlds,
                 bundles,
                 lanes=work.lanes,
@@ -169,7 +173,7 @@ class Service:
                 recorder=recorder,
                 timed_as=work.timed_as,
                 under_way=self._under_way,
-                ahead=work.ahead,
+                ahead=ahead,
             )
         told = np.array(recorder.told if recorder else [], np.int64)
         rest = rows.take(np.flatnonzero(~np.isin(rows.index, told)))

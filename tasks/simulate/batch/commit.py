@@ -4,7 +4,7 @@ import functools
 import itertools
 import logging
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
@@ -12,14 +12,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from specs.arn import ArnForm
-from specs.data.episode import (
-    WITHDRAWN,
-    EpisodeRequest,
-    EpisodeResult,
-    Failure,
-    failed_result,
-    unfinished_result,
-)
+from specs.data.episode import EpisodeRequest, Failure, failed_result
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from specs.settings import region
@@ -27,7 +20,7 @@ from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
-from tasks.simulate.batch.stop import StopWatch, canceled_row
+from tasks.simulate.batch.stop import StopWatch
 from tasks.simulate.chunk.memory_fit import Fitted, Results, after_deaths, simulate_fitting
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
@@ -79,6 +72,9 @@ class PreparedChunk(NamedTuple):
     unable: dict[int, Failure]
 
 
+# Chunks are made ready while those before them drive, and asked for again when it is their turn.
+_EARLY = 4
+_early: OrderedDict[tuple[str, str, int], PreparedChunk] = OrderedDict()
 Simulate = Callable[[ChunkPart], Results]
 # Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
 # empty name if there are none.
@@ -242,7 +238,7 @@ def _settled(work: _Work, rows: EpisodeColumns, later: EpisodeColumns) -> Episod
     """Returns rows, later ones before earlier ones, as they stand after what was cancelled until now."""
     found, canceled = rows.renewed(later), sorted(work.watch.canceled)
     ended = found.take(np.flatnonzero(np.isin(found.index, canceled) | found.says("status", "Canceled")))
-    return found.renewed(EpisodeColumns.of([_canceled(row, work.watch) for row in ended]))
+    return found.renewed(EpisodeColumns.of([work.watch.settled(row) for row in ended]))
 
 
 def _recorded(
@@ -262,15 +258,6 @@ def _recorded(
             return rows.marked("recording", np.isin(rows.index, sorted(recorded)), name) if recorded else rows
 
 
-def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
-    """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
-    if row.index in watch.canceled:
-        return unfinished_result(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
-    if row.status == "Canceled" and row.failure_reason != WITHDRAWN:
-        return canceled_row(row.index, watch.code)
-    return row
-
-
 def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure]) -> PreparedChunk:
     """Returns a chunk, and what of it can be simulated.
 
@@ -279,6 +266,9 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
         number: The chunk's.
         unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
     """
+    key = (batch.store.url, batch.id, number)
+    if not unusable and (early := _early.get(key)) is not None:
+        return early
     chunk, mounted = batch.layout.chunk(number), batch_mounts(batch)
     worlds, missing = load_worlds(batch, chunk.requests)
     why = {
@@ -290,7 +280,12 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
     }
     unable = {index: failure for index, failure in why.items() if failure}
     able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
-    return PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
+    found = PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
+    if not unable and not batch.plan.data_sources:  # whose files may be away the next time
+        _early[key] = found
+        while len(_early) > _EARLY:
+            _early.popitem(last=False)
+    return found
 
 
 def batch_mounts(batch: OpenBatch) -> Mounts:

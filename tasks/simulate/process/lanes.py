@@ -140,16 +140,17 @@ class ConfinedLanes:
         self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None, ahead: Sequence[Chunk] = ()
     ) -> EpisodeColumns:
         with simulator(self.bundles) as process:
-            used = dict.fromkeys(request.world for each in (chunk, *ahead) for request in each.requests)
+            chunks = (chunk, *ahead)
+            used = dict.fromkeys(request.world for each in chunks for request in each.requests)
             work = LanesWork(
-                chunk=chunk,
+                numbers=tuple(each.number for each in chunks),
+                new=process.new_chunks(chunks),
                 worlds=process.sent_worlds({name: worlds[name] for name in used if name in worlds}),
                 bundles={digest: str(folder) for digest, folder in self.bundles.items()},
                 lanes=self.lanes,
                 engine=self.engine,
                 timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
-                ahead=tuple(ahead),
             )
             hear = _Listener(process, self.progress, recorder)
             try:

@@ -26,24 +26,25 @@ class SentWorlds(Spec):
 
 
 class LanesWork(Spec):
-    """Episodes to simulate.
+    """Episodes to simulate: those of a chunk.
 
     Attributes:
+        numbers: The chunk's number, and those of the chunks that are going to be asked for after it, in their order.
+        new: Those of these chunks that no question before this one named, or that have other episodes since.
         bundles: Unpacked folders of the applications, by digest.
         timed_as: Program to remember the time for.
         rate_hz: How many samples a simulated second to tell; None if nobody records.
-        ahead: Chunks that are going to be asked for after this one, in their order; the worlds have theirs, too.
     """
 
     kind: Literal["lanes"] = "lanes"
-    chunk: Chunk
+    numbers: tuple[int, ...]
+    new: tuple[Chunk, ...]
     worlds: SentWorlds
     bundles: dict[str, str]
     lanes: int
     engine: str
     timed_as: ProgramKey | None = None
     rate_hz: float | None = None
-    ahead: tuple[Chunk, ...] = ()
 
 
 class AuditedEpisode(Spec):

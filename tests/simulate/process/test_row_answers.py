@@ -39,6 +39,9 @@ class Process:
     def sent_worlds(self, worlds: Mapping[str, World]) -> SentWorlds:
         return SentWorlds(new=dict.fromkeys(worlds, "{}"))
 
+    def new_chunks(self, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
+        return tuple(chunks)
+
     def ask(self, work: object, *, on_answer: Callable[..., None], should_stop: object) -> Told:
         assert work is not should_stop
         *between, last = self._said
