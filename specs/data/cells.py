@@ -43,6 +43,21 @@ class Cells(NamedTuple):
         return np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths, dtype=np.int64)])
 
 
+def canonical_cells(cells: Cells) -> Cells:
+    """Returns a column whose arrays follow from its values alone: labels once each, as they come; 0 where none is."""
+    there = None if cells.there is None or cells.there.all() else cells.there
+    numbers = cells.numbers if there is None or cells.numbers is None else np.where(there, cells.numbers, 0)
+    if cells.codes is None:
+        return cells._replace(numbers=numbers, there=there)
+    used, first = np.unique(cells.codes, return_index=True)
+    labels = [cells.labels[code] for code in used[np.argsort(first)].tolist()]
+    if tuple(labels) == cells.labels and len(set(labels)) == len(labels):
+        return cells._replace(numbers=numbers, there=there)
+    place = {label: number for number, label in enumerate(dict.fromkeys(labels))}
+    known = np.array([place.get(label, 0) for label in cells.labels], np.int64)
+    return cells._replace(numbers=numbers, there=there, codes=known[cells.codes], labels=tuple(place))
+
+
 def join_cells(parts: Sequence[Cells], rows: Sequence[int]) -> Cells:
     """Returns columns one below the other; a single one is returned as it is.
 

@@ -4,7 +4,7 @@ Equal results have equal bytes. Who reads them believes nothing: not a size, not
 have (docs/decisions/0040).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cache
 from typing import Annotated, Literal
 
@@ -12,9 +12,10 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from specs.base import Spec
-from specs.data.cells import Cells
+from specs.data.cells import Cells, canonical_cells
 from specs.data.episode import EpisodeResult
-from specs.data.episode_columns import RESULT_KINDS, EpisodeColumns, Kind, field_cells
+from specs.data.episode_columns import EpisodeColumns
+from specs.data.field_cells import RESULT_KINDS, Kind
 
 # Far more than a chunk has, and few enough for a column of one repeated value to be harmless.
 _MOST_ROWS = 1 << 16
@@ -51,7 +52,8 @@ def encode_columns(columns: EpisodeColumns) -> bytes:
     """
     heads: dict[str, _Column] = {}
     bodies: list[bytes] = []
-    for name, cells in columns.cells.items():
+    for name, given in columns.cells.items():
+        cells = canonical_cells(given)
         forms: dict[str, str] = {}
         for leaf, array in _arrays(cells):
             alone = leaf == "lengths" or not RESULT_KINDS[name].many
@@ -71,16 +73,12 @@ def decode_columns(body: bytes) -> EpisodeColumns:
     """
     line, _, rest = body.partition(b"\n")
     head = _Head.model_validate_json(line)
-    wanted = EpisodeResult.model_fields
-    if not head.columns.keys() <= wanted.keys():
+    if not head.columns.keys() <= RESULT_KINDS.keys():
         raise ValueError("columns that no result has")
     reader = _Reader(rest, head.rows)
     found = {name: _decoded(RESULT_KINDS[name], name, column, reader) for name, column in head.columns.items()}
     reader.require_end()
-    missing = wanted.keys() - found.keys()
-    if missing:
-        found |= _defaults(missing, head.rows)
-    return EpisodeColumns({name: found[name] for name in wanted}, head.rows)
+    return EpisodeColumns.with_defaults(found, head.rows)
 
 
 class _Reader:
@@ -137,7 +135,16 @@ def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
         numbers = reader.numbers(column.numbers, size * kind.width, dtype, alone=not kind.many)
         numbers = numbers.reshape(-1, kind.width) if kind.width > 1 else numbers
     there = reader.counts(column.there, size, below=2).astype(np.bool_) if column.there else None
+    if codes is not None and lengths is not None and numbers is not None:
+        _require_names_once(codes, lengths, len(labels))
     return Cells(numbers, codes, labels, lengths, there)
+
+
+def _require_names_once(codes: np.ndarray, lengths: np.ndarray, labels: int) -> None:
+    """Lets rows of named numbers pass in which no name comes twice."""
+    named = np.repeat(np.arange(len(lengths)), lengths) * labels + codes
+    if len(np.unique(named)) != len(named):
+        raise ValueError("a name twice in a row")
 
 
 @cache
@@ -164,15 +171,6 @@ def _choices(name: str) -> TypeAdapter[tuple[object, ...]] | None:
 
 def _whole(found: np.ndarray, size: int) -> np.ndarray:
     return found if len(found) == size else np.full(size, found[0])
-
-
-def _defaults(names: "set[str]", rows: int) -> Mapping[str, Cells]:
-    """Returns columns that an older version did not have."""
-    fields = {name: EpisodeResult.model_fields[name] for name in names}
-    if any(field.is_required() for field in fields.values()):
-        raise ValueError("a column is missing")
-    values = {name: field.get_default(call_default_factory=True) for name, field in fields.items()}
-    return {name: field_cells(RESULT_KINDS[name], [value] * rows) for name, value in values.items()}
 
 
 def _arrays(cells: Cells) -> Iterator[tuple[str, np.ndarray]]:

@@ -4,58 +4,19 @@ A result's columns are the fields of ``EpisodeResult``; the kind of each follows
 only of those that somebody looks at.
 """
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Self, TypeVar, cast
+from typing import Any, Literal, Self, TypeVar, cast
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
-from specs.data.cells import Cells, distinct, join_cells, label_cells
+from specs.data.cells import Cells, canonical_cells, distinct, join_cells, label_cells
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.field_cells import RESULT_KINDS, field_cells, field_values
 
 _ENDING = ("status", "outcome", "failure_code", "outcome_reason")
-
-
-class Kind(NamedTuple):
-    """What a field holds.
-
-    Attributes:
-        number: Of what its numbers are, or nothing.
-        text: Whether it holds texts: alone, or as names of its numbers.
-        many: Whether a row has any number of entries.
-        width: How many numbers an entry has.
-        optional: Whether a row may have none.
-    """
-
-    number: Literal["", "int", "float"] = ""
-    text: bool = False
-    many: bool = False
-    width: int = 1
-    optional: bool = False
-
-
-_KINDS: tuple[tuple[object, Kind], ...] = (
-    (int, Kind("int")),
-    (int | None, Kind("int", optional=True)),
-    (float, Kind("float")),
-    (float | None, Kind("float", optional=True)),
-    (tuple[float, ...], Kind("float", many=True)),
-    (tuple[str, ...], Kind(text=True, many=True)),
-    (dict[str, float], Kind("float", text=True, many=True)),
-    (tuple[tuple[float, float, float, float], ...], Kind("float", many=True, width=4)),
-)
-
-
-def _kind(annotation: object) -> Kind:
-    return next((kind for known, kind in _KINDS if known == annotation), Kind(text=True))
-
-
-RESULT_KINDS: Mapping[str, Kind] = {
-    name: _kind(field.annotation) for name, field in EpisodeResult.model_fields.items()
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +42,20 @@ class EpisodeColumns:
             return rows
         columns = {name: [getattr(row, name) for row in rows] for name in RESULT_KINDS}
         return cls({name: field_cells(RESULT_KINDS[name], column) for name, column in columns.items()}, len(rows))
+
+    @classmethod
+    def with_defaults(cls, cells: Mapping[str, Cells], size: int) -> "EpisodeColumns":
+        """Returns columns, and of fields that they lack those of the defaults.
+
+        Raises:
+            ValueError: One has none.
+        """
+        missing = {name: EpisodeResult.model_fields[name] for name in RESULT_KINDS.keys() - cells.keys()}
+        if any(field.is_required() for field in missing.values()):
+            raise ValueError("a column is missing")
+        values = {name: field.get_default(call_default_factory=True) for name, field in missing.items()}
+        found = {name: field_cells(RESULT_KINDS[name], [value] * size) for name, value in values.items()} | dict(cells)
+        return cls({name: found[name] for name in RESULT_KINDS}, size)
 
     @classmethod
     def join(cls, parts: "Sequence[EpisodeColumns]") -> "EpisodeColumns":
@@ -112,6 +87,39 @@ class EpisodeColumns:
         """Returns some of the episodes, in the order of the rows."""
         return EpisodeColumns({name: cells.take(rows) for name, cells in self.cells.items()}, len(rows))
 
+    def says(self, name: str, text: str) -> Bool[np.ndarray, " rows"]:
+        """Returns which episodes have a text in a field that has one."""
+        return np.array([label == text for label in self.cells[name].labels], np.bool_)[self.codes(name)]
+
+    def marked(self, name: str, where: Bool[np.ndarray, " rows"], text: str) -> "EpisodeColumns":
+        """Returns the episodes, some of them with another text in a field."""
+        cells = self.cells[name]
+        changed = cells._replace(
+            codes=np.where(where, len(cells.labels), self.codes(name)), labels=(*cells.labels, text)
+        )
+        return EpisodeColumns({**self.cells, name: canonical_cells(changed)}, self.size)
+
+    def renewed(self, later: "EpisodeColumns") -> "EpisodeColumns":
+        """Returns the episodes, each as some others have it that have one of its index, in ascending order of these."""
+        if not later.size and (np.diff(self.index) > 0).all():
+            return self
+        both = EpisodeColumns.join([later, self])
+        return both.take(np.unique(both.index, return_index=True)[1])
+
+    def at(self, index: Int[np.ndarray, " rows"]) -> "EpisodeColumns":
+        """Returns the episodes at some positions in their batch.
+
+        Raises:
+            ValueError: One is not there.
+        """
+        if np.array_equal(self.index, index):
+            return self
+        order = np.argsort(self.index, kind="stable")
+        place = np.searchsorted(self.index[order], index)
+        if len(index) and (place.max() >= self.size or (self.index[order[place]] != index).any()):
+            raise ValueError("results of other episodes")
+        return self.take(order[place])
+
     def renumbered(self, index: Int[np.ndarray, " rows"]) -> "EpisodeColumns":
         """Returns the same episodes with other positions in their batch."""
         return EpisodeColumns({**self.cells, "index": Cells(numbers=index)}, self.size)
@@ -122,7 +130,7 @@ class EpisodeColumns:
 
     def fields(self) -> Iterator[dict[str, Any]]:
         """Yields the fields of each row."""
-        columns = [_values(RESULT_KINDS[name], cells, self.size) for name, cells in self.cells.items()]
+        columns = [field_values(RESULT_KINDS[name], cells, self.size) for name, cells in self.cells.items()]
         return (dict(zip(self.cells, values, strict=True)) for values in zip(*columns, strict=True))
 
     @cached_property
@@ -244,41 +252,3 @@ def _ordered(columns: _Columns, order: Int[np.ndarray, " rows"]) -> _Columns:
 def _shared(request: EpisodeRequest) -> tuple[object, ...]:
     environment = tuple(request.environment.items())
     return request.robot, request.scenario, environment, request.duration_s, request.failure_behavior
-
-
-def field_cells(kind: Kind, values: Sequence[object]) -> Cells:
-    """Returns the values of a field as cells."""
-    if not kind.many:
-        return label_cells(values) if kind.text else _numbers(kind, values)
-    entries = cast("Sequence[Sequence[object]]", values)
-    lengths = [len(each) for each in entries]
-    cells = label_cells(list(itertools.chain.from_iterable(entries)), lengths) if kind.text else Cells()
-    if kind.number:
-        inner = (cast("dict[str, float]", each).values() for each in entries) if kind.text else entries
-        flat = np.array(list(itertools.chain.from_iterable(inner)), np.float64)
-        cells = cells._replace(numbers=flat.reshape(-1, kind.width) if kind.width > 1 else flat)
-    return cells._replace(lengths=np.array(lengths, np.int64))
-
-
-def _numbers(kind: Kind, values: Sequence[object]) -> Cells:
-    dtype = np.int64 if kind.number == "int" else np.float64
-    if None not in values:
-        return Cells(numbers=np.array(values, dtype))
-    filled = np.array([0 if value is None else value for value in values], dtype)
-    return Cells(numbers=filled, there=np.array([value is not None for value in values], np.bool_))
-
-
-def _values(kind: Kind, cells: Cells, size: int) -> Sequence[object]:
-    """Returns the value of each row."""
-    labels = [] if cells.codes is None else [cells.labels[code] for code in cells.codes.tolist()]
-    numbers: list[object] = [] if cells.numbers is None else cells.numbers.tolist()
-    if not kind.many:
-        if cells.there is None:
-            return labels if kind.text else numbers
-        return [number if there else None for number, there in zip(numbers, cells.there.tolist(), strict=True)]
-    ends = cells.ends().tolist()
-    bounds = list(itertools.pairwise(ends))[:size]
-    if kind.text and kind.number:
-        return [dict(zip(labels[low:high], numbers[low:high], strict=True)) for low, high in bounds]
-    flat = labels if kind.text else numbers
-    return [tuple(flat[low:high]) for low, high in bounds]

@@ -24,7 +24,9 @@ import numpy as np
 from jaxtyping import Int
 
 from specs.base import Spec
+from specs.data.column_bytes import encode_columns
 from specs.data.episode import EpisodeResult
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.call_clock import CLOCK_BYTES, CallClock, use_clock
 from tasks.simulate.application.code import BundleCrash
@@ -32,6 +34,7 @@ from tasks.simulate.chunk.job_tags import collect_tags
 from tasks.simulate.chunk.timings import hand_over_timings
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
+from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process.sent_log import log_parts
 from tasks.simulate.process.wire import receive, send
 from tasks.simulate.process.work import (
@@ -104,7 +107,7 @@ class Service:
 
     def __init__(self, connection: socket.socket) -> None:
         """Begins without worlds."""
-        self._connection, self._worlds = connection, dict[str, World]()
+        self._connection, self._worlds, self._chunks = connection, dict[str, World](), dict[int, Chunk]()
         self._stopped, self._poll = False, select.poll()
         self._under_way: ChunksUnderWay | None = None
         self._poll.register(connection, select.POLLIN)
@@ -153,15 +156,18 @@ class Service:
         self._worlds |= {name: World.model_validate_json(text) for name, text in worlds.new.items()}
 
     def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
-        from tasks.simulate.chunk.runner import simulate_lanes  # noqa: PLC0415 - after JAX's settings
+        from tasks.simulate.chunk.runner import simulate_columns  # noqa: PLC0415 - after JAX's settings
         from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
-        if self._under_way is None and (work.ahead or _NARROW * len(work.chunk.requests) > work.lanes):
+        known = {**self._chunks, **{chunk.number: chunk for chunk in work.new}}
+        self._chunks = {number: known[number] for number in work.numbers}
+        chunk, *ahead = self._chunks.values()
+        if self._under_way is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
             self._under_way = ChunksUnderWay()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz)
         with hand_over_timings() as timings, collect_tags() as tags:
-            rows = simulate_lanes(
-                work.chunk,
+            rows = simulate_columns(
+                chunk,
                 self._worlds,
                 bundles,
                 lanes=work.lanes,
@@ -171,11 +177,11 @@ class Service:
                 recorder=recorder,
                 timed_as=work.timed_as,
                 under_way=self._under_way,
-                ahead=work.ahead,
+                ahead=ahead,
             )
-        told = recorder.told if recorder else {}
-        rest = tuple(row for row in rows if told.get(row.index) is not row)
-        self.say(Rows(rows=rest, timings=_remembered(timings), tags=tags))
+        told = np.array(recorder.told if recorder else [], np.int64)
+        rest = rows.take(np.flatnonzero(~np.isin(rows.index, told)))
+        self.say(Rows(timings=_remembered(timings), tags=tags), [_row_bytes(rest)])
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
@@ -216,13 +222,13 @@ class _Forward:
     """Tells a recorder in another process what lanes do.
 
     Attributes:
-        told: The rows that it was told, by index.
+        told: Indices of the rows that it was told.
     """
 
     def __init__(self, say: Callable[[Spec, Sequence[np.ndarray]], None], rate_hz: float) -> None:
         self._say, self.rate_hz = say, rate_hz
         self._lanes, self._stride, self._before = 0, 1, 0
-        self.told: dict[int, EpisodeResult] = {}
+        self.told: list[int] = []
 
     def begin(self, lanes: int, control_s: float) -> None:
         self._lanes, self._stride, self._before = lanes, sample_stride(self.rate_hz, control_s), 0
@@ -236,9 +242,14 @@ class _Forward:
     def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
         self._say(Samples(steps=samples.steps), (*samples[1:], np.asarray(steps)))
 
-    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
-        self._say(RecordingEnds(rows=tuple(rows)), tuple(ends))
-        self.told |= {row.index: row for row in rows}
+    def end(self, ends: Ends, rows: Sequence[EpisodeResult] | EpisodeColumns) -> None:
+        columns = EpisodeColumns.of(rows)
+        self._say(RecordingEnds(), (_row_bytes(columns), *ends))
+        self.told += columns.index.tolist()
+
+
+def _row_bytes(rows: EpisodeColumns) -> np.ndarray:
+    return np.frombuffer(encode_columns(rows), np.uint8)
 
 
 def _remembered(timings: "Sequence[tuple[tuple[str, ...], object]]") -> tuple[RememberedTiming, ...]:

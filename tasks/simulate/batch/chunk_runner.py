@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import cast
 
 from specs.arn import Reference
-from specs.data.episode import EpisodeResult, Failure
+from specs.data.episode import Failure
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.outcome_tags import MOST_OWN_TAGS
 from specs.errors import DocumentError, SimyardError
 from specs.terminal_text import terminal_line
@@ -49,7 +50,7 @@ class ChunkRunner:
     coming: Callable[[], Sequence[PreparedChunk]] = tuple
     printed: list[str] = field(default_factory=list[str])
 
-    def run(self, part: ChunkPart) -> list[EpisodeResult]:
+    def run(self, part: ChunkPart) -> EpisodeColumns:
         """Returns the rows of a part, in request order."""
         # What does not fit into memory is not driven beside more.
         coming = self.coming() if part.whole and len(part.chunk.requests) <= part.lanes else ()

@@ -103,8 +103,8 @@ class StoredChunk(NamedTuple):
 
 
 def commit(
-    store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher
-) -> list[EpisodeResult]:
+    store: Store, batch: str, number: int, results: "Sequence[EpisodeResult] | EpisodeColumns", voucher: Voucher
+) -> "EpisodeColumns":
     """Returns what is committed of a chunk from now on: these results, or those of another process that was faster.
 
     Results that lie there and that nobody vouches for are replaced by equal ones.
@@ -119,17 +119,20 @@ def commit(
     Raises:
         StageFailed: There are other results, which nobody vouches for.
     """
-    body = vouched_bytes(results, number, voucher)
+    from specs.data.episode_columns import EpisodeColumns  # noqa: PLC0415 - it needs NumPy
+
+    columns = EpisodeColumns.of(results)
+    body = vouched_bytes(columns, number, voucher)
     try:
         store.create(chunk_key(batch, number), body)
     except ObjectExists:
         found = stored_chunk(store, batch, number, voucher)
-        if found is not None and found.vouched:
-            return found.rows or []
+        if found is not None and found.vouched and found.results is not None:
+            return found.results
         if found is not None:
-            _require_same(store, chunk_key(batch, number), found.rows, results)
+            _require_same(store, chunk_key(batch, number), found.rows, columns.rows())
         store.put(chunk_key(batch, number), body)
-    return list(results)
+    return columns
 
 
 def commit_missing(store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher) -> None:

@@ -4,27 +4,24 @@ import functools
 import itertools
 import logging
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple
 
+import numpy as np
+from jaxtyping import Bool
+
 from specs.arn import ArnForm
-from specs.data.episode import (
-    WITHDRAWN,
-    EpisodeRequest,
-    EpisodeResult,
-    Failure,
-    failed_result,
-    unfinished_result,
-)
+from specs.data.episode import EpisodeRequest, Failure, failed_result
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from specs.settings import region
 from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
-from tasks.simulate.batch.stop import StopWatch, canceled_row
-from tasks.simulate.chunk.memory_fit import after_deaths, simulate_fitting
+from tasks.simulate.batch.stop import StopWatch
+from tasks.simulate.chunk.memory_fit import Fitted, Results, after_deaths, simulate_fitting
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
 from tasks.simulate.data.pinned_worlds import pinned_worlds
@@ -75,7 +72,10 @@ class PreparedChunk(NamedTuple):
     unable: dict[int, Failure]
 
 
-Simulate = Callable[[ChunkPart], list[EpisodeResult]]
+# Chunks are made ready while those before them drive, and asked for again when it is their turn.
+_EARLY = 4
+_early: OrderedDict[tuple[str, str, int], PreparedChunk] = OrderedDict()
+Simulate = Callable[[ChunkPart], Results]
 # Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
 # empty name if there are none.
 WriteRecordings = Callable[[int, Iterable[Columns]], str]
@@ -131,37 +131,39 @@ def run_chunk(
     program = program_key(chunk.requests[0])
     work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
     with collect_timings() as timings:
-        by_index, lanes = _simulated(work, after_deaths(lanes, start.attempts))
-    _note_timeout(batch, work.watch, by_index.values())
+        found, lanes = _simulated(work, after_deaths(lanes, start.attempts))
+    _note_timeout(batch, work.watch, found)
     if record is not None:
-        by_index = _recorded(work, by_index, functools.partial(record, number), lanes)
-    ordered = [by_index.get(each.index) or failed_result(each.index, unable[each.index]) for each in chunk.requests]
-    rows = commit(batch.store, batch.id, number, ordered, batch.voucher)
+        found = _recorded(work, found, functools.partial(record, number), lanes)
+    failed = EpisodeColumns.of([failed_result(index, failure) for index, failure in unable.items()])
+    index = np.array([each.index for each in chunk.requests], np.int64)
+    rows = commit(batch.store, batch.id, number, EpisodeColumns.join([failed, found]).at(index), batch.voucher)
     _tell_failures(number, rows)
-    took = work_of(timings, simulated_s=sum(row.simulated_s for row in rows), wall_s=time.monotonic() - start_s)
-    return ChunkEnd(len(rows), lanes, took)
+    simulated_s = sum(rows.numbers("simulated_s").tolist())
+    return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))
 
 
-def _tell_failures(number: int, rows: Sequence[EpisodeResult]) -> None:
+def _tell_failures(number: int, rows: EpisodeColumns) -> None:
     """Tells the log why jobs of a chunk failed, each reason once, and which may differ another time; rows hold all."""
-    reasons = Counter(f"{row.failure_code}: {row.failure_reason}" for row in rows if row.status == "Failed")
+    failed = rows.take(np.flatnonzero(rows.says("status", "Failed")))
+    reasons = Counter(f"{row.failure_code}: {row.failure_reason}" for row in failed)
     for reason, count in reasons.most_common(_REASONS_TOLD):
         logger.warning("chunk %d: %d failed: %s", number, count, terminal_line(reason))
-    unlocked = [row.index for row in rows if row.late or row.stray]
+    unlocked = rows.index[(rows.numbers("late") != 0) | (rows.numbers("stray") != 0)].tolist()
     if unlocked:
         few = ", ".join(map(str, unlocked[:5]))
         logger.warning("chunk %d: lock-step did not hold in %d of %d jobs (%s)", number, len(unlocked), len(rows), few)
 
 
-def _simulated(work: "_Work", lanes: int) -> tuple[dict[int, EpisodeResult], int]:
-    """Returns the rows of all that can be simulated, by index, and how many lanes fitted into memory."""
+def _simulated(work: "_Work", lanes: int) -> Fitted:
+    """Returns the rows of all that can be simulated, and how many lanes fitted into memory."""
     rows, lanes = simulate_fitting(work.sound, lanes, work.part, work.watch)
-    return _settled(work, [*rows, *work.restarted(lanes)]), lanes
+    return Fitted(_settled(work, rows, work.restarted(lanes)), lanes)
 
 
-def _note_timeout(batch: OpenBatch, watch: StopWatch, rows: Iterable[EpisodeResult]) -> None:
+def _note_timeout(batch: OpenBatch, watch: StopWatch, rows: EpisodeColumns) -> None:
     """Ends a batch whose time was over before a chunk's commit: whoever goes on must not begin the rest."""
-    if watch.code == "BatchTimedOut" and any(row.status == "Canceled" for row in rows):
+    if watch.code == "BatchTimedOut" and rows.says("status", "Canceled").any():
         time_out(batch)
 
 
@@ -186,7 +188,7 @@ class _Work:
         self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
 
-    def part(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+    def part(self, chunk: Chunk, lanes: int) -> Results:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
         rate_hz = self._batch.plan.recordings.rateHz
         recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
@@ -196,20 +198,20 @@ class _Work:
             self.recorders.append(recorder)
         return rows
 
-    def restarted(self, lanes: int) -> list[EpisodeResult]:
+    def restarted(self, lanes: int) -> EpisodeColumns:
         """Returns the rows of jobs that were restarted since the work began, simulated anew until none was meanwhile.
 
         They are what they were: a second run leaves no recording, and one that is stopped no row.
         """
-        rows: list[EpisodeResult] = []
+        rows = EpisodeColumns.of([])
         while again := self._restarted_since():
             requests = tuple(request for request in self.sound.requests if request.index in again)
             chunk = self.sound.model_copy(update={"requests": requests})
             found = simulate_fitting(chunk, lanes, self._unrecorded, self.watch).rows
-            rows += [row for row in found if row.status != "Canceled"]
+            rows = rows.renewed(found.take(np.flatnonzero(~found.says("status", "Canceled"))))
         return rows
 
-    def _unrecorded(self, chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+    def _unrecorded(self, chunk: Chunk, lanes: int) -> Results:
         return self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, None, self._program))
 
     def _restarted_since(self) -> frozenset[int]:
@@ -221,23 +223,27 @@ class _Work:
         self._restarts |= now
         return frozenset(new) & frozenset(request.index for request in self.sound.requests)
 
-    def _wanted(self, row: EpisodeResult) -> bool:
-        plan, layout = self._batch.plan, self._batch.layout
-        if row.status == "Canceled" or row.index in self.watch.canceled:
-            return False
-        failed = row.status == "Failed" or row.outcome == "Failed"
-        asked = plan.templates[layout.template_of(row.index)].record
-        return asked or plan.recordings.episodes == "all" or (failed and plan.recordings.episodes == "failed")
+    def _wanted(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        """Returns which episodes' recordings are kept."""
+        plan, offsets = self._batch.plan, self._batch.layout.offsets
+        sound = ~rows.says("status", "Canceled") & ~np.isin(rows.index, sorted(self.watch.canceled))
+        asked = np.array([template.record for template in plan.templates], np.bool_)
+        asked = asked[np.clip(np.searchsorted(offsets, rows.index, "right") - 1, 0, len(asked) - 1)]
+        failed = rows.says("status", "Failed") | rows.says("outcome", "Failed")
+        kept = {"all": True, "failed": failed, "none": False}[plan.recordings.episodes]
+        return sound & (asked | kept)
 
 
-def _settled(work: _Work, rows: Iterable[EpisodeResult]) -> dict[int, EpisodeResult]:
-    """Returns rows by index, later ones before earlier ones, as they stand after what was cancelled until now."""
-    return {row.index: _canceled(row, work.watch) for row in rows}
+def _settled(work: _Work, rows: EpisodeColumns, later: EpisodeColumns) -> EpisodeColumns:
+    """Returns rows, later ones before earlier ones, as they stand after what was cancelled until now."""
+    found, canceled = rows.renewed(later), sorted(work.watch.canceled)
+    ended = found.take(np.flatnonzero(np.isin(found.index, canceled) | found.says("status", "Canceled")))
+    return found.renewed(EpisodeColumns.of([work.watch.settled(row) for row in ended]))
 
 
 def _recorded(
-    work: _Work, rows: Mapping[int, EpisodeResult], record: Callable[[Iterable[Columns]], str], lanes: int
-) -> dict[int, EpisodeResult]:
+    work: _Work, rows: EpisodeColumns, record: Callable[[Iterable[Columns]], str], lanes: int
+) -> EpisodeColumns:
     """Returns the rows, those of recorded episodes with the name of the file that they are in.
 
     Writing takes a while, and what is asked meanwhile was promised too: who is restarted runs again, and without who is
@@ -247,18 +253,9 @@ def _recorded(
         unwanted = work.watch.canceled
         name = record(itertools.chain.from_iterable(recorder.parts(unwanted) for recorder in work.recorders))
         recorded = {index for recorder in work.recorders for index in recorder.episodes} - unwanted
-        rows = _settled(work, [*rows.values(), *work.restarted(lanes)])
+        rows = _settled(work, rows, work.restarted(lanes))
         if not recorded & work.watch.canceled:
-            return rows | {index: rows[index].model_copy(update={"recording": name}) for index in sorted(recorded)}
-
-
-def _canceled(row: EpisodeResult, watch: StopWatch) -> EpisodeResult:
-    """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
-    if row.index in watch.canceled:
-        return unfinished_result(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
-    if row.status == "Canceled" and row.failure_reason != WITHDRAWN:
-        return canceled_row(row.index, watch.code)
-    return row
+            return rows.marked("recording", np.isin(rows.index, sorted(recorded)), name) if recorded else rows
 
 
 def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure]) -> PreparedChunk:
@@ -269,6 +266,9 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
         number: The chunk's.
         unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
     """
+    key = (batch.store.url, batch.id, number)
+    if not unusable and (early := _early.get(key)) is not None:
+        return early
     chunk, mounted = batch.layout.chunk(number), batch_mounts(batch)
     worlds, missing = load_worlds(batch, chunk.requests)
     why = {
@@ -280,7 +280,12 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
     }
     unable = {index: failure for index, failure in why.items() if failure}
     able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
-    return PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
+    found = PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
+    if not unable and not batch.plan.data_sources:  # whose files may be away the next time
+        _early[key] = found
+        while len(_early) > _EARLY:
+            _early.popitem(last=False)
+    return found
 
 
 def batch_mounts(batch: OpenBatch) -> Mounts:

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Literal
 
-from specs.data.episode import EpisodeResult, unfinished_result
+from specs.data.episode import WITHDRAWN, EpisodeResult, unfinished_result
 from tasks.simulate.batch.chunk_store import commit
 from tasks.simulate.batch.job import OpenBatch, canceled_jobs
 from tasks.storage.jobs.records import JobRecord
@@ -69,6 +69,14 @@ class StopWatch:
             self.code = "BatchCanceled"
         elif record.status == "TimingOut":  # as whoever hands out chunks to many workers finds first
             self.code = "BatchTimedOut"
+
+    def settled(self, row: EpisodeResult) -> EpisodeResult:
+        """Returns a row as it stands after what was cancelled: the batch, or this job alone."""
+        if row.index in self.canceled:
+            return unfinished_result(row.index, "Canceled", failure_code="", failure_reason="the job was canceled")
+        if row.status == "Canceled" and row.failure_reason != WITHDRAWN:
+            return canceled_row(row.index, self.code)
+        return row
 
 
 def canceled_row(index: int, code: StopCode) -> EpisodeResult:

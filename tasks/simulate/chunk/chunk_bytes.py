@@ -22,7 +22,7 @@ _BEGIN, _COLUMNS = b'{"mac":"', b'"}\n'
 _ROWS_MIDDLE, _ROWS_END = b'","rows":', b"}"
 
 
-def vouched_bytes(results: Sequence[EpisodeResult], number: int, voucher: Voucher) -> bytes:
+def vouched_bytes(results: "Sequence[EpisodeResult] | EpisodeColumns", number: int, voucher: Voucher) -> bytes:
     """Returns a chunk's bytes; of equal results the same.
 
     Args:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float32
 
 from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.call_clock import CallKind, timed_call
 from tasks.simulate.application.code import BundleCrash, CrashCode, crash_of
@@ -62,7 +63,7 @@ def simulate_episodes(
     timed_as: ProgramKey | None = None,
     under_way: ChunksUnderWay | None = None,
     ahead: Sequence[Chunk] = (),
-) -> list[EpisodeResult]:
+) -> EpisodeColumns:
     """Returns a chunk's rows in request order.
 
     Args:
@@ -110,7 +111,7 @@ def simulate_episodes(
                     found = run_ready(ready, should_stop, lambda done, before=before: progress(before + done), recorder)
                     rows.update({row.index: row for row in found})
                 watch = ChunkWatch()
-    return [rows[request.index] for request in chunk.requests]
+    return EpisodeColumns.of([rows[request.index] for request in chunk.requests])
 
 
 @contextlib.contextmanager

@@ -9,11 +9,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
+from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.host.host_lanes import FEWEST_LANES
 from tasks.simulate.plan.chunks import Chunk
 
 logger = logging.getLogger(__name__)
-SimulatePart = Callable[[Chunk, int], list[EpisodeResult]]
+Results = Sequence[EpisodeResult] | EpisodeColumns
+SimulatePart = Callable[[Chunk, int], Results]
 
 
 class TooManyLanes(MemoryError):  # noqa: N818 - a state
@@ -38,7 +40,7 @@ class _Lack(NamedTuple):
 class Fitted(NamedTuple):
     """A chunk's rows in request order, and how many lanes fitted."""
 
-    rows: list[EpisodeResult]
+    rows: EpisodeColumns
     lanes: int
 
 
@@ -54,23 +56,21 @@ def simulate_fitting(chunk: Chunk, lanes: int, simulate: SimulatePart, stopped: 
     Raises:
         Exception: Whatever else than a lack of memory goes wrong.
     """
-    rows: list[EpisodeResult] = []
-    while len(rows) < len(chunk.requests):
-        part = chunk.requests[len(rows) : len(rows) + lanes]
-        if rows and stopped():
-            rows += [
-                unfinished_result(request.index, "Canceled", failure_code="", failure_reason="") for request in part
-            ]
+    parts: list[EpisodeColumns] = []
+    while (done := sum(map(len, parts))) < len(chunk.requests):
+        part = chunk.requests[done : done + lanes]
+        if parts and stopped():
+            parts.append(EpisodeColumns.of(_left(part)))
             continue
-        done = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
-        if not isinstance(done, _Lack):
-            rows += done
+        found = _tried(chunk.model_copy(update={"requests": part}), lanes, simulate)
+        if not isinstance(found, _Lack):
+            parts.append(EpisodeColumns.of(found))
         elif lanes > FEWEST_LANES:
-            lanes = max(FEWEST_LANES, done.most or lanes // 2)
-            logger.warning("chunk %d: going on with %d lanes at a time: %s", chunk.number, lanes, done.why)
+            lanes = max(FEWEST_LANES, found.most or lanes // 2)
+            logger.warning("chunk %d: going on with %d lanes at a time: %s", chunk.number, lanes, found.why)
         else:
-            rows += _lacking(part, done.why)
-    return Fitted(rows, lanes)
+            parts.append(EpisodeColumns.of(_lacking(part, found.why)))
+    return Fitted(EpisodeColumns.join(parts), lanes)
 
 
 def after_deaths(lanes: int, attempts: int) -> int:
@@ -81,7 +81,11 @@ def after_deaths(lanes: int, attempts: int) -> int:
     return max(min(lanes, FEWEST_LANES), lanes >> max(0, attempts - 2))
 
 
-def _tried(chunk: Chunk, lanes: int, simulate: SimulatePart) -> "list[EpisodeResult] | _Lack":
+def _left(requests: Sequence[EpisodeRequest]) -> list[EpisodeResult]:
+    return [unfinished_result(request.index, "Canceled", failure_code="", failure_reason="") for request in requests]
+
+
+def _tried(chunk: Chunk, lanes: int, simulate: SimulatePart) -> Results | _Lack:
     """Returns rows, or what the lack of memory was called; what it held is free again then."""
     try:
         return simulate(chunk, lanes)

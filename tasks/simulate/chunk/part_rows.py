@@ -11,12 +11,14 @@ import jax
 import numpy as np
 from jaxtyping import Float32, Int
 
-from specs.data.episode import CONTROL_S, EpisodeResult
-from tasks.simulate.chunk.run_rows import lane_ends, lane_row
+from specs.data.episode import CONTROL_S
+from specs.data.episode_columns import EpisodeColumns
+from tasks.simulate.chunk.run_rows import lane_ends
+from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.program import Program
 from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import SampleRecorder
-from tasks.simulate.lane.result_rows import stopped_row
+from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row
 from tasks.simulate.lane.samples import SliceSamples
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -53,15 +55,16 @@ class PartRows:
     Attributes:
         program: That drives them.
         lanes: The episodes.
-        rows: Of those that ended, by position.
+        waiting: Those that ended and have no rows yet, by position.
         kept_bytes: Of the samples that are kept.
     """
 
     program: Program
     lanes: Sequence[Lane]
-    rows: dict[int, EpisodeResult] = field(default_factory=dict[int, EpisodeResult], init=False)
+    waiting: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
     kept_bytes: int = field(default=0, init=False)
     _ends: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
+    _rows: list[EpisodeColumns] = field(default_factory=list[EpisodeColumns], init=False)
     _blocks: list[list[_Block]] = field(default_factory=list[list[_Block]], init=False)
 
     @property
@@ -71,12 +74,19 @@ class PartRows:
 
     def end(self, position: int, end: LaneEnd) -> None:
         """Notes how an episode ended; its row is made later."""
-        self._ends[position] = end
+        self._ends[position] = self.waiting[position] = end
 
-    def make_row(self, position: int) -> None:
-        """Makes the row of an episode that ended."""
-        place, state, poses = self._ends[position]
-        self.rows[position] = lane_row(self.program, None, self.lanes[position], place, state, poses)
+    def make_rows(self) -> None:
+        """Makes the rows of some episodes that wait for them, which ended in the same slice."""
+        state = next(iter(self.waiting.values())).state
+        together = [position for position, end in self.waiting.items() if end.state is state]
+        ends = [self.waiting.pop(position) for position in together]
+        ended = [
+            Ended(self.lanes[position], end.place, len(end.poses)) for position, end in zip(together, ends, strict=True)
+        ]
+        poses = max((end.poses for end in ends), key=len)
+        device = device_kind()
+        self._rows.append(finished_rows(ended, state, poses, engine=self.program.engine, device=device))
 
     def keep(
         self, age: int, positions: Int[np.ndarray, "lanes"], steps: Int[np.ndarray, "lanes"], samples: SliceSamples
@@ -94,13 +104,15 @@ class PartRows:
         self._blocks[age].append(_Block(positions, steps, samples))
         self.kept_bytes += sum(array.nbytes for array in samples[1:])
 
-    def all_rows(self) -> list[EpisodeResult]:
+    def all_rows(self) -> EpisodeColumns:
         """Returns the rows of all episodes, in their order; those that have not ended are Canceled."""
-        for position in self._ends.keys() - self.rows.keys():
-            self.make_row(position)
-        return [self.rows.get(position) or stopped_row(lane.request) for position, lane in enumerate(self.lanes)]
+        while self.waiting:
+            self.make_rows()
+        left = [stopped_row(lane.request) for place, lane in enumerate(self.lanes) if place not in self._ends]
+        rows = EpisodeColumns.join([*self._rows, EpisodeColumns.of(left)])
+        return rows.at(np.array([lane.request.index for lane in self.lanes], np.int64))
 
-    def tell(self, recorder: SampleRecorder, rows: Sequence[EpisodeResult]) -> None:
+    def tell(self, recorder: SampleRecorder, rows: EpisodeColumns) -> None:
         """Tells a recorder what the episodes did, and how they ended."""
         recorder.begin(len(self.lanes), CONTROL_S)
         for age, blocks in enumerate(self._blocks):

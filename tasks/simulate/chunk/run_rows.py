@@ -12,7 +12,7 @@ from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.program import Program, Run
 from tasks.simulate.host.controllers import HostControllers, TagsJobs
 from tasks.simulate.lane.lane_state import NO_CRASH, LaneState
-from tasks.simulate.lane.result_rows import finished_row, withdrawn_row
+from tasks.simulate.lane.result_rows import Ended, finished_rows, withdrawn_row
 from tasks.simulate.lane.samples import Ends
 from tasks.simulate.lane.staging import Lane, filled_up
 from tasks.simulate.sensor.lidar import Lidar, ray_angles
@@ -46,9 +46,8 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
         state: All lanes' states, on the host.
         poses: The slices' poses at the ends of their control steps.
     """
-    row = finished_row(lane, position, state, poses).model_copy(
-        update={"engine": program.engine, "device": device_kind()}
-    )
+    ended = [Ended(lane, position, len(poses))]
+    (row,) = finished_rows(ended, state, poses, engine=program.engine, device=device_kind())
     if host is None:
         return row
     if isinstance(host, TagsJobs):

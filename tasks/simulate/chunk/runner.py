@@ -16,6 +16,7 @@ from tasks.simulate.lane.recording import SampleRecorder
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 
 if TYPE_CHECKING:
+    from specs.data.episode_columns import EpisodeColumns
     from tasks.simulate.chunk.under_way import ChunksUnderWay
 
 
@@ -33,7 +34,37 @@ def simulate_lanes(
     under_way: "ChunksUnderWay | None" = None,
     ahead: Sequence[Chunk] = (),
 ) -> list[EpisodeResult]:
-    """Returns the results of a chunk's episodes, in request order.
+    """Returns what ``simulate_columns`` does, as rows."""
+    return simulate_columns(
+        chunk,
+        worlds,
+        bundles,
+        lanes=lanes,
+        engine=engine,
+        should_stop=should_stop,
+        progress=progress,
+        recorder=recorder,
+        timed_as=timed_as,
+        under_way=under_way,
+        ahead=ahead,
+    ).rows()
+
+
+def simulate_columns(
+    chunk: Chunk,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+    should_stop: Callable[[], bool],
+    progress: Callable[[int], None] = lambda _: None,
+    recorder: SampleRecorder | None = None,
+    timed_as: ProgramKey | None = None,
+    under_way: "ChunksUnderWay | None" = None,
+    ahead: Sequence[Chunk] = (),
+) -> "EpisodeColumns":
+    """Returns the results of a chunk's episodes as columns, in request order.
 
     Whatever goes wrong inside an episode is its row: applications that do not import, raise or return what is not
     finite; worlds that are missing; states that blow up. The other rows are the same bits without it.

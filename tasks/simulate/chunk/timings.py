@@ -12,13 +12,16 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
+from threading import get_ident
+from time import monotonic
+from typing import NamedTuple
 
 from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
 from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.devices import device_kind
-from tasks.simulate.engine.compile_clock import compiled_s, running_s
+from tasks.simulate.engine.compile_clock import compiled_s
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.atomic_file import whole_file
 from tasks.storage.base.cache_folder import cache_folder
@@ -62,16 +65,29 @@ _collecting: ContextVar[list[ChunkTiming] | None] = ContextVar("simyard_chunk_ti
 _handed_over: ContextVar[list[tuple[ProgramKey, ChunkTiming]] | None] = ContextVar("simyard_timings_over", default=None)
 
 
+class _Mark(NamedTuple):
+    """A time, and what a thread had compiled for until then."""
+
+    at_s: float
+    thread: int
+    compiled_s: float
+
+
 class ChunkWatch:
-    """Takes the times of a chunk."""
+    """Takes the times of a chunk, whose later slices another thread may drive than made it ready."""
 
     def __init__(self) -> None:
         """Begins now."""
-        self._marks_s, self._compiled_s = [running_s()], compiled_s()
+        self._last, self._compile_s = _mark(), 0.0
+        self._running_s: list[float] = []
 
     def mark(self) -> None:
         """Notes the time: when lanes are ready, then at the end of each slice."""
-        self._marks_s.append(running_s())
+        before, self._last = self._last, _mark()
+        same = before.thread == self._last.thread
+        compile_s = self._last.compiled_s - before.compiled_s if same else 0.0
+        self._compile_s += compile_s
+        self._running_s.append(self._last.at_s - before.at_s - compile_s)
 
     def timing(
         self, engine: EngineName, device: str, *, lanes: int, episodes: int, most_slices: int, host: bool = False
@@ -86,18 +102,18 @@ class ChunkWatch:
             most_slices: How many slices there would have been if an episode had taken its full duration.
             host: Whether controllers ran on the host.
         """
-        if len(self._marks_s) <= 2:
+        if len(self._running_s) <= 1:
             return None
-        began_s, ready_s, *_, last_s = self._marks_s
+        ready_s, *slices_s = self._running_s
         return ChunkTiming(
             engine=engine,
             device=device,
             lanes=lanes,
             episodes=episodes,
-            ready_s=ready_s - began_s,
-            compile_s=compiled_s() - self._compiled_s,
-            slices=len(self._marks_s) - 2,
-            slices_s=last_s - ready_s,
+            ready_s=ready_s,
+            compile_s=self._compile_s,
+            slices=len(slices_s),
+            slices_s=sum(slices_s),
             most_slices=most_slices,
             peak_bytes=peak_bytes(),
             host=host,
@@ -141,6 +157,10 @@ class TurnWatch:
 def peak_bytes() -> int:
     """Returns the most memory that this process held until now."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * _PEAK_UNIT
+
+
+def _mark() -> _Mark:
+    return _Mark(monotonic(), get_ident(), compiled_s())
 
 
 @contextmanager

@@ -11,11 +11,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypeGuard
 
-from specs.data.episode import CONTROL_S, EpisodeResult
+import numpy as np
+
+from specs.data.episode import CONTROL_S
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.call_clock import timed_call
 from tasks.simulate.chunk.application_check import check_applications
-from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream, Waiting
+from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream
 from tasks.simulate.chunk.part_rows import PartRows
 from tasks.simulate.chunk.placed_chunk import PlacedChunk, lane_forms, part_program, placing, program_of
 from tasks.simulate.chunk.timings import TurnWatch, remember_timing
@@ -75,7 +78,7 @@ class ChunksUnderWay:
         progress: Callable[[int], None],
         recorder: SampleRecorder | None,
         timed_as: ProgramKey | None,
-    ) -> list[EpisodeResult] | None:
+    ) -> EpisodeColumns | None:
         """Returns a chunk's rows in request order; None if it has to be simulated by itself.
 
         Args:
@@ -121,7 +124,7 @@ class ChunksUnderWay:
     def _forget(self) -> None:
         self._works = deque[ChunkOnItsWay]()
         self._streams: dict[_Key, LaneStream] = {}
-        self._rows_to_make = deque[Waiting]()
+        self._rows_to_make = deque[PartRows]()
         self._watch = TurnWatch()
 
     def _expect(self, chunks: Sequence[Chunk], worlds: Mapping[str, World], setting: LaneSetting) -> None:
@@ -142,7 +145,7 @@ class ChunksUnderWay:
         progress: Callable[[int], None],
         recorder: SampleRecorder | None,
         timed_as: ProgramKey | None,
-    ) -> list[EpisodeResult]:
+    ) -> EpisodeColumns:
         work = self._works[0]
         while not work.placed:
             self._place_some()
@@ -161,14 +164,18 @@ class ChunksUnderWay:
         self._streams = {key: stream for key, stream in self._streams.items() if stream.left}
         return rows
 
-    def _answer(self, work: ChunkOnItsWay, recorder: SampleRecorder | None) -> list[EpisodeResult]:
-        rows = {row.index: row for row in work.failed}
+    def _answer(self, work: ChunkOnItsWay, recorder: SampleRecorder | None) -> EpisodeColumns:
+        found = [EpisodeColumns.of(work.failed)]
         for part, _ in work.parts:
-            found = part.all_rows()
+            found.append(part.all_rows())
             if recorder is not None:
-                part.tell(recorder, found)
-            rows.update({row.index: row for row in found})
-        return [rows.get(request.index) or stopped_row(request) for request in work.chunk.requests]
+                part.tell(recorder, found[-1])
+        known, requests = EpisodeColumns.join(found), work.chunk.requests
+        if len(known) < len(requests):  # a chunk that was stopped before it was placed
+            there = set(known.index.tolist())
+            stopped = [stopped_row(request) for request in requests if request.index not in there]
+            known = EpisodeColumns.join([known, EpisodeColumns.of(stopped)])
+        return known.at(np.array([request.index for request in requests], np.int64))
 
     def _turn(self) -> bool:
         """Drives a slice of the lanes that hold the first chunk that is not done; does other work meanwhile."""
@@ -181,7 +188,7 @@ class ChunksUnderWay:
         while stream.computing and self._work_beside():
             pass
         with timed_call("slice", "", f"a slice of {SLICE_STEPS} control steps"):
-            self._rows_to_make.extend(stream.collect())
+            self._rows_to_make.extend(dict.fromkeys(each.part for each in stream.collect()))
         self._watch.drove(running_s() - began_s)
         self._require_room()
         return True
@@ -217,9 +224,9 @@ class ChunksUnderWay:
     def _work_beside(self) -> bool:
         """Does a piece of work that needs no lanes; returns False if there is none."""
         while self._rows_to_make:
-            each = self._rows_to_make.popleft()
-            if each.position not in each.part.rows:
-                each.part.make_row(each.position)
+            part = self._rows_to_make.popleft()
+            if part.waiting:
+                part.make_rows()
                 return True
         return self._place_some(beside=True)
 

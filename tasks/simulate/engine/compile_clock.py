@@ -1,9 +1,10 @@
-"""The seconds that JAX takes to trace, lower and compile programs, or to load what was compiled, in this process.
+"""The seconds that JAX takes to trace, lower and compile programs, or to load what was compiled, by thread.
 
 JAX tells of each such time at its end. A function that is traced within another one is told of first, and again as part
 of the other, so that times are added up as intervals.
 """
 
+import threading
 import time
 from collections.abc import Callable
 
@@ -27,7 +28,7 @@ class CompileClock:
         self.seconds = 0.0
 
     def tell(self, event: str, duration_secs: float, **_: object) -> None:
-        """Adds an interval that ends now, if it is one of compiling: JAX calls this."""
+        """Adds an interval that ends now, if it is one of compiling."""
         if not event.startswith(_COMPILING):
             return
         end_s = self._now_s()
@@ -41,20 +42,38 @@ class CompileClock:
         self.seconds += end_s - begin_s
 
 
-_of_this_process: list[CompileClock] = []
+class _OfThread(threading.local):
+    clock: CompileClock | None = None
+
+
+_of_thread, _listening, _turn = _OfThread(), threading.Event(), threading.Lock()
 
 
 def compiled_s() -> float:
-    """Returns the seconds that this process has spent so since it asked first; JAX is imported then."""
-    if not _of_this_process:
-        import jax.monitoring  # noqa: PLC0415 - the flow's process reads timings without JAX
-
-        clock = CompileClock()
-        jax.monitoring.register_event_duration_secs_listener(clock.tell)
-        _of_this_process.append(clock)
-    return _of_this_process[0].seconds
+    """Returns the seconds that this thread has spent so since it asked first; JAX is imported then."""
+    clock = _of_thread.clock
+    if clock is None:
+        clock = _of_thread.clock = CompileClock()
+        _listen()
+    return clock.seconds
 
 
 def running_s() -> float:
-    """Returns a clock's time that stands still while something is compiled."""
+    """Returns a clock's time that stands still while this thread compiles something; of each thread another."""
     return time.monotonic() - compiled_s()
+
+
+def _listen() -> None:
+    """Lets JAX tell this process of its times, once."""
+    import jax.monitoring  # noqa: PLC0415 - the flow's process reads timings without JAX
+
+    with _turn:
+        if not _listening.is_set():
+            jax.monitoring.register_event_duration_secs_listener(_tell_thread)
+            _listening.set()
+
+
+def _tell_thread(event: str, duration_secs: float, **more: str | int) -> None:
+    """Tells the clock of the thread that compiled, which is the one that JAX calls."""
+    if _of_thread.clock is not None:
+        _of_thread.clock.tell(event, duration_secs, **more)

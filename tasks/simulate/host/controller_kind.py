@@ -1,6 +1,7 @@
 """What kind of controller a robot application launches: read from its files, so that planning runs no code of it."""
 
 import ast
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +18,7 @@ from specs.data.episode import ApplicationLaunch
 ControllerKind = Literal["jax", "plain", "batched", "onnx", "ros", "ros2"]
 _JAX = "jax"
 _BATCHED = "controllers"
+_MODULES_KNOWN = 64
 
 
 def controller_kind(folder: Path, launch: ApplicationLaunch) -> ControllerKind:
@@ -54,6 +56,16 @@ def policy_path(folder: Path, launch: ApplicationLaunch) -> Path:
 
 def _python_kind(module: Path) -> ControllerKind:
     """Returns ``plain`` or ``batched`` for a module that says ``jax = False``, else ``jax``."""
+    try:
+        found = module.stat()
+    except OSError:
+        return "jax"
+    return _parsed_kind(module, (found.st_ino, found.st_size, found.st_mtime_ns))
+
+
+@lru_cache(maxsize=_MODULES_KNOWN)
+def _parsed_kind(module: Path, _state: tuple[int, ...]) -> ControllerKind:
+    """Returns the kind of a module as it is now; each chunk of a batch asks for it, and parsing takes its time."""
     try:
         statements = ast.parse(module.read_bytes()).body
     except (OSError, SyntaxError, ValueError):

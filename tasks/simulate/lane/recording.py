@@ -12,10 +12,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
 from specs.data.episode import EpisodeResult
+from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.lane.overflow import Kept, Overflow
 from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
 
 Columns = Mapping[str, np.ndarray]
+Rows = Sequence[EpisodeResult] | EpisodeColumns
+# Of results, which episodes' samples are kept; one answer stands for all.
+Wanted = Callable[[EpisodeColumns], Bool[np.ndarray, " rows"] | bool]
 # Samples of a usual chunk stay in memory, whatever parts it is run in; those of long episodes lie in a file that nobody
 # sees.
 _MEMORY_BYTES = 256 << 20
@@ -33,7 +37,7 @@ class LaneRecorder(Protocol):
         """Is given a slice, and the control steps that each lane has done by its end; -1 if it had ended before."""
         ...
 
-    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+    def end(self, ends: Ends, rows: Rows) -> None:
         """Is told how the lanes ended."""
         ...
 
@@ -59,12 +63,12 @@ def sample_memory() -> Overflow:
 class Recorder:
     """The samples of a chunk's lanes, of one run of a program's lanes or of several, one after the other."""
 
-    def __init__(self, rate_hz: float, wanted: Callable[[EpisodeResult], bool], memory: Overflow | None = None) -> None:
+    def __init__(self, rate_hz: float, wanted: Wanted, memory: Overflow | None = None) -> None:
         """Begins without samples.
 
         Args:
             rate_hz: Samples in a simulated second; made a whole fraction of the control rate.
-            wanted: Whether an episode with such a result is kept.
+            wanted: Which episodes are kept, by their results.
             memory: Holds the samples; by default what no other recorder shares.
         """
         self.rate_hz = rate_hz
@@ -100,14 +104,17 @@ class Recorder:
         """
         self._runs[-1].add(samples, steps)
 
-    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+    def end(self, ends: Ends, rows: Rows) -> None:
         """Says how the lanes of the last run ended.
 
         Args:
             ends: Of all lanes.
             rows: The lanes' results, in their order.
         """
-        self._runs[-1].end(ends, [(lane, row.index) for lane, row in enumerate(rows) if self._wanted(row)])
+        columns = EpisodeColumns.of(rows)
+        wanted = np.broadcast_to(self._wanted(columns), len(columns))
+        lanes = np.flatnonzero(wanted)
+        self._runs[-1].end(ends, list(zip(lanes.tolist(), columns.index[lanes].tolist(), strict=True)))
 
     @property
     def untouched(self) -> bool:

@@ -1,21 +1,26 @@
-"""Makes the result row of a lane."""
+"""Makes the result rows of lanes, as columns: an object a row takes longer than all that is computed of it."""
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Bool, Float32, Float64, Int
 
+from specs.data.cells import Cells, label_cells
 from specs.data.episode import CONTROL_HZ, CONTROL_S, WITHDRAWN, EpisodeRequest, EpisodeResult, unfinished_result
+from specs.data.episode_columns import EpisodeColumns
+from specs.data.field_cells import RESULT_KINDS, field_cells
 from tasks.simulate.application.code import CrashCode
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensor.odometry import ODOMETRY
-from tasks.simulate.surroundings.rooms import visit
+from tasks.simulate.surroundings.rooms import Visit, visits
 
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2
+_FINAL = ("final_x_m", "final_y_m", "final_yaw_rad")
+_LEAST_M = 1e-300  # for a division whose quotient is not used
 _CRASHES: dict[int, tuple[CrashCode | Literal[""], str]] = {
     NO_CRASH: ("", ""),
     ROBOT_CRASH: ("RobotApplicationCrash", "controller.step: returned a control that is not finite"),
@@ -33,85 +38,165 @@ def withdrawn_row(request: EpisodeRequest) -> EpisodeResult:
     return unfinished_result(request.index, "Canceled", failure_code="", failure_reason=WITHDRAWN)
 
 
-def finished_row(
-    lane: Lane, position: int, state: LaneState, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
-) -> EpisodeResult:
-    """Returns the row of a lane that is done.
+class Ended(NamedTuple):
+    """An episode that ended.
+
+    Attributes:
+        place: The lane that it was in.
+        slices: How many slices it drove, of the last ones.
+    """
+
+    lane: Lane
+    place: int
+    slices: int
+
+
+def finished_rows(
+    ended: Sequence[Ended],
+    state: LaneState,
+    poses: Sequence[Float32[np.ndarray, "lanes steps 3"]],
+    *,
+    engine: str = "",
+    device: str = "",
+) -> EpisodeColumns:
+    """Returns the rows of episodes that ended in the same slice.
 
     Args:
-        lane: The episode.
-        position: The lane's position in the chunk.
+        ended: The episodes, at least one.
         state: All lanes' states, on the host.
-        poses: The slices' poses at the ends of their control steps.
+        poses: The slices' poses at the ends of their control steps, until that slice; as many as the longest drove.
+        engine: What drove them.
+        device: On what.
     """
-    reason, (code, why) = REASONS[int(state.reason[position])], _CRASHES[int(state.crash[position])]
-    steps, tally, pose, passed = int(state.step[position]), state.tally, state.body.qpos[position], reason == ""
-    driven = float(tally.path_length_m[position])
-    way = _way(lane, position, steps, poses)
-    rooms = lane.stage.rooms
-    went = visit(rooms, lane.placement, way[:, :2], known_way=lane.shortest_path_m is not None)
-    return EpisodeResult(
-        index=lane.request.index,
-        status="Failed" if code else "Completed",
-        failure_code=code,
-        failure_reason=why,
-        outcome="Passed" if passed else "Failed",
-        outcome_reason=reason,
-        simulated_s=round(steps * CONTROL_S, 6),
-        goals_reached=int(state.goal_index[position]),
-        goals_total=len(lane.placement.goals_m),
-        path_length_m=driven,
-        goal_times_s=tuple(round(int(step) * CONTROL_S, 6) for step in state.goal_steps[position] if step > 0),
-        shortest_path_m=lane.shortest_path_m,
-        spl=_spl(lane.shortest_path_m, driven, passed=passed),
-        collisions=int(tally.collisions[position]),
-        impulse_ns=float(tally.impulse_ns[position]),
-        max_impulse_ns=float(tally.max_impulse_ns[position]),
-        min_clearance_m=_finite(float(tally.min_clearance_m[position])),
-        energy_j=float(tally.energy_j[position]),
-        final_x_m=float(pose[0]),
-        final_y_m=float(pose[1]),
-        final_yaw_rad=float(pose[2]),
-        odometry_error_m=_odometry_error_m(state, position),
-        metrics={name: float(each[position]) for name, each in state.metrics.items() if np.isfinite(each[position])},
-        rooms_entered=went.entered,
-        rooms_unreachable=went.unreachable,
-        rooms_total=len(rooms.names),
-        goals_reachable=went.goals_reachable,
-        trajectory=() if passed else _trajectory(way),
-    )
+    lanes, at = [each.lane for each in ended], np.array([each.place for each in ended])
+    steps, tally, pose = np.asarray(state.step)[at], state.tally, np.asarray(state.body.qpos)[at]
+    reasons = [REASONS[reason] for reason in np.asarray(state.reason)[at].tolist()]
+    crashes = [_CRASHES[crash] for crash in np.asarray(state.crash)[at].tolist()]
+    passed = np.array([reason == "" for reason in reasons])
+    ways = _ways(ended, at, steps, poses)
+    driven_m = _reals(tally.path_length_m, at)
+    reached = np.asarray(state.goal_steps)[at]
+    least_m = _reals(tally.min_clearance_m, at)
+    fields = {
+        "index": Cells(np.array([lane.request.index for lane in lanes], np.int64)),
+        "status": label_cells(["Failed" if code else "Completed" for code, _ in crashes]),
+        "failure_code": label_cells([code for code, _ in crashes]),
+        "failure_reason": label_cells([why for _, why in crashes]),
+        "outcome": label_cells(["Passed" if reason == "" else "Failed" for reason in reasons]),
+        "outcome_reason": label_cells(reasons),
+        "simulated_s": Cells(_seconds(steps)),
+        "goals_reached": Cells(_counts(state.goal_index, at)),
+        "goals_total": Cells(np.array([len(lane.placement.goals_m) for lane in lanes], np.int64)),
+        "path_length_m": Cells(driven_m),
+        "goal_times_s": Cells(_seconds(reached[reached > 0]), lengths=np.sum(reached > 0, axis=1)),
+        **_measured_ways(lanes, driven_m, passed),
+        "collisions": Cells(_counts(tally.collisions, at)),
+        "impulse_ns": Cells(_reals(tally.impulse_ns, at)),
+        "max_impulse_ns": Cells(_reals(tally.max_impulse_ns, at)),
+        "min_clearance_m": Cells(np.where(np.isfinite(least_m), least_m, 0.0)),
+        "energy_j": Cells(_reals(tally.energy_j, at)),
+        **{name: Cells(pose[:, axis].astype(np.float64)) for axis, name in enumerate(_FINAL)},
+        "odometry_error_m": _odometry_errors_m(state, at, pose),
+        "metrics": _metrics(state.metrics, at),
+        **_room_columns(lanes, ways),
+        "trajectory": _trajectories(ways, np.where(passed, -1, steps)),
+        "engine": label_cells([engine] * len(lanes)),
+        "device": label_cells([device] * len(lanes)),
+    }
+    return EpisodeColumns.with_defaults(fields, len(lanes))
 
 
-def _way(
-    lane: Lane, position: int, steps: int, poses: Sequence[Float32[np.ndarray, "lanes steps 3"]]
-) -> Float32[np.ndarray, "steps 3"]:
-    """Returns the pose at the start and at the end of each control step."""
-    start = lane.placement.start.astype(np.float32)[None]
-    return np.concatenate([start, *(each[position] for each in poses)])[: steps + 1]
+def _ways(
+    ended: Sequence[Ended],
+    at: Int[np.ndarray, " ended"],
+    steps: Int[np.ndarray, " ended"],
+    poses: Sequence[Float32[np.ndarray, "lanes steps 3"]],
+) -> Float32[np.ndarray, "ended steps 3"]:
+    """Returns the poses at the start and at the end of each control step; who ended earlier stays where it was."""
+    driven = np.concatenate([each[at] for each in poses], axis=1)
+    lengths = np.cumsum([0, *(each.shape[1] for each in reversed(poses))])
+    before = lengths[-1] - lengths[[each.slices for each in ended]]
+    number = np.minimum(np.arange(1, int(steps.max()) + 1), steps[:, None])
+    starts = np.stack([each.lane.placement.start for each in ended]).astype(np.float32)[:, None]
+    moving = np.take_along_axis(driven, (before[:, None] + number - 1)[..., None], axis=1)
+    return np.concatenate([starts, np.where((number > 0)[..., None], moving, starts)], axis=1)
 
 
-def _trajectory(driven: Float32[np.ndarray, "steps 3"]) -> tuple[tuple[float, float, float, float], ...]:
-    """Returns the poses from the start, every half second, to the last."""
-    kept = sorted({*range(0, len(driven), POSE_STEPS), len(driven) - 1})
-    return tuple((round(k * CONTROL_S, 6), float(driven[k, 0]), float(driven[k, 1]), float(driven[k, 2])) for k in kept)
+def _trajectories(ways: Float32[np.ndarray, "ended steps 3"], steps: Int[np.ndarray, " ended"]) -> Cells:
+    """Returns the poses from the start, every half second, to the last; none where the steps are below 0."""
+    lengths = np.where(steps < 0, 0, -(-steps // POSE_STEPS) + 1).astype(np.int64)
+    lane = np.repeat(np.arange(len(steps)), lengths)
+    turn = np.arange(len(lane)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    step = np.minimum(turn * POSE_STEPS, steps[lane])
+    poses = ways[lane, step].astype(np.float64).reshape(-1, 3)
+    return Cells(np.concatenate([_seconds(step)[:, None], poses], axis=1), lengths=lengths)
 
 
-def _spl(shortest_m: float | None, driven_m: float, *, passed: bool) -> float | None:
-    """Returns success weighted by path length (Anderson et al. 2018); None where no shortest way is known."""
-    if shortest_m is None:
-        return None
-    if not passed:
-        return 0.0
-    return shortest_m / max(driven_m, shortest_m) if shortest_m > 0.0 else 1.0
+def _seconds(steps: Int[np.ndarray, " entries"]) -> Float64[np.ndarray, " entries"]:
+    """Returns times after so many control steps, rounded as Python rounds: NumPy's last bits are others."""
+    some, which = np.unique(steps, return_inverse=True)
+    return np.array([round(step * CONTROL_S, 6) for step in some.tolist()], np.float64)[which]
 
 
-def _odometry_error_m(state: LaneState, position: int) -> float | None:
-    """Returns how far the robot's believed place is from its true one; None for a robot without odometry."""
+def _measured_ways(
+    lanes: Sequence[Lane], driven_m: Float64[np.ndarray, " ended"], passed: Bool[np.ndarray, " ended"]
+) -> dict[str, Cells]:
+    """Returns the shortest ways, and success weighted by path length (Anderson et al. 2018); none where none is known.
+
+    Args:
+        lanes: The episodes.
+        driven_m: How far they drove.
+        passed: Which of them did their task.
+    """
+    known = [lane.shortest_path_m for lane in lanes]
+    there = np.array([length is not None for length in known])
+    shortest_m = np.array([length or 0.0 for length in known], np.float64)
+    weight = np.where(shortest_m > 0.0, shortest_m / np.maximum(np.maximum(driven_m, shortest_m), _LEAST_M), 1.0)
+    return {
+        "shortest_path_m": Cells(shortest_m, there=there),
+        "spl": Cells(np.where(passed & there, weight, 0.0), there=there),
+    }
+
+
+def _room_columns(lanes: Sequence[Lane], ways: Float32[np.ndarray, "ended steps 3"]) -> dict[str, Cells]:
+    """Returns the columns of where episodes took their robots, those in one world looked at together."""
+    went: dict[int, Visit] = {}
+    groups: dict[int, list[int]] = {}
+    for number, lane in enumerate(lanes):
+        groups.setdefault(id(lane.stage.rooms), []).append(number)
+    for group in groups.values():
+        some = [lanes[number] for number in group]
+        known = [lane.shortest_path_m is not None for lane in some]
+        found = visits(some[0].stage.rooms, [lane.placement for lane in some], ways[group, :, :2], known)
+        went |= dict(zip(group, found, strict=True))
+    visited = [went[number] for number in range(len(lanes))]
+    return {
+        "rooms_entered": field_cells(RESULT_KINDS["rooms_entered"], [each.entered for each in visited]),
+        "rooms_unreachable": field_cells(RESULT_KINDS["rooms_unreachable"], [each.unreachable for each in visited]),
+        "rooms_total": Cells(np.array([len(lane.stage.rooms.names) for lane in lanes], np.int64)),
+        "goals_reachable": field_cells(RESULT_KINDS["goals_reachable"], [each.goals_reachable for each in visited]),
+    }
+
+
+def _metrics(metrics: Mapping[str, object], at: Int[np.ndarray, " ended"]) -> Cells:
+    """Returns what scenarios measured by themselves, where it is finite."""
+    values = np.stack([_reals(each, at) for each in metrics.values()], axis=1) if metrics else np.zeros((len(at), 0))
+    there = np.isfinite(values)
+    return Cells(values[there], np.nonzero(there)[1], tuple(metrics), np.sum(there, axis=1))
+
+
+def _odometry_errors_m(state: LaneState, at: Int[np.ndarray, " ended"], pose: np.ndarray) -> Cells:
+    """Returns how far robots' believed places are from their true ones; none for robots without odometry."""
     believed = state.sensed[ODOMETRY.name]
     if believed is None:
-        return None
-    return float(np.hypot(*(believed[position] - state.body.qpos[position])[:2]))
+        return Cells(np.zeros(len(at)), there=np.zeros(len(at), np.bool_))
+    off = np.asarray(believed)[at] - pose
+    return Cells(np.hypot(off[:, 0], off[:, 1]).astype(np.float64))
 
 
-def _finite(value: float) -> float:
-    return value if np.isfinite(value) else 0.0
+def _reals(array: object, at: Int[np.ndarray, " ended"]) -> Float64[np.ndarray, " ended"]:
+    return np.asarray(array)[at].astype(np.float64)
+
+
+def _counts(array: object, at: Int[np.ndarray, " ended"]) -> Int[np.ndarray, " ended"]:
+    return np.asarray(array)[at].astype(np.int64)

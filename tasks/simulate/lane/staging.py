@@ -1,6 +1,7 @@
 """Stages episodes on the host: draws starts and goals, finds shortest ways, stacks everything lane by lane."""
 
 import hashlib
+from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -19,7 +20,11 @@ from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensor.noise import seed_words
 from tasks.simulate.surroundings.silhouettes import Silhouettes
 from tasks.simulate.surroundings.stages import Stage
-from tasks.simulate.surroundings.ways.shortest_path import shortest_paths_m
+from tasks.simulate.surroundings.ways.shortest_path import Ways, shortest_paths_m
+
+# Episodes that differ in a swept value alone have the same task, and are chunks apart. A hundred bytes or two each.
+_TASKS_KNOWN = 1 << 16
+_known_m: OrderedDict[bytes, float] = OrderedDict()
 
 
 class Lane(NamedTuple):
@@ -76,16 +81,24 @@ def _arrived_m(scenario: Scenario) -> float | None:
 
 def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> list[Lane]:
     """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
-    tasks: dict[bytes, tuple[Stage, Placement]] = {}
-    keys = [_task_key(request.world, placement) for request, _, placement in placed]
-    for key, (_, stage, placement) in zip(keys, placed, strict=True):
-        if placement.arrived_m is not None:
-            tasks.setdefault(key, (stage, placement))
-    placements = [placement for _, placement in tasks.values()]
-    arrived_m = [placement.arrived_m or 0.0 for placement in placements]
-    found_m = shortest_paths_m([stage.ways for stage, _ in tasks.values()], placements, arrived_m)
-    shortest_m = {key: float(length) for key, length in zip(tasks, found_m, strict=True) if np.isfinite(length)}
-    return [Lane(*each, shortest_m.get(key)) for each, key in zip(placed, keys, strict=True)]
+    keys = [_task_key(stage.ways, placement) for _, stage, placement in placed]
+    new = {
+        key: (stage.ways, placement)
+        for key, (_, stage, placement) in zip(keys, placed, strict=True)
+        if placement.arrived_m is not None and key not in _known_m
+    }
+    ways, placements = [each for each, _ in new.values()], [placement for _, placement in new.values()]
+    found_m = shortest_paths_m(ways, placements, [placement.arrived_m or 0.0 for placement in placements])
+    _known_m.update(zip(new, found_m.tolist(), strict=True))
+    lanes = [Lane(*each, _length(_known_m.get(key))) for each, key in zip(placed, keys, strict=True)]
+    while len(_known_m) > _TASKS_KNOWN:
+        _known_m.popitem(last=False)
+    return lanes
+
+
+def _length(found_m: float | None) -> float | None:
+    """Returns a length; None for a way that there is not, or that nobody asked for."""
+    return found_m if found_m is not None and np.isfinite(found_m) else None
 
 
 def moved_lane(lane: Lane, beside_m: tuple[float, float]) -> Lane:
@@ -157,7 +170,7 @@ def filled_up(goals_m: Float64[np.ndarray, "goals 2"], count: int) -> Float64[np
     return np.concatenate([goals_m, np.repeat(goals_m[-1:], count - len(goals_m), axis=0)])
 
 
-def _task_key(world: str, placement: Placement) -> bytes:
-    digest = hashlib.sha256(world.encode())
+def _task_key(ways: Ways, placement: Placement) -> bytes:
+    digest = hashlib.sha256(f"{ways.number} ".encode())
     digest.update(placement.start.tobytes() + placement.goals_m.tobytes() + repr(placement.arrived_m).encode())
     return digest.digest()

@@ -10,7 +10,7 @@ The order follows from the batch's plan alone and from no library's release.
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
@@ -19,6 +19,8 @@ from tasks.simulate.plan.job_variables import without_job_variables
 ProgramKey = tuple[str, ...]
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.
 SLICE_STEPS = 25
+# Texts that are known to be numbers or not: a batch has few values, and each episode has them.
+_NUMBERS_KNOWN = 1024
 
 
 class Chunk(Spec):
@@ -79,6 +81,7 @@ def _launch_key(launch: ApplicationLaunch) -> ProgramKey:
     return (launch.digest, launch.package, launch.launch_file)
 
 
+@lru_cache(maxsize=_NUMBERS_KNOWN)
 def _number(text: str) -> float | None:
     """Returns the number, or None; words such as ``nan`` and ``infinity``, and ``1_000``, stay texts."""
     if not set(text) <= set("0123456789+-.eE"):

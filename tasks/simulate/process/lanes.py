@@ -5,6 +5,7 @@ simulated in halves: so the episodes that are to blame are found, and the rows o
 without these. Where that would take too many processes, the rest fails with the last one's reason.
 """
 
+import functools
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from specs.data.column_bytes import decode_columns
 from specs.data.episode import (
     EpisodeRequest,
     EpisodeResult,
@@ -19,6 +21,7 @@ from specs.data.episode import (
     failed_result,
     unfinished_result,
 )
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.code import crash_code
 from tasks.simulate.chunk.job_tags import JobTags
@@ -27,7 +30,7 @@ from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.samples import Ends, SliceSamples
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
-from tasks.simulate.process.simulator import SimulatorEnded
+from tasks.simulate.process.simulator import Simulator, SimulatorEnded
 from tasks.simulate.process.simulators import simulator
 from tasks.simulate.process.work import (
     Answer,
@@ -78,7 +81,7 @@ class ConfinedLanes:
     ahead: Sequence[Chunk] = ()
     _endings: int = field(default=0, init=False)
 
-    def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+    def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> EpisodeColumns:
         """Returns the rows of a part of a chunk, in request order.
 
         Raises:
@@ -95,7 +98,7 @@ class ConfinedLanes:
         except SimulatorEnded as ended:
             return self._after(ended, chunk, worlds)
 
-    def _beside_others(self, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+    def _beside_others(self, chunk: Chunk, worlds: Mapping[str, World]) -> EpisodeColumns:
         """Returns the rows; if the process ends, the chunks ahead may be to blame, and it is asked again without."""
         batch = (frozenset(self.bundles), self.lanes, self.engine)
         try:
@@ -109,24 +112,23 @@ class ConfinedLanes:
         recorder = self.recorder if self.recorder and self.recorder.untouched else None
         return self._rows(chunk, worlds, recorder)
 
-    def _after(self, ended: SimulatorEnded, chunk: Chunk, worlds: Mapping[str, World]) -> list[EpisodeResult]:
+    def _after(self, ended: SimulatorEnded, chunk: Chunk, worlds: Mapping[str, World]) -> EpisodeColumns:
         """Returns the rows of a part whose process ended."""
         if ended.out_of_memory:
             raise MemoryError(ended.reason)
         requests, self._endings = chunk.requests, self._endings + 1
         if ended.killed == "stop" or (self._endings > 1 and self.should_stop()):
-            return [_stopped(request) for request in requests]
+            return EpisodeColumns.of([_stopped(request) for request in requests])
         logger.warning("chunk %d: %s", chunk.number, ended.reason)
         if len(requests) == 1 or ended.importing or self._endings >= _MOST_ENDINGS:
             return _failed(requests, ended)
         half = len(requests) // 2
-        return [
-            row
-            for part in (requests[:half], requests[half:])
-            for row in self._half(chunk.model_copy(update={"requests": part}), worlds, ended)
-        ]
+        parts = (requests[:half], requests[half:])
+        return EpisodeColumns.join(
+            [self._half(chunk.model_copy(update={"requests": part}), worlds, ended) for part in parts]
+        )
 
-    def _half(self, chunk: Chunk, worlds: Mapping[str, World], before: SimulatorEnded) -> list[EpisodeResult]:
+    def _half(self, chunk: Chunk, worlds: Mapping[str, World], before: SimulatorEnded) -> EpisodeColumns:
         if self._endings >= _MOST_ENDINGS:
             return _failed(chunk.requests, before)
         try:
@@ -136,22 +138,25 @@ class ConfinedLanes:
 
     def _rows(
         self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None, ahead: Sequence[Chunk] = ()
-    ) -> list[EpisodeResult]:
+    ) -> EpisodeColumns:
         with simulator(self.bundles) as process:
-            used = dict.fromkeys(request.world for each in (chunk, *ahead) for request in each.requests)
+            chunks = (chunk, *ahead)
+            used = dict.fromkeys(request.world for each in chunks for request in each.requests)
             work = LanesWork(
-                chunk=chunk,
+                numbers=tuple(each.number for each in chunks),
+                new=process.new_chunks(chunks),
                 worlds=process.sent_worlds({name: worlds[name] for name in used if name in worlds}),
                 bundles={digest: str(folder) for digest, folder in self.bundles.items()},
                 lanes=self.lanes,
                 engine=self.engine,
                 timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
-                ahead=tuple(ahead),
             )
-            hear = _Listener(self.progress, recorder)
+            hear = _Listener(process, self.progress, recorder)
             try:
-                last, _ = process.ask(work, on_answer=hear, should_stop=self.should_stop)
+                last, arrays = process.ask(work, on_answer=hear, should_stop=self.should_stop)
+                if isinstance(last, Rows):
+                    hear.take(arrays)
             finally:
                 self.printed(process.output.take())
         rows = _checked(chunk.requests, last, hear.rows)
@@ -165,12 +170,12 @@ class _Listener:
     """Hears what a process says while it simulates.
 
     Attributes:
-        rows: Those that recordings ended with, by index.
+        rows: Those that it has told, by recording, and at the end the others.
     """
 
-    def __init__(self, progress: Callable[[int], None], recorder: Recorder | None) -> None:
-        self._progress, self._recorder = progress, recorder
-        self.rows: dict[int, EpisodeResult] = {}
+    def __init__(self, process: Simulator, progress: Callable[[int], None], recorder: Recorder | None) -> None:
+        self._process, self._progress, self._recorder = process, progress, recorder
+        self.rows: list[EpisodeColumns] = []
 
     def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
         if isinstance(answer, Progress):
@@ -183,14 +188,25 @@ class _Listener:
             *samples, steps = arrays
             self._recorder.add(SliceSamples(answer.steps, *samples), steps)
         elif isinstance(answer, RecordingEnds):
-            self._recorder.end(Ends(*arrays), answer.rows)
-            self.rows |= {row.index: row for row in answer.rows}
+            rows = self.take(arrays)
+            self._recorder.end(Ends(*arrays[1:]), rows)
+
+    def take(self, arrays: Sequence[np.ndarray]) -> EpisodeColumns:
+        """Returns the rows that an answer begins with, and keeps them.
+
+        Raises:
+            SimulatorEnded: There are none; the process is ended.
+        """
+        try:
+            found = decode_columns(arrays[0].tobytes())
+        except (ValueError, IndexError) as exc:
+            raise self._process.refused(exc) from None
+        self.rows.append(found)
+        return found
 
 
-def _checked(
-    requests: Sequence[EpisodeRequest], last: Answer, told: Mapping[int, EpisodeResult]
-) -> list[EpisodeResult]:
-    """Returns the rows that a process answered with, if they are those of the requests; some it may have told before.
+def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[EpisodeColumns]) -> EpisodeColumns:
+    """Returns the rows that a process told, if its last answer is that and they are those of the requests.
 
     Raises:
         MemoryError: It answered that there is not enough memory.
@@ -199,17 +215,19 @@ def _checked(
     if isinstance(last, NoMemory):
         raise MemoryError(last.text)  # noqa: TRY004 - it is no wrong type
     if isinstance(last, Crashed):
-        return [failed_result(request.index, Failure(last.code, last.reason)) for request in requests]
-    wanted = [request.index for request in requests]
-    rows = {**told, **{row.index: row for row in last.rows}} if isinstance(last, Rows) else {}
-    if rows.keys() != set(wanted):
+        failure = Failure(last.code, last.reason)
+        return EpisodeColumns.of([failed_result(request.index, failure) for request in requests])
+    wanted = np.array([request.index for request in requests], np.int64)
+    none = EpisodeColumns.of([])
+    rows = functools.reduce(EpisodeColumns.renewed, told, none) if isinstance(last, Rows) else none
+    if not np.array_equal(np.sort(rows.index), np.sort(wanted)):
         raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
-    return [rows[index] for index in wanted]
+    return rows.at(wanted)
 
 
-def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> list[EpisodeResult]:
+def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> EpisodeColumns:
     failure = Failure(crash_code(ended.code), ended.reason)
-    return [failed_result(request.index, failure) for request in requests]
+    return EpisodeColumns.of([failed_result(request.index, failure) for request in requests])
 
 
 def _stopped(request: EpisodeRequest) -> EpisodeResult:

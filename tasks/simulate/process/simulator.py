@@ -8,7 +8,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -17,10 +17,12 @@ from typing import IO, Literal
 import numpy as np
 from pydantic import ValidationError
 
+from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from specs.errors import SimyardError
 from tasks.simulate.application.call_clock import CLOCK_BYTES, RunningCall, running_call
 from tasks.simulate.chunk.timings import remember_timing
+from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process.confinement import confined_command, confined_environment, programs_folder
 from tasks.simulate.process.limits import overdue
 from tasks.simulate.process.output import CapturedOutput
@@ -101,6 +103,7 @@ class Simulator:
         """
         self.bundles = dict(bundles)
         self._worlds: dict[str, World] = {}
+        self._chunks: dict[int, tuple[EpisodeRequest, ...]] = {}
         with tempfile.TemporaryFile(prefix="simyard-calls-") as file:
             file.truncate(CLOCK_BYTES)
             self._calls = mmap.mmap(file.fileno(), CLOCK_BYTES)
@@ -137,7 +140,7 @@ class Simulator:
             SimulatorEnded: The process ended, took too long over a call, or answered what is no answer.
             SimulatorDefect: It met a defect.
         """
-        ahead = isinstance(work, LanesWork) and bool(work.ahead)
+        ahead = isinstance(work, LanesWork) and len(work.numbers) > 1
         before, self._knows_ahead = self._knows_ahead, ahead
         try:
             return self._asked(work, on_answer, should_stop)
@@ -159,6 +162,16 @@ class Simulator:
         for name in gone:
             del self._worlds[name]
         return SentWorlds(new=new, gone=gone)
+
+    def new_chunks(self, chunks: Sequence[Chunk]) -> tuple[Chunk, ...]:
+        """Returns those of some chunks that the process has to be sent; it keeps those of the last question."""
+        new = tuple(chunk for chunk in chunks if self._chunks.get(chunk.number) is not chunk.requests)
+        self._chunks = {chunk.number: chunk.requests for chunk in chunks}
+        return new
+
+    def refused(self, answer: Exception) -> SimulatorEnded:
+        """Ends the process, whose answer is none, and returns how it ended."""
+        return self._ended_for(f"it answered what is no answer: {str(answer)[:200]!r}", "limit")
 
     def end(self) -> None:
         """Ends the process, with all that it has started."""
@@ -211,7 +224,7 @@ class Simulator:
         except (EOFError, OSError):
             raise self._ended() from None
         except (MessageRefused, ValidationError) as exc:
-            raise self._ended_for(f"it answered what is no answer: {str(exc)[:200]!r}", "limit") from None
+            raise self.refused(exc) from None
         if isinstance(answer, Rows | Audited):
             for each in answer.timings:
                 remember_timing(each.program, each.timing)

@@ -26,24 +26,25 @@ class SentWorlds(Spec):
 
 
 class LanesWork(Spec):
-    """Episodes to simulate.
+    """Episodes to simulate: those of a chunk.
 
     Attributes:
+        numbers: The chunk's number, and those of the chunks that are going to be asked for after it, in their order.
+        new: Those of these chunks that no question before this one named, or that have other episodes since.
         bundles: Unpacked folders of the applications, by digest.
         timed_as: Program to remember the time for.
         rate_hz: How many samples a simulated second to tell; None if nobody records.
-        ahead: Chunks that are going to be asked for after this one, in their order; the worlds have theirs, too.
     """
 
     kind: Literal["lanes"] = "lanes"
-    chunk: Chunk
+    numbers: tuple[int, ...]
+    new: tuple[Chunk, ...]
     worlds: SentWorlds
     bundles: dict[str, str]
     lanes: int
     engine: str
     timed_as: ProgramKey | None = None
     rate_hz: float | None = None
-    ahead: tuple[Chunk, ...] = ()
 
 
 class AuditedEpisode(Spec):
@@ -118,21 +119,21 @@ class Samples(Spec):
 
 
 class RecordingEnds(Spec):
-    """The lanes have ended, with these rows, in their order; how, follows as arrays."""
+    """The lanes have ended; their rows, in their order, follow as an array of bytes, and how, as others."""
 
     kind: Literal["recording-ends"] = "recording-ends"
-    rows: tuple[EpisodeResult, ...]
 
 
 class Rows(Spec):
-    """The rows that were asked for, in request order, but for those that recordings ended with.
+    """The rows that were asked for, but for those that recordings ended with; they follow as an array of bytes.
+
+    The bytes are those of ``specs.data.column_bytes``, whose reader believes nothing.
 
     Attributes:
         tags: What applications gave to their jobs, by the index of the episode.
     """
 
     kind: Literal["rows"] = "rows"
-    rows: tuple[EpisodeResult, ...]
     timings: tuple[RememberedTiming, ...] = ()
     tags: dict[int, TagMap] = Field(default_factory=dict[int, TagMap])
 

@@ -1,18 +1,18 @@
 """Drives one episode again, and keeps what a picture of it needs besides its row."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Int
 
-from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult, failed_result
+from specs.data.episode import CONTROL_S, EpisodeRequest, failed_result
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
-from tasks.simulate.lane.recording import Columns, Recorder
+from tasks.simulate.lane.recording import Columns, Recorder, Rows
 from tasks.simulate.lane.samples import Ends, Steps
 from tasks.simulate.replay.driven_again import DrivenAgain, Setting
 from tasks.simulate.sensor.lidar import ray_angles
@@ -45,7 +45,7 @@ class _AlsoAt(Recorder):
         super().keep(slice_, steps)
         self._other.keep(slice_, steps)
 
-    def end(self, ends: Ends, rows: Sequence[EpisodeResult]) -> None:
+    def end(self, ends: Ends, rows: Rows) -> None:
         super().end(ends, rows)
         self._other.end(ends, rows)
 

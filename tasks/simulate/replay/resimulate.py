@@ -7,7 +7,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult, failed_result
 from tasks.simulate.batch.commit import ChunkPart, Simulate, batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.batch.stop import StopWatch
-from tasks.simulate.chunk.memory_fit import simulate_fitting
+from tasks.simulate.chunk.memory_fit import Results, simulate_fitting
 from tasks.simulate.plan.chunks import Chunk, plan_chunks, program_key
 
 
@@ -25,7 +25,7 @@ def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: S
     rows = {index: failed_result(index, failure) for index, failure in why_not.items() if failure}
     watch = StopWatch(batch, [each.index for each in requests], inf)
 
-    def part(chunk: Chunk, lanes: int) -> list[EpisodeResult]:
+    def part(chunk: Chunk, lanes: int) -> Results:
         asked = tuple(mounted.resolved(each) for each in chunk.requests)
         program = program_key(chunk.requests[0])
         return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None, program))

@@ -79,7 +79,45 @@ def visit(rooms: RoomMap, placement: Placement, way_m: Float[np.ndarray, "steps 
         way_m: Its positions at the start and at the end of each control step.
         known_way: Whether a shortest way to all goals is known, so that all of them can be reached.
     """
-    entered = rooms_entered(rooms, way_m)
+    return visits(rooms, [placement], way_m[None], [known_way])[0]
+
+
+def visits(
+    rooms: RoomMap,
+    placements: Sequence[Placement],
+    ways_m: Float[np.ndarray, "episodes steps 2"],
+    known_ways: Sequence[bool],
+) -> list[Visit]:
+    """Returns where episodes in one world took their robots; the rest as in ``visit``.
+
+    Args:
+        rooms: The world's.
+        placements: Starts and goals.
+        ways_m: Their positions; one that ended earlier stays where it is.
+        known_ways: Of each, whether a shortest way to all its goals is known.
+    """
+    all_entered = _rooms_entered(rooms, ways_m)
+    return [
+        _visit(rooms, placement, entered, known_way=known)
+        for placement, entered, known in zip(placements, all_entered, known_ways, strict=True)
+    ]
+
+
+def rooms_entered(rooms: RoomMap, way_m: Float[np.ndarray, "steps 2"]) -> tuple[str, ...]:
+    """Returns the names of the rooms that a way leads through, in the order in which it comes to them."""
+    return _rooms_entered(rooms, way_m[None])[0]
+
+
+def _rooms_entered(rooms: RoomMap, ways_m: Float[np.ndarray, "episodes steps 2"]) -> list[tuple[str, ...]]:
+    episodes, steps, _ = ways_m.shape
+    inside = _inside(ways_m.reshape(-1, 2), rooms.low_m, rooms.high_m).reshape(len(rooms.names), episodes, steps)
+    firsts = np.where(inside.any(axis=2), np.argmax(inside, axis=2), steps)
+    order = np.argsort(firsts, axis=0, kind="stable").T.tolist()
+    found = np.sum(firsts < steps, axis=0).tolist()
+    return [tuple(rooms.names[room] for room in ranks[:count]) for ranks, count in zip(order, found, strict=True)]
+
+
+def _visit(rooms: RoomMap, placement: Placement, entered: tuple[str, ...], *, known_way: bool) -> Visit:
     begin = placement.start[:2]
     near_m = float(rooms.floor.cell_m)
     reached = _parts_within(rooms.floor, rooms.parts, begin - near_m, begin + near_m)
@@ -91,14 +129,6 @@ def visit(rooms: RoomMap, placement: Placement, way_m: Float[np.ndarray, "steps 
         return Visit(entered, unreachable, None if placement.arrived_m is None else goals)
     found = sum(_is_near(rooms, reached, goal, placement.arrived_m) for goal in placement.goals_m)
     return Visit(entered, unreachable, min(found, goals - 1))
-
-
-def rooms_entered(rooms: RoomMap, way_m: Float[np.ndarray, "steps 2"]) -> tuple[str, ...]:
-    """Returns the names of the rooms that a way leads through, in the order in which it comes to them."""
-    inside = _inside(way_m, rooms.low_m, rooms.high_m)
-    firsts = np.argmax(inside, axis=1)
-    found = sorted((int(firsts[room]), room) for room in np.flatnonzero(inside.any(axis=1)))
-    return tuple(rooms.names[room] for _, room in found)
 
 
 def _inside(
@@ -119,8 +149,7 @@ def _parts_within(
     """Returns the parts of the floor that have a cell's centre in a rectangle."""
     first = np.ceil((low_m - floor.origin_m) / floor.cell_m).astype(int).clip(0)
     last = np.floor((high_m - floor.origin_m) / floor.cell_m).astype(int).clip(-1)
-    found = np.unique(parts[first[1] : last[1] + 1, first[0] : last[0] + 1])
-    return frozenset(found.tolist()) - {0}
+    return frozenset(parts[first[1] : last[1] + 1, first[0] : last[0] + 1].ravel().tolist()) - {0}
 
 
 def _is_near(rooms: RoomMap, reached: frozenset[int], goal_m: Float[np.ndarray, "2"], arrived_m: float) -> bool:

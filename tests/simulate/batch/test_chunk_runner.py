@@ -8,7 +8,7 @@ import pytest
 from specs.arn import Reference
 from specs.data.episode import EpisodeResult, Failure, unfinished_result
 from specs.errors import BundleRefused, StoreAway
-from tasks.simulate.batch import chunk_runner
+from tasks.simulate.batch import chunk_runner, commit
 from tasks.simulate.batch.chunk_runner import coming_chunks, tag_jobs
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk, run_chunk
@@ -66,6 +66,27 @@ def test_a_defect_is_not_only_told_to_the_log(batch: OpenBatch, break_chunk: Bre
     break_chunk(1, TypeError("a defect"))
     with pytest.raises(TypeError, match="a defect"):
         coming_chunks(batch, (1, 2), {})()
+
+
+def test_a_chunk_that_was_made_ready_early_is_the_same_when_it_is_its_turn(batch: OpenBatch):
+    (early,) = coming_chunks(batch, (1,), {})()
+    assert prepared_chunk(batch, 1, {}).able.requests is early.able.requests
+
+
+def test_a_chunk_whose_application_cannot_be_used_any_more_is_made_ready_anew(batch: OpenBatch):
+    (early,) = coming_chunks(batch, (1,), {})()
+    failure = Failure("RobotApplicationCrash", "it is gone")
+    found = prepared_chunk(batch, 1, {early.asked.requests[0].robot.digest: failure})
+    assert set(found.unable.values()) == {failure}
+
+
+def test_of_chunks_that_were_made_ready_early_a_few_are_kept(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(commit, "_EARLY", 1)
+    first, second = (prepared_chunk(batch, number, {}) for number in (1, 2))
+    assert prepared_chunk(batch, 2, {}) is second
+    again = prepared_chunk(batch, 1, {})
+    assert again == first
+    assert again is not first
 
 
 @pytest.fixture

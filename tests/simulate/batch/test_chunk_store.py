@@ -39,7 +39,7 @@ def stranger(batch: OpenBatch) -> Voucher:
 
 
 def test_the_first_lines_of_a_chunk_are_json_that_says_who_vouches_for_what_follows(batch: OpenBatch):
-    assert commit(batch.store, batch.id, 0, ROWS, batch.voucher) == ROWS
+    assert commit(batch.store, batch.id, 0, ROWS, batch.voucher).rows() == ROWS
     vouched, said, _ = batch.store.get(chunk_key(batch.id, 0)).body.split(b"\n", 2)
     assert [*json.loads(vouched)] == ["mac"]
     assert json.loads(said)["rows"] == 4
@@ -128,12 +128,12 @@ def test_another_owner_adopts_nothing_unseen(batch: OpenBatch):
     commit(batch.store, batch.id, 0, ROWS, batch.voucher)
     with pytest.raises(StageFailed):
         commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], stranger(batch))
-    assert commit(batch.store, batch.id, 0, ROWS, stranger(batch)) == ROWS
+    assert commit(batch.store, batch.id, 0, ROWS, stranger(batch)).rows() == ROWS
 
 
 def test_who_of_this_owner_comes_second_gets_what_was_first(batch: OpenBatch):
     commit(batch.store, batch.id, 0, ROWS, batch.voucher)
-    assert commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], batch.voucher) == ROWS
+    assert commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], batch.voucher).rows() == ROWS
     commit_missing(batch.store, batch.id, 0, [], batch.voucher)
     assert committed_chunk(batch.store, batch.id, 0) == ROWS
 
@@ -161,7 +161,7 @@ def test_how_ros_nodes_kept_up_and_what_they_printed_last_may_differ_another_tim
     found = [failed_result(index, CRASHED).model_copy(update={"late": 2, "stray": 1}) for index in range(4)]
     ours = [failed_result(row.index, SAID_OTHERWISE).model_copy(update={"late": 0, "stray": 0}) for row in found]
     put(batch, found)
-    assert commit(batch.store, batch.id, 0, ours, batch.voucher) == ours
+    assert commit(batch.store, batch.id, 0, ours, batch.voucher).rows() == ours
     assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ours
 
 

@@ -70,7 +70,7 @@ def test_what_is_stopped_while_it_runs_again_keeps_the_row_that_it_had(file_stor
             if self.parts:
                 cancel_batch(file_store, batch.id)
                 part.watch._next_look_s = 0.0  # as if a second had passed
-                return stops_after(0)(part)
+                return [*stops_after(0)(part)]
             return super().__call__(part)
 
     run_chunk(batch, 0, Canceled(batch, (1,)), lanes=4, left_s=9.0)

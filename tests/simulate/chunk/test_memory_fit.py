@@ -61,7 +61,7 @@ def test_numpys_own_lack_of_memory_is_one_too():
 def test_what_does_not_fit_at_all_fails_by_our_fault():
     rows, lanes = simulate_fitting(CHUNK, 16, Memory(7, MemoryError("no room")).simulate, never)
     assert {(row.status, row.failure_code) for row in rows} == {("Failed", "InternalServiceError")}
-    assert rows[0].failure_reason == "out of memory even with 8 lanes: no room"
+    assert rows.rows()[0].failure_reason == "out of memory even with 8 lanes: no room"
     assert (len(rows), lanes) == (40, 8)
 
 

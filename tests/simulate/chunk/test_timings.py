@@ -86,19 +86,32 @@ def test_compiling_is_counted_once_whenever_it_is_done(when: str, monkeypatch: p
         at_s, compiled_s = at_s + seconds, compiled_s + compiling * seconds
 
     monkeypatch.setattr(timings, "compiled_s", lambda: compiled_s)
-    monkeypatch.setattr(timings, "running_s", lambda: at_s - compiled_s)
+    monkeypatch.setattr(timings, "monotonic", lambda: at_s)
     watch, turns = ChunkWatch(), TurnWatch()
     for step in ("ready", "first slice", "later slice"):
-        began_s = timings.running_s()
         passed(1.0, compiling=False)
         passed(16.0 * (step == when), compiling=True)
         watch.mark()
-        (turns.placed if step == "ready" else turns.drove)(timings.running_s() - began_s)
+        (turns.placed if step == "ready" else turns.drove)(1.0)
     alone = watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9)
     shared = turns.timing("planar", lanes=16, episodes=3, most_slices=9)
     for taken in (alone, shared):
         assert taken is not None
         assert (taken.ready_s, taken.compile_s, taken.slices_s, taken.slices) == (1.0, 16.0, 2.0, 2)
+
+
+def test_what_another_thread_compiles_meanwhile_is_not_the_chunk_s(monkeypatch: pytest.MonkeyPatch):
+    at_s, compiled_s = 0.0, 100.0
+    monkeypatch.setattr(timings, "monotonic", lambda: at_s)
+    monkeypatch.setattr(timings, "get_ident", lambda: 1 if at_s < 10.0 else 2)
+    monkeypatch.setattr(timings, "compiled_s", lambda: compiled_s if at_s < 10.0 else 0.0)
+    watch = ChunkWatch()
+    for later_s in (1.0, 3.0, 11.0, 12.0):  # the first slice is the last that the first thread drives
+        at_s, compiled_s = later_s, compiled_s + 0.5
+        watch.mark()
+    taken = watch.timing("planar", "cpu", lanes=16, episodes=3, most_slices=9)
+    assert taken is not None
+    assert (taken.ready_s, taken.compile_s, taken.slices_s, taken.slices) == (0.5, 1.0, 1.5 + 8.0 + 1.0, 3)
 
 
 def test_what_was_not_driven_took_nothing():

@@ -1,5 +1,6 @@
 """How an application is driven follows from its files, without running any of them."""
 
+import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -72,6 +73,16 @@ def test_a_launch_file_above_its_bundle_is_none(tmp_path: Path):
     (tmp_path / "bundle/nav").mkdir(parents=True)
     launch = ApplicationLaunch(name="r", version="1", digest="0" * 64, package="nav", launch_file="../../go.launch")
     assert launch_path(tmp_path / "bundle", launch) is None
+
+
+def test_a_module_is_parsed_once_until_it_is_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    parsed: list[object] = []
+    parse = ast.parse
+    monkeypatch.setattr(ast, "parse", lambda text: (parsed.append(text), parse(text))[1])
+    plain = {"nav/nav.py": f"jax = False\n{MAKES_ONE}"}
+    assert [kind(tmp_path, plain), kind(tmp_path, {}), kind(tmp_path, {})] == ["plain"] * 3
+    assert len(parsed) == 1
+    assert kind(tmp_path, {"nav/nav.py": MAKES_ONE}) == "jax"
 
 
 def test_a_kind_is_read_without_jax():

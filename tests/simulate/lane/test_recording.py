@@ -77,7 +77,9 @@ def drives(draw: st.DrawFn) -> Drive:
 
 def recorded(drive: Drive, *lanes: int, rate_hz: float = 0.0) -> list[Columns]:
     kept = set(lanes)
-    recorder = Recorder(rate_hz or 1.0 / (drive.stride * CONTROL_S), lambda row: row.index - 70 in kept)
+    recorder = Recorder(
+        rate_hz or 1.0 / (drive.stride * CONTROL_S), lambda rows: np.isin(rows.index - 70, sorted(kept))
+    )
     recorder.begin(len(drive.ends.steps), CONTROL_S)
     first = 0
     for length in drive.slices:

@@ -36,7 +36,7 @@ def test_a_later_process_traces_nothing_until_the_bundle_changes(
         printed: list[str] = []
         rows = ConfinedLanes(bundles, LANES, "planar", lambda: False, printed=printed.append).simulate(chunk, pens)
         simulators._idle.end_all()  # pyright: ignore[reportPrivateUsage]
-        return rows, "".join(printed).count("it is traced")
+        return rows.rows(), "".join(printed).count("it is traced")
 
     first, second = run(), run()
     assert first[1] > 0

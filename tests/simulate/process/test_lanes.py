@@ -63,7 +63,7 @@ def run(bundles: dict[str, Path], pens: dict[str, World]) -> Run:
     def rows(faults: list[int], launch_file: str = "driving", **more: object) -> list[EpisodeResult]:
         options = {"should_stop": lambda: False, **more}
         lanes = ConfinedLanes(bundles=bundles, lanes=LANES, engine="auto", **options)  # pyright: ignore[reportArgumentType]
-        return lanes.simulate(chunk_of(faults, launch_file), pens)
+        return lanes.simulate(chunk_of(faults, launch_file), pens).rows()
 
     return rows
 
@@ -140,7 +140,7 @@ def test_a_chunk_ahead_that_ends_the_process_takes_no_row_from_the_chunk_before_
     alone = simulate_lanes(chunk, pens, bundles, lanes=LANES, should_stop=lambda: False, recorder=here)
     ahead = [chunk_of([SOUND], "leaves")]
     lanes = ConfinedLanes(bundles, LANES, "auto", should_stop=lambda: False, rate_hz=4.0, recorder=apart, ahead=ahead)
-    assert lanes.simulate(chunk, pens) == alone
+    assert lanes.simulate(chunk, pens).rows() == alone
     assert [part["pose"].tobytes() for part in apart.parts()] == [part["pose"].tobytes() for part in here.parts()]
 
 

@@ -4,13 +4,18 @@ import hashlib
 import io
 import tarfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from specs.errors import BundleRefused
+from tasks.simulate.plan.chunks import plan_chunks
+from tasks.simulate.process import simulator as simulator_module
 from tasks.simulate.process import simulators
+from tasks.simulate.process.simulator import Simulator
 from tasks.simulate.process.simulators import prepare_simulator, simulator
 from tasks.storage.sealed_bundle import seal
+from tests.factories.simulations import pushing
 
 
 class Idle:
@@ -71,3 +76,18 @@ def test_no_process_simulates_with_a_bundle_that_somebody_edited(bundles: dict[s
     edit(files)
     with pytest.raises(BundleRefused, match=r"is not the bundle .* any more; run it again"), simulator(bundles):
         pass
+
+
+def test_a_chunk_is_sent_once_while_questions_name_it_and_again_if_it_has_other_episodes(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    nobody = SimpleNamespace(stdout=io.BytesIO(), pid=1 << 30, wait=lambda: 0)  # beyond all numbers of processes
+    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody)
+    process = Simulator({})
+    first, second, third = plan_chunks([pushing(index, world="hand/pen-0") for index in range(6)], 2)
+    assert process.new_chunks([first, second]) == (first, second)
+    assert process.new_chunks([second, third]) == (third,)
+    half = second.model_copy(update={"requests": second.requests[:1]})
+    assert process.new_chunks([half]) == (half,)
+    assert process.new_chunks([half, third]) == (third,)
+    process.end()

@@ -5,13 +5,15 @@ import math
 from collections.abc import Callable
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.column_bytes import decode_columns, encode_columns
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from specs.data.episode_columns import RESULT_KINDS, EpisodeColumns, RequestColumns, pair_columns
+from specs.data.episode_columns import EpisodeColumns, RequestColumns, pair_columns
+from specs.data.field_cells import RESULT_KINDS
 from tests.factories.episodes import canceled, collided, crashed, episodes, passed, request
 
 ROWS = [passed(0), collided(1), crashed(2), canceled(3)]
@@ -54,6 +56,37 @@ def test_equal_results_have_equal_bytes_whatever_they_were_made_of():
     joined = EpisodeColumns.join([EpisodeColumns.of(ROWS), EpisodeColumns.of([FULL])])
     assert encode_columns(joined) == encode_columns(whole)
     assert encode_columns(decode_columns(encode_columns(whole))) == encode_columns(whole)
+
+
+def test_labels_that_nobody_has_or_that_come_twice_and_numbers_that_are_not_there_change_no_byte():
+    whole = EpisodeColumns.of([*ROWS, FULL])
+    cells = dict(whole.cells)
+    labels = cells["status"].labels
+    cells["status"] = cells["status"]._replace(codes=whole.codes("status") + 1, labels=("Canceled", *labels, "Failed"))
+    lacking = ~np.asarray(cells["spl"].there)
+    cells["spl"] = cells["spl"]._replace(numbers=np.where(lacking, 7.0, whole.numbers("spl")))
+    cells["energy_j"] = cells["energy_j"]._replace(there=np.ones(len(whole), np.bool_))
+    assert encode_columns(EpisodeColumns(cells, len(whole))) == encode_columns(whole)
+    assert encode_columns(whole.take(np.arange(1, 3))) == encode_columns(EpisodeColumns.of(ROWS[1:3]))
+
+
+def test_a_name_twice_in_a_row_is_refused():
+    columns = EpisodeColumns.of([FULL])
+    twice = columns.cells["metrics"]._replace(labels=("turns", "turns"), codes=np.zeros(2, np.int64))
+    with pytest.raises(ValueError, match="a name twice in a row"):
+        decode_columns(encode_columns(EpisodeColumns({**columns.cells, "metrics": twice}, 1)))
+
+
+def test_rows_that_are_renewed_marked_and_put_in_order_are_those_that_were_asked_for():
+    columns = EpisodeColumns.of([collided(2), passed(0), crashed(1)])
+    renewed = columns.renewed(EpisodeColumns.of([passed(2)]))
+    assert renewed.rows() == [passed(0), crashed(1), passed(2)]
+    assert renewed.at(np.array([2, 0])).rows() == [passed(2), passed(0)]
+    marked = columns.marked("recording", ~columns.says("status", "Completed"), "000000.parquet").rows()
+    assert [row.recording for row in marked] == ["", "", "000000.parquet"]
+    for other in ([0, 3], [5], [-1]):
+        with pytest.raises(ValueError, match="results of other episodes"):
+            columns.at(np.array(other))
 
 
 def test_columns_without_rows_come_back():

@@ -5,6 +5,7 @@ arrived.
 """
 
 import functools
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,10 +20,15 @@ from tasks.simulate.surroundings.ways.tour import RIM_UNITS, Lines, tour_lengths
 from tasks.simulate.surroundings.ways.visibility import Points, solids_of
 
 _NOWHERE = -9999  # SciPy's word for a node without predecessor
+_numbers = itertools.count()
 
 
 class Ways:
-    """The ways of a disc about a world."""
+    """The ways of a disc about a world.
+
+    Attributes:
+        number: Of no other ways in this process, also after these are gone.
+    """
 
     def __init__(self, touched: Obstacles, radius_m: float) -> None:
         """Begins; the ways are found when they are asked for first.
@@ -31,7 +37,7 @@ class Ways:
             touched: The world's solids.
             radius_m: Of the disc.
         """
-        self._touched, self._radius_m = touched, radius_m
+        self._touched, self._radius_m, self.number = touched, radius_m, next(_numbers)
 
     @functools.cached_property
     def graph(self) -> TangentGraph:

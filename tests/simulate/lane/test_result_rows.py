@@ -1,0 +1,87 @@
+"""Rows of lanes that ended together are those of each by itself, however long each drove."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from specs.data.column_bytes import encode_columns
+from specs.data.episode import CONTROL_S
+from specs.data.episode_columns import EpisodeColumns
+from tasks.simulate.application.contract import REASONS, Placement
+from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState, Tally
+from tasks.simulate.lane.result_rows import Ended, finished_rows
+from tasks.simulate.lane.staging import Lane
+from tasks.simulate.surroundings.stages import stage_worlds
+from tests.factories.simulations import cluttered, delivery
+
+LANES, SLICE = 8, 25
+# Of the lanes, in which slice each began, and how many control steps it did; one ended at once.
+BEGAN = (0, 0, 1, 2, 3, 3, 1, 3)
+STEPS = (100, 83, 75, 41, 7, 0, 60, 25)
+STAGES = stage_worlds({"w/0": cluttered(1), "w/1": cluttered(2)}, Hull(radius_m=0.2, low_m=0.02, high_m=0.38), 0.3)
+
+
+def lane(number: int) -> Lane:
+    placement = Placement(np.array([0.1 * number, 0.0, 0.5]), np.array([[1.0, 0.4], [1.5, -0.4]]))
+    world = f"w/{number % 2}"
+    shortest_m = None if number == 4 else 0.0 if number == 6 else 1.25 * number
+    return Lane(delivery(20 + number, world=world), STAGES[world], placement, shortest_m)
+
+
+@pytest.fixture
+def state() -> LaneState:
+    rng = np.random.default_rng(3)
+    reals = rng.uniform(0.0, 9.0, (8, LANES)).astype(np.float32)
+    pose = rng.uniform(-1.0, 1.0, (LANES, 3)).astype(np.float32)
+    reached = np.where(np.arange(LANES) % 2 == 0, STEPS, 0)
+    numbers: dict[str, Any] = {
+        "step": np.array(STEPS),
+        "goal_index": np.arange(LANES),
+        "goal_steps": np.stack([np.minimum(STEPS, 3), reached], axis=1),
+        "reason": np.array([0, 0, 0, 1, 1, 1, 0, REASONS.index("crash")]),
+        "crash": np.array([NO_CRASH] * (LANES - 1) + [ROBOT_CRASH]),
+        "metrics": {"bumps": reals[5], "turns": np.where(np.arange(LANES) % 3 == 0, np.nan, reals[6])},
+        "sensed": {"odometry": pose + np.float32(0.1)},
+        "body": SimpleNamespace(qpos=pose),
+    }
+    tally: dict[str, Any] = {"collisions": np.arange(LANES), "touching": np.arange(LANES) < 0}
+    names = ("path_length_m", "impulse_ns", "max_impulse_ns", "min_clearance_m", "energy_j")
+    tally |= dict(zip(names, reals[:5], strict=True))
+    tally["min_clearance_m"][3] = np.inf
+    return LaneState(controller=(), scenario=(), done=numbers["crash"] == 0, tally=Tally(**tally), **numbers)
+
+
+@pytest.fixture
+def poses() -> list[np.ndarray]:
+    rng = np.random.default_rng(5)
+    return [rng.uniform(-3.0, 3.0, (LANES, SLICE, 3)).astype(np.float32) for _ in range(4)]
+
+
+def test_rows_of_lanes_together_are_those_of_each_by_itself(state: LaneState, poses: list[np.ndarray]):
+    ended = [Ended(lane(place), place, 4 - BEGAN[place]) for place in (3, 0, 7, 5, 1, 2, 6, 4)]
+    together = finished_rows(ended, state, poses, engine="planar", device="cpu")
+    alone = [finished_rows([each], state, poses[4 - each.slices :], engine="planar", device="cpu") for each in ended]
+    assert together.rows() == [row for each in alone for row in each]
+    assert encode_columns(together) == encode_columns(EpisodeColumns.of(together.rows()))
+
+
+def test_a_row_says_what_its_lane_did(state: LaneState, poses: list[np.ndarray]):
+    rows = finished_rows([Ended(lane(3), 3, 2), Ended(lane(5), 5, 1), Ended(lane(6), 6, 3)], state, poses).rows()
+    driven, at_once, passed = rows
+    assert [t_s for t_s, *_ in driven.trajectory] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.05]
+    assert driven.trajectory[0][1:] == tuple(np.array([0.3, 0.0, 0.5], np.float32).tolist())
+    assert driven.trajectory[-1][1:] == tuple(poses[3][3, 41 - SLICE - 1].tolist())
+    assert (driven.min_clearance_m, driven.spl, driven.goal_times_s) == (0.0, 0.0, (0.15,))
+    assert [pose[0] for pose in at_once.trajectory] == [0.0]
+    assert (passed.trajectory, passed.spl, passed.simulated_s) == ((), 1.0, round(60 * CONTROL_S, 6))
+    assert set(passed.metrics) == {"bumps"}
+    unknown = finished_rows([Ended(lane(4), 4, 1), Ended(lane(2), 2, 3)], state, poses).rows()
+    assert [row.spl is None for row in unknown] == [True, False]
+
+
+def test_a_crash_is_told_with_whose_it_was(state: LaneState, poses: list[np.ndarray]):
+    (row,) = finished_rows([Ended(lane(7), 7, 1)], state, poses)
+    assert (row.status, row.failure_code, row.outcome) == ("Failed", "RobotApplicationCrash", "Failed")

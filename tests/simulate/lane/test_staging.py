@@ -1,0 +1,72 @@
+"""Shortest ways of staged episodes: those of equal tasks are measured once, also where the tasks are chunks apart."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from specs.data.episode import EpisodeRequest
+from tasks.simulate.application.contract import Placement
+from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.lane import staging
+from tasks.simulate.lane.staging import with_shortest_paths
+from tasks.simulate.surroundings.stages import Stage, stage_worlds
+from tests.factories.simulations import cluttered, delivery
+
+HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38)
+Placed = tuple[EpisodeRequest, Stage, Placement]
+
+
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """How many ways were measured, each time that some were."""
+    counts: list[int] = []
+    whole = staging.shortest_paths_m
+
+    def counted(ways: Sequence[object], *rest: object) -> np.ndarray:
+        counts.append(len(ways))
+        return whole(ways, *rest)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(staging, "shortest_paths_m", counted)
+    return counts
+
+
+def stage() -> Stage:
+    return stage_worlds({"w": cluttered(1)}, HULL, 0.3)["w"]
+
+
+def placed(at: Stage, *goals: tuple[float, float], arrived_m: float | None = 0.3) -> list[Placed]:
+    return [
+        (delivery(k, world="w"), at, Placement(np.zeros(3), np.array([goal]), (), arrived_m))
+        for k, goal in enumerate(goals)
+    ]
+
+
+GOALS = ((1.0, 0.4), (1.5, -0.4), (1.0, 0.4))
+
+
+def test_a_task_of_an_earlier_chunk_has_the_same_length_and_is_not_measured_again(measured: list[int]):
+    here = stage()
+    lengths = [lane.shortest_path_m for lane in with_shortest_paths(placed(here, *GOALS))]
+    again = [lane.shortest_path_m for lane in with_shortest_paths(placed(here, (9.0, 9.0), *GOALS))]
+    assert (again[1:], measured) == (lengths, [2, 1])
+    assert again[0] is None  # there is no way out, which is known of it as well
+    assert with_shortest_paths(placed(here, (9.0, 9.0)))[0].shortest_path_m is None
+    assert sum(measured) == 3
+
+
+def test_a_task_is_another_in_another_world_and_for_another_distance_to_arrive_at(measured: list[int]):
+    here = stage()
+    with_shortest_paths(placed(here, GOALS[0]))
+    with_shortest_paths(placed(here, GOALS[0], arrived_m=0.2))
+    with_shortest_paths(placed(stage()._replace(ways=type(here.ways)(here.touched, 0.1)), GOALS[0]))
+    assert with_shortest_paths(placed(here, GOALS[0], arrived_m=None))[0].shortest_path_m is None
+    assert sum(measured) == 3
+
+
+def test_the_tasks_that_were_found_first_are_forgotten_first(measured: list[int], monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(staging, "_TASKS_KNOWN", 1)
+    here = stage()
+    for goal in (GOALS[0], GOALS[1], GOALS[1], GOALS[0]):
+        with_shortest_paths(placed(here, goal))
+    assert sum(measured) == 3
