@@ -3,6 +3,8 @@
 import logging
 import time
 from collections.abc import Sequence
+from contextlib import suppress
+from importlib import import_module
 from threading import Thread
 
 from pydantic import JsonValue
@@ -48,6 +50,8 @@ from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import open_store, store_id
 
+# PyArrow looks for pandas when it makes its first column; reports work out intervals.
+_NEEDED_AT_THE_END = ("pandas", "scipy.optimize")
 logger = logging.getLogger(__name__)
 
 
@@ -148,8 +152,20 @@ def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> 
         return _metric_fields(orchestrator().spread_batch(batch, location, workers))
     early, meter = EarlyEnd(batch, gate), BatchMeter()
     note_machine(batch)
+    _import_ahead()
     _simulate_here(batch, location, early, meter)
     return {**early.detail, **_metric_fields(meter.metrics())}
+
+
+def _import_ahead() -> None:
+    """Imports what the batch's end needs while its episodes are driven in another process; returns at once."""
+
+    def begin() -> None:
+        for module in _NEEDED_AT_THE_END:
+            with suppress(ImportError):  # whoever needs it says so
+                import_module(module)
+
+    Thread(target=begin, name="simyard imports", daemon=True).start()
 
 
 def _simulate_here(batch: OpenBatch, location: OutputLocation, early: EarlyEnd, meter: BatchMeter) -> None:

@@ -129,13 +129,19 @@ def _judge_and_deploy(
     spec = asked.spec
     batch = vouch(spec, batch, asked.worlds, store, asked.versions)
     judged = judge_batch_stage(spec, batch, store, run, asked.ships)
-    if batch and judged:  # with the verdict; now, because the deployment may take long, or fail
-        judged = _show_verdict(judged, store, batch)
-    if batch:
-        simulated = _show_trend(simulated, store, run, batch)
-    require_not_canceled(store, run)
-    passed = _passed(spec, judged[0].status if judged else None)
-    return simulated, judged, deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+
+    def show() -> tuple[Reports, Reports]:
+        # With the verdict; and now, because the deployment may take long, or fail.
+        shown = _show_verdict(judged, store, batch) if batch and judged else judged
+        return (_show_trend(simulated, store, run, batch) if batch else simulated), shown
+
+    def go_on() -> Reports:
+        require_not_canceled(store, run)
+        passed = _passed(spec, judged[0].status if judged else None)
+        return deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+
+    (simulated_shown, judged_shown), deployed = at_a_time(show, go_on)
+    return simulated_shown, judged_shown, deployed
 
 
 def _passed(spec: PipelineSpec, verdict: str | None) -> bool:
