@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_report import AuditReport
@@ -68,11 +68,11 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | Audi
     """Returns what of lanes under way each question about lanes was simulated with."""
     given: list[object] = []
 
-    def simulate(*_: object, under_way: object, **__: object) -> list[EpisodeResult]:
+    def simulate(*_: object, under_way: object, **__: object) -> EpisodeColumns:
         given.append(under_way)
-        return []
+        return EpisodeColumns.of([])
 
-    monkeypatch.setattr(runner, "simulate_lanes", simulate)
+    monkeypatch.setattr(runner, "simulate_columns", simulate)
     ours, theirs = socket.socketpair()
     with ours, theirs:
         service = Service(theirs)
@@ -83,11 +83,12 @@ def _under_way(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | Audi
 
 def _lanes(episodes: int, ahead: int) -> LanesWork:
     chunk = Chunk(number=0, requests=tuple(delivery(k, world="hand/apartment-0", seed=k) for k in range(episodes)))
+    chunks = tuple(chunk.model_copy(update={"number": number}) for number in range(1 + ahead))
     return LanesWork(
-        chunk=chunk,
+        numbers=tuple(range(1 + ahead)),
+        new=chunks,
         worlds=SentWorlds(new={}),
         bundles={},
         lanes=LANES,
         engine="auto",
-        ahead=(chunk.model_copy(update={"number": 1}),) * ahead,
     )
