@@ -136,9 +136,16 @@ def _roomiest(window: bytes, shape: tuple[int, int], inner: tuple[int, int, int,
         shape: Rows, and cells in each.
         inner: From which to which row, and from which to which cell of each.
     """
-    touched = np.argwhere(np.frombuffer(window, dtype=np.bool_).reshape(shape))
-    x, y = np.mgrid[inner[0] : inner[1], inner[2] : inner[3]].reshape(2, -1, 1)
-    apart = (touched[:, 0] - x) ** 2 + (touched[:, 1] - y) ** 2
+    touched = np.frombuffer(window, dtype=np.bool_).reshape(shape)
+    free, beside = ~touched, np.zeros(shape, dtype=np.bool_)
+    beside[1:] |= free[:-1]
+    beside[:-1] |= free[1:]
+    beside[:, 1:] |= free[:, :-1]
+    beside[:, :-1] |= free[:, 1:]
+    x, y = (touched & beside).nonzero()  # what is nearest to a free cell has a free one beside it
+    own_x, own_y = free[inner[0] : inner[1], inner[2] : inner[3]].nonzero()
+    apart_x, apart_y = x - (own_x + inner[0])[:, None], y - (own_y + inner[2])[:, None]
+    apart = apart_x * apart_x + apart_y * apart_y
     return int(apart.min(axis=1, initial=_REACH * _REACH).max(initial=0))
 
 

@@ -107,14 +107,11 @@ class FurnitureGroup:
 def turn_box(box: Box, quarter: int) -> Box:
     """Returns a box turned about (0, 0) by quarter turns counter-clockwise, exactly."""
     x_min, y_min, x_max, y_max = box
-    return Box._make(
-        (
-            (x_min, y_min, x_max, y_max),
-            (-y_max, x_min, -y_min, x_max),
-            (-x_max, -y_max, -x_min, -y_min),
-            (y_min, -x_max, y_max, -x_min),
-        )[quarter]
-    )
+    if quarter == 0:
+        return box
+    if quarter == 1:
+        return Box(-y_max, x_min, -y_min, x_max)
+    return Box(-x_max, -y_max, -x_min, -y_min) if quarter == 2 else Box(y_min, -x_max, y_max, -x_min)
 
 
 def front_zone(size: Size, depth_m: float, aside_m: float = 0.0) -> Zone:
