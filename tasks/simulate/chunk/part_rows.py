@@ -124,7 +124,9 @@ class PartRows:
 
     def _last_states(self) -> LaneState:
         """Returns the last states in the episodes' order; zeros for one that has not ended."""
-        trees = {position: (end.state, end.place) for position, end in self._ends.items()}
+        together: dict[int, list[int]] = {}
+        for position, end in self._ends.items():
+            together.setdefault(id(end.state), []).append(position)
         some = next(iter(self._ends.values())).state
 
         def blank(leaf: Any) -> np.ndarray:  # noqa: ANN401 - of a tree
@@ -132,9 +134,10 @@ class PartRows:
 
         found = jax.tree.map(blank, some)
         into = jax.tree.leaves(found)
-        for position, (state, place) in trees.items():
+        for positions in together.values():
+            state, places = self._ends[positions[0]].state, [self._ends[position].place for position in positions]
             for leaf, source in zip(into, jax.tree.leaves(state), strict=True):
-                leaf[position] = source[place]
+                leaf[positions] = source[places]
         return found
 
 

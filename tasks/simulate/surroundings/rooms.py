@@ -147,9 +147,21 @@ def _parts_within(
     high_m: Float[np.ndarray, "2"],
 ) -> frozenset[int]:
     """Returns the parts of the floor that have a cell's centre in a rectangle."""
-    first = np.ceil((low_m - floor.origin_m) / floor.cell_m).astype(int).clip(0)
-    last = np.floor((high_m - floor.origin_m) / floor.cell_m).astype(int).clip(-1)
-    return frozenset(parts[first[1] : last[1] + 1, first[0] : last[0] + 1].ravel().tolist()) - {0}
+    # Python's numbers: NumPy takes longer to begin than a few of them take.
+    origin_m, cell_m = floor.origin_m.tolist(), float(floor.cell_m)
+    x, y = (
+        _cells(low - origin, high - origin, cell_m, count)
+        for low, high, origin, count in zip(
+            low_m.tolist(), high_m.tolist(), origin_m, reversed(parts.shape), strict=True
+        )
+    )
+    return frozenset(parts[y, x].ravel().tolist()) - {0}
+
+
+def _cells(low_m: float, high_m: float, cell_m: float, count: int) -> slice:
+    """Returns the cells whose centres lie between two places, of so many that begin at 0 m."""
+    first, last = (min(max(each / cell_m, -1.0), count) for each in (low_m, high_m))
+    return slice(max(0, math.ceil(first)), math.floor(last) + 1)
 
 
 def _is_near(rooms: RoomMap, reached: frozenset[int], goal_m: Float[np.ndarray, "2"], arrived_m: float) -> bool:

@@ -7,7 +7,7 @@ from specs.data.world import World
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.surroundings.floor_map import floor_map
 from tasks.simulate.surroundings.obstacles import obstacles
-from tasks.simulate.surroundings.rooms import RoomMap, Visit, room_map, rooms_entered, visit
+from tasks.simulate.surroundings.rooms import RoomMap, Visit, room_map, rooms_entered, visit, visits
 from tests.factories.worlds import PAINT, apartment, box
 
 OPEN = apartment()
@@ -63,3 +63,25 @@ def test_all_goals_are_within_reach_where_a_way_to_them_is_known():
 
 def test_goals_that_are_no_destinations_are_not_counted():
     assert went(SHUT, STOVE, arrived_m=None).goals_reachable is None
+
+
+def test_episodes_that_are_looked_at_together_went_where_each_of_them_went():
+    rooms, rng = rooms_of(SHUT), np.random.default_rng(4)
+    ways = np.cumsum(rng.uniform(-0.5, 0.5, (20, 60, 2)), axis=1) + rng.uniform(-3.0, 5.0, (20, 1, 2))
+    goals = [np.array([BEDSIDE, STOVE][: 1 + number % 2]) for number in range(20)]
+    placements = [
+        Placement(np.array([*way[0], 0.0]), goal, (), None if way[0, 0] > 3.0 else 0.3)
+        for way, goal in zip(ways, goals, strict=True)
+    ]
+    known = [number % 3 == 0 for number in range(20)]
+    alone = [
+        visit(rooms, placement, way, known_way=each)
+        for placement, way, each in zip(placements, ways, known, strict=True)
+    ]
+    assert visits(rooms, placements, ways, known) == alone
+    assert len(set(alone)) > 5
+
+
+def test_a_goal_that_counts_as_reached_from_anywhere_is_within_reach():
+    assert went(SHUT, STOVE, arrived_m=1e308).goals_reachable == 0  # no way to all goals is known, so one is not
+    assert went(OPEN, STOVE, BEDSIDE, arrived_m=1e308).goals_reachable == 1
