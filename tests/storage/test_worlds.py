@@ -49,6 +49,14 @@ def test_a_world_is_written_as_canonical_json_writes_any_document(
     assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
 
 
+def test_a_zero_keeps_its_sign_beside_an_equal_one() -> None:
+    world = make(sample("one-room"))
+    colors = ((0.0, 0.1, 0.2), (-0.0, 0.1, 0.2))
+    walls = tuple(world.walls[0].model_copy(update={"color": color}) for color in colors)
+    world = world.model_copy(update={"walls": walls})
+    assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
+
+
 @pytest.mark.parametrize("yaw_rad", [math.nan, math.inf])
 def test_a_world_of_numbers_that_json_has_not_is_refused(yaw_rad: float) -> None:
     world = make(sample("one-room"))

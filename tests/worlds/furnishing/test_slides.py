@@ -38,6 +38,20 @@ def test_what_stands_deeper_in_the_room_is_in_nobodys_way() -> None:
     assert not first_slide(scene, CABINET, scene.lines[0], 10.33).is_free(12.5)
 
 
+def test_what_is_as_thin_as_the_skirting_board_stays_behind() -> None:
+    scene = empty_scene(5.0, 4.0)
+    scene.add(placed(Box(12.0, 10.0, 13.0, 10.02)))
+    assert first_slide(scene, CABINET, scene.lines[0], 10.32).is_free(12.5)
+    assert not first_slide(scene, CABINET, scene.lines[0], 10.31).is_free(12.5)
+
+
+@pytest.mark.parametrize(("end", "room"), [(0.6, True), (0.599, False)])
+def test_a_gap_as_wide_as_the_box_is_room(end: float, *, room: bool) -> None:
+    slide = Slide(-0.3, 0.3, [(end, 1e9), (-1e9, 0.0)])
+    assert slide.has_room is room
+    assert slide.is_free(0.3) is room
+
+
 def test_the_floor_that_a_member_uses_may_lie_where_others_walk_but_nothing_stands_there() -> None:
     scene = empty_scene(5.0, 4.0)
     scene.add(placed(Box(10.0, 13.0, 10.5, 13.5), zone=Box(12.0, 10.7, 13.0, 11.5)))
@@ -51,10 +65,10 @@ def test_the_floor_that_a_member_uses_may_lie_where_others_walk_but_nothing_stan
 @pytest.mark.parametrize("seed", range(20))
 def test_a_line_without_a_gap_has_no_free_place(seed: int) -> None:
     draws = np.random.default_rng(seed)
-    starts = draws.uniform(0.0, 5.0, 6).round(3).tolist()
-    bars = [(-9.0, 0.0), (5.0, 9.0), *[(start, start + 0.5) for start in starts]]
+    starts = draws.uniform(0.0, 4.5, 13).round(3).tolist()
+    bars = [(-1e9, 0.0), (5.0, 1e9), *[(start, start + 0.5) for start in starts]]
     slide = Slide(-0.3, 0.3, bars)
-    edges = [edge + side for start, end in bars for edge, side in ((start, -0.3), (end, 0.3))]
+    edges = [end + 0.3 + 1e-9 for _, end in bars if end <= 5.0]
     assert slide.has_room is any(slide.is_free(along) for along in edges)
     places = [(along, 0, 0.0, along) for along in edges]
     assert slide.free_places(places) == [place for place in places if slide.is_free(place[0])]
