@@ -32,7 +32,7 @@ from tasks.simulate.engine.kept_program.sealed_state import opened  # noqa: E402
 from tasks.simulate.engine.planar.window import window  # noqa: E402
 from tasks.simulate.lane.sense import decide  # noqa: E402
 from tasks.simulate.lane.settle import settle  # noqa: E402
-from tasks.simulate.lane.step import advance_lane  # noqa: E402
+from tasks.simulate.lane.step import Mechanics, advance_lane  # noqa: E402
 from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
 from tasks.simulate.sensor.lidar import ray_angles  # noqa: E402
 from tasks.simulate.surroundings.lidar import scan_ranges  # noqa: E402
@@ -70,15 +70,12 @@ def parts(lanes: int, obstacles: int) -> dict[str, Part]:
     decided = jax.vmap(functools.partial(decide, applications))(inputs, state)
     moved = jax.vmap(mechanics.drive)(inputs, state.body, decided.control)
 
-    def nudged(lane: Any, by: Any) -> Any:  # noqa: ANN401 - a lane's state
-        return lane._replace(body=lane.body._replace(qpos=lane.body.qpos + _HARDLY * by))
-
     def rays(given: Any, lane: Any) -> tuple[Any, Any]:  # noqa: ANN401
         seen = scan_ranges(given.seen, lane.body.qpos, angles, lidar.range_m)
         return nudged(lane, seen[0]), seen
 
     def choice(given: Any, lane: Any) -> tuple[Any, Any]:  # noqa: ANN401
-        near = window(given.boxes, given.cylinders, lane.body.qpos[:2], WINDOW)
+        near = window(given.boxes, given.cylinders, lane.body.qpos[:2], WINDOW, given.near)
         return nudged(lane, sum(jnp.stack([each.x, each.y, each.height]) for each in near)), near[0].x
 
     def physics(given: Any, lane: Any) -> tuple[Any, Any]:  # noqa: ANN401
@@ -91,14 +88,32 @@ def parts(lanes: int, obstacles: int) -> dict[str, Part]:
         after, record = settle(applications, given, episode, decision, motion)
         return (after, decision, motion), record
 
-    whole = functools.partial(advance_lane, mechanics, applications)
+    around = inputs._replace(near=jax.vmap(mechanics.near)(inputs, state.body))
+    share = picked(mechanics, inputs, state, lanes)
+    step = measured(functools.partial(advance_lane, mechanics, applications), around, state, lanes)
     return {
-        "whole control step": measured(whole, inputs, state, lanes),
+        "whole control step": Part(*map(sum, zip(step, share, strict=True))),
         "rays": measured(rays, inputs, state, lanes),
-        "window": measured(choice, inputs, state, lanes),
+        "window": measured(choice, around, state, lanes),
+        "neighbours, once a slice": share,
         f"{PHYSICS_STEPS} physics steps": measured(physics, inputs, state, lanes),
         "scenario, sums, records": measured(rest, inputs, (state, decided, moved), lanes),
     }
+
+
+def picked(mechanics: Mechanics, inputs: Any, state: Any, lanes: int) -> Part:  # noqa: ANN401 - lanes' inputs and states
+    """Returns a control step's share of what is done once a slice: to pick out the obstacles around a robot."""
+
+    def picks(given: Any, lane: Any) -> tuple[Any, Any]:  # noqa: ANN401
+        near = mechanics.near(given, lane.body)
+        return nudged(lane, near.columns[0, 0]), near.columns
+
+    return Part(*(each / SLICE_STEPS for each in measured(picks, inputs, state, lanes)))
+
+
+def nudged(lane: Any, by: Any) -> Any:  # noqa: ANN401 - a lane's state
+    """Returns a lane whose robot stands a hair's breadth off."""
+    return lane._replace(body=lane.body._replace(qpos=lane.body.qpos + _HARDLY * by))
 
 
 def measured(body: Callable[[Any, Any], tuple[Any, Any]], inputs: Any, state: Any, lanes: int) -> Part:  # noqa: ANN401

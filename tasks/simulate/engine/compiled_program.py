@@ -174,7 +174,8 @@ def _advance_slice(
 
     def run(lanes: LaneState) -> tuple[LaneState, StepRecord]:
         lanes = opened(applications, one_lane(inputs), lanes)
-        lanes, records = jax.lax.scan(lambda s, _: control_step(inputs, s), lanes, None, length=SLICE_STEPS)
+        around = inputs._replace(near=jax.vmap(mechanics.near)(inputs, lanes.body))
+        lanes, records = jax.lax.scan(lambda s, _: control_step(around, s), lanes, None, length=SLICE_STEPS)
         return sealed(lanes), jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
 
     def rest(lanes: LaneState) -> tuple[LaneState, StepRecord]:

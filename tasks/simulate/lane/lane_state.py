@@ -1,6 +1,6 @@
 """The data of one lane: its inputs, its state, and the record of a control step."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,6 +28,7 @@ class LaneInputs(NamedTuple):
         seed: The episode's, as ``tasks.simulate.sensor.noise.seed_words``.
         last_step: Control steps until time is up.
         alive: False for a lane that only fills the chunk.
+        near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
     """
 
     boxes: Boxes
@@ -41,6 +42,7 @@ class LaneInputs(NamedTuple):
     numbers: Numbers
     last_step: Int[jax.Array, ""]
     alive: Bool[jax.Array, ""]
+    near: Any = None
 
 
 class Tally(NamedTuple):

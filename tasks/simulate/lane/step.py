@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import jax
 from jaxtyping import Float
@@ -18,6 +19,10 @@ from tasks.simulate.lane.sense import decide
 from tasks.simulate.lane.settle import settle
 
 
+def _nothing(_inputs: LaneInputs, _body: Body) -> None:
+    """Returns nothing: most engines look at all obstacles in each step."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mechanics:
     """A robot as an engine steps it, for one lane; the program maps it over lanes.
@@ -27,6 +32,7 @@ class Mechanics:
         actuators: How many numbers a control has.
         first_body: Returns the robot at rest at a start (x m, y m, yaw rad).
         drive: Returns what a control step's physics does to it.
+        near: Returns what it picks out of the obstacles around a body, for control steps to come (``LaneInputs.near``).
     """
 
     engine: EngineName
@@ -34,6 +40,7 @@ class Mechanics:
     actuators: int
     first_body: Callable[[Float[jax.Array, "3"]], Body]
     drive: Callable[[LaneInputs, Body, Float[jax.Array, "actuators"]], Motion]
+    near: Callable[[LaneInputs, Body], Any] = _nothing
 
 
 def advance_lane(

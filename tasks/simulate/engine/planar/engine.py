@@ -18,6 +18,7 @@ from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetr
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
+from tasks.simulate.engine.planar.neighbours import Neighbours, neighbours
 from tasks.simulate.engine.planar.parts import Disc, PlanarRobot
 from tasks.simulate.engine.planar.solver import contact_force, minimizer
 from tasks.simulate.engine.planar.window import Obstacle, distance_m, window
@@ -78,6 +79,7 @@ def planar_mechanics(path: Path) -> Mechanics:
         actuators=robot.actuators,
         first_body=functools.partial(first_body, robot),
         drive=functools.partial(drive, robot),
+        near=functools.partial(near, robot),
     )
 
 
@@ -85,6 +87,11 @@ def first_body(robot: PlanarRobot, start: Float[jax.Array, "3"]) -> Body:
     """Returns a robot at rest at its start."""
     still = jnp.zeros_like(start)
     return Body(start, still, jnp.asarray(robot.rest_activations, start.dtype), still)
+
+
+def near(robot: PlanarRobot, inputs: LaneInputs, body: Body) -> Neighbours:
+    """Returns the obstacles that the robot's window can hold while it is about where it stands."""
+    return neighbours(inputs.boxes, inputs.cylinders, body.qpos[:2], _window_size(robot))
 
 
 def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
@@ -96,11 +103,17 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    return drive_among(robot, inputs.boxes, inputs.cylinders, body, control)
+    return drive_among(robot, inputs.boxes, inputs.cylinders, body, control, near=inputs.near)
 
 
 def drive_among(
-    robot: PlanarRobot, boxes: Boxes, cylinders: Cylinders, body: Body, control: Float[jax.Array, "actuators"]
+    robot: PlanarRobot,
+    boxes: Boxes,
+    cylinders: Cylinders,
+    body: Body,
+    control: Float[jax.Array, "actuators"],
+    *,
+    near: Neighbours | None = None,
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles.
 
@@ -110,9 +123,10 @@ def drive_among(
         cylinders: Likewise.
         body: The robot at the step's beginning.
         control: One number for each actuator.
+        near: Those of the obstacles that were picked out before.
     """
     origin = Planar(*body.qpos)
-    obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot))
+    obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot), near)
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     around = _Surroundings(origin, obstacles, bearings, list(control))
     nil = jnp.zeros_like(origin.x)

@@ -8,13 +8,11 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from tasks.simulate.engine.planar.algebra import Scalar
+from tasks.simulate.engine.planar.neighbours import Neighbours, nearest
 from tasks.simulate.surroundings.lidar import Boxes, Cylinders
-from tasks.simulate.surroundings.obstacle_distance import to_boxes_m, to_cylinders_m
-
-_NEVER = 2**31 - 1
 
 
 class Obstacle(NamedTuple):
@@ -41,7 +39,9 @@ class Obstacle(NamedTuple):
     round: Bool[jax.Array, ""]
 
 
-def window(boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], count: int) -> list[Obstacle]:
+def window(
+    boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], count: int, near: Neighbours | None = None
+) -> list[Obstacle]:
     """Returns the obstacles nearest to a point, seen from above, nearest first.
 
     Args:
@@ -49,14 +49,25 @@ def window(boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], 
         cylinders: Likewise.
         center_m: The point (x, y).
         count: How many, boxes and cylinders together.
+        near: Those that were picked out before; None if none were.
     """
-    box_count = boxes.shape[0]
-    distances = jnp.concatenate([to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)])
-    nearest = _smallest(distances, min(count, distances.shape[0]))
-    near_boxes = boxes[jnp.minimum(nearest, box_count - 1)]
-    near_cylinders = cylinders[jnp.maximum(nearest - box_count, 0)]
-    round_ones = nearest >= box_count
-    return [_obstacle(near_boxes[k], near_cylinders[k], round_ones[k], center_m) for k in range(nearest.shape[0])]
+    found = nearest(boxes, cylinders, center_m, count, near)
+    x, y, half_x, half_y, cos, sin, radius, height, half_height = found.columns
+    return [
+        Obstacle(
+            x=x[k] - center_m[0],
+            y=y[k] - center_m[1],
+            half_x=half_x[k],
+            half_y=half_y[k],
+            cos=cos[k],
+            sin=sin[k],
+            radius=radius[k],
+            height=height[k],
+            half_height=half_height[k],
+            round=found.round[k],
+        )
+        for k in range(found.round.shape[0])
+    ]
 
 
 def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:
@@ -68,45 +79,3 @@ def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:
         beyond_y = jnp.maximum(jnp.abs(each.cos * dy - each.sin * dx) - each.half_y, 0.0)
         nearest = jnp.minimum(nearest, jnp.sqrt(beyond_x**2 + beyond_y**2) - each.radius)
     return nearest
-
-
-def _smallest(distances: Float[jax.Array, "obstacles"], count: int) -> Int[jax.Array, "nearest"]:
-    """Returns the places of the smallest distances.
-
-    A place is written into the last bits of its distance (as integers, floats from 0 up sort as they do), so that each
-    round is one minimum over whole vectors; ``top_k`` takes six times as long as all of a control step's physics.
-    Distances that differ by less than a 30,000th of themselves may change places.
-    """
-    bits = max(1, (distances.shape[0] - 1).bit_length())
-    place_mask = (1 << bits) - 1
-    ordered = jax.lax.bitcast_convert_type(jnp.maximum(distances, 0.0), jnp.int32)
-    keys = (ordered & ~place_mask) | jnp.arange(distances.shape[0], dtype=jnp.int32)
-    chosen: list[Int[jax.Array, ""]] = []
-    last = jnp.int32(-1)
-    for _ in range(count):
-        last = jnp.min(jnp.where(keys > last, keys, _NEVER))
-        chosen.append(last & place_mask)
-    return jnp.stack(chosen)
-
-
-def _obstacle(
-    box: Float[jax.Array, "8"],
-    cylinder: Float[jax.Array, "5"],
-    is_round: Bool[jax.Array, ""],
-    center_m: Float[jax.Array, "2"],
-) -> Obstacle:
-    def either(of_cylinder: Scalar | float, of_box: Scalar | float) -> Scalar:
-        return jnp.where(is_round, of_cylinder, of_box)
-
-    return Obstacle(
-        x=either(cylinder[0], box[0]) - center_m[0],
-        y=either(cylinder[1], box[1]) - center_m[1],
-        half_x=either(0.0, box[3]),
-        half_y=either(0.0, box[4]),
-        cos=either(1.0, box[6]),
-        sin=either(0.0, box[7]),
-        radius=either(cylinder[3], 0.0),
-        height=either(cylinder[2], box[2]),
-        half_height=either(cylinder[4], box[5]),
-        round=is_round,
-    )

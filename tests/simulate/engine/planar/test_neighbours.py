@@ -1,0 +1,160 @@
+"""The nearest of a robot's neighbours are the nearest of all obstacles, bit for bit, wherever the robot is."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from specs.data.world import World
+from tasks.simulate.chunk.episodes import ready_chunk
+from tasks.simulate.engine.compiled_program import CompiledRun, compiled_program
+from tasks.simulate.engine.planar.neighbours import Nearest, Neighbours, nearest, neighbours
+from tasks.simulate.surroundings.obstacles import Obstacles, pad_obstacles
+from tests.factories.simulations import FOLDERS, pushing
+from tests.simulate.conftest import PUSHER_LANES
+
+COUNT, LANES, REACH_M = 6, 8, 0.8
+_MOST = 300
+
+
+def strewn(seed: int, density: float, half_m: float, count: int) -> Obstacles:
+    """Returns boxes, turned boxes and posts, some in the same place: as many a square metre, as large as told."""
+    rng = np.random.default_rng(seed)
+    places = rng.uniform(-0.5, 0.5, (count, 2)) * np.sqrt(count / density)
+    # Of equal distances the first in order counts.
+    places[1 : count // 4 : 2] = places[0 : count // 4 - 1 : 2]
+    halves = rng.uniform(0.2, 1.0, (count, 2)) * half_m
+    halves[1 : count // 4 : 2] = halves[0 : count // 4 - 1 : 2]
+    yaws = np.where(np.arange(count) % 3 == 2, rng.uniform(-2.0, 2.0, count), 0.0)
+    columns = [*places.T, np.full(count, 0.5), *halves.T, np.full(count, 0.5), np.cos(yaws), np.sin(yaws)]
+    boxes = np.stack(columns, axis=1).astype(np.float32)
+    posts = boxes[count // 2 :: 3, [0, 1, 2, 3, 5]]
+    return pad_obstacles([Obstacles(boxes[: count // 2], posts)])[0]
+
+
+def in_lanes(function: Callable[..., Nearest]) -> Callable[..., Nearest]:
+    return jax.jit(jax.vmap(function, in_axes=(None, None, 0, 0)))
+
+
+PICK = jax.jit(jax.vmap(lambda boxes, cylinders, m: neighbours(boxes, cylinders, m, COUNT), in_axes=(None, None, 0)))
+OF_ALL = in_lanes(lambda boxes, cylinders, m, _: nearest(boxes, cylinders, m, COUNT, None))
+OF_PICKED = in_lanes(lambda boxes, cylinders, m, near: nearest(boxes, cylinders, m, COUNT, near))
+
+
+class Strewn(NamedTuple):
+    """What a world is strewn with, and how far from the origin."""
+
+    seed: int
+    density: float
+    half_m: float
+    solids: int
+    far_m: float
+
+    def arrays(self) -> tuple[jax.Array, jax.Array]:
+        return shifted(strewn(*self[:4]), self.far_m)
+
+
+WORLDS = st.builds(
+    Strewn,
+    st.integers(0, 1000),
+    st.sampled_from([0.05, 0.3, 1.0, 3.0, 30.0]),
+    st.sampled_from([0.01, 0.3, 5.0]),
+    st.sampled_from([8, 40, 120, _MOST]),
+    st.sampled_from([0.0, 50.0, 3000.0]),
+)
+
+
+def lanes_about(seed: int, extent_m: float, far_m: float, away_m: float) -> tuple[jax.Array, jax.Array]:
+    """Returns where lanes stood, and where they are: so far off at most, a lane exactly so far."""
+    rng = np.random.default_rng(seed)
+    centers = rng.uniform(-extent_m, extent_m, (LANES, 2))
+    centers[:, 0] += far_m
+    turns, ways = rng.uniform(-np.pi, np.pi, LANES), away_m * np.sqrt(rng.uniform(0.0, 1.0, LANES))
+    ways[0] = away_m
+    moved = centers + ways[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return jnp.asarray(centers, jnp.float32), jnp.asarray(moved, jnp.float32)
+
+
+def assert_equal(one: Nearest, other: Nearest) -> None:
+    jax.tree.map(np.testing.assert_array_equal, one, other)
+
+
+def shifted(world: Obstacles, by_m: float) -> tuple[jax.Array, jax.Array]:
+    boxes, cylinders = np.array(world.boxes), np.array(world.cylinders)
+    boxes[:, 0] += by_m
+    cylinders[:, 0] += by_m
+    return jnp.asarray(boxes), jnp.asarray(cylinders)
+
+
+@settings(max_examples=150, deadline=None)
+@given(WORLDS, st.sampled_from([0.0, 0.5, 1.0]))
+def test_within_its_disc_a_robot_has_the_nearest_of_all(world: Strewn, share: float):
+    boxes, cylinders = world.arrays()
+    centers, moved = lanes_about(world.seed, 4.0, world.far_m, share)
+    picked = PICK(boxes, cylinders, centers)
+    radii_m = np.maximum(np.asarray(picked.radius_m), 0.0)
+    points = centers + (moved - centers) * 0.999 * radii_m[:, None]
+    assert_equal(OF_PICKED(boxes, cylinders, points, picked), OF_ALL(boxes, cylinders, points, picked))
+
+
+@settings(max_examples=50, deadline=None)
+@given(WORLDS, st.sampled_from([0.81, 1.0, 5.0, 1e4, 1e30, np.nan]))
+def test_a_robot_that_has_left_its_disc_has_the_nearest_of_all(world: Strewn, away_m: float):
+    boxes, cylinders = world.arrays()
+    centers, moved = lanes_about(world.seed, 4.0, world.far_m, away_m)
+    picked = PICK(boxes, cylinders, centers)
+    assert_equal(OF_PICKED(boxes, cylinders, moved, picked), OF_ALL(boxes, cylinders, moved, picked))
+
+
+def test_a_point_that_is_no_number_has_no_disc():
+    boxes, cylinders = shifted(strewn(0, 1.0, 0.3, 40), 0.0)
+    nowhere = jnp.full((LANES, 2), jnp.nan)
+    picked = PICK(boxes, cylinders, nowhere)
+    points = jnp.zeros((LANES, 2))
+    assert_equal(OF_PICKED(boxes, cylinders, points, picked), OF_ALL(boxes, cylinders, points, picked))
+
+
+def test_in_clutter_a_disc_is_smaller_and_in_a_heap_there_is_none():
+    radii_m = [
+        float(PICK(*shifted(strewn(1, density, 0.05, _MOST), 0.0), jnp.zeros((LANES, 2))).radius_m[0])
+        for density in (1.0, 12.0, 1000.0)
+    ]
+    assert radii_m[0] == pytest.approx(REACH_M)
+    assert radii_m[0] > radii_m[1] > 0.0 > radii_m[2]
+
+
+def test_one_lane_that_left_changes_no_other():
+    boxes, cylinders = shifted(strewn(2, 1.0, 0.3, 120), 0.0)
+    centers, moved = lanes_about(2, 4.0, 0.0, 0.7)
+    picked = PICK(boxes, cylinders, centers)
+    together, gone = (OF_PICKED(boxes, cylinders, at, picked) for at in (moved, moved.at[5, 0].add(3.0)))
+    others = np.arange(LANES) != 5
+    assert_equal(*(jax.tree.map(lambda array: array[others], each) for each in (together, gone)))
+
+
+def test_a_robot_with_fewer_obstacles_than_it_asks_for_has_them_all():
+    boxes, cylinders = (each[:2] for each in shifted(strewn(3, 1.0, 0.3, 40), 0.0))
+    points = jnp.zeros((LANES, 2))
+    picked: Neighbours = PICK(boxes, cylinders, points)
+    found = OF_PICKED(boxes, cylinders, points, picked)
+    assert found.round.shape == (LANES, 4)
+    assert_equal(found, OF_ALL(boxes, cylinders, points, picked))
+
+
+def test_episodes_have_the_same_bits_as_when_all_obstacles_are_looked_at(pens: dict[str, World]):
+    requests = [pushing(k, world=f"hand/pen-{k % 2}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
+    run = ready_chunk(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine="planar").run
+    assert isinstance(run, CompiledRun)
+    mechanics = replace(run.program.mechanics, near=lambda *_: None)
+    plain = CompiledRun(compiled_program(mechanics, run.program.applications, PUSHER_LANES), run.inputs)
+    states = [each.begin() for each in (run, plain)]
+    for _ in range(8):
+        (states[0], record), (states[1], other) = run.advance(states[0]), plain.advance(states[1])
+        jax.tree.map(np.testing.assert_array_equal, (states[0], record), (states[1], other))
+    assert (np.asarray(states[0].tally.collisions) > 0).any()
