@@ -52,7 +52,7 @@ def pace(lanes: int, seconds: float, worlds: dict[str, World], *, confined: bool
     with collect_timings() as timings:
         if confined:
             apart = ConfinedLanes(bundles=_FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
-            rows = apart.simulate(chunk, worlds)
+            rows = list(apart.simulate(chunk, worlds))
         else:
             rows = simulate_lanes(chunk, worlds, _FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
     return Pace(timings[-1], time.perf_counter() - begun_s, rows)

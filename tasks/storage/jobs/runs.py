@@ -88,7 +88,8 @@ def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
 def _jobs(kind: JobKind, section: JsonValue, token: str) -> Iterator[tuple[JobKind, str]]:
     """Yields the jobs of one section: a world generation may take several."""
     tokens = generation_tokens(section, token) if kind == "world-generation-job" else [token]
-    yield from ((kind, job_id(kind, each)) for each in tokens)
+    for each in tokens:
+        yield kind, job_id(kind, each)
 
 
 def _own_token(section: JsonValue) -> str:

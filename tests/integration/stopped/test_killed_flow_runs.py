@@ -126,7 +126,7 @@ def test_a_reaper_crashes_what_was_killed(prefect_server: str, document: Path, e
 @pytest.mark.soak
 @pytest.mark.parametrize("stage", TRACES)
 def test_a_worker_that_was_killed_with_its_run_is_followed_by_the_next_run(
-    prefect_server: str, document: Path, stage: str
+    prefect_server: str, document: Path, elsewhere: set[str], stage: str
 ) -> None:
     _prefect("work-pool", "create", POOL, "--type", "process", "--overwrite")
     _prefect("--no-prompt", "deploy", "flows.pipeline.pipeline", "--name", "to-kill", "--pool", POOL)

@@ -70,7 +70,7 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     tags: JobTags = {}
     shut_in = ConfinedLanes(bundles=folders, lanes=LANES, engine="auto", should_stop=lambda: False, tagged=tags.update)
     try:
-        rows = shut_in.simulate(chunk_of(*PROGRAMS), pens)
+        rows = list(shut_in.simulate(chunk_of(*PROGRAMS), pens))
     finally:
         simulators._idle.end_all()
         confinement.cache_clear()

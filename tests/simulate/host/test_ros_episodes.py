@@ -112,7 +112,7 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     confinement.cache_clear()
     told = Told()
     try:
-        rows = confined(told).simulate(chunk_of(requests(*KINDS)), pens)
+        rows = list(confined(told).simulate(chunk_of(requests(*KINDS)), pens))
     finally:
         simulators._idle.end_all()
         confinement.cache_clear()

@@ -85,14 +85,17 @@ def recorded(drive: Drive, *lanes: int, rate_hz: float = 0.0) -> list[Columns]:
     for length in drive.slices:
         done = np.minimum(drive.ends.steps, first + length)
         idle = np.pad(done, (0, 2))  # lanes that only fill the program
-        part = Steps(
-            *(np.pad(each[:, first : first + length], ((0, 2), *((0, 0),) * (each.ndim - 1))) for each in drive.all)
-        )
+        part = Steps(*(_with_idle(each[:, first : first + length]) for each in drive.all))
         recorder.keep(part, idle)
         first += length
     recorder.end(drive.ends, [passed(70 + lane) for lane in range(len(drive.ends.steps))])
     assert recorder.episodes == [70 + lane for lane in sorted(kept)]
     return list(recorder.parts())
+
+
+def _with_idle(array: np.ndarray) -> np.ndarray:
+    """Returns an array of lanes with two lanes more, which only fill the program."""
+    return np.concatenate([array, np.zeros((2, *array.shape[1:]), array.dtype)])
 
 
 def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:

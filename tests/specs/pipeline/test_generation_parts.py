@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import JsonValue
 
 from specs.pipeline.generation_parts import generation_parts, generation_tokens
 
@@ -30,7 +31,7 @@ def test_what_one_job_makes_is_one_part_with_the_sections_token(plans: int, inte
 
 
 def test_later_jobs_have_tokens_of_their_own_that_are_not_too_long():
-    section = {"worldCount": {"floorplanCount": 384}}
+    section: JsonValue = {"worldCount": {"floorplanCount": 384}}
     tokens = generation_tokens(section, "t" * 64)
     assert len(set(tokens)) == 8
     assert max(map(len, tokens)) == 64
@@ -39,7 +40,7 @@ def test_later_jobs_have_tokens_of_their_own_that_are_not_too_long():
 
 
 def test_long_tokens_that_differ_at_their_ends_alone_share_no_job():
-    section = {"worldCount": {"floorplanCount": 600}}
+    section: JsonValue = {"worldCount": {"floorplanCount": 600}}
     one, other = (generation_tokens(section, "t" * 63 + end) for end in "ab")
     assert not {*one} & {*other}
     assert len({*one, *other}) == 24
