@@ -49,6 +49,16 @@ def test_a_world_is_written_as_canonical_json_writes_any_document(
     assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
 
 
+def test_numbers_that_are_equal_and_have_other_signs_keep_them() -> None:
+    world = make(sample("one-room"))
+    colors = ((0.0, 0.5, 0.25), (-0.0, 0.5, 0.25), (0.0, 0.5, 0.25))
+    walls = tuple(world.walls[0].model_copy(update={"color": color}) for color in colors)
+    assert [
+        json.dumps(wall["color"])
+        for wall in json.loads(encode_world(world.model_copy(update={"walls": walls})))["walls"]
+    ] == [json.dumps(color) for color in colors]
+
+
 @pytest.mark.parametrize("yaw_rad", [math.nan, math.inf])
 def test_a_world_of_numbers_that_json_has_not_is_refused(yaw_rad: float) -> None:
     world = make(sample("one-room"))
