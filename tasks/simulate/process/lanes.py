@@ -244,7 +244,8 @@ def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[Ep
     rows = functools.reduce(EpisodeColumns.renewed, told, none) if isinstance(last, Rows) else none
     if not np.array_equal(np.sort(rows.index), np.sort(wanted)):
         raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
-    return rows.at(wanted)
+    # Which file has a recording is said by whoever writes it.
+    return rows.at(wanted).marked("recording", np.ones(len(wanted), np.bool_), "")
 
 
 def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> EpisodeColumns:

@@ -135,6 +135,11 @@ def test_samples_that_no_recorder_can_take_are_no_answer(simulate: Simulate, sai
     assert process.ended == 1
 
 
+def test_no_row_names_a_file_that_its_process_chose(simulate: Simulate):
+    rows, _ = simulate((Rows(), (told(*(passed(k).model_copy(update={"recording": "../0"}) for k in range(3))),)))
+    assert rows == [passed(0), passed(1), passed(2)]
+
+
 def test_rows_that_recordings_ended_with_and_the_others_come_in_the_order_of_the_requests(simulate: Simulate):
     none, place = np.zeros(2, int), np.zeros((2, 3))
     ends = (
