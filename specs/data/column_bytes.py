@@ -127,6 +127,8 @@ def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
         lengths = reader.counts(column.lengths, reader.rows)
         size = int(lengths.sum())
     codes = reader.counts(column.codes, size, below=len(labels), alone=not kind.many) if column.codes else None
+    if len(set(labels)) < len(labels):  # else a name could come twice in a row under two codes
+        raise ValueError("a text twice")
     if labels and (choices := _choices(name)):
         choices.validate_python(labels)
     numbers = None

@@ -193,7 +193,8 @@ def _text(exc: BaseException) -> str:
 
 def _words(exc: BaseException) -> str:
     try:
-        return f"{type(exc).__name__}: {exc.msg if isinstance(exc, SyntaxError) else exc}"
+        said = f"{type(exc).__name__}: {exc.msg if isinstance(exc, SyntaxError) else exc}"
+        return said.encode(errors="replace").decode()  # names of files may hold halves of characters, and rows may not
     except Exception:  # noqa: BLE001 - an application's exception may not even be able to tell what it is
         return type(exc).__name__
 

@@ -20,6 +20,8 @@ from tasks.simulate.surroundings.rooms import Visit, visits
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2
 _FINAL = ("final_x_m", "final_y_m", "final_yaw_rad")
+# Poses of lanes that are looked at together: 12 MB, of which there are several copies then.
+_POSES_AT_ONCE = 1 << 20
 _LEAST_M = 1e-300  # for a division whose quotient is not used
 _CRASHES: dict[int, tuple[CrashCode | Literal[""], str]] = {
     NO_CRASH: ("", ""),
@@ -68,6 +70,19 @@ def finished_rows(
         engine: What drove them.
         device: On what.
     """
+    at_once = max(1, _POSES_AT_ONCE // sum(each.shape[1] for each in poses))
+    groups = [ended[first : first + at_once] for first in range(0, len(ended), at_once)]
+    return EpisodeColumns.join([_rows_together(group, state, poses, engine, device) for group in groups])
+
+
+def _rows_together(
+    ended: Sequence[Ended],
+    state: LaneState,
+    poses: Sequence[Float32[np.ndarray, "lanes steps 3"]],
+    engine: str,
+    device: str,
+) -> EpisodeColumns:
+    """Returns the rows of episodes whose poses memory has room for together; the rest as ``finished_rows``."""
     lanes, at = [each.lane for each in ended], np.array([each.place for each in ended])
     steps, tally, pose = np.asarray(state.step)[at], state.tally, np.asarray(state.body.qpos)[at]
     reasons = [REASONS[reason] for reason in np.asarray(state.reason)[at].tolist()]

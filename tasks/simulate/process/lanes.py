@@ -28,10 +28,10 @@ from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.chunk.memory_fit import TooManyLanes
 from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
-from tasks.simulate.lane.samples import Ends, SliceSamples
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 from tasks.simulate.process.simulator import Simulator, SimulatorEnded
 from tasks.simulate.process.simulators import simulator
+from tasks.simulate.process.told_run import ToldRun
 from tasks.simulate.process.work import (
     Answer,
     Crashed,
@@ -152,7 +152,7 @@ class ConfinedLanes:
                 timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
             )
-            hear = _Listener(process, self.progress, recorder)
+            hear = _Listener(process, self.progress, recorder, chunk.requests)
             try:
                 last, arrays = process.ask(work, on_answer=hear, should_stop=self.should_stop)
                 if isinstance(last, Rows):
@@ -173,23 +173,45 @@ class _Listener:
         rows: Those that it has told, by recording, and at the end the others.
     """
 
-    def __init__(self, process: Simulator, progress: Callable[[int], None], recorder: Recorder | None) -> None:
+    def __init__(
+        self,
+        process: Simulator,
+        progress: Callable[[int], None],
+        recorder: Recorder | None,
+        requests: Sequence[EpisodeRequest],
+    ) -> None:
         self._process, self._progress, self._recorder = process, progress, recorder
+        self._wanted = [request.index for request in requests]
+        self._run: ToldRun | None = None
         self.rows: list[EpisodeColumns] = []
 
     def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
         if isinstance(answer, Progress):
             self._progress(answer.done)
-        elif self._recorder is None:
-            return
-        elif isinstance(answer, RecordingBegins):
-            self._recorder.begin(answer.lanes, answer.control_s)
+        elif self._recorder is not None:
+            try:
+                self._record(self._recorder, answer, arrays)
+            except ValueError as exc:
+                raise self._process.refused(exc) from None
+
+    def _record(self, recorder: Recorder, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
+        """Tells the recorder what was said.
+
+        Raises:
+            ValueError: No recorder can be told that.
+        """
+        if isinstance(answer, RecordingBegins):
+            self._run = ToldRun(answer, len(self._wanted))
+            recorder.begin(answer.lanes, answer.control_s)
+        elif self._run is None:
+            raise ValueError("samples of no recording")
         elif isinstance(answer, Samples):
-            *samples, steps = arrays
-            self._recorder.add(SliceSamples(answer.steps, *samples), steps)
+            recorder.add(*self._run.samples(answer, arrays))
         elif isinstance(answer, RecordingEnds):
             rows = self.take(arrays)
-            self._recorder.end(Ends(*arrays[1:]), rows)
+            if not np.isin(rows.index, self._wanted).all():
+                raise ValueError("a recording of other episodes")
+            recorder.end(self._run.ends(rows, arrays[1:]), rows)
 
     def take(self, arrays: Sequence[np.ndarray]) -> EpisodeColumns:
         """Returns the rows that an answer begins with, and keeps them.
@@ -222,7 +244,8 @@ def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[Ep
     rows = functools.reduce(EpisodeColumns.renewed, told, none) if isinstance(last, Rows) else none
     if not np.array_equal(np.sort(rows.index), np.sort(wanted)):
         raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
-    return rows.at(wanted)
+    # Which file has a recording is said by whoever writes it.
+    return rows.at(wanted).marked("recording", np.ones(len(wanted), np.bool_), "")
 
 
 def _failed(requests: Sequence[EpisodeRequest], ended: SimulatorEnded) -> EpisodeColumns:

@@ -115,7 +115,7 @@ class Simulator:
         self._poll.register(self._connection, select.POLLIN)
         assert self._process.stdout is not None  # noqa: S101 - asked for
         self.output = CapturedOutput(self._process.stdout)
-        self._ready, self._knows_ahead = False, False
+        self._ready, self._knows_ahead, self._beside_others = False, False, False
 
     @property
     def alive(self) -> bool:
@@ -142,11 +142,12 @@ class Simulator:
         """
         ahead = isinstance(work, LanesWork) and len(work.numbers) > 1
         before, self._knows_ahead = self._knows_ahead, ahead
+        self._beside_others = before or ahead
         try:
             return self._asked(work, on_answer, should_stop)
         except SimulatorEnded as ended:
             self.end()
-            ended.beside_others = before or ahead
+            ended.beside_others = self._beside_others
             raise
         except BaseException:  # also an interrupt: what it answers later is no answer to another question
             self.end()
@@ -171,7 +172,9 @@ class Simulator:
 
     def refused(self, answer: Exception) -> SimulatorEnded:
         """Ends the process, whose answer is none, and returns how it ended."""
-        return self._ended_for(f"it answered what is no answer: {str(answer)[:200]!r}", "limit")
+        ended = self._ended_for(f"it answered what is no answer: {str(answer)[:200]!r}", "limit")
+        ended.beside_others = self._beside_others
+        return ended
 
     def end(self) -> None:
         """Ends the process, with all that it has started."""

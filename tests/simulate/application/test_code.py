@@ -125,3 +125,12 @@ def test_a_long_line_is_cut(tmp_path: Path):
     reason = crashed(tmp_path / "app", f"def controller(environment):\n    return {{}}['{'y' * 3000}']\n", "e")
     assert reason.endswith("yyy...)")
     assert "(pack/drive.py, line 2: return {}['yyy" in reason
+
+
+def test_half_a_character_in_a_message_can_be_written_down():
+    def fail() -> None:
+        raise ValueError("no file named \udce9t\xe9")
+
+    with pytest.raises(BundleCrash) as crash:
+        call_bundle("RobotApplicationCrash", "controller", fail)
+    assert "no file named ?t\xe9" in crash.value.reason.encode().decode()

@@ -13,6 +13,7 @@ from tasks.simulate.batch.chunk_runner import coming_chunks, tag_jobs
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk, run_chunk
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.data.sources import PinnedSource
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
@@ -87,6 +88,19 @@ def test_of_chunks_that_were_made_ready_early_a_few_are_kept(batch: OpenBatch, m
     again = prepared_chunk(batch, 1, {})
     assert again == first
     assert again is not first
+
+
+def test_chunks_of_two_batches_that_have_one_number_are_told_apart(batch: OpenBatch, file_store: Store):
+    other = begun(file_store, plan(file_store, seeds=(7, 8, 9)), "another")
+    for each in (batch, other):
+        assert prepared_chunk(each, 0, {}).asked == each.layout.chunk(0)
+
+
+def test_a_chunk_that_reads_data_is_made_ready_when_it_is_its_turn(file_store: Store):
+    source = PinnedSource(name="routes", bucket="routes", type="File", destination="data")
+    batch = begun(file_store, plan(file_store, data_sources={source.digest: source}))
+    (early,) = coming_chunks(batch, (1,), {})()
+    assert prepared_chunk(batch, 1, {}) is not early
 
 
 @pytest.fixture

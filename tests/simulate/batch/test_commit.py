@@ -210,3 +210,16 @@ def test_the_log_tells_why_jobs_of_a_chunk_failed_each_reason_once(file_store: S
     assert caplog.messages == [
         "chunk 0: 4 failed: RobotApplicationCrash: controller.step: KeyError: '[2Jx' (nav/nav.py, line 3: ways['x'])"
     ]
+
+
+def test_the_log_tells_of_jobs_in_which_lock_step_did_not_hold(file_store: Store, caplog: pytest.LogCaptureFixture):
+    seen = [{"late": 2, "stray": 0}, {"late": 0, "stray": 0}, {}, {"late": 0, "stray": 1}]
+
+    def drive(part: ChunkPart) -> list[EpisodeResult]:
+        each = zip(part.chunk.requests, seen, strict=True)
+        return [passed(request.index).model_copy(update=kept) for request, kept in each]
+
+    batch = begun(file_store)
+    first, *_, last = (request.index for request in batch.layout.chunk(0).requests)
+    run_chunk(batch, 0, drive, lanes=4, left_s=9.0)
+    assert caplog.messages == [f"chunk 0: lock-step did not hold in 2 of 4 jobs ({first}, {last})"]

@@ -1,5 +1,6 @@
 """Rows of lanes that ended together are those of each by itself, however long each drove."""
 
+from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,11 @@ from specs.data.episode import CONTROL_S
 from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.application.contract import REASONS, Placement
 from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.lane import result_rows
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState, Tally
 from tasks.simulate.lane.result_rows import Ended, finished_rows
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.surroundings.rooms import RoomMap, Visit, visits
 from tasks.simulate.surroundings.stages import stage_worlds
 from tests.factories.simulations import cluttered, delivery
 
@@ -66,6 +69,25 @@ def test_rows_of_lanes_together_are_those_of_each_by_itself(state: LaneState, po
     alone = [finished_rows([each], state, poses[4 - each.slices :], engine="planar", device="cpu") for each in ended]
     assert together.rows() == [row for each in alone for row in each]
     assert encode_columns(together) == encode_columns(EpisodeColumns.of(together.rows()))
+
+
+@pytest.mark.parametrize(("at_once", "looks"), [(1, 8), (3 * 100, 6), (1 << 20, 2)])
+def test_no_more_poses_are_looked_at_together_than_memory_has_room_for(
+    state: LaneState, poses: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, at_once: int, looks: int
+):
+    ended = [Ended(lane(place), place, 4 - BEGAN[place]) for place in range(LANES)]
+    together = finished_rows(ended, state, poses, engine="planar", device="cpu")
+    sizes: list[int] = []
+
+    def look(rooms: RoomMap, placements: Sequence[Placement], *more: Any) -> list[Visit]:  # noqa: ANN401 - given on
+        sizes.append(len(placements))
+        return visits(rooms, placements, *more)
+
+    monkeypatch.setattr(result_rows, "visits", look)
+    monkeypatch.setattr(result_rows, "_POSES_AT_ONCE", at_once)
+    parts = finished_rows(ended, state, poses, engine="planar", device="cpu")
+    assert encode_columns(parts) == encode_columns(together)
+    assert (len(sizes), sum(sizes)) == (looks, LANES)
 
 
 def test_a_row_says_what_its_lane_did(state: LaneState, poses: list[np.ndarray]):

@@ -1,5 +1,6 @@
 """Rows that a process answers with are read as a stranger's: what is none, or of other episodes, is no answer."""
 
+import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tasks.simulate.process import lanes as lanes_module
 from tasks.simulate.process.lanes import ConfinedLanes
 from tasks.simulate.process.simulator import SimulatorEnded, Told
-from tasks.simulate.process.work import Answer, RecordingBegins, RecordingEnds, Rows, SentWorlds
+from tasks.simulate.process.work import Answer, RecordingBegins, RecordingEnds, Rows, Samples, SentWorlds
 from tests.factories.episodes import collided, passed
 from tests.factories.simulations import pushing
 
@@ -96,6 +97,47 @@ def test_what_are_no_rows_is_no_answer_and_ends_the_process(simulate: Simulate, 
 def test_rows_of_other_episodes_are_refused(simulate: Simulate, others: tuple[int, ...]):
     rows, _ = simulate((Rows(), (told(*map(passed, others)),)))
     assert {row.failure_reason for row in rows} == {"it answered with rows of other episodes"}
+
+
+BEGUN: tuple[Answer, tuple[np.ndarray, ...]] = (RecordingBegins(lanes=3, control_s=0.05), ())
+NONE, PLACE = np.zeros(3, int), np.zeros((3, 3))
+ENDS = (NONE, NONE == 1, PLACE, PLACE, PLACE, NONE, PLACE[:, None, :2], np.zeros((3, 7)))
+STEP = (PLACE[:, None], PLACE[:, None], NONE[:, None], PLACE[:, None], PLACE[:, None], PLACE, PLACE, np.zeros((3, 1)))
+ALL = told(*map(passed, range(3)))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        [(RecordingBegins(lanes=1 << 40, control_s=0.05), ())],
+        [(RecordingBegins(lanes=-1, control_s=0.05), ())],
+        [(RecordingBegins(lanes=3, control_s=math.nan), ())],
+        [(Samples(steps=1), (*STEP, NONE))],
+        [BEGUN, (Samples(steps=1), ())],
+        [BEGUN, (Samples(steps=1), (*STEP[1:], NONE))],
+        [BEGUN, (Samples(steps=1 << 40), (*STEP, NONE))],
+        [BEGUN, (Samples(steps=1), (*(array[:2] for array in STEP), NONE))],
+        [BEGUN, (Samples(steps=1), (*STEP, NONE[0]))],
+        [BEGUN, (Samples(steps=1), (*STEP[:2], STEP[2] - 9, *STEP[3:], NONE))],
+        [BEGUN, (Samples(steps=1), (*STEP, NONE)), (Samples(steps=1), (*STEP[:3], STEP[3][..., :2], *STEP[4:], NONE))],
+        [BEGUN, (RecordingEnds(), (told(passed(0), passed(1), passed(9)), *ENDS))],
+        [BEGUN, (RecordingEnds(), (ALL, NONE + 0.5, *ENDS[1:]))],
+        [(RecordingEnds(), (ALL, *ENDS))],
+        [BEGUN, (RecordingEnds(), (ALL, *ENDS[1:]))],
+        [BEGUN, (RecordingEnds(), (ALL, *(array[:2] for array in ENDS)))],
+        [BEGUN, (RecordingEnds(), (told(passed(0)), *ENDS))],
+        [BEGUN, (RecordingEnds(), (ALL, NONE + (1 << 40), *ENDS[1:]))],
+    ],
+)
+def test_samples_that_no_recorder_can_take_are_no_answer(simulate: Simulate, said: Said):
+    rows, process = simulate(*said, (Rows(), (ALL,)), rate_hz=4.0)
+    assert {row.status for row in rows} == {"Failed"}
+    assert process.ended == 1
+
+
+def test_no_row_names_a_file_that_its_process_chose(simulate: Simulate):
+    rows, _ = simulate((Rows(), (told(*(passed(k).model_copy(update={"recording": "../0"}) for k in range(3))),)))
+    assert rows == [passed(0), passed(1), passed(2)]
 
 
 def test_rows_that_recordings_ended_with_and_the_others_come_in_the_order_of_the_requests(simulate: Simulate):

@@ -14,6 +14,7 @@ from tasks.simulate.process import simulator as simulator_module
 from tasks.simulate.process import simulators
 from tasks.simulate.process.simulator import Simulator
 from tasks.simulate.process.simulators import prepare_simulator, simulator
+from tasks.simulate.process.work import LanesWork, Rows, SentWorlds
 from tasks.storage.sealed_bundle import seal
 from tests.factories.simulations import pushing
 
@@ -91,3 +92,15 @@ def test_a_chunk_is_sent_once_while_questions_name_it_and_again_if_it_has_other_
     assert process.new_chunks([half]) == (half,)
     assert process.new_chunks([half, third]) == (third,)
     process.end()
+
+
+@pytest.mark.parametrize("numbers", [(0,), (0, 1)])
+def test_chunks_ahead_may_be_to_blame_for_an_answer_that_is_refused_when_it_is_read(
+    monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]
+):
+    nobody = SimpleNamespace(stdout=io.BytesIO(), pid=1 << 30, wait=lambda: 0)
+    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody)
+    monkeypatch.setattr(Simulator, "_asked", lambda *_: (Rows(), ()))
+    process, worlds = Simulator({}), SentWorlds(new={})
+    process.ask(LanesWork(numbers=numbers, new=(), worlds=worlds, bundles={}, lanes=8, engine="auto"))
+    assert process.refused(ValueError("no rows")).beside_others == (len(numbers) > 1)

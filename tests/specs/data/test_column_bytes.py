@@ -128,6 +128,8 @@ def _set(name: str, **values: object) -> Callable[[dict[str, object]], None]:
         _set("status", labels=["Finished"]),
         _set("status", labels=[]),
         _set("outcome_reason", labels=["", "tired"]),
+        _set("status", labels=["Completed", "Completed", "Failed", "Canceled"]),
+        _set("metrics", labels=["turns", "turns"]),
         _set("status", labels=None),
         _set("status", codes="f4"),
         _set("path_length_m", numbers="i4"),
@@ -137,7 +139,7 @@ def _set(name: str, **values: object) -> Callable[[dict[str, object]], None]:
         _set("rooms_entered", codes="=i1"),
         _set("trajectory", lengths="=i1"),
         _set("index", lengths="=i1"),
-        lambda head: head.update(rows=5),
+        lambda head: head.update(rows=6),
         lambda head: head.update(rows=-1),
         lambda head: head.update(rows=1 << 40),
         lambda head: head.update(more=1),
@@ -146,7 +148,7 @@ def _set(name: str, **values: object) -> Callable[[dict[str, object]], None]:
     ],
 )
 def test_what_a_stranger_writes_is_refused(change: Callable[[dict[str, object]], None]):
-    body = encode_columns(EpisodeColumns.of(ROWS))
+    body = encode_columns(EpisodeColumns.of([*ROWS, FULL]))
     with pytest.raises(ValueError):  # noqa: PT011 - each says something else
         decode_columns(changed(body, change))
 
