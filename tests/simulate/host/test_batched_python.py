@@ -94,5 +94,6 @@ def test_a_chunk_that_runs_in_parts_has_the_same_rows(sound: list[EpisodeResult]
         return simulate_lanes(part, pens, FOLDERS, lanes=lanes, should_stop=lambda: False)
 
     whole = simulate_lanes(chunk, pens, FOLDERS, lanes=4 * LANES, should_stop=lambda: False)
-    assert simulate_fitting(chunk, 4 * LANES, simulate, lambda: False) == (whole, LANES)
+    rows, lanes = simulate_fitting(chunk, 4 * LANES, simulate, lambda: False)
+    assert (list(rows), lanes) == (whole, LANES)
     assert whole[:LANES] == sound
