@@ -131,7 +131,7 @@ ENGINES: Mapping[EngineName, Engine] = {
         rank={"cpu": 1, "gpu": 1},
         read=_read_planar,
         load=_load_planar,
-        cost=EngineCost(6.5, 1.5, 90e-6, 4.5e-6, 1e-3, 900 * _MIB, _MIB),
+        cost=EngineCost(6.5, 0.8, 90e-6, 4.5e-6, 1e-3, 900 * _MIB, _MIB),
     ),
     "mjx": Engine(
         rank={"cpu": 2, "gpu": 2},
@@ -144,7 +144,7 @@ ENGINES: Mapping[EngineName, Engine] = {
         rank={"cpu": 3, "gpu": 3},
         read=_read_mujoco,
         load=_load_mujoco,
-        cost=EngineCost(4.5, 1.5, 2.2e-3, 80e-6, 1e-3, 750 * _MIB, _MIB),
+        cost=EngineCost(4.5, 0.5, 2.2e-3, 80e-6, 1e-3, 750 * _MIB, _MIB),
     ),
 }
 # The engine that the others are compared with: it represents every robot, and runs every controller.
