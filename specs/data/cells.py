@@ -6,6 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+# A table of so many places a row costs less than sorting the rows.
+_DENSE = 8
+
 Numbers = Float[np.ndarray, " entries"] | Int[np.ndarray, " entries"] | Float[np.ndarray, "entries 4"]
 
 
@@ -71,14 +74,19 @@ def join_cells(parts: Sequence[Cells], rows: Sequence[int]) -> Cells:
     labels = first.labels if same else tuple(dict.fromkeys(label for part in parts for label in part.labels))
     place = {label: number for number, label in enumerate(labels)}
     coded = [part.codes if same or part.codes is None else _coded(place, part.labels)[part.codes] for part in parts]
-    there = [np.ones(n, np.bool_) if part.there is None else part.there for part, n in zip(parts, rows, strict=True)]
     return Cells(
         numbers=_joined([part.numbers for part in parts]),
         codes=_joined(coded),
         labels=labels,
         lengths=_joined([part.lengths for part in parts]),
-        there=None if all(part.there is None for part in parts) else np.concatenate(there),
+        there=None if all(part.there is None for part in parts) else _presence(parts, rows),
     )
+
+
+def _presence(parts: Sequence[Cells], rows: Sequence[int]) -> Bool[np.ndarray, " rows"]:
+    """Returns which rows have a value."""
+    known = [np.ones(n, np.bool_) if part.there is None else part.there for part, n in zip(parts, rows, strict=True)]
+    return np.concatenate(known)
 
 
 def _joined(parts: Sequence[np.ndarray | None]) -> np.ndarray | None:
@@ -104,14 +112,28 @@ def distinct(columns: Sequence[Int[np.ndarray, " rows"]]) -> tuple[list[int], In
     Args:
         columns: Codes that are 0 or more; at least one column.
     """
-    joined = columns[0]
+    joined, size = columns[0], int(columns[0].max(initial=0)) + 1
     for column in columns[1:]:
-        joined = np.unique(joined, return_inverse=True)[1] * (int(column.max(initial=0)) + 1) + column
-    _, first, inverse = np.unique(joined, return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")
-    place = np.empty_like(order)
-    place[order] = np.arange(len(order))
-    return first[order].tolist(), place[inverse]
+        width = int(column.max(initial=0)) + 1
+        if size * width > _DENSE * len(joined):
+            joined, size = _compact(joined)
+        joined, size = (joined * width + column, size * width) if width > 1 else (joined, size)
+    if size > _DENSE * len(joined):
+        joined, size = _compact(joined)
+    # What is assigned last stays: the first row of each.
+    first = np.full(size, -1)
+    first[joined[::-1]] = np.arange(len(joined))[::-1]
+    used = np.flatnonzero(first >= 0)
+    used = used[np.argsort(first[used], kind="stable")]
+    place = np.zeros(size, np.int64)
+    place[used] = np.arange(len(used))
+    return first[used].tolist(), place[joined]
+
+
+def _compact(codes: Int[np.ndarray, " rows"]) -> tuple[Int[np.ndarray, " rows"], int]:
+    """Returns codes of which none is left out, in the same order, and how many there are."""
+    used, dense = np.unique(codes, return_inverse=True)
+    return dense, len(used)
 
 
 def _entries(lengths: Int[np.ndarray, " rows"], rows: Int[np.ndarray, " taken"]) -> Int[np.ndarray, " entries"]:

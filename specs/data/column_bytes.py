@@ -5,8 +5,8 @@ have (docs/decisions/0040).
 """
 
 from collections.abc import Iterator
-from functools import cache
-from typing import Annotated, Literal
+from functools import cache, lru_cache
+from typing import Annotated, Literal, cast
 
 import numpy as np
 from pydantic import Field, TypeAdapter
@@ -21,6 +21,8 @@ from specs.data.field_cells import RESULT_KINDS, Kind
 _MOST_ROWS = 1 << 16
 _INTS: tuple[tuple[str, type[np.signedinteger]], ...] = (("i1", np.int8), ("i2", np.int16), ("i4", np.int32))
 _BEYOND = 1 << 31
+# Chunk after chunk says the same of its fields.
+_KNOWN_TEXTS = 256
 _LEAVES = ("lengths", "codes", "numbers", "there")
 # An equals sign says that one value stands for all rows.
 _Form = Literal["i1", "i2", "i4", "f4", "f8", "=i1", "=i2", "=i4", "=f4", "=f8"]
@@ -76,7 +78,8 @@ def decode_columns(body: bytes) -> EpisodeColumns:
     if not head.columns.keys() <= RESULT_KINDS.keys():
         raise ValueError("columns that no result has")
     reader = _Reader(rest, head.rows)
-    found = {name: _decoded(RESULT_KINDS[name], name, column, reader) for name, column in head.columns.items()}
+    with np.errstate(invalid="ignore"):  # of strangers' numbers that are none
+        found = {name: _decoded(RESULT_KINDS[name], name, column, reader) for name, column in head.columns.items()}
     reader.require_end()
     return EpisodeColumns.with_defaults(found, head.rows)
 
@@ -99,8 +102,7 @@ class _Reader:
     def numbers(self, form: str, size: int, dtype: type[np.generic], *, alone: bool) -> np.ndarray:
         """Returns the next array of numbers."""
         found, size = self._next(form, size, alone=alone)
-        with np.errstate(invalid="ignore"):  # of strangers' numbers that are none
-            return _whole(found.astype(dtype), size)
+        return _whole(found.astype(dtype), size)
 
     def _next(self, form: str, size: int, *, alone: bool) -> tuple[np.ndarray, int]:
         """Returns what stands there, and of how many entries; one value stands for all where there is one a row."""
@@ -121,7 +123,8 @@ class _Reader:
 
 
 def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
-    _check_forms(kind, column.labels is not None, *(getattr(column, leaf) for leaf in _LEAVES))
+    forms = column.lengths, column.codes, column.numbers, column.there
+    _check_forms(kind, forms, has_labels=column.labels is not None)
     lengths, size, labels = None, reader.rows, column.labels or ()
     if column.lengths:
         lengths = reader.counts(column.lengths, reader.rows)
@@ -129,8 +132,8 @@ def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
     codes = reader.counts(column.codes, size, below=len(labels), alone=not kind.many) if column.codes else None
     if len(set(labels)) < len(labels):  # else a name could come twice in a row under two codes
         raise ValueError("a text twice")
-    if labels and (choices := _choices(name)):
-        choices.validate_python(labels)
+    if labels and _choices(name):
+        _check_choices(name, labels)
     numbers = None
     if column.numbers:
         dtype = np.int64 if kind.number == "int" else np.float64
@@ -144,13 +147,15 @@ def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
 
 def _require_names_once(codes: np.ndarray, lengths: np.ndarray, labels: int) -> None:
     """Lets rows of named numbers pass in which no name comes twice."""
+    if not len(codes):
+        return
     named = np.repeat(np.arange(len(lengths)), lengths) * labels + codes
     if len(np.unique(named)) != len(named):
         raise ValueError("a name twice in a row")
 
 
 @cache
-def _check_forms(kind: Kind, has_labels: bool, *forms: str | None) -> None:  # noqa: FBT001 - so that it can be cached
+def _check_forms(kind: Kind, forms: tuple[str | None, ...], *, has_labels: bool) -> None:
     """Lets the forms of a field's arrays pass, given in the order of the arrays."""
     lengths, codes, numbers, there = forms
     if (bool(codes), has_labels, bool(numbers), bool(lengths)) != (kind.text, kind.text, bool(kind.number), kind.many):
@@ -160,6 +165,12 @@ def _check_forms(kind: Kind, has_labels: bool, *forms: str | None) -> None:  # n
     for form, is_float in ((lengths, False), (codes, False), (numbers, kind.number == "float"), (there, False)):
         if form and form.strip("=").startswith("f") != is_float:
             raise ValueError("an array of the wrong type")
+
+
+@lru_cache(_KNOWN_TEXTS)
+def _check_choices(name: str, labels: tuple[str, ...]) -> None:
+    """Lets the texts pass of a field that may have a few alone."""
+    cast("TypeAdapter[tuple[object, ...]]", _choices(name)).validate_python(labels)
 
 
 @cache

@@ -125,20 +125,20 @@ class RoomTally:
     def add_columns(self, asked: RequestColumns, answered: EpisodeColumns) -> None:
         """Counts episodes that come as columns, request and result of each in the same row."""
         rows = np.flatnonzero(answered.numbers("rooms_total"))
-        asked, answered = asked.take(rows), answered.take(rows)
-        worlds, totals = cast("np.ndarray", asked.worlds.codes), answered.numbers("rooms_total")
-        for row in distinct([worlds, totals.astype(np.int64)])[0] if len(rows) else ():
-            self._rooms.setdefault(str(asked.worlds.labels[worlds[row]]), int(totals[row]))
-        entered = _room_names(self._entered, asked, answered.cells["rooms_entered"])
-        _room_names(self._unreachable, asked, answered.cells["rooms_unreachable"])
+        worlds, totals = asked.worlds.take(rows), answered.numbers("rooms_total")[rows]
+        codes = cast("np.ndarray", worlds.codes)
+        for row in distinct([codes, totals.astype(np.int64)])[0] if len(rows) else ():
+            self._rooms.setdefault(str(worlds.labels[codes[row]]), int(totals[row]))
+        entered = _room_names(self._entered, worlds, answered.cells["rooms_entered"].take(rows))
+        _room_names(self._unreachable, worlds, answered.cells["rooms_unreachable"].take(rows))
         ways, ways_of = answered.endings
-        passed = np.array([success(way) is True for way in ways], np.bool_)[ways_of] if ways else np.zeros(0, np.bool_)
+        passed = np.array([success(way) is True for way in ways], np.bool_)[ways_of[rows]]
         self._passed += int(passed.sum())
         self._in_one_room += int((passed & (totals > 1) & (entered < 2)).sum())
-        goals = answered.cells["goals_reachable"]
+        goals = answered.cells["goals_reachable"].take(rows)
         known = np.ones(len(rows), np.bool_) if goals.there is None else goals.there
-        self._goals += int(answered.numbers("goals_total")[known].sum())
-        self._goals_reachable += int(answered.numbers("goals_reachable")[known].sum())
+        self._goals += int(answered.numbers("goals_total")[rows][known].sum())
+        self._goals_reachable += int(cast("np.ndarray", goals.numbers)[known].sum())
 
     def coverage(self) -> RoomCoverage | None:
         """Returns what was counted; None if no episode said anything of rooms."""
@@ -168,19 +168,16 @@ class RoomTally:
         )
 
 
-def _room_names(found: dict[str, set[str]], asked: RequestColumns, rooms: Cells) -> Int[np.ndarray, " rows"]:
+def _room_names(found: dict[str, set[str]], worlds: Cells, rooms: Cells) -> Int[np.ndarray, " rows"]:
     """Adds the rooms that episodes name to those of their worlds; returns how many each episode names."""
-    worlds, codes = cast("np.ndarray", asked.worlds.codes), cast("np.ndarray", rooms.codes)
-    for world in np.unique(worlds).tolist():
-        found.setdefault(str(asked.worlds.labels[world]), set())
-    rows = np.repeat(np.arange(len(worlds)), cast("np.ndarray", rooms.lengths))
-    if not len(rows):
-        return np.zeros(len(worlds), np.int64)
-    of_row, _ = distinct([rows, codes])
-    of_world, _ = distinct([worlds[rows], codes])
+    world_of, codes = cast("np.ndarray", worlds.codes), cast("np.ndarray", rooms.codes)
+    for world in np.unique(world_of).tolist():
+        found.setdefault(str(worlds.labels[world]), set())
+    rows = np.repeat(np.arange(len(world_of)), cast("np.ndarray", rooms.lengths))
+    of_world, of_row = (distinct([each, codes])[0] for each in (world_of[rows], rows))
     for entry in of_world:
-        found[str(asked.worlds.labels[worlds[rows[entry]]])].add(str(rooms.labels[codes[entry]]))
-    return np.bincount(rows[of_row], minlength=len(worlds))
+        found[str(worlds.labels[world_of[rows[entry]]])].add(str(rooms.labels[codes[entry]]))
+    return np.bincount(rows[of_row], minlength=len(world_of))
 
 
 def table_coverage(rows: "pa.Table") -> RoomCoverage | None:

@@ -123,7 +123,7 @@ class EpisodeTally:
         if not len(asked):
             return
         # One after the other, so that the last bit does not depend on how the episodes come in parts.
-        self.simulated_s = float(np.cumsum([self.simulated_s, *answered.numbers("simulated_s").tolist()])[-1])
+        self.simulated_s = float(np.cumsum(np.append(self.simulated_s, answered.numbers("simulated_s")))[-1])
         self._engines.update(answered.labels("engine"))
         self._devices.update(answered.labels("device"))
         self._rooms.add_columns(asked, answered)

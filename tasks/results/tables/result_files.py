@@ -9,6 +9,7 @@ import pyarrow as pa
 from pydantic import JsonValue
 
 from specs.data.episode_columns import pair_columns
+from specs.data.result_columns import BatchColumns
 from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.parquet import ParquetFile
 from tasks.results.tables.tables import Requests, Results, both_tables, extended_schemas, sweep_variables
@@ -96,10 +97,9 @@ def _write(
             for requests, answers in parts:
                 asked, answered = pair_columns(requests, answers)
                 tally.add(asked, answered)
-                tables = both_tables(batch_id, asked, answered, swept)
                 if written:
                     written.result()  # one part at most waits
-                written = writer.submit(_add, (results, failures), tables)
+                written = writer.submit(_add, (results, failures), BatchColumns(batch_id, asked, answered), swept)
             if written:
                 written.result()
         for table in (results, failures):
@@ -107,8 +107,8 @@ def _write(
         return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally
 
 
-def _add(files: Sequence[ParquetFile], tables: Sequence[pa.Table]) -> None:
-    for file, table in zip(files, tables, strict=True):
+def _add(files: Sequence[ParquetFile], episodes: BatchColumns, variables: Sequence[str]) -> None:
+    for file, table in zip(files, both_tables(*episodes, variables), strict=True):
         file.add(table)
 
 
