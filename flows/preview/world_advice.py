@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from specs.pipeline.gate_section import Gate
+from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from tasks.results.statistics.power.shares import effective_episodes
 from tasks.storage.base.keys import jobs_prefix
 from tasks.storage.base.store import Store
@@ -86,6 +87,7 @@ def _better(icc: float, episodes: int, worlds: int, seeds: int) -> Iterator[str]
     """Yields a layout of as many episodes that is worth much more, with what to write."""
     now = effective_episodes(worlds, max(1, round(episodes / worlds)), icc)
     layouts = [(worlds * seeds // each, each) for each in range(1, seeds) if seeds % each == 0]
+    layouts = [layout for layout in layouts if layout[0] <= MAX_WORLDS_OF_DOCUMENT]
     for more, left in layouts[:: max(1, len(layouts) - 1)][::-1][:_LAYOUTS]:
         per_world = max(1, round(episodes / more))
         worth = effective_episodes(more, per_world, icc)

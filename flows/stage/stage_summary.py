@@ -69,15 +69,16 @@ def _certificates(record: JobRecord, store: Store) -> list[Certificate]:
 
 
 def _doors_sentence(certificates: Sequence[Certificate]) -> Iterator[str]:
-    """Yields what the robot cannot do where doors stand too far shut for it; the template asks for them, no wish."""
-    narrow_m = [
-        each.doors_as_set_robot_radius_m
-        for each in certificates
-        if each.doors_as_set_robot_radius_m < each.guaranteed_robot_radius_m
-    ]
-    if narrow_m:
-        worlds = _number(len(narrow_m), "world")
-        yield f"doors keep the robot out of rooms in {worlds}; with doors as set: up to {min(narrow_m):.2f} m radius"
+    """Yields where doors stand too far shut for the radius that open ones let in; no wish: the template sets them."""
+    narrow = [each for each in certificates if each.doors_as_set_robot_radius_m < each.guaranteed_robot_radius_m]
+    if narrow:
+        radius_m = max(each.guaranteed_robot_radius_m for each in narrow)
+        least_m = min(each.doors_as_set_robot_radius_m for each in narrow)
+        fits = f"one of {least_m:.2f} m does" if least_m else "some doors are shut"
+        yield (
+            f"with doors as set, a robot of {radius_m:.2f} m radius may not get into every room of "
+            f"{_number(len(narrow), 'world')}: {fits}"
+        )
 
 
 def _unmet_sentence(record: JobRecord, unmet: Sequence[str]) -> str:

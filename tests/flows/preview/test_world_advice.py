@@ -40,6 +40,12 @@ def test_a_layout_that_is_hardly_better_is_not_advised():
     assert len(told(OVER, None, 384, 1)) == 1
 
 
+def test_no_more_worlds_are_advised_than_a_document_may_have():
+    lines = list(world_lines(OVER, None, episodes=50_000, worlds=50, seeds=1_000))
+    assert "write worldCount: {floorplanCount: 10000} and seeds: 5" in lines[-1]
+    assert not any("50000" in line.partition("write")[2] for line in lines)
+
+
 def test_the_spread_of_earlier_batches_is_that_of_their_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch):
     assert seen_spread(file_store, "nightly") is None
     submit(file_store, "pipeline-run", {}, "run")

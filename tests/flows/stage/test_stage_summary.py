@@ -84,14 +84,16 @@ def test_worlds_tell_which_wishes_they_do_not_fulfil_and_where_the_sheet_is(file
     assert "Done, but wishes of the template that its worlds do not fulfil: 2;" in console.export_text()
 
 
-def test_worlds_tell_that_their_doors_as_set_keep_the_robot_out(file_store: Store):
+@pytest.mark.parametrize(("radius_m", "fits"), [(0.08, "one of 0.08 m does"), (0.0, "some doors are shut")])
+def test_worlds_tell_that_their_doors_as_set_may_keep_a_robot_out(file_store: Store, radius_m: float, fits: str):
     world = apartment(generation="g", name="a")
-    shut = world.certificate.model_copy(update={"doors_as_set_robot_radius_m": 0.08})
+    shut = world.certificate.model_copy(update={"doors_as_set_robot_radius_m": radius_m})
     world = world.model_copy(update={"certificate": shut})
     file_store.create(world_key("g", "a"), canonical_json(canonical_document(world)))
     record = _ended(file_store, "world-generation-job", "Completed", {"worlds": ["g/a"]})
     summary = generation_report(record, file_store, 1.0).summary
-    assert summary.endswith("keep the robot out of rooms in 1 world; with doors as set: up to 0.08 m radius")
+    radius = f"{world.certificate.guaranteed_robot_radius_m:.2f} m"
+    assert summary.endswith(f"a robot of {radius} radius may not get into every room of 1 world: {fits}")
 
 
 def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):

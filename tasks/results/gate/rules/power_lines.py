@@ -9,6 +9,8 @@ from tasks.results.statistics.power.shares import PowerNeeds, effective_episodes
 ASSUMED_ICC = 0.05
 """Of batches of which no earlier one shows any; real ones have 0 to 0.6 (docs/reference/statistics.md)."""
 
+_NO_ICC = 1e-3
+
 
 def power_line(case: str, needs: PowerNeeds | None, there: int, what: str = "episodes") -> Iterator[str]:
     """Yields how many are needed in a case, and whether they are there; nothing if no number is enough.
@@ -57,7 +59,7 @@ def worth_line(planned: PlannedEpisodes, what: str = "episodes") -> str:
     worth = effective_episodes(planned.worlds, planned.per_world, _icc(planned))
     laid_out = f"{planned.worlds} worlds x {planned.per_world} {what}"
     return (
-        f"about worlds like these; {laid_out} are worth {worth:.0f} independent ones at an ICC of {_icc(planned):.2g}"
+        f"about worlds like these; {laid_out} are worth {worth:.0f} independent ones at an ICC of {_icc_text(planned)}"
     )
 
 
@@ -66,13 +68,19 @@ def _world_lines(case: str, planned: PlannedEpisodes, at_least: float, confidenc
 
     per_world, there = max(1, planned.per_world), planned.worlds
     needs = world_needs(at_least, confidence, rate, icc=_icc(planned), per_world=per_world, there=there)
-    alike = "" if rate >= 1.0 else f" at an ICC of {_icc(planned):.2g}"
+    alike = "" if rate >= 1.0 else f" at an ICC of {_icc_text(planned)}"
     what = "worlds" if rate >= 1.0 else f"worlds x {per_world}"
     yield from power_line(f"{case}{alike}", needs, there, what)
 
 
 def _icc(planned: PlannedEpisodes) -> float:
     return ASSUMED_ICC if planned.icc is None else planned.icc
+
+
+def _icc_text(planned: PlannedEpisodes) -> str:
+    """Returns a correlation as people write one; what is left of rounding is none."""
+    icc = _icc(planned)
+    return "0" if icc < _NO_ICC else f"{icc:.2g}"
 
 
 def _enough(needs: PowerNeeds, there: int) -> str:
