@@ -141,6 +141,7 @@ def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[st
     work, progress = load_batch(open_store(store_url), batch), stage_progress(AUDIT)
     lanes = min(work.plan.audit, work.layout.episodes)
     folders = _bundles(work).folders
+    progress(0, 2 * lanes)
     with _output_to(location):
         return write_audit(work, folders, location, lambda done: progress(done, 2 * lanes))
 

@@ -43,6 +43,7 @@ from tasks.simulate.process.work import (
     AgainWork,
     Audited,
     AuditWork,
+    Compiles,
     Crashed,
     Defect,
     LanesWork,
@@ -80,8 +81,8 @@ def main(connection: socket.socket, calls: int) -> None:
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
         importlib.import_module("tasks.simulate.chunk.episodes")  # which imports JAX, which reads its settings then
-    _keep_programs()
     service = Service(connection)
+    _keep_programs(service.compiles)
     service.say(Ready())
     while True:
         while not service.asked() and service.work_ahead():
@@ -94,12 +95,12 @@ def main(connection: socket.socket, calls: int) -> None:
             service.answer(WORK.validate_json(str(document["work"])))
 
 
-def _keep_programs() -> None:
+def _keep_programs(on_compile: Callable[[], None]) -> None:
     """Lets programs be kept for processes to come, where those of these applications alone are, unless told not to."""
     from tasks.simulate.engine.kept_program.keeper import use_program_folder  # noqa: PLC0415 - after JAX's settings
 
     if os.environ.get(PROGRAMS, "") != "trace":
-        use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept")
+        use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept", on_compile)
 
 
 class Service:
@@ -108,7 +109,7 @@ class Service:
     def __init__(self, connection: socket.socket) -> None:
         """Begins without worlds."""
         self._connection, self._worlds, self._chunks = connection, dict[str, World](), dict[int, Chunk]()
-        self._stopped, self._poll = False, select.poll()
+        self._stopped, self._poll, self._asked = False, select.poll(), False
         self._under_way: ChunksUnderWay | None = None
         self._poll.register(connection, select.POLLIN)
 
@@ -120,13 +121,18 @@ class Service:
         """Simulates a slice of what is going to be asked for; returns False if nothing is known of that."""
         return self._under_way is not None and self._under_way.work_ahead()
 
+    def compiles(self) -> None:
+        """Tells whoever asks that a program is compiled, which may take minutes; of what nobody waits for, nothing."""
+        if self._asked and threading.current_thread() is threading.main_thread():  # answers have one sender
+            self.say(Compiles())
+
     def say(self, answer: Spec, arrays: Sequence[np.ndarray] = ()) -> None:
         """Sends an answer."""
         send(self._connection, answer.model_dump_json(), arrays)
 
     def answer(self, work: LanesWork | AuditWork | AgainWork) -> None:
         """Answers a question, whatever happens."""
-        self._stopped = False
+        self._stopped, self._asked = False, True
         self._keep(work.worlds)
         try:
             self._work(work)
@@ -137,6 +143,8 @@ class Service:
         except Exception as exc:  # noqa: BLE001 - whoever asks raises it
             lack = "RESOURCE_EXHAUSTED" in str(exc)  # XLA's status for an allocation that failed
             self.say(NoMemory(text=str(exc)) if lack else Defect(text=traceback.format_exc()))
+        finally:
+            self._asked = False
 
     def _work(self, work: LanesWork | AuditWork | AgainWork) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}

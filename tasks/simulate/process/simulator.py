@@ -23,6 +23,7 @@ from specs.errors import SimyardError
 from tasks.simulate.application.call_clock import CLOCK_BYTES, RunningCall, running_call
 from tasks.simulate.chunk.timings import remember_timing
 from tasks.simulate.plan.chunks import Chunk
+from tasks.simulate.process.compilations import Compilations
 from tasks.simulate.process.confinement import confined_command, confined_environment, programs_folder
 from tasks.simulate.process.limits import overdue
 from tasks.simulate.process.output import CapturedOutput
@@ -33,6 +34,7 @@ from tasks.simulate.process.work import (
     Answer,
     Audited,
     AuditWork,
+    Compiles,
     Defect,
     LanesWork,
     Progress,
@@ -55,7 +57,7 @@ _MODULE = "tasks.simulate.simulation_process"
 Told = tuple[Answer, tuple[np.ndarray, ...]]
 OnAnswer = Callable[[Answer, tuple[np.ndarray, ...]], None]
 Killed = Literal["", "limit", "stop"]
-_BETWEEN = (Progress, RecordingBegins, Samples, RecordingEnds)
+_BETWEEN = (Progress, Compiles, RecordingBegins, Samples, RecordingEnds)
 
 
 # The kernel ends a process with the thread that started it: this one lives as long as the run.
@@ -114,7 +116,7 @@ class Simulator:
         self._poll = select.poll()
         self._poll.register(self._connection, select.POLLIN)
         assert self._process.stdout is not None  # noqa: S101 - asked for
-        self.output = CapturedOutput(self._process.stdout)
+        self.output, self._compilations = CapturedOutput(self._process.stdout), Compilations()
         self._ready, self._knows_ahead, self._beside_others = False, False, False
 
     @property
@@ -197,9 +199,11 @@ class Simulator:
         while True:
             answer, message = self._next_answer(time.monotonic() + _LOOK_S)
             if answer is not None:
+                self._compilations.hear(answer)
                 if not isinstance(answer, _BETWEEN):
                     return answer, message.arrays
-                on_answer(answer, message.arrays)
+                if not isinstance(answer, Compiles):
+                    on_answer(answer, message.arrays)
             if stop_s is None and should_stop():
                 stop_s = time.monotonic()
                 with suppress(OSError):

@@ -103,6 +103,12 @@ class Progress(Spec):
     done: int
 
 
+class Compiles(Spec):
+    """A program that no process has kept is compiled, until the next answer."""
+
+    kind: Literal["compiles"] = "compiles"
+
+
 class RecordingBegins(Spec):
     """So many lanes are recorded, with control steps of that length."""
 
@@ -196,6 +202,17 @@ class Defect(Spec):
 
 
 Answer = (
-    Ready | Progress | RecordingBegins | Samples | RecordingEnds | Rows | Audited | Again | Crashed | NoMemory | Defect
+    Ready
+    | Progress
+    | Compiles
+    | RecordingBegins
+    | Samples
+    | RecordingEnds
+    | Rows
+    | Audited
+    | Again
+    | Crashed
+    | NoMemory
+    | Defect
 )
 ANSWER: TypeAdapter[Answer] = TypeAdapter(Annotated[Answer, Field(discriminator="kind")])

@@ -7,6 +7,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
+from tasks.progress.listener import listen_to_progress
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.process import simulators
 from tasks.simulate.process.lanes import ConfinedLanes
@@ -34,9 +35,18 @@ def test_a_later_process_traces_nothing_until_the_bundle_changes(
 
     def run() -> tuple[list[EpisodeResult], int]:
         printed: list[str] = []
-        rows = ConfinedLanes(bundles, LANES, "planar", lambda: False, printed=printed.append).simulate(chunk, pens)
+        compiled: list[tuple[int, int]] = []
+
+        def listen(stage: str, done: int, total: int) -> None:
+            compiled.extend([(done, total)] if stage == "Compilation" else [])
+
+        with listen_to_progress(listen):
+            rows = ConfinedLanes(bundles, LANES, "planar", lambda: False, printed=printed.append).simulate(chunk, pens)
         simulators._idle.end_all()  # pyright: ignore[reportPrivateUsage]
-        return rows.rows(), "".join(printed).count("it is traced")
+        traces = "".join(printed).count("it is traced")
+        # Whoever waits hears of what is compiled, before and after it, and of nothing that is loaded.
+        assert compiled[:2] == ([(0, 1), (1, 1)] if traces else [])
+        return rows.rows(), traces
 
     first, second = run(), run()
     assert first[1] > 0

@@ -28,12 +28,19 @@ logger = logging.getLogger(__name__)
 # Raised when what is kept changes its form.
 _FORMAT = 1
 Function = Callable[..., Any]
+Told = Callable[[], None]
 _folders: list[Path] = []
+_told: list[Told] = []
 
 
-def use_program_folder(folder: Path) -> None:
-    """Keeps programs in a folder from now on, which no other applications than this process's may write to."""
-    _folders[:] = [folder]
+def use_program_folder(folder: Path, on_compile: Told = lambda: None) -> None:
+    """Keeps programs in a folder from now on.
+
+    Args:
+        folder: No other applications than this process's may write to it.
+        on_compile: Called before a function is traced and compiled that is not kept there.
+    """
+    _folders[:], _told[:] = [folder], [on_compile]
 
 
 def program_keeper(
@@ -112,6 +119,8 @@ class ProgramKeeper:
                 logger.debug("what is kept of %s cannot be loaded: %s", name, exc)
                 kept = None
         if kept is None:
+            for tell in _told:
+                tell()
             kept = self._traced(function, arguments)
             write_kept(_folders[0], key, kept)
         return _result(kept, arguments) if kept.head.whole else function(*arguments)
