@@ -58,13 +58,14 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
             with _flushed(url):
                 yield ServerChoice(url, wait_s)
         return
+    begins = "wait_for_server" if process.has_database(home) else "make_server_database"
     with (
         process.run_server(home) as (server, child),
         _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         with log_duration("prepare"):
             prepare()
-        with log_duration("wait_for_server"):
+        with log_duration(begins):
             process.wait_until_healthy(server, child)
         with _flushed(server.api_url):
             yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
