@@ -159,7 +159,7 @@ class ConfinedLanes:
                     hear.take(arrays)
             finally:
                 self.printed(process.output.take())
-        rows = _checked(chunk.requests, last, hear.rows)
+            rows = _checked(process, chunk.requests, last, hear.rows)
         if isinstance(last, Rows) and last.tags:
             known = {request.index for request in chunk.requests}
             self.tagged({index: tags for index, tags in last.tags.items() if index in known})
@@ -227,12 +227,20 @@ class _Listener:
         return found
 
 
-def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[EpisodeColumns]) -> EpisodeColumns:
+def _checked(
+    process: Simulator, requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[EpisodeColumns]
+) -> EpisodeColumns:
     """Returns the rows that a process told, if its last answer is that and they are those of the requests.
+
+    Args:
+        process: That was asked.
+        requests: What it was asked for.
+        last: Its last answer.
+        told: The rows that came with its answers.
 
     Raises:
         MemoryError: It answered that there is not enough memory.
-        SimulatorEnded: It answered anything else.
+        SimulatorEnded: It answered anything else; the process is ended.
     """
     if isinstance(last, NoMemory):
         raise MemoryError(last.text)  # noqa: TRY004 - it is no wrong type
@@ -243,7 +251,7 @@ def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[Ep
     none = EpisodeColumns.of([])
     rows = functools.reduce(EpisodeColumns.renewed, told, none) if isinstance(last, Rows) else none
     if not np.array_equal(np.sort(rows.index), np.sort(wanted)):
-        raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
+        raise process.broke_off("it answered with rows of other episodes")
     # Which file has a recording is said by whoever writes it.
     return rows.at(wanted).marked("recording", np.ones(len(wanted), np.bool_), "")
 

@@ -35,7 +35,7 @@ class Process:
     output = SimpleNamespace(take=str)
 
     def __init__(self, said: Said) -> None:
-        self._said, self.ended = said, 0
+        self._said, self.ended, self.broke = said, 0, 0
 
     def sent_worlds(self, worlds: Mapping[str, World]) -> SentWorlds:
         return SentWorlds(new=dict.fromkeys(worlds, "{}"))
@@ -53,6 +53,10 @@ class Process:
     def refused(self, answer: Exception) -> SimulatorEnded:
         self.ended += 1
         return SimulatorEnded(f"it answered what is no answer: {answer}", None, "", killed="limit")
+
+    def broke_off(self, why: str) -> SimulatorEnded:
+        self.broke += 1
+        return SimulatorEnded(why, None, "", killed="limit")
 
 
 @pytest.fixture
@@ -94,9 +98,10 @@ def test_what_are_no_rows_is_no_answer_and_ends_the_process(simulate: Simulate, 
 
 
 @pytest.mark.parametrize("others", [(0, 1), (0, 1, 2, 3), (0, 1, 4), (0, 0, 1)])
-def test_rows_of_other_episodes_are_refused(simulate: Simulate, others: tuple[int, ...]):
-    rows, _ = simulate((Rows(), (told(*map(passed, others)),)))
+def test_rows_of_other_episodes_are_refused_and_end_the_process(simulate: Simulate, others: tuple[int, ...]):
+    rows, process = simulate((Rows(), (told(*map(passed, others)),)))
     assert {row.failure_reason for row in rows} == {"it answered with rows of other episodes"}
+    assert process.broke >= 1
 
 
 BEGUN: tuple[Answer, tuple[np.ndarray, ...]] = (RecordingBegins(lanes=3, control_s=0.05), ())
