@@ -132,12 +132,23 @@ ALL = told(*map(passed, range(3)))
         [BEGUN, (RecordingEnds(), (ALL, *(array[:2] for array in ENDS)))],
         [BEGUN, (RecordingEnds(), (told(passed(0)), *ENDS))],
         [BEGUN, (RecordingEnds(), (ALL, NONE + (1 << 40), *ENDS[1:]))],
+        [BEGUN, BEGUN, BEGUN],
+        [BEGUN, *[(Samples(steps=1), (*STEP, NONE))] * 5000],
+        [BEGUN, (Samples(steps=0), (*(array[:, :0] for array in STEP[:5]), PLACE, PLACE, np.zeros((3, 0)), NONE))],
+        [BEGUN, (Samples(steps=1), (np.zeros((3, 9, 3)), *STEP[1:], NONE))],
+        [BEGUN, (RecordingEnds(), (ALL, *ENDS)), (RecordingEnds(), (ALL, *ENDS))],
     ],
 )
 def test_samples_that_no_recorder_can_take_are_no_answer(simulate: Simulate, said: Said):
     rows, process = simulate(*said, (Rows(), (ALL,)), rate_hz=4.0)
     assert {row.status for row in rows} == {"Failed"}
     assert process.ended == 1
+
+
+def test_episodes_that_failed_beside_others_may_be_recorded_once_more_by_themselves(simulate: Simulate):
+    twice = [BEGUN, (Samples(steps=1), (*STEP, NONE)), BEGUN, (Samples(steps=1), (*STEP, NONE))]
+    rows, process = simulate(*twice, (RecordingEnds(), (ALL, *ENDS)), (Rows(), (told(),)), rate_hz=4.0)
+    assert (rows, process.ended) == ([passed(0), passed(1), passed(2)], 0)
 
 
 def test_no_row_names_a_file_that_its_process_chose(simulate: Simulate):
