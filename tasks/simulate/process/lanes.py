@@ -55,7 +55,7 @@ _too_large_together: set[tuple[frozenset[str], int, str]] = set()
 
 @dataclass
 class ConfinedLanes:
-    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_lanes`` takes.
+    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_columns`` takes.
 
     Attributes:
         bundles: Unpacked folders of the applications, by digest.
