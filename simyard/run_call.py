@@ -3,7 +3,6 @@
 
 import sys
 from pathlib import Path
-from threading import Thread
 
 from simyard.shared_server import shared_server
 from specs.data.run_report import PipelineReport
@@ -36,10 +35,7 @@ def run_under_prefect(spec: PipelineSpec, base: Path, store_url: str) -> Pipelin
         from flows.run.program_call import call_flow_at
 
         with call_flow_at(server):
-            try:
-                return _flow_report(spec, base, store_url)
-            finally:
-                _flush()
+            return _flow_report(spec, base, store_url)
 
 
 def _prepare(spec: PipelineSpec) -> None:
@@ -77,12 +73,3 @@ def _is_in_flow_run() -> bool:
     from flows.run.program_call import is_in_flow_run
 
     return is_in_flow_run()
-
-
-def _flush() -> None:
-    """Sends what Prefect still holds back, in a thread: where an event loop runs, Prefect would return an awaitable."""
-    from flows.server.unsent_events import flush_prefect
-
-    thread = Thread(target=flush_prefect, name="simyard flush")
-    thread.start()
-    thread.join()

@@ -25,7 +25,7 @@ from tasks.documents.template_source import find_template
 from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import load_batch, open_batch
-from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.keys import world_key
@@ -48,9 +48,9 @@ def run_once(store: Store, plan: BatchPlan, name: str) -> tuple[float, float, in
 
     def simulate(part: ChunkPart) -> list[EpisodeResult]:
         nonlocal failed
-        rows = simulate_lanes(
+        rows = simulate_columns(
             part.chunk, part.worlds, FOLDERS, lanes=part.lanes, should_stop=lambda: False, recorder=part.recorder
-        )
+        ).rows()
         failed += sum(row.outcome == "Failed" for row in rows)
         return rows
 

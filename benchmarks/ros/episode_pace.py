@@ -16,7 +16,7 @@ from typing import NamedTuple
 from benchmarks.tables import markdown
 from specs.data.episode import CONTROL_HZ, ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.chunk.timings import ChunkTiming, collect_timings
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
 from tasks.simulate.process.lanes import ConfinedLanes
@@ -54,7 +54,8 @@ def pace(lanes: int, seconds: float, worlds: dict[str, World], *, confined: bool
             apart = ConfinedLanes(bundles=_FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
             rows = list(apart.simulate(chunk, worlds))
         else:
-            rows = simulate_lanes(chunk, worlds, _FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
+            found = simulate_columns(chunk, worlds, _FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
+            rows = found.rows()
     return Pace(timings[-1], time.perf_counter() - begun_s, rows)
 
 

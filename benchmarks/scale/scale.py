@@ -167,7 +167,6 @@ def run_child(case: Case, folder: Path) -> None:
 
     store_url = (folder / "store").as_uri()
     with prefect_server():
-        from flows.server.unsent_events import flush_prefect  # noqa: PLC0415 - as above
         from flows.simulation_batch import simulation_batch  # noqa: PLC0415 - as above
         from flows.world_generation import world_generation  # noqa: PLC0415 - as above
         from specs.pipeline.simulation_section import SimulationBatch  # noqa: PLC0415 - as above
@@ -180,7 +179,6 @@ def run_child(case: Case, folder: Path) -> None:
         start_s = time.perf_counter()
         record = simulation_batch(spec, cast("list[str]", worlds.detail["worlds"]), store_url)
         wall_s = time.perf_counter() - start_s
-        flush_prefect()  # it would be tried for a minute at the end of the process, when the server is gone
     metrics = cast("dict[str, float]", record.detail["metrics"])
     figures = {
         "wall_s": wall_s,

@@ -21,7 +21,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
 from tasks.simulate.batch.chunk_runner import chunks_ahead
-from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
 
@@ -59,7 +59,7 @@ def run_batch(kind: str, folder: Path) -> None:
     under_way = ChunksUnderWay()
     for place, chunk in enumerate(chunks):
         ahead = [chunks[number] for number in chunks_ahead(range(place + 1, len(chunks)))]
-        rows += simulate_lanes(
+        rows += simulate_columns(
             chunk, worlds, folders, lanes=LANES, should_stop=lambda: False, under_way=under_way, ahead=ahead
         )
     figures = {

@@ -26,7 +26,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.digest import digest
 from tasks.documents.template_source import find_template
-from tasks.simulate.chunk.runner import simulate_lanes
+from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.store_url import open_store
 from tasks.worlds.generate import generate_world
@@ -84,11 +84,9 @@ def rows_of(
     if not variant.ordered:
         own = [requests[k] for k in np.random.default_rng(18).permutation(len(requests))]
         known = {name: worlds[name] for name in reversed([*worlds])}
-    rows = [
-        row
-        for chunk in plan_chunks(own, variant.lanes)
-        for row in simulate_lanes(chunk, known, FOLDERS, lanes=variant.lanes, engine=engine, should_stop=lambda: False)
-    ]
+    rows: list[EpisodeResult] = []
+    for chunk in plan_chunks(own, variant.lanes):
+        rows += simulate_columns(chunk, known, FOLDERS, lanes=variant.lanes, engine=engine, should_stop=lambda: False)
     return sorted(rows, key=lambda row: row.index)
 
 

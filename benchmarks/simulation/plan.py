@@ -2,8 +2,9 @@
 
     .venv/bin/python -m benchmarks.simulation.plan [--json FILE] [--case NAME ...] [--document PAGE]
 
-Each case has a cache folder of its own: the first prediction is a guess from a probe, the second one rests on the first
-run. Each run is a process of its own with a new store, and its wall time is that of the whole command.
+Each case has a cache folder of its own: the first prediction is a guess from a probe, those after it rest on the runs
+before. Each run is a process of its own with a new store, and its wall time is that of the whole command. A case takes
+one to three minutes. In parts: the figures in FILE are kept, and the tables have them all.
 """
 
 import argparse
@@ -13,33 +14,37 @@ import re
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 from benchmarks.machine import machine
+from benchmarks.process_times import run_watched
 from benchmarks.repository import ROOT
 from benchmarks.tables import markdown, with_tables
 
 SIMYARD = str(Path(sys.executable).with_name("simyard"))
-# Engine, worlds, seeds, and the longest time of an episode.
-CASES = {
-    "planar, 64": ("planar", 8, 4, 60),
-    "planar, 384": ("planar", 8, 24, 60),
-    "planar, 384 in 48 worlds": ("planar", 48, 4, 60),
-    "planar, 2,048": ("planar", 8, 128, 60),
-    "planar, 384 of 10 s": ("planar", 8, 24, 10),
-    "mujoco, 64": ("mujoco", 8, 4, 60),
-    "mjx, 64": ("mjx", 8, 4, 60),
+# Engine, worlds, seeds, and the longest time of an episode: of a run, of the next one, and so on.
+Batch = tuple[str, int, int, int]
+_SMALL: Batch = ("planar", 8, 4, 60)
+CASES: dict[str, tuple[Batch, ...]] = {
+    "planar, 64": (_SMALL,) * 3,
+    "planar, 64, then 1,008": (_SMALL, ("planar", 8, 63, 60), ("planar", 8, 63, 60)),
+    "planar, 384": (("planar", 8, 24, 60),) * 2,
+    "planar, 384 in 48 worlds": (("planar", 48, 4, 60),) * 2,
+    "planar, 384 in 48 worlds, then in 8": (("planar", 48, 4, 60), ("planar", 8, 24, 60)),
+    "planar, 2,048": (("planar", 8, 128, 60),) * 2,
+    "planar, 384 of 10 s": (("planar", 8, 24, 10),) * 2,
+    "mujoco, 64": (("mujoco", 8, 4, 60),) * 2,
+    "mjx, 64": (("mjx", 8, 4, 60),) * 2,
 }
-RUNS = 2
 _ABOUT = re.compile(r"about (\S+) (s|min|h) \((\S+) to (\S+)\) and (\S+) to (\S+) GB")
+_LOOK_S = 0.5
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
 
 class Turn(NamedTuple):
-    """One prediction, from and to, and what the run took after it (seconds, GB)."""
+    """One prediction, from and to, and what the run took after it: seconds, and GB of the process that simulates."""
 
     told_s: float
     wall_s: tuple[float, float]
@@ -76,29 +81,33 @@ def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
         raise SystemExit(f"no prediction: {told}")
     told_as, unit, low, high, least, most = found.groups()
     scale = _SECONDS[unit]
-    start_s = time.perf_counter()
-    process = subprocess.Popen(
-        [SIMYARD, "run", str(file), "--store", store], env=environment, stdout=subprocess.DEVNULL
-    )
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode != 0:
-        raise SystemExit("the run failed")
-    took_s = time.perf_counter() - start_s
+    ran = run_watched([SIMYARD, "run", str(file), "--store", store], environment, ROOT, look_s=_LOOK_S)
     wall_s = (float(low) * scale, float(high) * scale)
-    return Turn(float(told_as) * scale, wall_s, (float(least), float(most)), took_s, usage.ru_maxrss * 1024 / 1e9)
+    peak_gb = ran.held_mb["simulation"] / 1e3
+    return Turn(float(told_as) * scale, wall_s, (float(least), float(most)), ran.ended_s - ran.began_s, peak_gb)
 
 
-def both_runs(name: str) -> dict[str, Turn]:
-    """Returns the predictions before a case's first run and before its second one."""
+def all_runs(name: str) -> dict[str, Turn]:
+    """Returns the predictions before each of a case's runs."""
     turns: dict[str, Turn] = {}
     with tempfile.TemporaryDirectory(prefix="simyard-bench-") as folder:
         file = Path(folder) / "document.json"
-        file.write_text(document(*CASES[name]))
         environment = {**os.environ, "SIMYARD_CACHE": f"{folder}/cache"}
-        for run in range(RUNS):
+        for run, batch in enumerate(CASES[name]):
+            file.write_text(document(*batch))
             turns[f"{name}, run {run + 1}"] = measured(file, (Path(folder) / f"store-{run}").as_uri(), environment)
     return turns
+
+
+def kept(file: Path | None) -> dict[str, Turn]:
+    """Returns the figures of the parts before this one."""
+    if file is None or not file.exists():
+        return {}
+    found = json.loads(file.read_text())
+    return {
+        name: Turn(told, (low, high), (least, most), *took)
+        for name, (told, (low, high), (least, most), *took) in found.items()
+    }
 
 
 def table(figures: Mapping[str, Turn]) -> str:
@@ -119,9 +128,9 @@ def main() -> None:
     parser.add_argument("--document", type=Path)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
     options = parser.parse_args()
-    figures: dict[str, Turn] = {}
+    figures = kept(options.json)
     for name in options.case:
-        figures |= both_runs(name)
+        figures |= all_runs(name)
     found = f"{machine()}\n\n{table(figures)}"
     print(found)
     if options.json:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
+from flows.server.unsent_events import flush_prefect
 from specs.errors import StageFailed
 from specs.settings import server_wait_s
 from tasks.progress.durations import log_duration
 from tasks.server import process
 from tasks.server.health import (
     is_answering,
+    is_listening,
     is_local,
     proxy_exceptions,
     refuses,
@@ -40,6 +42,8 @@ class ServerChoice(NamedTuple):
 def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[ServerChoice, None, None]:
     """Yields the server to use: the user's, the kept one, or a new one for this block, which nobody starts again.
 
+    When the block ends, however it does, what Prefect still holds back is sent to the server, if that is there.
+
     Args:
         prepare: Imports what the block needs; called when the server is chosen, while a new one starts.
 
@@ -51,17 +55,20 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
         url = given["PREFECT_API_URL"]
         with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):
             prepare()
-            yield ServerChoice(url, wait_s)
+            with _flushed(url):
+                yield ServerChoice(url, wait_s)
         return
+    begins = "wait_for_server" if process.has_database(home) else "make_server_database"
     with (
         process.run_server(home) as (server, child),
         _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         with log_duration("prepare"):
             prepare()
-        with log_duration("wait_for_server"):
+        with log_duration(begins):
             process.wait_until_healthy(server, child)
-        yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
+        with _flushed(server.api_url):
+            yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
 
 
 @contextmanager
@@ -139,6 +146,15 @@ def prefect_home() -> Path:
     if "PREFECT_HOME" in os.environ:
         return Path(os.environ["PREFECT_HOME"])
     return checkout_home(cache_folder(), Path(process.__file__).resolve().parents[2])
+
+
+@contextmanager
+def _flushed(api_url: str) -> Generator[None, None, None]:
+    try:
+        yield
+    finally:
+        if is_listening(api_url):
+            flush_prefect()
 
 
 @contextmanager

@@ -27,6 +27,7 @@ from tasks.applications.bundle_failure import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
 from tasks.simulate.batch.chunk_runner import chunks_ahead
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
+from tasks.simulate.batch.commit import forget_chunks
 from tasks.simulate.batch.job import (
     GOING,
     KIND,
@@ -153,7 +154,10 @@ def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> 
     early, meter = EarlyEnd(batch, gate), BatchMeter()
     note_machine(batch)
     _import_ahead()
-    _simulate_here(batch, location, early, meter)
+    try:
+        _simulate_here(batch, location, early, meter)
+    finally:
+        forget_chunks(batch)
     return {**early.detail, **_metric_fields(meter.metrics())}
 
 

@@ -1,6 +1,8 @@
 """A run of a whole document, from worlds to deployment, and its report."""
 
-from functools import reduce
+import logging
+from collections.abc import Callable
+from functools import partial, reduce
 from pathlib import Path
 from typing import cast
 
@@ -37,6 +39,8 @@ from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 from tasks.storage.store_url import open_store
+
+logger = logging.getLogger(__name__)
 
 
 def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> PipelineReport:
@@ -127,21 +131,38 @@ def _judge_and_deploy(
         run: The run's record.
     """
     spec = asked.spec
-    batch = vouch(spec, batch, asked.worlds, store, asked.versions)
-    judged = judge_batch_stage(spec, batch, store, run, asked.ships)
+    tested = vouch(spec, batch, asked.worlds, store, asked.versions)
+    judged = judge_batch_stage(spec, tested, store, run, asked.ships)
 
     def show() -> tuple[Reports, Reports]:
         # With the verdict; and now, because the deployment may take long, or fail.
-        shown = _show_verdict(judged, store, batch) if batch and judged else judged
-        return (_show_trend(simulated, store, run, batch) if batch else simulated), shown
+        if tested is None:
+            return simulated, judged
+        shown = _shown(judged, partial(_show_verdict, judged, store, tested)) if judged else judged
+        return _shown(simulated, partial(_show_trend, simulated, store, run, tested)), shown
 
     def go_on() -> Reports:
         require_not_canceled(store, run)
         passed = _passed(spec, judged[0].status if judged else None)
-        return deploy(asked, batch, store, run) if passed else skip_deployment(spec)
+        return deploy(asked, tested, store, run) if passed else skip_deployment(spec)
 
     (simulated_shown, judged_shown), deployed = at_a_time(show, go_on)
     return simulated_shown, judged_shown, deployed
+
+
+def _shown(stages: Reports, show: Callable[[], Reports]) -> Reports:
+    """Returns the reports that showing them returns; if it fails, with an alarm that says so.
+
+    The verdict and its evidence are in the store before anything is shown, and whether a version is rolled out follows
+    from them alone. What fails here must neither pass for the deployment's failure nor hide it, nor leave the run open
+    whose robots have a new version.
+    """
+    try:
+        return show()
+    except Exception as exc:
+        logger.exception("what came of a run could not be shown")
+        why = " ".join(f"{type(exc).__name__}: {exc}".split())
+        return tuple(with_alarm(stage, f"What came of it could not be shown: {why}") for stage in stages)
 
 
 def _passed(spec: PipelineSpec, verdict: str | None) -> bool:

@@ -24,6 +24,7 @@ from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
 from tasks.simulate.batch.chunk_runner import chunks_ahead
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
+from tasks.simulate.batch.commit import forget_chunks
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
 from tasks.simulate.batch.provenance import note_machine
@@ -157,22 +158,25 @@ def _simulate_numbers(
     start_s, episodes, done = time.monotonic(), 0, ChunkWork()
     note_machine(work)
     lanes = work.plan.lanes
-    for place, number in enumerate(numbers):
-        if work.record().status not in GOING:
-            break
-        took_s = time.monotonic() - start_s
-        ended = simulate_chunk(
-            store_url,
-            batch,
-            number,
-            location=location,
-            lanes=lanes,
-            left_s=left_s - took_s,
-            spent_s=spent_s + took_s,
-            ahead=chunks_ahead(numbers[place + 1 :]),
-            voucher=work.voucher,
-        )
-        lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
+    try:
+        for place, number in enumerate(numbers):
+            if work.record().status not in GOING:
+                break
+            took_s = time.monotonic() - start_s
+            ended = simulate_chunk(
+                store_url,
+                batch,
+                number,
+                location=location,
+                lanes=lanes,
+                left_s=left_s - took_s,
+                spent_s=spent_s + took_s,
+                ahead=chunks_ahead(numbers[place + 1 :]),
+                voucher=work.voucher,
+            )
+            lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
+    finally:
+        forget_chunks(work)
     return ChunksDone(episodes, time.monotonic() - start_s, done, f"{platform.node()} {os.getpid()}")
 
 

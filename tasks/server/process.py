@@ -154,6 +154,14 @@ def run_server(home: Path) -> Generator[tuple[Server, subprocess.Popen[bytes]], 
         end(process)
 
 
+def has_database(home: Path) -> bool:
+    """Returns whether a server's folder has its database; to make it, the first server takes seconds."""
+    try:
+        return (home / "prefect.db").stat().st_size > 0
+    except OSError:
+        return False
+
+
 def end(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> None:
     """Ends a server: politely, then not."""
     process.terminate()

@@ -21,13 +21,12 @@ from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch, complete, load_batch, open_batch
 from tasks.simulate.batch.provenance import note_machine
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import request
-from tests.factories.simulations import BUNDLES, REPOSITORY, pen
+from tests.factories.simulations import BUNDLES, REPOSITORY, pen, simulate_lanes
 
 LANES = 16
 PENS: Mapping[str, World] = {f"hand/pen-{seed}": pen(4.5, seed) for seed in range(2)}

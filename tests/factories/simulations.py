@@ -1,18 +1,23 @@
 """Worlds and requests for the simulation's tests, drawn by hand so that no generator is needed."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, ParamSpec
 
 import numpy as np
 from jaxtyping import Float64
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import Furniture, Rectangle, Solid, World
+from tasks.simulate.chunk.runner import simulate_columns
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
 
 if TYPE_CHECKING:  # it imports JAX, whose settings a worker makes first
     from tasks.simulate.application.contract import HostMap
 
+P = ParamSpec("P")
 REPOSITORY = ROOT
 BUNDLES = ROOT / "tests" / "simulate" / "bundles"
 COURIER, DELIVERY, FAULTY, DRIFT, PLAIN = ("c" * 64, "d" * 64, "f" * 64, "e" * 64, "a" * 64)
@@ -159,3 +164,15 @@ def cell_of(floor: "HostMap", point_m: Float64[np.ndarray, "2"]) -> tuple[int, i
     column, row = np.rint((point_m - floor.origin_m) / floor.cell_m).astype(int)
     rows, columns = floor.clearance_m.shape
     return int(np.clip(row, 0, rows - 1)), int(np.clip(column, 0, columns - 1))
+
+
+def _as_rows(simulate: Callable[P, EpisodeColumns]) -> Callable[P, list[EpisodeResult]]:
+    @wraps(simulate)
+    def rows(*args: P.args, **kwargs: P.kwargs) -> list[EpisodeResult]:
+        return simulate(*args, **kwargs).rows()
+
+    return rows
+
+
+simulate_lanes = _as_rows(simulate_columns)
+"""Returns what ``simulate_columns`` does, as rows."""

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from tasks.progress.durations import log_duration
+from tasks.progress.durations import log_duration, taken_s
 from tasks.progress.log_lines import LOG_FORMAT
 
 
@@ -26,3 +26,14 @@ def test_a_programs_log_names_the_step_and_its_seconds(
     (record,) = told(caplog)
     assert record.__dict__["fields"]["step"] == "audit"
     assert 0 <= record.__dict__["fields"]["seconds"] < 60
+
+
+def test_what_steps_took_is_added_up_and_a_step_under_way_counts_at_its_end():
+    with log_duration("here"):
+        assert taken_s("here") == 0.0
+    first_s = taken_s("here")
+    assert first_s > 0.0
+    with pytest.raises(ValueError, match="there"), log_duration("there"):
+        raise ValueError("there")
+    assert taken_s("here", "there") == first_s + taken_s("there") > first_s
+    assert taken_s("nowhere") == 0.0

@@ -34,6 +34,16 @@ def test_no_profile_means_no_server(tmp_path: Path):
     assert process.configured({"PREFECT_HOME": str(tmp_path)}, "PREFECT_API_URL") == ""
 
 
+def test_a_folder_has_a_database_once_a_server_has_made_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(process.subprocess, "Popen", lambda *_, **__: SimpleNamespace(pid=os.getpid()))
+    home = tmp_path / "prefect"
+    assert not process.has_database(home)
+    process.launch(home, bound=True)
+    assert not process.has_database(home)
+    (home / "prefect.db").write_bytes(b"SQLite format 3")
+    assert process.has_database(home)
+
+
 @pytest.mark.parametrize("bound", [True, False])
 def test_only_a_server_that_stays_lists_the_types_of_blocks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, *, bound: bool

@@ -7,12 +7,11 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.data_buckets import ONE
-from tests.factories.simulations import FOLDERS, cluttered, pen
+from tests.factories.simulations import FOLDERS, cluttered, pen, simulate_lanes
 
 LANES = 32
 PUSHER_LANES = 8

@@ -60,12 +60,11 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         prefect_server(lambda: _prepare_engine(spec)) as server,
         progress_bars(console) as listener,
         listen_to_progress(listener),
-        _guard_server(server, console) as watch,
+        _guard_server(server, console),
     ):
         from prefect.exceptions import CancelledRun  # noqa: PLC0415 - Prefect loads while the server starts
 
         from flows.pipeline import pipeline  # noqa: PLC0415 - same
-        from flows.server.unsent_events import flush_prefect  # noqa: PLC0415 - same
 
         try:
             return pipeline(spec, store=store.url, base=str(base))
@@ -75,9 +74,6 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
             if _NO_BLOCK not in str(exc):
                 raise
             raise _block_fault() from exc
-        finally:
-            if not watch.gone.is_set():
-                flush_prefect()
 
 
 def _block_fault() -> DocumentError:

@@ -21,6 +21,7 @@ from tasks.storage.base.store import Store
 _NOT_FOR_AGENTS = ("SIMYARD_KEYS", "SIMYARD_OWNER_KEY", "PREFECT_")
 _PACKAGES = Path(__file__).parents[3]
 _waiting: dict[Path, subprocess.Popen[bytes]] = {}  # by the folders of their robots
+_turn = Lock()
 
 
 @contextmanager
@@ -29,27 +30,33 @@ def agent_reserve(
 ) -> Generator[Callable[[], None], None, None]:
     """Yields what begins agents that wait to be called up, once; those that nobody has called up end with the block.
 
+    A robot that has one in reserve, which another run of this process began, gets no second one. After the block none
+    begins any more.
+
     Args:
         store: Where their fleet is.
         names: Of their robots.
         folder: Holds a folder for each robot.
         signed: Whether they are going to verify what they run.
     """
-    begun, turn = dict[Path, subprocess.Popen[bytes]](), Lock()
+    begun, wanted = dict[Path, subprocess.Popen[bytes]](), [folder.absolute() / name for name in names]
     more = [] if signed else ["--unsigned"]
 
     def begin() -> None:
-        with turn, suppress(OSError):  # a roll-out begins those that are missing, and says what hinders it
-            for root in [folder.absolute() / name for name in names] if not begun else []:
+        with _turn, suppress(OSError):  # a roll-out begins those that are missing, and says what hinders it
+            roots, wanted[:] = [root for root in wanted if root not in _waiting], []
+            for root in roots:
                 begun[root] = _start(root, [RESERVE, *robot_arguments(store, root), *more], subprocess.PIPE)
                 _waiting[root] = begun[root]
 
     try:
         yield begin
     finally:
-        with turn:
-            for root in [root for root, agent in begun.items() if _waiting.get(root) is agent]:
-                _dismiss(_waiting.pop(root))
+        with _turn:
+            wanted.clear()
+            left = [_waiting.pop(root) for root, agent in begun.items() if _waiting.get(root) is agent]
+        for agent in left:
+            _dismiss(agent)
 
 
 def call_up(root: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
@@ -59,7 +66,8 @@ def call_up(root: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         root: The folder; its name is the robot's.
         arguments: Of the agent.
     """
-    agent = _waiting.pop(root, None)
+    with _turn:
+        agent = _waiting.pop(root, None)
     if agent is None:
         return _start(root, arguments, subprocess.DEVNULL)
     if _tell(agent, arguments):

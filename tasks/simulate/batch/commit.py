@@ -288,6 +288,12 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
     return found
 
 
+def forget_chunks(batch: OpenBatch) -> None:
+    """Forgets a batch's chunks that were made ready early, for which nobody is going to ask."""
+    for key in [key for key in _early if key[:2] == (batch.store.url, batch.id)]:
+        _early.pop(key, None)
+
+
 def batch_mounts(batch: OpenBatch) -> Mounts:
     """Returns the data sources of a batch on this machine, and what its applications are told of their jobs."""
     variables = functools.partial(job_variables, ArnForm(store_id(batch.store), region()), batch.id)

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.recording import SampleRecorder
@@ -18,36 +17,6 @@ from tasks.simulate.plan.chunks import Chunk, ProgramKey
 if TYPE_CHECKING:
     from specs.data.episode_columns import EpisodeColumns
     from tasks.simulate.chunk.under_way import ChunksUnderWay
-
-
-def simulate_lanes(
-    chunk: Chunk,
-    worlds: Mapping[str, World],
-    bundles: Mapping[str, Path],
-    *,
-    lanes: int,
-    engine: str = "auto",
-    should_stop: Callable[[], bool],
-    progress: Callable[[int], None] = lambda _: None,
-    recorder: SampleRecorder | None = None,
-    timed_as: ProgramKey | None = None,
-    under_way: "ChunksUnderWay | None" = None,
-    ahead: Sequence[Chunk] = (),
-) -> list[EpisodeResult]:
-    """Returns what ``simulate_columns`` does, as rows."""
-    return simulate_columns(
-        chunk,
-        worlds,
-        bundles,
-        lanes=lanes,
-        engine=engine,
-        should_stop=should_stop,
-        progress=progress,
-        recorder=recorder,
-        timed_as=timed_as,
-        under_way=under_way,
-        ahead=ahead,
-    ).rows()
 
 
 def simulate_columns(

@@ -25,11 +25,11 @@ from tasks.storage.base.cache_folder import cache_folder
 logger = logging.getLogger(__name__)
 _KEPT = 8
 _MARGIN = 1.15
-# Of what goes by before the first chunk, so much has nothing to do with the worlds.
-_START_S = 6.0
-# A process that is older at its first chunk was there before its run, as a notebook's is, or one that waited for its
-# turn. A world takes 0.05 s on two cores (docs/reference/speed.md).
-_OLDEST_START_S, _LONGEST_WORLD_S = 60.0, 0.5
+# From the command to the worlds, where nobody knows: imports, and the server's start (docs/reference/speed.md).
+_START_S = 5.0
+# A process that has lived longer without making worlds was there before its run, as a notebook's is, or one that waited
+# for its turn.
+_OLDEST_START_S = 60.0
 
 
 class BatchTiming(Spec):
@@ -40,6 +40,8 @@ class BatchTiming(Spec):
         worlds: How many they took place in.
         before_s: From the process's start to the first chunk; None in a process that had run another batch. Of a
             process that was there before its run, such as a notebook's, it says nothing.
+        worlds_s: Of that, to make the worlds.
+        once_s: Of that, what no other run pays.
         chunks_s: Of all chunks.
         compile_s: Of that, to compile programs, or to load what was compiled.
         after_s: For tables, audit and report.
@@ -49,6 +51,8 @@ class BatchTiming(Spec):
     episodes: int
     worlds: int
     before_s: float | None
+    worlds_s: float
+    once_s: float
     chunks_s: float
     compile_s: float
     after_s: float
@@ -96,17 +100,18 @@ def remembered_wall_s(known: Sequence[BatchTiming], plan: BatchPlan, episodes: i
     first_s, audit_first_s = (
         min(*taken, load_s) for taken in ([each.compile_s for each in known], [each.audit_compile_s for each in known])
     )
-    before_s = _begun_s(like)
-    making_s = max(0.0, before_s - _START_S) * worlds_of(plan) / like.worlds
-    rest_s = min(before_s, _START_S) + making_s + like.after_s - like.audit_compile_s + audit_first_s
+    making_s = like.worlds_s * worlds_of(plan) / like.worlds
+    rest_s = _start_s(like) + making_s + like.after_s - like.audit_compile_s + audit_first_s
     total_s, margin = rest_s + first_s + driven_s, _MARGIN * max(growth, 1.0 / growth) ** 0.25
     return Span(low=total_s / margin, high=total_s * margin)
 
 
-def _begun_s(timing: BatchTiming) -> float:
-    """Returns from the command to the first chunk; without worlds, where nobody knows how long they took."""
-    oldest_s = _OLDEST_START_S + _LONGEST_WORLD_S * timing.worlds
-    return _START_S if timing.before_s is None or timing.before_s > oldest_s else timing.before_s
+def _start_s(timing: BatchTiming) -> float:
+    """Returns from the command to the first chunk, without worlds and without what is paid once."""
+    if timing.before_s is None:
+        return _START_S
+    start_s = max(0.0, timing.before_s - timing.worlds_s - timing.once_s)
+    return start_s if start_s <= _OLDEST_START_S else _START_S
 
 
 def process_age_s() -> float | None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from specs.data.column_bytes import decode_columns
 from specs.data.episode import (
+    CONTROL_HZ,
     EpisodeRequest,
     EpisodeResult,
     Failure,
@@ -28,7 +29,7 @@ from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.chunk.memory_fit import TooManyLanes
 from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
-from tasks.simulate.plan.chunks import Chunk, ProgramKey
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey
 from tasks.simulate.process.simulator import Simulator, SimulatorEnded
 from tasks.simulate.process.simulators import simulator
 from tasks.simulate.process.told_run import ToldRun
@@ -46,13 +47,15 @@ from tasks.simulate.process.work import (
 
 logger = logging.getLogger(__name__)
 _MOST_ENDINGS = 12
+# How often a process may record an episode for one answer: beside others, and, if one of those fails, by itself.
+_RECORDED_AT_MOST = 2
 # Applications, lanes and engine of batches for whose chunks together the memory was too little: it would be again.
 _too_large_together: set[tuple[frozenset[str], int, str]] = set()
 
 
 @dataclass
 class ConfinedLanes:
-    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_lanes`` takes.
+    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_columns`` takes.
 
     Attributes:
         bundles: Unpacked folders of the applications, by digest.
@@ -159,7 +162,7 @@ class ConfinedLanes:
                     hear.take(arrays)
             finally:
                 self.printed(process.output.take())
-        rows = _checked(chunk.requests, last, hear.rows)
+            rows = _checked(process, chunk.requests, last, hear.rows)
         if isinstance(last, Rows) and last.tags:
             known = {request.index for request in chunk.requests}
             self.tagged({index: tags for index, tags in last.tags.items() if index in known})
@@ -182,7 +185,9 @@ class _Listener:
     ) -> None:
         self._process, self._progress, self._recorder = process, progress, recorder
         self._wanted = [request.index for request in requests]
+        self._most_steps = _most_steps(requests)
         self._run: ToldRun | None = None
+        self._lanes_left = _RECORDED_AT_MOST * len(self._wanted)
         self.rows: list[EpisodeColumns] = []
 
     def __call__(self, answer: Answer, arrays: tuple[np.ndarray, ...]) -> None:
@@ -201,7 +206,8 @@ class _Listener:
             ValueError: No recorder can be told that.
         """
         if isinstance(answer, RecordingBegins):
-            self._run = ToldRun(answer, len(self._wanted))
+            self._run = ToldRun(answer, min(len(self._wanted), self._lanes_left), self._most_steps)
+            self._lanes_left -= answer.lanes
             recorder.begin(answer.lanes, answer.control_s)
         elif self._run is None:
             raise ValueError("samples of no recording")
@@ -212,6 +218,7 @@ class _Listener:
             if not np.isin(rows.index, self._wanted).all():
                 raise ValueError("a recording of other episodes")
             recorder.end(self._run.ends(rows, arrays[1:]), rows)
+            self._run = None
 
     def take(self, arrays: Sequence[np.ndarray]) -> EpisodeColumns:
         """Returns the rows that an answer begins with, and keeps them.
@@ -227,12 +234,26 @@ class _Listener:
         return found
 
 
-def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[EpisodeColumns]) -> EpisodeColumns:
+def _most_steps(requests: Sequence[EpisodeRequest]) -> int:
+    """Returns how many control steps a recording of some episodes has at most, which ends with a slice."""
+    longest_s = max(request.duration_s for request in requests)
+    return SLICE_STEPS * (1 + round(longest_s * CONTROL_HZ) // SLICE_STEPS)
+
+
+def _checked(
+    process: Simulator, requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[EpisodeColumns]
+) -> EpisodeColumns:
     """Returns the rows that a process told, if its last answer is that and they are those of the requests.
+
+    Args:
+        process: That was asked.
+        requests: What it was asked for.
+        last: Its last answer.
+        told: The rows that came with its answers.
 
     Raises:
         MemoryError: It answered that there is not enough memory.
-        SimulatorEnded: It answered anything else.
+        SimulatorEnded: It answered anything else; the process is ended.
     """
     if isinstance(last, NoMemory):
         raise MemoryError(last.text)  # noqa: TRY004 - it is no wrong type
@@ -243,7 +264,7 @@ def _checked(requests: Sequence[EpisodeRequest], last: Answer, told: Sequence[Ep
     none = EpisodeColumns.of([])
     rows = functools.reduce(EpisodeColumns.renewed, told, none) if isinstance(last, Rows) else none
     if not np.array_equal(np.sort(rows.index), np.sort(wanted)):
-        raise SimulatorEnded("it answered with rows of other episodes", None, "", killed="limit")
+        raise process.broke_off("it answered with rows of other episodes")
     # Which file has a recording is said by whoever writes it.
     return rows.at(wanted).marked("recording", np.ones(len(wanted), np.bool_), "")
 

@@ -174,7 +174,11 @@ class Simulator:
 
     def refused(self, answer: Exception) -> SimulatorEnded:
         """Ends the process, whose answer is none, and returns how it ended."""
-        ended = self._ended_for(f"it answered what is no answer: {str(answer)[:200]!r}", "limit")
+        return self.broke_off(f"it answered what is no answer: {str(answer)[:200]!r}")
+
+    def broke_off(self, why: str) -> SimulatorEnded:
+        """Ends the process, which did not answer as it has to, and returns how it ended."""
+        ended = self._ended_for(why, "limit")
         ended.beside_others = self._beside_others
         return ended
 

@@ -10,8 +10,8 @@ from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.lane.samples import Ends, SliceSamples
 from tasks.simulate.process.work import RecordingBegins, Samples
 
-# The sides of arrays: a number, any number (?), or a name for one that is the same wherever it stands. All have a lane
-# first; lanes beyond those that hold episodes may follow.
+# The sides of arrays: a number, up to one for each step (?), or a name for one that is the same wherever it stands. All
+# have a lane first; lanes beyond those that hold episodes may follow.
 _SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps")
 _ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7")
 
@@ -19,12 +19,13 @@ _ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7")
 class ToldRun:
     """A run of lanes, as a process tells it."""
 
-    def __init__(self, begins: RecordingBegins, most: int) -> None:
+    def __init__(self, begins: RecordingBegins, most: int, most_steps: int) -> None:
         """Begins without samples.
 
         Args:
             begins: Says how many lanes hold episodes.
             most: How many can at most.
+            most_steps: How many control steps they can do at most.
 
         Raises:
             ValueError: No run begins so.
@@ -32,6 +33,7 @@ class ToldRun:
         if not (0 < begins.lanes <= most and 0.0 < begins.control_s < math.inf):
             raise ValueError(f"a recording of {begins.lanes} lanes with steps of {begins.control_s} s")
         self._lanes, self._steps, self._sides = begins.lanes, 0, dict[str, int]()
+        self._most_steps = most_steps
 
     def samples(
         self, told: Samples, arrays: Sequence[np.ndarray]
@@ -41,11 +43,13 @@ class ToldRun:
         Raises:
             ValueError: They are none.
         """
-        self._sides["steps"] = told.steps
-        self._check(arrays, (*_SAMPLES, ""))
-        _check_counts(arrays[2])
         self._steps += told.steps
-        return SliceSamples(told.steps, *arrays[:-1]), arrays[-1]
+        if not (0 < told.steps <= self._steps <= self._most_steps):
+            raise ValueError(f"a recording that goes on for {self._steps} steps")
+        self._sides["steps"] = told.steps
+        self._check(arrays, (*_SAMPLES, ""), most=told.steps)
+        _check_counts(arrays[2])
+        return SliceSamples(told.steps, *(array[: self._lanes] for array in arrays[:-1])), arrays[-1]
 
     def ends(self, rows: EpisodeColumns, arrays: Sequence[np.ndarray]) -> Ends:
         """Returns how the lanes ended.
@@ -64,14 +68,19 @@ class ToldRun:
             raise ValueError("a recording that ends otherwise than it went")
         return ends
 
-    def _check(self, arrays: Sequence[np.ndarray], forms: Sequence[str]) -> None:
+    def _check(self, arrays: Sequence[np.ndarray], forms: Sequence[str], most: int = 0) -> None:
         for array, form in zip(arrays, forms, strict=True):
             lanes, sides = array.shape[:1], array.shape[1:]
             if not lanes or lanes[0] < self._lanes:
                 raise ValueError("a recording that lacks lanes")
             for side, name in zip(sides, form.split(), strict=True):
-                if name != "?" and side != (int(name) if name.isdecimal() else self._sides.setdefault(name, side)):
+                if not self._fits(side, name, most):
                     raise ValueError("a recording with arrays of other sides")
+
+    def _fits(self, side: int, name: str, most: int) -> bool:
+        if name == "?":
+            return side <= most
+        return side == (int(name) if name.isdecimal() else self._sides.setdefault(name, side))
 
 
 def _check_counts(*arrays: np.ndarray) -> None:

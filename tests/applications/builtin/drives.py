@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import REPOSITORY
+from tests.factories.simulations import REPOSITORY, simulate_lanes
 
 LANES = 16
 APPLICATIONS = REPOSITORY / "applications"

@@ -9,11 +9,10 @@ import pytest
 from flows.document.references import pins
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.store_url import open_store
-from tests.factories.simulations import DELIVERY, FOLDERS, REPOSITORY, SCENARIO, cluttered
+from tests.factories.simulations import DELIVERY, FOLDERS, REPOSITORY, SCENARIO, cluttered, simulate_lanes
 
 ROBOTS = REPOSITORY / "examples" / "robots"
 GUIDE = (REPOSITORY / "docs" / "guide" / "robots.md").read_text()

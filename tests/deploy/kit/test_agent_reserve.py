@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from specs.errors import StageFailed
 from tasks.deploy.kit.agent_reserve import agent_reserve
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.robot.agent import RESERVE
@@ -59,6 +60,43 @@ def test_they_begin_once(file_store: Store, tmp_path: Path):
         waiting = _begun(tmp_path)
         begin()
         assert _agents(tmp_path) == waiting
+
+
+def test_they_end_with_a_run_that_breaks_off_before_its_deployment(file_store: Store, tmp_path: Path):
+    def break_off() -> None:
+        with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin:
+            begin()
+            _begun(tmp_path)
+            raise StageFailed("GateFailed", "the gate cannot be asked")
+
+    with pytest.raises(StageFailed, match="the gate"):
+        break_off()
+    assert _agents(tmp_path) == []
+
+
+def test_of_two_runs_at_a_time_each_robot_has_one_agent_which_ends_with_the_run_that_began_it(
+    file_store: Store, tmp_path: Path
+):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin_more:
+        with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin:
+            begin()
+            waiting = _begun(tmp_path)
+            begin_more()
+            assert _agents(tmp_path) == waiting
+
+        assert _agents(tmp_path) == []
+        with local_agents(file_store, FLEET, 2, tmp_path, grace_s=0.2):
+            eventually(lambda: len(_agents(tmp_path)) == 2)
+
+    assert _agents(tmp_path) == []
+
+
+def test_none_begins_after_its_run(file_store: Store, tmp_path: Path):
+    with agent_reserve(file_store, NAMES, tmp_path, signed=True) as begin:
+        pass
+    begin()
+    assert _agents(tmp_path) == []
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_one_that_has_died_is_replaced(file_store: Store, tmp_path: Path):

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import REPOSITORY
+from tests.factories.simulations import REPOSITORY, simulate_lanes
 from tests.factories.worlds import apartment
 
 FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)

@@ -11,9 +11,8 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import COURIER, FOLDERS, REPOSITORY, SCENARIO, cluttered
+from tests.factories.simulations import COURIER, FOLDERS, REPOSITORY, SCENARIO, cluttered, simulate_lanes
 
 logger = logging.getLogger(__name__)
 FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)

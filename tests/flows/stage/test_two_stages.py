@@ -1,15 +1,32 @@
-"""Two stages that need nothing of each other run at the same time, and both come to their ends."""
+"""Two stages that need nothing of each other run at the same time, and both come to their ends.
 
+So do a deployment and what shows the verdict, which is decided and written before: what fails in showing it is told,
+and decides nothing.
+"""
+
+from collections.abc import Callable
 from contextvars import ContextVar
 from threading import Barrier
 from time import sleep
 
 import pytest
 
-from flows.stage import orchestrator
+from flows.recount.recount import Asked
+from flows.stage import orchestrator, pipeline_run
 from flows.stage.orchestrator import at_a_time
+from flows.stage.pipeline_run import _judge_and_deploy  # pyright: ignore[reportPrivateUsage]
+from flows.stage.stages import Reports
+from specs.data.run_report import StageReport
 from specs.errors import StageFailed
+from tasks.documents.pipeline_file import read_pipeline
+from tasks.storage.base.store import Store
+from tests.factories.planned_batches import begun
+from tests.repository import ROOT
 
+SIMULATED = StageReport(name="simulationBatch", arn="", status="Completed", summary="", seconds=0.0)
+JUDGED = StageReport(name="gate", arn="", status="PASS", summary="", seconds=0.0)
+DEPLOYED = StageReport(name="deployment", arn="", status="Succeeded", summary="", seconds=0.0)
+Fails = Callable[[str, Exception], None]
 _PATIENCE_S = 30.0
 _ran = ContextVar("_ran", default="nobody")
 
@@ -62,3 +79,51 @@ def test_an_interrupt_does_not_wait_for_a_stage_that_goes_on(monkeypatch: pytest
     with pytest.raises(KeyboardInterrupt):
         at_a_time(held.wait, interrupted)
     held.abort()
+
+
+@pytest.fixture
+def fails(monkeypatch: pytest.MonkeyPatch) -> Fails:
+    """Makes a step fail; without that all steps come to their ends."""
+
+    def let_fail(name: str, failure: Exception) -> None:
+        def fail(*_: object) -> None:
+            raise failure
+
+        monkeypatch.setattr(pipeline_run, name, fail)
+
+    answers = {
+        "vouch": lambda _spec, batch, *_: batch,
+        "judge_batch_stage": lambda *_: (JUDGED,),
+        "require_not_canceled": lambda *_: None,
+        "deploy": lambda *_: (DEPLOYED,),
+        "_show_trend": lambda stages, *_: stages,
+        "_show_verdict": lambda stages, *_: stages,
+    }
+    for name, answer in answers.items():
+        monkeypatch.setattr(pipeline_run, name, answer)
+    return let_fail
+
+
+def came_of(store: Store) -> tuple[Reports, Reports, Reports]:
+    spec, record = read_pipeline(ROOT / "examples/quickstart.yaml"), begun(store).record()
+    return _judge_and_deploy(Asked(spec, ".", {}, [], None), record, (SIMULATED,), store, record)
+
+
+@pytest.mark.parametrize(("shows", "stage"), [("_show_verdict", 1), ("_show_trend", 0)])
+def test_a_page_that_prefect_does_not_take_is_an_alarm_and_the_deployment_is_told_as_it_ended(
+    file_store: Store, fails: Fails, shows: str, stage: int
+):
+    fails(shows, RuntimeError("the server\nsays 500"))
+    found = came_of(file_store)
+    assert found[2] == (DEPLOYED,)
+    alarm = "What came of it could not be shown: RuntimeError: the server says 500"
+    assert [[each.facts.get("alarm") for each in part] for part in found[:2]] == [
+        [alarm if place == stage else None] for place in range(2)
+    ]
+
+
+def test_a_deployment_that_fails_is_told_though_the_verdict_could_not_be_shown(file_store: Store, fails: Fails):
+    fails("_show_verdict", RuntimeError("the server says 500"))
+    fails("deploy", StageFailed("DeploymentFailed", "a robot was lost"))
+    with pytest.raises(StageFailed, match="a robot was lost"):
+        came_of(file_store)

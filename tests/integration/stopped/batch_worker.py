@@ -13,9 +13,8 @@ from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import write_recordings
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch, complete, load_batch
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.storage.store_url import open_store
-from tests.factories.simulations import FOLDERS
+from tests.factories.simulations import FOLDERS, simulate_lanes
 
 PLACE = OutputLocation(s3Bucket="results")
 

@@ -13,9 +13,8 @@ from tasks.simulate.audit.audit_findings import DrivenEpisode
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.audit.drives import Drives
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import FOLDERS, delivery, pushing
+from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES, Simulate
 
 pytestmark = pytest.mark.long

@@ -11,7 +11,7 @@ from specs.errors import BundleRefused, StoreAway
 from tasks.simulate.batch import chunk_runner, commit
 from tasks.simulate.batch.chunk_runner import coming_chunks, tag_jobs
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk, run_chunk
+from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, forget_chunks, prepared_chunk, run_chunk
 from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.data.sources import PinnedSource
 from tasks.simulate.lane.result_rows import WITHDRAWN
@@ -88,6 +88,14 @@ def test_of_chunks_that_were_made_ready_early_a_few_are_kept(batch: OpenBatch, m
     again = prepared_chunk(batch, 1, {})
     assert again == first
     assert again is not first
+
+
+def test_chunks_that_were_made_ready_early_are_forgotten_at_their_batchs_end(batch: OpenBatch, file_store: Store):
+    other = begun(file_store, plan(file_store, seeds=(7, 8, 9)), "another")
+    ours, theirs = (prepared_chunk(each, 1, {}) for each in (batch, other))
+    forget_chunks(batch)
+    assert prepared_chunk(other, 1, {}) is theirs
+    assert prepared_chunk(batch, 1, {}) is not ours
 
 
 def test_chunks_of_two_batches_that_have_one_number_are_told_apart(batch: OpenBatch, file_store: Store):

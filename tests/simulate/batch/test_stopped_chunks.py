@@ -10,12 +10,11 @@ from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restar
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, WriteRecordings, run_chunk
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.recording import Columns
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan, put_world
-from tests.factories.simulations import ENDLESS, FOLDERS, PUSHER
+from tests.factories.simulations import ENDLESS, FOLDERS, PUSHER, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES
 
 SHORT_S, ENDLESS_S = 1.0, 600.0

@@ -5,9 +5,8 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import FOLDERS, delivery, pen, pushing
+from tests.factories.simulations import FOLDERS, delivery, pen, pushing, simulate_lanes
 from tests.simulate.conftest import LANES, Simulate
 
 REQUESTS = [

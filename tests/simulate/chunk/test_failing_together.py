@@ -9,13 +9,12 @@ from specs.data.world import World
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan, put_world
-from tests.factories.simulations import ENDLESS, FOLDERS, PLAIN, PUSHER, pushing
+from tests.factories.simulations import ENDLESS, FOLDERS, PLAIN, PUSHER, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES
 
 pytestmark = pytest.mark.long

@@ -13,13 +13,12 @@ from specs.data.world import World
 from tasks.simulate.application.contract import HostMap, Placement
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.chunk.placed_chunk import alike
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.sensor.lidar import NO_LIDAR
 from tasks.simulate.surroundings.stages import Stage, stage_worlds
-from tests.factories.simulations import DRIFT, FOLDERS, delivery, pen, pushing
+from tests.factories.simulations import DRIFT, FOLDERS, delivery, pen, pushing, simulate_lanes
 
 # The maps have 128, 192 and 512 cells a side, the last for a world at the size limit of the finest grid.
 SIDES_M = {"hand/small": 6.0, "hand/also-small": 8.0, "hand/large": 14.0, "hand/largest": 51.2}

@@ -10,10 +10,9 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.chunk.timings import recall_timings
 from tasks.simulate.plan.chunks import Chunk, program_key
-from tests.factories.simulations import delivery, pushing
+from tests.factories.simulations import delivery, pushing, simulate_lanes
 from tests.factories.worlds import PAINT, box
 from tests.simulate.conftest import FOLDERS, LANES, PUSHER_LANES, Simulate
 

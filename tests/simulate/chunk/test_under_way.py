@@ -10,12 +10,11 @@ import pytest
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk import under_way as under_way_module
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.chunk.under_way import ChunksUnderWay
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
-from tests.factories.simulations import FOLDERS, pushing
+from tests.factories.simulations import FOLDERS, pushing, simulate_lanes
 
 LANES = 32
 RATE_HZ = 4.0

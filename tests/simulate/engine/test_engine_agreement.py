@@ -5,9 +5,8 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import FOLDERS, delivery
+from tests.factories.simulations import FOLDERS, delivery, simulate_lanes
 
 EPISODES = 64
 REQUESTS = [

@@ -10,11 +10,10 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.refusal import RobotRefused
-from tests.factories.simulations import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall
+from tests.factories.simulations import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall, simulate_lanes
 
 pytestmark = pytest.mark.long
 

@@ -15,7 +15,17 @@ from tasks.simulate.plan.batch_plan import BatchPlan
 from tests.factories.planned_batches import template
 
 LOAD_S = 1.5
-WARM = BatchTiming(episodes=40, worlds=5, before_s=8.0, chunks_s=11.0, compile_s=1.0, after_s=6.0, audit_compile_s=1.0)
+WARM = BatchTiming(
+    episodes=40,
+    worlds=5,
+    before_s=8.0,
+    worlds_s=2.0,
+    once_s=0.0,
+    chunks_s=11.0,
+    compile_s=1.0,
+    after_s=6.0,
+    audit_compile_s=1.0,
+)
 COLD = WARM.model_copy(update={"chunks_s": 22.0, "compile_s": 12.0, "after_s": 9.0, "audit_compile_s": 4.0})
 TOOK_S = 8.0 + 11.0 + 6.0
 
@@ -75,16 +85,28 @@ def test_more_worlds_take_longer_to_make():
 
 @pytest.mark.parametrize("age_s", [100.0, 3 * 3600.0])
 def test_the_age_of_a_process_that_was_there_before_its_run_is_no_time_of_the_run(age_s: float):
-    aged, unknown = (WARM.model_copy(update={"before_s": before_s}) for before_s in (age_s, None))
+    aged, unknown = (WARM.model_copy(update={"before_s": before_s, "worlds_s": 0.0}) for before_s in (age_s, None))
     for worlds in (5, 50):
         many = plan(worlds=tuple(f"w/{number}" for number in range(worlds)))
         assert told_s([aged], of=many) == told_s([unknown], of=many) < TOOK_S
 
 
 def test_a_run_that_makes_many_worlds_before_its_batch_takes_as_long_again():
-    large = WARM.model_copy(update={"worlds": 1000, "before_s": 106.0})
+    large = WARM.model_copy(update={"worlds": 1000, "before_s": 106.0, "worlds_s": 100.0})
     many = plan(worlds=tuple(f"w/{number}" for number in range(1000)))
     assert told_s([large], of=many) == pytest.approx(106.0 + TOOK_S - 8.0)
+
+
+def test_what_only_a_first_run_pays_before_its_chunks_is_left_out():
+    first = WARM.model_copy(update={"before_s": 12.5, "once_s": 4.5})
+    assert told_s([first]) == pytest.approx(TOOK_S)
+
+
+def test_a_batch_of_few_worlds_says_what_many_take_and_the_other_way_round():
+    many = plan(worlds=tuple(f"w/{number}" for number in range(50)))
+    assert told_s([WARM], of=many) == pytest.approx(TOOK_S + 18.0)
+    large = WARM.model_copy(update={"worlds": 50, "before_s": 26.0, "worlds_s": 20.0})
+    assert told_s([large]) == pytest.approx(TOOK_S)
 
 
 def test_seeds_and_worlds_share_a_memory_that_another_audit_does_not():

@@ -5,9 +5,8 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk.memory_fit import simulate_fitting
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
-from tests.factories.simulations import FOLDERS, PLAIN, pushing
+from tests.factories.simulations import FOLDERS, PLAIN, pushing, simulate_lanes
 
 SOUND, NO_NUMBER, RAISING, MISSHAPEN, UNMADE, UNSET = "012345"
 TOGETHER = ApplicationLaunch(name="plain", version="1", digest=PLAIN, package="plain", launch_file="together")

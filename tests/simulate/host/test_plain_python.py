@@ -4,9 +4,8 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import FOLDERS, PLAIN, pushing
+from tests.factories.simulations import FOLDERS, PLAIN, pushing, simulate_lanes
 
 SOUND, RAISING, MISSHAPEN, LATE_RAISING, UNMADE = "0", "1", "2", "3", "4"
 COUNTER = ApplicationLaunch(name="plain", version="1", digest=PLAIN, package="plain", launch_file="counting")

@@ -9,13 +9,12 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk.job_tags import JobTags
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process import simulators
 from tasks.simulate.process.confinement import confinement
 from tasks.simulate.process.lanes import ConfinedLanes
-from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing
+from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.ros.ros2.players import make_bundle
 
 pytestmark = pytest.mark.long

@@ -17,7 +17,6 @@ from tasks.simulate.audit.audit_drive import audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.chunk.memory_fit import TooManyLanes, simulate_fitting
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.host import host_lanes
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
@@ -25,7 +24,7 @@ from tasks.simulate.process import simulators
 from tasks.simulate.process.confinement import confinement
 from tasks.simulate.process.lanes import ConfinedLanes
 from tasks.simulate.replay.replay_drive import drive_again
-from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing
+from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.repository import ROOT
 
 pytestmark = pytest.mark.long

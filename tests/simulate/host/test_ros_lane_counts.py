@@ -7,9 +7,8 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import Chunk
-from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing
+from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.ros.conftest import courier, wheel
 
 __all__ = ["courier", "wheel"]

@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane import recording
 from tasks.simulate.lane.recording import Columns, Recorder
 from tasks.simulate.lane.samples import Ends
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.episodes import passed
-from tests.factories.simulations import pushing
+from tests.factories.simulations import pushing, simulate_lanes
 from tests.simulate.conftest import FOLDERS, PUSHER_LANES
 
 CONTROL_S, ACTUATORS, RAYS = 0.05, 2, 3

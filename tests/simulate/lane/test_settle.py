@@ -6,9 +6,8 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import DRIFT, FAULTY, FOLDERS, pushing
+from tests.factories.simulations import DRIFT, FAULTY, FOLDERS, pushing, simulate_lanes
 
 LANES = 8
 BOX = "b" * 64

@@ -10,14 +10,13 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tasks.simulate.process import lanes as lanes_module
 from tasks.simulate.process import simulator
 from tasks.simulate.process.confinement import confinement
 from tasks.simulate.process.lanes import ConfinedLanes
-from tests.factories.simulations import BUNDLES, DRIFT, ENDLESS, FAULTY, FOLDERS, pushing
+from tests.factories.simulations import BUNDLES, DRIFT, ENDLESS, FAULTY, FOLDERS, pushing, simulate_lanes
 
 LANES = 4
 HOSTILE = "b" * 64

@@ -35,7 +35,7 @@ class Process:
     output = SimpleNamespace(take=str)
 
     def __init__(self, said: Said) -> None:
-        self._said, self.ended = said, 0
+        self._said, self.ended, self.broke = said, 0, 0
 
     def sent_worlds(self, worlds: Mapping[str, World]) -> SentWorlds:
         return SentWorlds(new=dict.fromkeys(worlds, "{}"))
@@ -53,6 +53,10 @@ class Process:
     def refused(self, answer: Exception) -> SimulatorEnded:
         self.ended += 1
         return SimulatorEnded(f"it answered what is no answer: {answer}", None, "", killed="limit")
+
+    def broke_off(self, why: str) -> SimulatorEnded:
+        self.broke += 1
+        return SimulatorEnded(why, None, "", killed="limit")
 
 
 @pytest.fixture
@@ -94,9 +98,10 @@ def test_what_are_no_rows_is_no_answer_and_ends_the_process(simulate: Simulate, 
 
 
 @pytest.mark.parametrize("others", [(0, 1), (0, 1, 2, 3), (0, 1, 4), (0, 0, 1)])
-def test_rows_of_other_episodes_are_refused(simulate: Simulate, others: tuple[int, ...]):
-    rows, _ = simulate((Rows(), (told(*map(passed, others)),)))
+def test_rows_of_other_episodes_are_refused_and_end_the_process(simulate: Simulate, others: tuple[int, ...]):
+    rows, process = simulate((Rows(), (told(*map(passed, others)),)))
     assert {row.failure_reason for row in rows} == {"it answered with rows of other episodes"}
+    assert process.broke >= 1
 
 
 BEGUN: tuple[Answer, tuple[np.ndarray, ...]] = (RecordingBegins(lanes=3, control_s=0.05), ())
@@ -127,12 +132,23 @@ ALL = told(*map(passed, range(3)))
         [BEGUN, (RecordingEnds(), (ALL, *(array[:2] for array in ENDS)))],
         [BEGUN, (RecordingEnds(), (told(passed(0)), *ENDS))],
         [BEGUN, (RecordingEnds(), (ALL, NONE + (1 << 40), *ENDS[1:]))],
+        [BEGUN, BEGUN, BEGUN],
+        [BEGUN, *[(Samples(steps=1), (*STEP, NONE))] * 5000],
+        [BEGUN, (Samples(steps=0), (*(array[:, :0] for array in STEP[:5]), PLACE, PLACE, np.zeros((3, 0)), NONE))],
+        [BEGUN, (Samples(steps=1), (np.zeros((3, 9, 3)), *STEP[1:], NONE))],
+        [BEGUN, (RecordingEnds(), (ALL, *ENDS)), (RecordingEnds(), (ALL, *ENDS))],
     ],
 )
 def test_samples_that_no_recorder_can_take_are_no_answer(simulate: Simulate, said: Said):
     rows, process = simulate(*said, (Rows(), (ALL,)), rate_hz=4.0)
     assert {row.status for row in rows} == {"Failed"}
     assert process.ended == 1
+
+
+def test_episodes_that_failed_beside_others_may_be_recorded_once_more_by_themselves(simulate: Simulate):
+    twice = [BEGUN, (Samples(steps=1), (*STEP, NONE)), BEGUN, (Samples(steps=1), (*STEP, NONE))]
+    rows, process = simulate(*twice, (RecordingEnds(), (ALL, *ENDS)), (Rows(), (told(),)), rate_hz=4.0)
+    assert (rows, process.ended) == ([passed(0), passed(1), passed(2)], 0)
 
 
 def test_no_row_names_a_file_that_its_process_chose(simulate: Simulate):

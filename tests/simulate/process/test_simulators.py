@@ -104,3 +104,4 @@ def test_chunks_ahead_may_be_to_blame_for_an_answer_that_is_refused_when_it_is_r
     process, worlds = Simulator({}), SentWorlds(new={})
     process.ask(LanesWork(numbers=numbers, new=(), worlds=worlds, bundles={}, lanes=8, engine="auto"))
     assert process.refused(ValueError("no rows")).beside_others == (len(numbers) > 1)
+    assert process.broke_off("rows of others").beside_others == (len(numbers) > 1)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.contract import REASONS
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.training.training_lanes import TrainingLanes
 from tasks.simulate.training.training_program import Task, View, training_program
-from tests.factories.simulations import COURIER, DELIVERY, FOLDERS, SCENARIO, cluttered
+from tests.factories.simulations import COURIER, DELIVERY, FOLDERS, SCENARIO, cluttered, simulate_lanes
 
 BUNDLE = "9" * 64
 EPISODES = 12

@@ -13,7 +13,6 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.chunk.runner import simulate_lanes
 from tasks.simulate.host.controllers import HostBundle, HostControllers, HostStart
 from tasks.simulate.host.policy.lane_network import LaneNetwork
 from tasks.simulate.host.policy.onnx_policy import onnx_application
@@ -21,7 +20,7 @@ from tasks.simulate.host.policy.policy_check import RobotNumbers, check_policy
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.sensor.sensors import sensors_of
 from tests.factories.policies import DECLARED, FILE, LAUNCH, POLICY, SHOWN, bundle, model, network, recurrent, weights
-from tests.factories.simulations import FOLDERS, pushing
+from tests.factories.simulations import FOLDERS, pushing, simulate_lanes
 
 KEPT = f"{DECLARED}states: [{{input: kept, output: kept_next}}]\n"
 FAR = DECLARED.replace("scale: 0.2, low: -1, high: 1", "scale: 1")
