@@ -1,4 +1,4 @@
-"""Two stages that need nothing of each other run at the same time, and both come to their ends."""
+"""Two pieces of work that need nothing of each other are done at the same time, and both come to their ends."""
 
 from contextvars import ContextVar
 from threading import Barrier
@@ -6,9 +6,9 @@ from time import sleep
 
 import pytest
 
-from flows.stage import orchestrator
-from flows.stage.orchestrator import at_a_time
 from specs.errors import StageFailed
+from tasks.progress import at_a_time as module
+from tasks.progress.at_a_time import at_a_time
 
 _PATIENCE_S = 30.0
 _ran = ContextVar("_ran", default="nobody")
@@ -57,7 +57,7 @@ def test_an_interrupt_waits_for_a_stage_that_is_about_to_end():
 
 
 def test_an_interrupt_does_not_wait_for_a_stage_that_goes_on(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(orchestrator, "_INTERRUPTED_S", 0.1)
+    monkeypatch.setattr(module, "_INTERRUPTED_S", 0.1)
     held = Barrier(2)
     with pytest.raises(KeyboardInterrupt):
         at_a_time(held.wait, interrupted)
