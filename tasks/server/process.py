@@ -34,6 +34,7 @@ _NO_BLOCK_TYPES = {
     "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
 }
 START_TIMEOUT_S = 180.0
+_LOOK_S = 0.02
 IN_RESERVE = "--reserve"
 """After a server's port: it only imports until its input says that it starts."""
 
@@ -141,7 +142,7 @@ def wait_until_healthy(server: Server, process: subprocess.Popen[bytes], timeout
             raise StageFailed(
                 "InternalServiceError", f"the Prefect server is silent after {timeout_s:.0f} s: {server.log}"
             )
-        time.sleep(0.1)
+        time.sleep(_LOOK_S)
 
 
 @contextmanager
