@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
+from flows.batch.replay_episode import bundles
 from flows.document.references import Numbers, numbered_finder
 from flows.document.tested_batch import batch_plan, compared_digest
 from flows.gate.baselines import NoBaseline
@@ -14,7 +15,7 @@ from flows.gate.judge import GateAnswer, gate_material, read_baseline, read_gate
 from flows.recount.batch_recount import BatchRecount, Planned, count_batch
 from flows.recount.sample import sample_changes
 from specs.arn import arn
-from specs.errors import DocumentError, ObjectNotFound, StageFailed
+from specs.errors import DocumentError, ObjectNotFound, SimyardError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.section_requests import generation_request, section_parts
@@ -23,10 +24,11 @@ from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import recount_episodes
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
+from tasks.progress.at_a_time import at_a_time
 from tasks.results.gate.evidence import Baseline, Evidence, evidence_digest, gather, read_evidence
 from tasks.results.gate.gate import judge
 from tasks.results.gate.shipped_builds import Shipment
-from tasks.simulate.batch.job import KIND
+from tasks.simulate.batch.job import KIND, require_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.resolve import output_location
 from tasks.storage.base.keys import job_key, result_key
@@ -87,14 +89,49 @@ def recount_changes(asked: Asked, batch: JobRecord | None, store: Store, run: Jo
         return ["there is no batch that the gate could have judged"]
     try:
         planned = asked_plan(asked, spec.simulationBatch, store)
-        changes = _world_changes(asked, planned.plan, store, run)
-        if changes:
-            return changes
-        found = count_batch(read(store, KIND, batch.id), store, spec.gate, planned)
-        changes = found.changes or _verdict_changes(asked, spec.gate, found, store, run)
-        return changes or sample_changes(found.batch, found.bundles, recount_episodes())
+        early, changes = at_a_time(
+            lambda: _sampled_early(batch.id, planned.plan, store),
+            lambda: _counted_changes(asked, batch.id, planned, store=store, run=run),
+        )
+        return changes or (_sampled(batch.id, planned.plan, store) if early is None else early)
     except (DocumentError, StageFailed) as exc:
         return [exc.reason if isinstance(exc, StageFailed) else " ".join(str(exc).split())]
+
+
+def _counted_changes(asked: Asked, batch: str, planned: Planned, *, store: Store, run: JobRecord) -> list[str]:
+    """Returns which worlds, rows, tables or verdict are not as they were judged, one line each.
+
+    Args:
+        asked: What the run was asked for, a gate among it.
+        batch: The batch's id.
+        planned: What the document asks for now.
+        store: Where everything is.
+        run: The run, with its gate's answer.
+    """
+    gate = asked.spec.gate
+    assert gate is not None  # noqa: S101 - asked before
+    changes = _world_changes(asked, planned.plan, store, run)
+    if changes:
+        return changes
+    found = count_batch(read(store, KIND, batch), store, gate, planned)
+    return found.changes or _verdict_changes(asked, gate, found, store, run)
+
+
+def _sampled_early(batch: str, plan: BatchPlan, store: Store) -> list[str] | None:
+    """Returns what `_sampled` does, while the batch is counted; None if it cannot be told before that has ended.
+
+    So it is of a batch with a chunk that the count simulates anew, and of one whose fault the count tells better.
+    """
+    try:
+        return _sampled(batch, plan, store)
+    except SimyardError:
+        return None
+
+
+def _sampled(batch: str, plan: BatchPlan, store: Store) -> list[str]:
+    """Returns which of a few episodes of a batch come out otherwise when they are simulated again, one line each."""
+    opened = require_plan(store, batch, plan)
+    return sample_changes(opened, bundles(opened), recount_episodes())
 
 
 def _world_changes(asked: Asked, plan: BatchPlan, store: Store, run: JobRecord) -> list[str]:

@@ -22,7 +22,7 @@ from tasks.server.health import (
     succeeds_within,
     url_without_password,
 )
-from tasks.server.resident import checkout_home, kept_password, kept_server
+from tasks.server.resident import checkout_home, is_kept_elsewhere, kept_password, kept_process, kept_server
 from tasks.storage.base.cache_folder import cache_folder
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
@@ -69,6 +69,21 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
             process.wait_until_healthy(server, child)
         with _flushed(server.api_url):
             yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
+
+
+@contextmanager
+def server_in_reserve() -> Generator[None, None, None]:
+    """Lets a new server for the block import what it needs, where none is chosen and none is kept; returns at once.
+
+    ``prefect_server`` calls it up, once the document is found to have no faults.
+    """
+    os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
+    home = prefect_home()
+    if process.configured(os.environ, "PREFECT_API_URL") or kept_process(home) or is_kept_elsewhere(home):
+        yield
+        return
+    with process.reserve_server(home):
+        yield
 
 
 @contextmanager

@@ -6,10 +6,8 @@ in the store are the same.
 """
 
 from collections.abc import Callable, Generator
-from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from contextvars import ContextVar, copy_context
-from threading import Thread
+from contextvars import ContextVar
 from typing import ParamSpec, Protocol, TypeVar
 
 from flows.batch.batch_report import WrittenReport
@@ -33,7 +31,6 @@ from tasks.worlds.job.job import RemoteWorldMaker
 
 P = ParamSpec("P")
 R = TypeVar("R")
-S = TypeVar("S")
 
 
 class Orchestrator(Protocol):
@@ -228,8 +225,6 @@ class ProcessAlone:
 
 _orchestrator: ContextVar[Orchestrator | None] = ContextVar("simyard_orchestrator", default=None)
 _ALONE = ProcessAlone()
-# A stage beside has so long to end after an interrupt.
-_INTERRUPTED_S = 3.0
 
 
 def orchestrator() -> Orchestrator:
@@ -241,40 +236,6 @@ def run_step(step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
     """Returns what a step returns that the orchestrator of this context runs; the log says how long it took."""
     with log_duration(step.__name__):
         return orchestrator().run_step(step, *args, **kwargs)
-
-
-def at_a_time(beside: Callable[[], S], work: Callable[[], R]) -> tuple[S, R]:
-    """Returns what two stages return that need nothing of each other, and run at the same time.
-
-    Both come to their ends, also when one fails. An interrupt waits a few seconds for the stage beside: what it tells
-    Prefect after the server has ended would be lost, and complained about after the last message.
-
-    Args:
-        beside: The stage that a thread of its own runs, in this context.
-        work: The stage that this thread runs.
-
-    Raises:
-        Exception: What the first raised, or else what the second did.
-    """
-    ended: Future[S] = Future()
-
-    def run() -> None:
-        try:
-            ended.set_result(beside())
-        except BaseException as exc:  # noqa: BLE001 - raised below
-            ended.set_exception(exc)
-
-    thread = Thread(target=copy_context().run, args=(run,), name="simyard stage", daemon=True)
-    thread.start()
-    try:
-        found = work()
-    except Exception:
-        ended.result()
-        raise
-    except BaseException:
-        thread.join(_INTERRUPTED_S)
-        raise
-    return ended.result(), found
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from flows.recount.recount import Asked
 from flows.resource.cancel import require_not_canceled
 from flows.resource.withdrawal import renew_metadata_here
 from flows.stage.cancellation import cancelable_run
-from flows.stage.orchestrator import at_a_time, orchestrator
+from flows.stage.orchestrator import orchestrator
 from flows.stage.run_owner import begin_run_in_turn
 from flows.stage.stage_summary import recorded_report, run_with_alarm, with_alarm
 from flows.stage.stages import (
@@ -35,6 +35,7 @@ from specs.digest import canonical_document
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.failure_codes import JobFailureCode
+from tasks.progress.at_a_time import at_a_time
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal

@@ -8,7 +8,7 @@ import sys
 import time
 import tomllib
 from collections.abc import Generator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -34,6 +34,9 @@ _NO_BLOCK_TYPES = {
     "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
 }
 START_TIMEOUT_S = 180.0
+_LOOK_S = 0.05
+IN_RESERVE = "--reserve"
+"""After a server's port: it only imports until its input says that it starts."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,9 @@ class Server:
         return {"PREFECT_API_URL": self.api_url, "PREFECT_API_AUTH_STRING": self.password}
 
 
+_waiting: dict[Path, tuple[Server, subprocess.Popen[bytes]]] = {}  # in reserve, by their folders
+
+
 def configured(environment: Mapping[str, str], name: str) -> str:
     """Returns what the user chose for Prefect: a variable, or the active Prefect profile's, or nothing.
 
@@ -79,18 +85,22 @@ def configured(environment: Mapping[str, str], name: str) -> str:
     return value if isinstance(value, str) else ""
 
 
-def launch(home: Path, *, bound: bool, port: int = 0) -> tuple[Server, subprocess.Popen[bytes]]:
+def launch(
+    home: Path, *, bound: bool, port: int = 0, in_reserve: bool = False
+) -> tuple[Server, subprocess.Popen[bytes]]:
     """Starts a server on 127.0.0.1 and returns it at once; it is not healthy yet.
 
     Args:
         home: Folder for its database and log.
         bound: Whether it is for this process alone, and the kernel ends it with this process; otherwise it stays.
         port: Where it listens; 0 for any free port.
+        in_reserve: Whether it imports what it needs, and no more until it is called up.
     """
     home.mkdir(mode=0o700, parents=True, exist_ok=True)
-    _close_database(home)
+    if not in_reserve:
+        _close_database(home)
     port, password = port or _free_port(), new_password()
-    command = [sys.executable, "-m", "tasks.server.guarded_server", str(port)]
+    command = [sys.executable, "-m", "tasks.server.guarded_server", str(port), *([IN_RESERVE] if in_reserve else [])]
     if bound:
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]
     url = f"http://127.0.0.1:{port}/api"
@@ -108,7 +118,7 @@ def launch(home: Path, *, bound: bool, port: int = 0) -> tuple[Server, subproces
             command,
             stdout=output,
             stderr=subprocess.STDOUT,
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if in_reserve else subprocess.DEVNULL,
             env=environment,
             start_new_session=True,
         )
@@ -132,18 +142,63 @@ def wait_until_healthy(server: Server, process: subprocess.Popen[bytes], timeout
             raise StageFailed(
                 "InternalServiceError", f"the Prefect server is silent after {timeout_s:.0f} s: {server.log}"
             )
-        time.sleep(0.1)
+        time.sleep(_LOOK_S)
+
+
+@contextmanager
+def reserve_server(home: Path) -> Generator[None, None, None]:
+    """Has a server for the block import what it needs, before it is known whether the block runs one.
+
+    ``run_server`` calls it up. Before that it touches no database and listens nowhere; it ends with the block, or with
+    this process, if nobody has called it up.
+
+    Args:
+        home: Folder for its database and log.
+    """
+    with suppress(OSError):  # who runs one says what hinders it
+        _waiting[home] = launch(home, bound=True, in_reserve=True)
+    try:
+        yield
+    finally:
+        if home in _waiting:
+            _dismiss(*_waiting.pop(home))
+
+
+def _called_up(home: Path) -> tuple[Server, subprocess.Popen[bytes]] | None:
+    """Returns the server in reserve, which starts now; None if there is none, or it has ended."""
+    server, process = _waiting.pop(home, (None, None))
+    if server is None or process is None:
+        return None
+    _close_database(home)
+    assert process.stdin is not None  # noqa: S101 - asked for
+    with suppress(OSError):  # it has ended
+        with process.stdin as line:
+            line.write(b"\n")
+        if process.poll() is None:
+            return server, process
+    _dismiss(server, process)
+    return None
+
+
+def _dismiss(server: Server, process: subprocess.Popen[bytes]) -> None:
+    """Ends a server that was not called up: it has done nothing."""
+    process.kill()
+    with suppress(OSError):
+        if process.stdin:
+            process.stdin.close()
+    process.wait()
+    Path(server.log).unlink(missing_ok=True)
 
 
 @contextmanager
 def run_server(home: Path) -> Generator[tuple[Server, subprocess.Popen[bytes]], None, None]:
-    """Runs a server for the length of a ``with`` block; it starts while the block's first lines run.
+    """Runs a server for the length of a ``with`` block, the one in reserve if there is one; it starts meanwhile.
 
     Another start on the same folder is waited for, and has to wait until this server is healthy or dead.
     """
     lock = take_turn(home, START_TIMEOUT_S)
     try:
-        server, process = launch(home, bound=True)
+        server, process = _called_up(home) or launch(home, bound=True)
     except BaseException:
         lock.close()
         raise

@@ -2,7 +2,7 @@
 # ruff: noqa: PLC0415 - see above
 
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -36,6 +36,13 @@ def run(
     ] = False,
 ) -> None:
     """Run a document from its first section to its last; continues a run that was killed."""
+    from flows.server.prefect_server import server_in_reserve
+
+    with nullcontext() if direct else server_in_reserve():
+        _run_and_show(file, store, junit, as_json=as_json, direct=direct)
+
+
+def _run_and_show(file: Path, store: str | None, junit: Path | None, *, as_json: bool, direct: bool) -> None:
     from flows.ci.run_files import AskedRun
     from flows.cli.document.ci_answers import CiWishes, run_for_ci
     from tasks.storage.store_url import chosen_url

@@ -26,7 +26,7 @@ _ARCHITECTURES: Mapping[str, Architecture] = {
     "armv8l": "ARMHF",
 }
 # A look at a folder costs a millisecond, and of a roll-out a wave waits for it.
-_LONGEST_POLL_S = "0.2"
+_POLL_S = _LONGEST_POLL_S = "0.05"
 
 
 @contextmanager
@@ -95,7 +95,7 @@ def _robots(store: Store, fleet: str, count: int) -> tuple[str, ...]:
 def _begin(store: Store, root: Path, grace_s: float, trust: Path | None) -> subprocess.Popen[bytes]:
     # What they run was simulated by this process already, under its account.
     account = {"parent": str(os.getpid()), "user": str(os.geteuid())}
-    pace = {"poll-s": "0.1", "longest-poll-s": _LONGEST_POLL_S, "grace-s": str(grace_s)}
+    pace = {"poll-s": _POLL_S, "longest-poll-s": _LONGEST_POLL_S, "grace-s": str(grace_s)}
     options = [f"--{option}={value}" for option, value in {**account, **pace}.items()]
     return call_up(
         root, [*robot_arguments(store, root), *options, f"--root-of-trust={trust}" if trust else "--unsigned"]

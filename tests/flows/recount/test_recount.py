@@ -3,11 +3,13 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import pytest
 
 from flows.gate.judge import gate_answer, read_baseline, read_gate_answer
+from flows.recount import recount
 from flows.recount.batch_recount import Planned
 from flows.recount.recount import Asked, recount_changes
 from flows.stage.stages import deploy, judge_batch_stage, vouch
@@ -21,6 +23,7 @@ from tasks.storage.jobs.records import JobRecord
 from tests.factories.judged_batches import courier, delivery, document, ended, run_of
 from tests.factories.planned_batches import mixed
 
+_PATIENCE_S = 60.0
 PIPELINE = document({"successRate": {"atLeast": 0.9}, "collisionRate": {"atMost": 0.1}})
 COMPARED = document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
 
@@ -103,6 +106,36 @@ def test_evidence_that_does_not_follow_is_named(run: Run):
     run.edit_run(lambda detail: detail["gate"].update(evidence="0" * 64))
     (line,) = run.changes()
     assert f"evidence.json has the SHA-256 {'0' * 64}; computed: " in line
+
+
+def test_a_sample_is_simulated_again_while_the_batch_is_counted(run: Run, monkeypatch: pytest.MonkeyPatch):
+    both, count = Barrier(2, timeout=_PATIENCE_S), recount.count_batch
+    monkeypatch.setattr(recount, "sample_changes", lambda *_: [str(both.wait() < 0)])
+    monkeypatch.setattr(recount, "count_batch", lambda *given: (both.wait(), count(*given))[1])
+    assert run.changes() == ["False"]
+
+
+def test_a_sample_of_a_batch_whose_chunks_nobody_vouches_for_yet_is_simulated_again_after_the_count(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[str] = []
+
+    def sample(*_: object) -> list[str]:
+        asked.append("sample")
+        if len(asked) == 1:
+            raise StageFailed("MismatchedEtag", "the chunk is gone")
+        return ["an episode came out otherwise"]
+
+    monkeypatch.setattr(recount, "sample_changes", sample)
+    assert run.changes() == ["an episode came out otherwise"]
+    assert len(asked) == 2
+
+
+def test_of_what_was_counted_otherwise_the_sample_tells_nothing(run: Run, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(recount, "sample_changes", lambda *_: ["an episode came out otherwise"])
+    run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
+    (line,) = run.changes()
+    assert "says counts" in line
 
 
 def test_counts_that_do_not_follow_are_named(run: Run):

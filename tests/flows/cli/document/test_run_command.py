@@ -4,12 +4,15 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
 from flows.cli.document import run_command
+from flows.cli.shell import app
 from flows.server import prefect_server as server_module
 from flows.server.prefect_server import prefect_server
 from specs.errors import DocumentError, StageFailed
@@ -96,6 +99,27 @@ def test_a_document_with_faults_is_refused_before_a_server_is_chosen(tmp_path: P
     )
     with pytest.raises(DocumentError, match=r"missing\.json"):
         run_command.run_document(spec, tmp_path, (tmp_path / "store").as_uri(), Console())
+
+
+def test_a_server_waits_in_reserve_where_none_is_chosen(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    homes: list[Path] = []
+    monkeypatch.setattr(server_module.process, "reserve_server", lambda home: (homes.append(home), nullcontext())[1])
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
+    monkeypatch.setenv("PREFECT_API_URL", NOBODY)
+    with server_module.server_in_reserve():
+        assert homes == []
+    monkeypatch.delenv("PREFECT_API_URL")
+    with server_module.server_in_reserve():
+        assert homes == [tmp_path]
+
+
+def test_a_document_is_read_while_a_server_waits_in_reserve(monkeypatch: pytest.MonkeyPatch):
+    begun: list[str] = []
+    monkeypatch.setattr(server_module, "server_in_reserve", lambda: (begun.append("reserve"), nullcontext())[1])
+    for options, expected in (([], ["reserve"]), (["--direct"], [])):
+        begun.clear()
+        assert CliRunner().invoke(app, ["run", "missing.yaml", *options]).exit_code != 0
+        assert begun == expected
 
 
 @pytest.mark.integration

@@ -1,19 +1,14 @@
-"""Two stages that need nothing of each other run at the same time, and both come to their ends.
+"""A deployment goes on beside what shows the verdict, which is decided and written before.
 
-So do a deployment and what shows the verdict, which is decided and written before: what fails in showing it is told,
-and decides nothing.
+What fails in showing it is told, and decides nothing.
 """
 
 from collections.abc import Callable
-from contextvars import ContextVar
-from threading import Barrier
-from time import sleep
 
 import pytest
 
 from flows.recount.recount import Asked
-from flows.stage import orchestrator, pipeline_run
-from flows.stage.orchestrator import at_a_time
+from flows.stage import pipeline_run
 from flows.stage.pipeline_run import _judge_and_deploy  # pyright: ignore[reportPrivateUsage]
 from flows.stage.stages import Reports
 from specs.data.run_report import StageReport
@@ -27,58 +22,6 @@ SIMULATED = StageReport(name="simulationBatch", arn="", status="Completed", summ
 JUDGED = StageReport(name="gate", arn="", status="PASS", summary="", seconds=0.0)
 DEPLOYED = StageReport(name="deployment", arn="", status="Succeeded", summary="", seconds=0.0)
 Fails = Callable[[str, Exception], None]
-_PATIENCE_S = 30.0
-_ran = ContextVar("_ran", default="nobody")
-
-
-def fail(code: str) -> None:
-    raise StageFailed(code, code)
-
-
-def test_each_stage_runs_while_the_other_does():
-    both = Barrier(2, timeout=_PATIENCE_S)
-    assert at_a_time(lambda: ("export", both.wait())[0], lambda: ("batch", both.wait())[0]) == ("export", "batch")
-
-
-def test_a_stage_beside_another_is_in_the_same_context():
-    token = _ran.set("the pipeline")
-    try:
-        assert at_a_time(_ran.get, lambda: None)[0] == "the pipeline"
-    finally:
-        _ran.reset(token)
-
-
-def test_a_stage_comes_to_its_end_though_the_other_failed():
-    ended: list[str] = []
-    with pytest.raises(StageFailed, match="export"):
-        at_a_time(lambda: fail("export"), lambda: ended.append("batch"))
-    with pytest.raises(StageFailed, match="batch"):
-        at_a_time(lambda: ended.append("export"), lambda: fail("batch"))
-    assert ended == ["batch", "export"]
-
-
-def test_of_two_failures_the_first_stage_s_is_told():
-    with pytest.raises(StageFailed, match="export"):
-        at_a_time(lambda: fail("export"), lambda: fail("batch"))
-
-
-def interrupted() -> None:
-    raise KeyboardInterrupt
-
-
-def test_an_interrupt_waits_for_a_stage_that_is_about_to_end():
-    told: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        at_a_time(lambda: (sleep(0.2), told.append("the export has ended")), interrupted)
-    assert told == ["the export has ended"]
-
-
-def test_an_interrupt_does_not_wait_for_a_stage_that_goes_on(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(orchestrator, "_INTERRUPTED_S", 0.1)
-    held = Barrier(2)
-    with pytest.raises(KeyboardInterrupt):
-        at_a_time(held.wait, interrupted)
-    held.abort()
 
 
 @pytest.fixture
