@@ -23,6 +23,7 @@ from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.settings import Workers
 from tasks.applications.bundle_failure import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
 from tasks.simulate.batch.chunk_runner import chunks_ahead
@@ -92,14 +93,14 @@ def begin_simulation_process(store: Store, digests: Sequence[str]) -> None:
         store: Where the bundles are.
         digests: Of all applications of the batch.
     """
+    Thread(target=_begin_process, args=(store, digests), name="simyard simulation process", daemon=True).start()
 
-    def begin() -> None:
-        try:
-            prepare_simulator({digest: unpack_application(store.url, digest) for digest in digests})
-        except (SimyardError, OSError) as exc:
-            logger.debug("no process simulates before there are worlds: %s", exc)
 
-    Thread(target=begin, name="simyard simulation process", daemon=True).start()
+def _begin_process(store: Store, digests: Sequence[str]) -> None:
+    try:
+        prepare_simulator({digest: unpack_application(store.url, digest) for digest in digests})
+    except (SimyardError, OSError) as exc:
+        logger.debug("no process simulates before it is asked: %s", exc)
 
 
 def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
@@ -117,6 +118,8 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
+            if not _workers(work):
+                _begin_process(store, work.plan.digests())  # which imports JAX while the first chunk is made ready
             _unpack_bundles(work)
             watch = BatchWatch()
             early = _simulate(work, location, gate)
@@ -147,8 +150,7 @@ def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> 
 
     Returns the batch's speed, and why it ended early, if it did.
     """
-    # An early end is decided chunk by chunk, in order.
-    workers = None if batch.plan.shuffled else orchestrator().wanted_workers()
+    workers = _workers(batch)
     if workers:
         return _metric_fields(orchestrator().spread_batch(batch, location, workers))
     early, meter = EarlyEnd(batch, gate), BatchMeter()
@@ -159,6 +161,11 @@ def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> 
     finally:
         forget_chunks(batch)
     return {**early.detail, **_metric_fields(meter.metrics())}
+
+
+def _workers(batch: OpenBatch) -> Workers | None:
+    """Returns who simulates; None for this machine. An early end is decided chunk by chunk, in order."""
+    return None if batch.plan.shuffled else orchestrator().wanted_workers()
 
 
 def _import_ahead() -> None:

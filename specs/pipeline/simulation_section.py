@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field
 
 from specs.base import Spec
 from specs.data.bag_format import BagFormat
+from specs.data.engine_name import EngineName
 from specs.data.episode import CONTROL_HZ
 from specs.field_types import (
     Architecture,
@@ -61,7 +62,6 @@ MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
 AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
-EngineName = Literal["planar", "mjx", "mujoco"]
 Engine = Literal["auto", EngineName]
 Seeds = Annotated[
     Annotated[Integer, Field(ge=1, le=MAX_SEEDS), member("number")]

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool, Int
 
 from specs.base import Spec
 from specs.data.column_bytes import encode_columns
@@ -33,6 +33,7 @@ from tasks.simulate.application.code import BundleCrash
 from tasks.simulate.chunk.job_tags import collect_tags
 from tasks.simulate.chunk.timings import hand_over_timings
 from tasks.simulate.devices import prepare_devices
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.process.sent_log import log_parts
@@ -66,6 +67,7 @@ _PR_SET_PDEATHSIG = 1
 # So few episodes, in so small a part of the lanes, are driven soonest by themselves, as an audit's are: no lane is
 # refilled for them, and the programs that refill lanes take longer to load than they take to drive.
 _NARROW = 4
+_Say = Callable[[Spec, Sequence[np.ndarray]], None]
 PROGRAMS = "SIMYARD_PROGRAMS"
 """Where it is ``trace``, each process traces its programs anew."""
 
@@ -172,7 +174,7 @@ class Service:
         chunk, *ahead = self._chunks.values()
         if self._under_way is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
             self._under_way = ChunksUnderWay()
-        recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz)
+        recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz, work.recorded)
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_columns(
                 chunk,
@@ -187,8 +189,7 @@ class Service:
                 under_way=self._under_way,
                 ahead=ahead,
             )
-        told = np.array(recorder.told if recorder else [], np.int64)
-        rest = rows.take(np.flatnonzero(~np.isin(rows.index, told)))
+        rest = rows.take(np.flatnonzero(~np.isin(rows.index, recorder.told if recorder else [])))
         self.say(Rows(timings=_remembered(timings), tags=tags), [_row_bytes(rest)])
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
@@ -233,10 +234,13 @@ class _Forward:
         told: Indices of the rows that it was told.
     """
 
-    def __init__(self, say: Callable[[Spec, Sequence[np.ndarray]], None], rate_hz: float) -> None:
-        self._say, self.rate_hz = say, rate_hz
+    def __init__(self, say: _Say, rate_hz: float, choice: RecordingChoice | None) -> None:
+        self._say, self.rate_hz, self._choice = say, rate_hz, choice
         self._lanes, self._stride, self._before = 0, 1, 0
         self.told: list[int] = []
+
+    def wants(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        return np.ones(len(rows), np.bool_) if self._choice is None else self._choice.chosen(rows)
 
     def begin(self, lanes: int, control_s: float) -> None:
         self._lanes, self._stride, self._before = lanes, sample_stride(self.rate_hz, control_s), 0

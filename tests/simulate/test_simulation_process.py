@@ -1,7 +1,11 @@
 """What the process that simulates answers when something goes wrong in it."""
 
+import os
 import socket
+import subprocess
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +15,7 @@ from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
+from tasks.simulate.process.confinement import confined_environment
 from tasks.simulate.process.wire import receive
 from tasks.simulate.process.work import AuditWork, LanesWork, SentWorlds
 from tasks.simulate.simulation_process import Service
@@ -18,6 +23,23 @@ from tests.factories.simulations import delivery
 
 LANES = 8
 WORK = AuditWork(sample=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto", drawn=0)
+
+
+# What it imports is waited for by the first chunk; forms of documents are a tenth of that.
+ASK = """
+import sys
+from tasks.simulate.devices import prepare_devices
+prepare_devices()
+import tasks.simulate.simulation_process
+import tasks.simulate.chunk.episodes
+print(*(name for name in sys.modules if name.startswith("specs.pipeline.") or name == "mujoco.glfw"))
+"""
+
+
+def test_it_imports_no_forms_of_documents_and_nothing_to_draw_with():
+    environment = confined_environment(os.environ, Path("/programs"))
+    done = subprocess.run([sys.executable, "-c", ASK], env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == []
 
 
 @pytest.mark.parametrize(

@@ -66,6 +66,7 @@ class ChunkRunner:
             printed=self.printed.append,
             tagged=self.tagged,
             ahead=[each.able for each in coming],
+            recorded=part.recorded,
         )
         worlds = {name: world for each in coming for name, world in each.worlds.items()}
         return lanes.simulate(part.chunk, {**worlds, **part.worlds})

@@ -26,6 +26,7 @@ from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.data.mounts import Mounts
 from tasks.simulate.data.pinned_worlds import pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
 from tasks.simulate.plan.job_variables import job_variables
 from tasks.storage.base.cache_folder import cache_folder
@@ -45,6 +46,7 @@ class ChunkPart(NamedTuple):
         recorder: Is given what the lanes do; None if nothing of the batch is recorded.
         program: What plans know the part's program by, whose variables name no folders of this machine yet.
         whole: Whether it is all of a chunk that can be simulated.
+        recorded: Which of its episodes the recorder keeps, if they are not cancelled.
     """
 
     chunk: Chunk
@@ -54,6 +56,7 @@ class ChunkPart(NamedTuple):
     recorder: Recorder | None
     program: ProgramKey
     whole: bool = False
+    recorded: RecordingChoice | None = None
 
 
 class PreparedChunk(NamedTuple):
@@ -184,16 +187,20 @@ class _Work:
         self.sound = chunk
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
-        self._samples, self._program = sample_memory(), program
+        self._samples, self._program, self._rate_hz = sample_memory(), program, batch.plan.recordings.rateHz
         self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
+        recordings, layout = batch.plan.recordings, batch.layout
+        every = [template.record or recordings.episodes == "all" for template in batch.plan.templates]
+        always = tuple(each.index for each in chunk.requests if every[layout.template_of(each.index)])
+        self._choice = RecordingChoice(always=always, failed=recordings.episodes == "failed")
 
     def part(self, chunk: Chunk, lanes: int) -> Results:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
-        rate_hz = self._batch.plan.recordings.rateHz
-        recorder = Recorder(rate_hz, self._wanted, self._samples) if self._recording else None
+        recorder = Recorder(self._rate_hz, self._wanted, self._samples) if self._recording else None
         whole = chunk.requests == self.sound.requests
-        rows = self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program, whole))
+        part = ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program, whole, self._choice)
+        rows = self._simulate(part)
         if recorder is not None:
             self.recorders.append(recorder)
         return rows
@@ -225,13 +232,7 @@ class _Work:
 
     def _wanted(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
         """Returns which episodes' recordings are kept."""
-        plan, offsets = self._batch.plan, self._batch.layout.offsets
-        sound = ~rows.says("status", "Canceled") & ~np.isin(rows.index, sorted(self.watch.canceled))
-        asked = np.array([template.record for template in plan.templates], np.bool_)
-        asked = asked[np.clip(np.searchsorted(offsets, rows.index, "right") - 1, 0, len(asked) - 1)]
-        failed = rows.says("status", "Failed") | rows.says("outcome", "Failed")
-        kept = {"all": True, "failed": failed, "none": False}[plan.recordings.episodes]
-        return sound & (asked | kept)
+        return self._choice.chosen(rows) & ~np.isin(rows.index, sorted(self.watch.canceled))
 
 
 def _settled(work: _Work, rows: EpisodeColumns, later: EpisodeColumns) -> EpisodeColumns:

@@ -113,41 +113,50 @@ class PartRows:
         return rows.at(np.array([lane.request.index for lane in self.lanes], np.int64))
 
     def tell(self, recorder: SampleRecorder, rows: EpisodeColumns) -> None:
-        """Tells a recorder what the episodes did, and how they ended."""
-        recorder.begin(len(self.lanes), CONTROL_S)
+        """Tells a recorder what the episodes did that it keeps, and how they ended."""
+        told = np.flatnonzero(recorder.wants(rows))
+        if not len(told):
+            return
+        recorder.begin(len(told), CONTROL_S)
         for age, blocks in enumerate(self._blocks):
-            samples, steps = _together(blocks, len(self.lanes))
+            samples, steps = _together(blocks, told)
             recorder.add(samples, steps)
             self._blocks[age] = []
         if self._ends:
-            recorder.end(lane_ends(self.lanes, self._last_states()), rows)
+            lanes = [self.lanes[position] for position in told.tolist()]
+            recorder.end(lane_ends(lanes, self._last_states(told.tolist())), rows.take(told))
 
-    def _last_states(self) -> LaneState:
-        """Returns the last states in the episodes' order; zeros for one that has not ended."""
-        together: dict[int, list[int]] = {}
-        for position, end in self._ends.items():
-            together.setdefault(id(end.state), []).append(position)
+    def _last_states(self, told: Sequence[int]) -> LaneState:
+        """Returns the last states of some episodes, in their order; zeros for one that has not ended."""
+        together: dict[int, list[tuple[int, int]]] = {}
+        for place, position in enumerate(told):
+            if (end := self._ends.get(position)) is not None:
+                together.setdefault(id(end.state), []).append((place, position))
         some = next(iter(self._ends.values())).state
 
         def blank(leaf: Any) -> np.ndarray:  # noqa: ANN401 - of a tree
-            return np.zeros((len(self.lanes), *leaf.shape[1:]), leaf.dtype)
+            return np.zeros((len(told), *leaf.shape[1:]), leaf.dtype)
 
         found = jax.tree.map(blank, some)
         into = jax.tree.leaves(found)
-        for positions in together.values():
-            state, places = self._ends[positions[0]].state, [self._ends[position].place for position in positions]
-            for leaf, source in zip(into, jax.tree.leaves(state), strict=True):
-                leaf[positions] = source[places]
+        for ended in together.values():
+            places, ends = [place for place, _ in ended], [self._ends[position] for _, position in ended]
+            for leaf, source in zip(into, jax.tree.leaves(ends[0].state), strict=True):
+                leaf[places] = source[[end.place for end in ends]]
         return found
 
 
-def _together(blocks: Sequence[_Block], lanes: int) -> tuple[SliceSamples, Int[np.ndarray, "lanes"]]:
-    """Returns the samples of all lanes of a slice, and their steps: below 0 for one that had ended before."""
-    steps = np.full(lanes, -1, np.int32)
+def _together(
+    blocks: Sequence[_Block], told: Int[np.ndarray, "lanes"]
+) -> tuple[SliceSamples, Int[np.ndarray, "lanes"]]:
+    """Returns the samples of some lanes of a slice, and their steps: below 0 for one that had ended before."""
+    steps = np.full(len(told), -1, np.int32)
     first = blocks[0].samples
-    arrays = [np.zeros((lanes, *array.shape[1:]), array.dtype) for array in first[1:]]
+    arrays = [np.zeros((len(told), *array.shape[1:]), array.dtype) for array in first[1:]]
     for positions, done, samples in blocks:
-        steps[positions] = done
+        some = np.isin(positions, told)
+        places = np.searchsorted(told, positions[some])
+        steps[places] = done[some]
         for array, found in zip(arrays, samples[1:], strict=True):
-            array[positions] = found
+            array[places] = found[some]
     return SliceSamples(SLICE_STEPS, *arrays), steps

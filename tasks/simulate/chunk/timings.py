@@ -19,7 +19,7 @@ from typing import NamedTuple
 from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.compile_clock import compiled_s
 from tasks.simulate.plan.chunks import ProgramKey

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import cast
 
 from specs.base import Spec
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.devices import DeviceKind
 from tasks.simulate.engine.engines import ENGINES, fastest_first
 from tasks.simulate.host.controller_kind import ControllerKind

@@ -13,8 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
 
+from specs.data.engine_name import EngineName
 from specs.data.world import World
-from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.motion import Body
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.engine.kept_program.keeper import ProgramKeeper, program_keeper

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.devices import DeviceKind
 
 if TYPE_CHECKING:

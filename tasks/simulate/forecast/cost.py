@@ -13,8 +13,8 @@ from statistics import median
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.engine_name import EngineName
 from specs.data.episode import CONTROL_HZ
-from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.simulate.engine.engines import ENGINES, EngineCost
 from tasks.simulate.plan.chunks import SLICE_STEPS

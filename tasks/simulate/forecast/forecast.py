@@ -7,8 +7,8 @@ from typing import Literal
 
 from specs.base import Spec
 from specs.bundle.launched_file import policy_file
+from specs.data.engine_name import EngineName
 from specs.data.episode import CONTROL_HZ, PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
-from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.chunk.timings import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engine.choice import EngineChoice

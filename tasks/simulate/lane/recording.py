@@ -50,6 +50,10 @@ class SampleRecorder(LaneRecorder, Protocol):
         """Returns how many samples a simulated second are wanted."""
         ...
 
+    def wants(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        """Returns which episodes it keeps, by their results; of others nothing need be told."""
+        ...
+
     def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
         """Is given a slice's samples instead of the slice."""
         ...
@@ -112,9 +116,12 @@ class Recorder:
             rows: The lanes' results, in their order.
         """
         columns = EpisodeColumns.of(rows)
-        wanted = np.broadcast_to(self._wanted(columns), len(columns))
-        lanes = np.flatnonzero(wanted)
+        lanes = np.flatnonzero(self.wants(columns))
         self._runs[-1].end(ends, list(zip(lanes.tolist(), columns.index[lanes].tolist(), strict=True)))
+
+    def wants(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        """Returns which episodes are kept, by their results."""
+        return np.broadcast_to(self._wanted(rows), len(rows))
 
     @property
     def untouched(self) -> bool:

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 from jaxtyping import Float
 
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.application.motion import Body, Motion
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane.calls import Applications

@@ -104,6 +104,8 @@ def confined_environment(own: Mapping[str, str], programs: Path) -> dict[str, st
     settings = {name: own[name] for name in _OWN_SETTINGS if name in own}
     return {
         "TF_CPP_MIN_LOG_LEVEL": "3",
+        # It draws nothing: MuJoCo would load GLFW, for a display that is not told to it. Who sets this gets it.
+        "MUJOCO_GL": "disable",
         **kept,
         **settings,
         # Also where the run's environment names another folder: no application writes what another one loads.

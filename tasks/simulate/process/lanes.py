@@ -29,6 +29,7 @@ from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.chunk.memory_fit import TooManyLanes
 from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey
 from tasks.simulate.process.simulator import Simulator, SimulatorEnded
 from tasks.simulate.process.simulators import simulator
@@ -69,6 +70,7 @@ class ConfinedLanes:
         printed: Given what applications print.
         tagged: Given the tags that applications gave to their jobs, by the index of the episode.
         ahead: Chunks that are going to be simulated next, in their order; the process begins them when lanes are free.
+        recorded: Which episodes the recorder keeps at most; None means that it may keep any.
     """
 
     bundles: Mapping[str, Path]
@@ -82,6 +84,7 @@ class ConfinedLanes:
     printed: Callable[[str], None] = lambda _: None
     tagged: Callable[[JobTags], None] = lambda _: None
     ahead: Sequence[Chunk] = ()
+    recorded: RecordingChoice | None = None
     _endings: int = field(default=0, init=False)
 
     def simulate(self, chunk: Chunk, worlds: Mapping[str, World]) -> EpisodeColumns:
@@ -154,6 +157,7 @@ class ConfinedLanes:
                 engine=self.engine,
                 timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
+                recorded=self.recorded,
             )
             hear = _Listener(process, self.progress, recorder, chunk.requests)
             try:

@@ -9,6 +9,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.field_types import TagMap
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.simulate.chunk.timings import ChunkTiming
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
 from tasks.simulate.process.sent_log import SentTopic
 
@@ -34,6 +35,7 @@ class LanesWork(Spec):
         bundles: Unpacked folders of the applications, by digest.
         timed_as: Program to remember the time for.
         rate_hz: How many samples a simulated second to tell; None if nobody records.
+        recorded: Which episodes of the first chunk to tell samples of; None means all.
     """
 
     kind: Literal["lanes"] = "lanes"
@@ -45,6 +47,7 @@ class LanesWork(Spec):
     engine: str
     timed_as: ProgramKey | None = None
     rate_hz: float | None = None
+    recorded: RecordingChoice | None = None
 
 
 class AuditedEpisode(Spec):

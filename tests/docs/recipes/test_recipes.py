@@ -343,7 +343,7 @@ def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
         "def tin_mechanics(path):\n    return replace(planar_mechanics(path), engine='tin')\n",
     )
     tree.replace(
-        "specs/pipeline/simulation_section.py",
+        "specs/data/engine_name.py",
         'Literal["planar", "mjx", "mujoco"]',
         'Literal["planar", "mjx", "mujoco", "tin"]',
     )

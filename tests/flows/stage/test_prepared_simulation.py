@@ -1,17 +1,25 @@
 """The process that simulates begins before the worlds are made, where there is going to be something to simulate."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import pytest
 
-from flows.stage import stages
+from flows.stage import batch_stage, stages
+from flows.stage.batch_stage import run_batch
 from flows.stage.stages import prepare_simulation
+from specs.field_types import OutputLocation
 from specs.pipeline.document import PipelineSpec
+from tasks.applications.registry import publish_bundle
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.simulate.batch.job import KIND
+from tasks.simulate.batch.job import KIND, OpenBatch
+from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import stage_token
+from tests.factories.planned_batches import begun as begun_batch
+from tests.factories.planned_batches import plan, template
+from tests.factories.simulations import COURIER, DELIVERY, FOLDERS, ROBOT, SCENARIO
 from tests.repository import ROOT
 
 DIGESTS = ["a" * 64, "b" * 64]
@@ -72,3 +80,52 @@ def test_it_does_not_begin_where_workers_of_a_cluster_simulate(
     monkeypatch.setattr(stages.orchestrator(), "wanted_workers", lambda: "dask:2")
     prepare_simulation(spec, file_store, run)
     assert not begun
+
+
+@pytest.fixture
+def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> OpenBatch:
+    """A batch that is interrupted when its first chunk is made ready."""
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(batch_stage, "_simulate", interrupted)
+    robot = publish_bundle(file_store, "robot-application", "courier", FOLDERS[COURIER])
+    scenario = publish_bundle(file_store, "simulation-application", "delivery", FOLDERS[DELIVERY])
+    launched = template(
+        robot=ROBOT.model_copy(update={"digest": robot.digest}),
+        scenario=SCENARIO.model_copy(update={"digest": scenario.digest}),
+    )
+    return begun_batch(file_store, plan(file_store, templates=(launched,), audit=0))
+
+
+@pytest.fixture
+def prepared(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """The applications of processes that a batch began before it had anything to ask."""
+    found: list[list[str]] = []
+    monkeypatch.setattr(batch_stage, "prepare_simulator", lambda bundles: found.append(list(bundles)))
+    return found
+
+
+def test_a_batch_begins_it_before_its_first_chunk_is_made_ready(batch: OpenBatch, prepared: list[list[str]]):
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
+    assert prepared == [list(batch.plan.digests())]
+
+
+def test_a_batch_that_workers_simulate_begins_none_here(
+    batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(batch_stage.orchestrator(), "wanted_workers", lambda: "dask:2")
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
+    assert not prepared
+
+
+def test_a_batch_whose_applications_are_gone_begins_none_and_goes_on(batch: OpenBatch, prepared: list[list[str]]):
+    for digest in batch.plan.digests():
+        batch.store.delete(bundle_key(digest))
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
+    assert not prepared

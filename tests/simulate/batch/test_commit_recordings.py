@@ -1,6 +1,7 @@
 """Recordings are written before the chunk that names them, and only of episodes that are wanted."""
 
 from collections.abc import Iterable
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.lane.lane_state import StepRecord
 from tasks.simulate.lane.recording import Columns
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.lane.samples import Ends
 from tasks.storage.base.store import Store
 from tests.factories.episodes import collided
@@ -60,6 +62,21 @@ def test_episodes_that_failed_are_recorded_and_those_that_were_asked_for(
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.index for row in rows if row.recording == "0.parquet"] == kept
     assert {row.recording for row in rows} <= {"", "0.parquet"}
+
+
+@pytest.mark.parametrize(("episodes", "always"), [("failed", ()), ("all", (0, 1, 2, 3)), ("none", ())])
+def test_a_part_says_which_of_its_episodes_are_recorded(
+    file_store: Store, episodes: Literal["failed", "all", "none"], always: tuple[int, ...]
+):
+    batch = begun(file_store, plan(file_store, recordings=Recordings(episodes=episodes)))
+    said: list[RecordingChoice | None] = []
+
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
+        said.append(part.recorded)
+        return mixed(part)
+
+    run_chunk(batch, 0, simulate, Recorded().write, lanes=4, left_s=9.0)
+    assert said == [RecordingChoice(always=always, failed=episodes == "failed")]
 
 
 def test_the_parts_of_a_chunk_share_the_memory_for_samples(file_store: Store):

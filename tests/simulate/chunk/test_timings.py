@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.chunk import timings
 from tasks.simulate.chunk.timings import (
     ChunkTiming,

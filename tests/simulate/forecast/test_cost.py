@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.chunk.timings import ChunkTiming
 from tasks.simulate.forecast.cost import Span, compiling_s, driving_s, memory_bytes, probed_speed, remembered_speed
 

@@ -36,6 +36,11 @@ def test_keys_credentials_and_addresses_are_left_out_and_settings_are_kept():
     assert given["HOME"] != OWN["HOME"]
 
 
+@pytest.mark.parametrize(("own", "given"), [({}, "disable"), ({"MUJOCO_GL": "egl"}, "egl")])
+def test_mujoco_loads_nothing_to_draw_with_unless_told_to(own: dict[str, str], given: str):
+    assert confined_environment({**OWN, **own}, Path("/programs"))["MUJOCO_GL"] == given
+
+
 def test_its_programs_go_to_its_own_folder_whatever_the_run_uses():
     assert confined_environment(OWN, Path("/programs"))["JAX_COMPILATION_CACHE_DIR"] == "/programs"
 

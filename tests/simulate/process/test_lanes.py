@@ -6,11 +6,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
-from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.recording import Columns, Recorder
+from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tasks.simulate.process import lanes as lanes_module
 from tasks.simulate.process import simulator
@@ -84,6 +86,31 @@ def test_rows_and_recordings_are_those_of_a_run_in_this_process(
         assert {name: values.tobytes() for name, values in ours.items()} == {
             name: values.tobytes() for name, values in theirs.items()
         }
+
+
+def test_of_episodes_that_nobody_keeps_no_samples_are_told(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
+    bundles = {digest: FOLDERS[digest] for digest in (DRIFT, FAULTY)}
+    here, apart = (Recorder(4.0, lambda rows: np.isin(rows.index, (1, 3))) for _ in range(2))
+    told: list[int] = []
+    begin = apart.begin
+
+    def begins(lanes: int, control_s: float) -> None:
+        told.append(lanes)
+        begin(lanes, control_s)
+
+    monkeypatch.setattr(apart, "begin", begins)
+    (chunk,) = plan_chunks([pushing(k, world="hand/pen-0", seed=k, duration_s=1.0 + k) for k in range(LANES)], LANES)
+    alone = simulate_lanes(chunk, pens, bundles, lanes=LANES, should_stop=lambda: False, recorder=here)
+    wanted = RecordingChoice(always=(1, 3))
+    lanes = ConfinedLanes(bundles, LANES, "auto", lambda: False, rate_hz=4.0, recorder=apart, recorded=wanted)
+    assert lanes.simulate(chunk, pens).rows() == alone
+    assert told == [2]
+    assert apart.episodes == [1, 3]
+    assert [_bytes(part) for part in apart.parts()] == [_bytes(part) for part in here.parts()]
+
+
+def _bytes(columns: Columns) -> dict[str, bytes]:
+    return {name: values.tobytes() for name, values in columns.items()}
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ import jax
 from jax import export
 from jax.sharding import NamedSharding
 
-from specs.pipeline.simulation_section import EngineName
+from specs.data.engine_name import EngineName
 from tasks.simulate.engine.kept_program.identity import machine_identity
 from tasks.simulate.engine.kept_program.kept_file import Head, KeptFile, read_kept, write_kept
 from tasks.simulate.engine.kept_program.module_files import module_dependencies

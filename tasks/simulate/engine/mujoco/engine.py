@@ -17,8 +17,8 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Float32
 
+from specs.data.engine_name import EngineName
 from specs.data.world import World
-from specs.pipeline.simulation_section import EngineName
 from tasks.simulate.application.contract import Joints, Observation, State
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.application.robot_mjcf import Hull
