@@ -85,16 +85,37 @@ def generate_world(
         WorldRejected: InvalidInput when the template's rooms cannot be laid out, InternalServiceError when the
             finished world breaks a guarantee with every sub-seed.
     """
-    brief = brief_of(template, robot_radius_m)
+    brief, digest = _read(_Same(template), robot_radius_m)
     broken: tuple[str, ...] = ()
     for sub_seed in range(_SUB_SEEDS):
         draw = InteriorKey(seed, floorplan_index, interior_index, sub_seed)
-        world = _draw_world(brief, draw, generation, template_digest(template))
+        world = _draw_world(brief, draw, generation, digest)
         broken = broken_guarantees(world.certificate)
         if not broken:
             return world
     name = world_name(floorplan_index, interior_index)
     raise WorldRejected("InternalServiceError", f"{name}, tried {_SUB_SEEDS} times: {'; '.join(broken)}")
+
+
+class _Same:
+    """A template that is the same only as itself: to look into two for what they share takes as long as to read one."""
+
+    def __init__(self, template: TemplateBody) -> None:
+        self.template = template
+
+    def __eq__(self, other: object) -> bool:
+        """Returns whether the other one holds the same object."""
+        return isinstance(other, _Same) and other.template is self.template
+
+    def __hash__(self) -> int:
+        """Returns what goes with that."""
+        return id(self.template)
+
+
+@lru_cache(maxsize=8)
+def _read(same: _Same, robot_radius_m: float) -> tuple[Brief, str]:
+    """Returns what a template asks for, and its digest; all worlds of a job share them."""
+    return brief_of(same.template, robot_radius_m), template_digest(same.template)
 
 
 def _draw_world(brief: Brief, draw: InteriorKey, generation: str, digest: str) -> World:

@@ -6,6 +6,7 @@ Names are matched ignoring case and spaces, because the guide and its samples sp
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -174,7 +175,8 @@ def draw_surfaces(brief: Brief, rng: np.random.Generator) -> tuple[Surfaces, ...
 
 def known_name(wished: str, known: Mapping[str, SurfaceMaterial]) -> str | None:
     """Returns the material that a template means, None for none."""
-    return {_plain(name): name for name in known}.get(_plain(wished))
+    plain = _plain(wished)
+    return next((name for name in known if _plain(name) == plain), None)
 
 
 def _draw(
@@ -187,5 +189,6 @@ def _draw(
     return Finish(material=name, pattern=material.pattern, color=color, accent=accent, repeat_m=material.repeat_m)
 
 
+@lru_cache(maxsize=256)
 def _plain(name: str) -> str:
     return name.replace(" ", "").lower()

@@ -49,6 +49,14 @@ def test_a_world_is_written_as_canonical_json_writes_any_document(
     assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
 
 
+@pytest.mark.parametrize("small", [0.00005, -0.000012, 1e-6, 1e-9, 1e17, -0.0])
+def test_numbers_that_python_writes_with_an_exponent_are_written_so(small: float) -> None:
+    world = make(sample("one-room"))
+    walls = tuple(wall.model_copy(update={"center_m": (small, 1.5, 2.0), "yaw_rad": small}) for wall in world.walls)
+    world = world.model_copy(update={"walls": walls})
+    assert encode_world(world) == canonical_json(world.model_dump(mode="json"))
+
+
 def test_a_zero_keeps_its_sign_beside_an_equal_one() -> None:
     world = make(sample("one-room"))
     colors = ((0.0, 0.1, 0.2), (-0.0, 0.1, 0.2))

@@ -21,7 +21,7 @@ from tasks.worlds.geometry.clearance import (
     measure_clearance,
     reaches_room,
 )
-from tasks.worlds.geometry.overlaps import count_overlaps, solid_rows
+from tasks.worlds.geometry.overlaps import Rows, count_overlaps, solid_rows
 
 START_RADIUS_M = 1.0
 _RADIUS_STEP_M = 0.01
@@ -102,16 +102,18 @@ def certify(
     floors = [_box(room) for room in rooms]
     figures = tuple(_figures(brief, clear.opened, rooms))
     reachable, as_set = _reachable_radii(clear, rooms, passages)
-    in_the_way = [*walls, *(door.leaf for door in doors), *(solid for piece in furniture for solid in piece.solids)]
+    leaves = [door.leaf for door in doors]
+    solids = [*[solid for piece in furniture for solid in piece.solids], *leaves, *walls]
+    rows = solid_rows(solids)
     return Certificate(
-        origin_clear_radius_m=rounded(distance_to_origin(in_the_way)),
+        origin_clear_radius_m=rounded(distance_to_origin(solids, rows)),
         guaranteed_robot_radius_m=rounded(brief.robot_radius_m),
         reachable_robot_radius_m=rounded(reachable),
         doors_as_set_robot_radius_m=rounded(as_set),
         narrowest_passage_m=rounded(narrowest_passage(passages, doors)),
         free_floor_share=rounded(_free_share(clear.opened, floors)),
         area_error_mean=rounded(_area_error_mean(brief, floors)),
-        overlaps=count_overlaps(furniture, walls, [door.leaf for door in doors]),
+        overlaps=count_overlaps(furniture, walls, leaves, rows),
         rooms=figures,
         wishes=weigh_wishes(brief, rooms, passages, furniture, doors, figures=figures, outline_m=_outline(floors)),
     )
@@ -158,9 +160,8 @@ def _figures(brief: Brief, clear: Clearance, rooms: Sequence[Room]) -> Iterator[
         )
 
 
-def distance_to_origin(solids: Sequence[Solid]) -> float:
+def distance_to_origin(solids: Sequence[Solid], rows: Rows) -> float:
     """Returns the distance on the floor from (0, 0) to the nearest solid that is not above head height (metres)."""
-    rows = solid_rows(solids)
     low = rows[:, 2] - rows[:, 5] < HEADROOM_M
     x, y, _, half_x, half_y, _, yaw = rows[low].T
     cos, sin = np.cos(yaw), np.sin(yaw)

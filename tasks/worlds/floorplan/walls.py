@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from specs.data.world import Solid
@@ -33,8 +34,13 @@ def build_walls(plan: FloorPlan, ceiling_height_m: float, colors: Sequence[Color
         ceiling_height_m: Height of every wall.
         colors: Colour of each room's walls; an inner wall takes that of the first room beside it.
     """
-    pieces = [*_outer(plan), *_inner(plan)]
-    return tuple(_solid(piece, ceiling_height_m, colors[piece.room]) for piece in pieces)
+    return tuple([Solid.unchecked({**fields, "color": colors[room]}) for fields, room in _bare(plan, ceiling_height_m)])
+
+
+@lru_cache(maxsize=64)
+def _bare(plan: FloorPlan, ceiling_height_m: float) -> tuple[tuple[dict[str, object], int], ...]:
+    """Returns the walls without their colours, which alone the interiors of a plan do not share, and their rooms."""
+    return tuple([(_fields(piece, ceiling_height_m), piece.room) for piece in [*_outer(plan), *_inner(plan)]])
 
 
 def _outer(plan: FloorPlan) -> list[_WallPiece]:
@@ -101,17 +107,14 @@ def _strip(line: Cut, start: float, end: float) -> Box:
     return Box(line.at - _HALF, start, line.at + _HALF, end)
 
 
-def _solid(piece: _WallPiece, top: float, color: Color) -> Solid:
+def _fields(piece: _WallPiece, top: float) -> dict[str, object]:
+    """Returns the fields of a wall's solid but for its colour, which is the last one."""
     x, y = piece.base.center
-    return Solid(
-        name=piece.name,
-        shape="box",
-        center_m=(rounded(x), rounded(y), rounded((piece.bottom + top) / 2)),
-        half_extents_m=(
-            rounded(piece.base.width / 2),
-            rounded(piece.base.height / 2),
-            rounded((top - piece.bottom) / 2),
-        ),
-        yaw_rad=0.0,
-        color=color,
-    )
+    half = (piece.base.width / 2, piece.base.height / 2, (top - piece.bottom) / 2)
+    return {
+        "name": piece.name,
+        "shape": "box",
+        "center_m": (rounded(x), rounded(y), rounded((piece.bottom + top) / 2)),
+        "half_extents_m": (rounded(half[0]), rounded(half[1]), rounded(half[2])),
+        "yaw_rad": 0.0,
+    }

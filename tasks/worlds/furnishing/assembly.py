@@ -1,13 +1,14 @@
 """Placed pieces become furniture of the world: primitives in world coordinates, named and coloured."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from specs.data.world import Color, Furniture
+from specs.data.world import Color, Furniture, Solid
 from tasks.worlds.furnishing.placement import turn_quarters
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import compose
@@ -43,6 +44,10 @@ _PALETTES: tuple[Palette, ...] = (
 )
 
 
+# Half a micrometre, less what adding a place to it may be off.
+_NO_TIE = 0.499
+
+
 @dataclass(frozen=True)
 class Look:
     """How the furniture of one room looks: its shapes, and its colours."""
@@ -52,11 +57,18 @@ class Look:
 
 
 class _PlacedPrimitive(NamedTuple):
-    """A primitive of a piece that is turned as it stands, about the piece's middle."""
+    """A primitive of a piece that is turned as it stands, about the piece's middle.
+
+    Attributes:
+        at: Its middle in micrometres, as near as whole ones come; None where it lies half-way between two.
+        z: Height of its middle.
+    """
 
     name: str
     shape: Literal["box", "cylinder"]
-    center: tuple[float, float, float]
+    center: tuple[float, float]
+    at: tuple[int, int] | None
+    z: float
     half: tuple[float, float, float]
     yaw: float
 
@@ -76,59 +88,116 @@ def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
         room: The name of its room.
         look: The shapes and colours of the room's furniture.
     """
-    x, y = piece.center
     parts = _turn_parts(piece.type, piece.size, look.style, piece.quarter, piece.askew_rad)
-    colors = _mix_paints(piece.type, piece.size, look)
+    colors = _mix_paints(piece.type, piece.size, look.style, look.palette)
+    x, y = piece.center
     solids = [
-        {
-            "name": f"{name}_{part_name}",
-            "shape": shape,
-            "center_m": (round(x + dx, 6) + 0.0, round(y + dy, 6) + 0.0, z),
-            "half_extents_m": half,
-            "yaw_rad": yaw,
-            "color": color,
-        }
-        for (part_name, shape, (dx, dy, z), half, yaw), color in zip(parts, colors, strict=True)
+        Solid.unchecked(
+            {
+                "name": f"{name}_{part.name}",
+                "shape": part.shape,
+                "center_m": center,
+                "half_extents_m": part.half,
+                "yaw_rad": part.yaw,
+                "color": color,
+            }
+        )
+        for part, center, color in zip(parts, _centers(piece, parts), colors, strict=True)
     ]
-    # All at once: pydantic is several times quicker with a piece of dictionaries than with solids made one by one.
-    return Furniture.model_validate(
+    return Furniture.unchecked(
         {
             "name": name,
             "model_type": piece.type,
             "room": room,
             "center_m": (rounded(x), rounded(y)),
             "yaw_rad": _wrap_angle(piece.quarter * QUARTER_TURN_RAD + piece.askew_rad),
-            "solids": solids,
+            "solids": tuple(solids),
         }
     )
+
+
+def _centers(piece: Piece, parts: Sequence[_PlacedPrimitive]) -> list[tuple[float, float, float]]:
+    """Returns the middles of a piece's primitives in the world, rounded to a millionth.
+
+    A piece stands at whole millimetres, so that its primitives' whole micrometres only have to be added.
+    """
+    x, y = piece.center
+    whole_x, whole_y = round(x * 1e3), round(y * 1e3)
+    if whole_x / 1e3 != x or whole_y / 1e3 != y:
+        return [(rounded(x + part.center[0]), rounded(y + part.center[1]), part.z) for part in parts]
+    whole_x, whole_y = whole_x * 1_000, whole_y * 1_000
+    return [
+        ((whole_x + at[0]) / 1e6, (whole_y + at[1]) / 1e6, z) if at else (rounded(x + dx), rounded(y + dy), z)
+        for _, _, (dx, dy), at, z, _, _ in parts
+    ]
 
 
 @lru_cache(maxsize=8192)
 def _turn_parts(
     kind: TypeName, size: Size, style: Style, quarter: int, askew_rad: float
 ) -> tuple[_PlacedPrimitive, ...]:
-    """Returns the primitives of a piece that faces some way; pieces of one size and style share them."""
-    return tuple(_turn_part(part, quarter, askew_rad) for part in compose(kind, size, style))
+    """Returns the primitives of a piece that faces some way; pieces of one size and style share them.
 
-
-def _turn_part(part: Primitive, quarter: int, askew_rad: float) -> _PlacedPrimitive:
-    """Returns a primitive turned; quarter turns swap extents, so that most boxes need no yaw at all."""
-    half_x, half_y, half_z = part.half
-    yaw = part.yaw
+    Quarter turns swap extents, so that most boxes need no yaw at all.
+    """
+    parts = _rounded_parts(kind, size, style)
     if askew_rad == 0.0:
-        x, y = turn_quarters(part.center[:2], quarter)
-        if part.yaw == 0.0 and quarter % 2:
-            half_x, half_y = half_y, half_x
-        elif part.yaw:
-            yaw += quarter * QUARTER_TURN_RAD
-    else:
-        turn = quarter * QUARTER_TURN_RAD + askew_rad
-        cos, sin = math.cos(turn), math.sin(turn)
-        x, y = cos * part.center[0] - sin * part.center[1], sin * part.center[0] + cos * part.center[1]
-        yaw += turn
-    half = (rounded(half_x), rounded(half_y), rounded(half_z))
+        return tuple([_turn_part(part, quarter) for part in parts])
+    turn = quarter * QUARTER_TURN_RAD + askew_rad
+    cos, sin = math.cos(turn), math.sin(turn)
+    return tuple(
+        [
+            _placed(part, (cos * x - sin * y, sin * x + cos * y), part.half, part.yaw + turn)
+            for part in parts
+            for x, y, _ in [part.center]
+        ]
+    )
+
+
+@lru_cache(maxsize=4096)
+def _rounded_parts(kind: TypeName, size: Size, style: Style) -> tuple[Primitive, ...]:
+    """Returns the primitives of a piece with heights and extents as a world has them."""
+    return tuple(
+        [
+            part._replace(center=(x, y, rounded(z)), half=(rounded(half_x), rounded(half_y), rounded(half_z)))
+            for part in compose(kind, size, style)
+            for x, y, z in [part.center]
+            for half_x, half_y, half_z in [part.half]
+        ]
+    )
+
+
+def _turn_part(part: Primitive, quarter: int) -> _PlacedPrimitive:
+    half_x, half_y, half_z = part.half
+    swap = quarter % 2 and part.yaw == 0.0
+    return _placed(
+        part,
+        turn_quarters(part.center[:2], quarter),
+        (half_y, half_x, half_z) if swap else part.half,
+        part.yaw and part.yaw + quarter * QUARTER_TURN_RAD,
+    )
+
+
+def _placed(
+    part: Primitive, center: tuple[float, float], half: tuple[float, float, float], yaw: float
+) -> _PlacedPrimitive:
+    """Returns a primitive where it lies in its piece as that faces.
+
+    Args:
+        part: The primitive, with its extents rounded.
+        center: Its middle, turned.
+        half: Its extents, turned.
+        yaw: How far it is turned itself.
+    """
     yaw = 0.0 if part.shape == "cylinder" else _wrap_angle(yaw)
-    return _PlacedPrimitive(part.name, part.shape, (x, y, rounded(part.center[2])), half, yaw)
+    return _PlacedPrimitive(part.name, part.shape, center, _micrometres(center), part.center[2], half, yaw)
+
+
+def _micrometres(point: tuple[float, float]) -> tuple[int, int] | None:
+    """Returns a point in whole micrometres; None where one of its figures lies half-way between two."""
+    x, y = point[0] * 1e6, point[1] * 1e6
+    whole_x, whole_y = round(x), round(y)
+    return (whole_x, whole_y) if abs(x - whole_x) < _NO_TIE and abs(y - whole_y) < _NO_TIE else None
 
 
 def _wrap_angle(yaw: float) -> float:
@@ -136,9 +205,9 @@ def _wrap_angle(yaw: float) -> float:
 
 
 @lru_cache(maxsize=8192)
-def _mix_paints(kind: TypeName, size: Size, look: Look) -> tuple[Color, ...]:
+def _mix_paints(kind: TypeName, size: Size, style: Style, palette: Palette) -> tuple[Color, ...]:
     """Returns the colours of a piece's primitives."""
-    return tuple(_mix(part.color, look.palette) for part in compose(kind, size, look.style))
+    return tuple([_mix(part.color, palette) for part in compose(kind, size, style)])
 
 
 @lru_cache(maxsize=1024)

@@ -85,6 +85,27 @@ def _inside(bars: Iterable[LineBox], by_m: float = EPSILON_M) -> list[LineBox]:
     return [(near + by_m, far - by_m, start + by_m, end - by_m) for near, far, start, end in bars]
 
 
+@dataclass
+class _Bars:
+    """Boxes as lines of one axis have them, with their borders and without."""
+
+    axis: int
+    whole: list[LineBox] = field(default_factory=list[LineBox])
+    inside: list[LineBox] = field(default_factory=list[LineBox])
+
+    def add(self, boxes: Iterable[Box]) -> None:
+        """Puts boxes at the end."""
+        bars = _bars(boxes, self.axis)
+        self.whole += bars
+        self.inside += _inside(bars)
+
+
+def _both_axes(boxes: tuple[Box, ...] = ()) -> tuple[_Bars, _Bars]:
+    (along_x := _Bars(0)).add(boxes)
+    (along_y := _Bars(1)).add(boxes)
+    return along_x, along_y
+
+
 class Taken(NamedTuple):
     """What is taken, as lines of one axis have it: pieces, then the floor that their use needs and that before ways.
 
@@ -146,21 +167,31 @@ class RoomScene:
     pieces: list[Piece] = field(default_factory=list[Piece])
     _counts: Counter[TypeName] = field(default_factory=Counter[TypeName])
     _taken: tuple[Taken, Taken] | None = None
+    _bodies: tuple[_Bars, _Bars] = field(default_factory=_both_axes)
+    _zones: tuple[_Bars, _Bars] = field(default_factory=_both_axes)
 
     def add(self, group: PlacedGroup) -> None:
         """Puts a group into the room."""
         self.groups.append(group)
         self.pieces += group.pieces
         self._counts.update([piece.type for piece in group.pieces])
-        self._taken = None
+        self._hold(group)
 
     def remove(self, number: int) -> PlacedGroup:
         """Takes a group out of the room again."""
         group = self.groups.pop(number)
         self.pieces = [piece for each in self.groups for piece in each.pieces]
         self._counts.subtract([piece.type for piece in group.pieces])
-        self._taken = None
+        self._bodies, self._zones, self._taken = _both_axes(), _both_axes(), None
+        for each in self.groups:
+            self._hold(each)
         return group
+
+    def _hold(self, group: PlacedGroup) -> None:
+        for bodies, zones in zip(self._bodies, self._zones, strict=True):
+            bodies.add([piece.body for piece in group.pieces])
+            zones.add(group.zones)
+        self._taken = None
 
     @property
     def taken(self) -> tuple[Taken, Taken]:
@@ -170,10 +201,14 @@ class RoomScene:
         return self._taken
 
     def _take(self, axis: int) -> Taken:
-        zones = [zone for group in self.groups for zone in group.zones]
-        whole = _bars([*[piece.body for piece in self.pieces], *zones, *self.keep_clear], axis)
-        inside = _inside(whole)
-        return Taken(whole, inside, inside[: len(self.pieces)], *self._edges[axis])
+        bodies, zones, clear = self._bodies[axis], self._zones[axis], self._clear[axis]
+        inside = bodies.inside + zones.inside + clear.inside
+        return Taken(bodies.whole + zones.whole + clear.whole, inside, [*bodies.inside], *self._edges[axis])
+
+    @cached_property
+    def _clear(self) -> tuple[_Bars, _Bars]:
+        """The floor before passages."""
+        return _both_axes(self.keep_clear)
 
     @cached_property
     def _edges(self) -> list[tuple[LineBox, list[tuple[float, LineBox]]]]:

@@ -15,7 +15,7 @@ from jaxtyping import Bool
 from specs.data.world import OccupancyMap, Solid
 from tasks.worlds.geometry.boxes import Box, rounded
 from tasks.worlds.geometry.floods import flood
-from tasks.worlds.geometry.overlaps import bounds
+from tasks.worlds.geometry.overlaps import bounds, solid_rows
 
 CELL_M = 0.05
 HEADROOM_M = 2.0
@@ -144,9 +144,12 @@ def _roomiest(window: bytes, shape: tuple[int, int], inner: tuple[int, int, int,
     beside[:, :-1] |= free[:, 1:]
     x, y = (touched & beside).nonzero()  # what is nearest to a free cell has a free one beside it
     own_x, own_y = free[inner[0] : inner[1], inner[2] : inner[3]].nonzero()
-    apart_x, apart_y = x - (own_x + inner[0])[:, None], y - (own_y + inner[2])[:, None]
-    apart = apart_x * apart_x + apart_y * apart_y
-    return int(apart.min(axis=1, initial=_REACH * _REACH).max(initial=0))
+    own_x, own_y = own_x + inner[0], own_y + inner[2]
+    # |a - b|^2 as |a|^2 + (|b|^2 - 2 ab): one product of whole numbers, exact in doubles, for all pairs of cells.
+    own = np.stack([own_x, own_y, np.ones_like(own_x)], axis=1, dtype=np.float64)
+    others = np.stack([-2 * x, -2 * y, x * x + y * y], dtype=np.float64)
+    nearest = (own @ others).min(axis=1, initial=_REACH * _REACH) + own_x * own_x + own_y * own_y
+    return min(int(nearest.max(initial=0)), _REACH * _REACH)
 
 
 def _needed(radius_m: float) -> int:
@@ -160,7 +163,7 @@ def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
     size = (math.ceil(footprint.width / CELL_M), math.ceil(footprint.height / CELL_M))
     touched, covered = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
     x, y = footprint.x_min, footprint.y_min
-    boxes = bounds(solids)
+    boxes = bounds(solid_rows(solids))
     cells = (boxes[boxes[:, 2] < HEADROOM_M][:, [0, 1, 3, 4]] - [x, y, x, y]) / CELL_M
     outer = np.concatenate([np.floor(cells[:, :2]), np.ceil(cells[:, 2:])], axis=1).astype(int).clip(0)
     inner = np.concatenate([np.ceil(cells[:, :2] - 0.5), np.floor(cells[:, 2:] + 0.5)], axis=1).astype(int).clip(0)

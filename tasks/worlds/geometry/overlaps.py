@@ -1,5 +1,6 @@
 """Which solids of different things intersect: bounding boxes first, then separating axes."""
 
+import struct
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,15 +12,27 @@ _TOUCH_M = 1e-4
 """Things that touch, or are rounded into each other by less than this, do not overlap."""
 
 
-def count_overlaps(furniture: Sequence[Furniture], walls: Sequence[Solid], leaves: Sequence[Solid] = ()) -> int:
+Rows = Float[np.ndarray, "solids 7"]
+"""Centre, half extents and yaw of each solid."""
+
+
+def count_overlaps(
+    furniture: Sequence[Furniture], walls: Sequence[Solid], leaves: Sequence[Solid] = (), rows: Rows | None = None
+) -> int:
     """Returns how many pairs of pieces or door leaves, or of one of these and a wall, intersect.
 
     A cylinder counts as the square around it, which can only find more.
+
+    Args:
+        furniture: The pieces.
+        walls: The walls.
+        leaves: The door leaves.
+        rows: The rows of the solids of furniture, leaves and walls, in this order, where they are known already.
     """
     pieces = [piece.solids for piece in furniture if piece.solids]
     things = [*pieces, *((leaf,) for leaf in leaves), *((wall,) for wall in walls)]
-    parts = bounds([solid for thing in things for solid in thing])
-    first = np.cumsum([0, *(len(thing) for thing in things)])
+    parts = bounds(solid_rows([solid for thing in things for solid in thing]) if rows is None else rows)
+    first = np.cumsum([0, *[len(thing) for thing in things]])
     around = np.concatenate(
         [np.minimum.reduceat(parts[:, :3], first[:-1]), np.maximum.reduceat(parts[:, 3:], first[:-1])], axis=1
     )
@@ -40,22 +53,23 @@ def _near(some: Float[np.ndarray, "some 6"], others: Float[np.ndarray, "others 6
     return np.logical_and.reduce((low < others_high - _TOUCH_M) & (others_low < high - _TOUCH_M), axis=2)
 
 
-def solid_rows(solids: Sequence[Solid]) -> Float[np.ndarray, "solids 7"]:
-    """Returns centre, half extents and yaw of each solid."""
+def solid_rows(solids: Sequence[Solid]) -> Rows:
+    """Returns the row of each solid."""
     numbers: list[float] = []
     for solid in solids:
         numbers += solid.center_m
         numbers += solid.half_extents_m
         numbers.append(solid.yaw_rad)
-    return np.array(numbers, dtype=np.float64).reshape(-1, 7)
+    packed = struct.pack(f"{len(numbers)}d", *numbers)  # a third of the time that NumPy takes to look at each number
+    return np.frombuffer(packed, dtype=np.float64).reshape(-1, 7)
 
 
-def bounds(solids: Sequence[Solid]) -> Float[np.ndarray, "solids 6"]:
+def bounds(rows: Rows) -> Float[np.ndarray, "solids 6"]:
     """Returns the axis-aligned bounding boxes: x_min, y_min, z_min, x_max, y_max, z_max."""
-    rows = solid_rows(solids)
     center, half, yaw = rows[:, :3], rows[:, 3:6], rows[:, 6]
     turned = yaw.nonzero()[0]
     if turned.size:
+        half = half.copy()
         cos, sin = np.abs(np.cos(yaw[turned])), np.abs(np.sin(yaw[turned]))
         half_x, half_y = half[turned, 0], half[turned, 1]
         half[turned, 0], half[turned, 1] = half_x * cos + half_y * sin, half_x * sin + half_y * cos

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from specs.data.world import Furniture, Solid
-from tasks.worlds.furnishing.assembly import Look, Palette, draw_look
+from tasks.worlds.furnishing.assembly import Look, Palette, assemble, draw_look
+from tasks.worlds.furnishing.scene import Piece
+from tasks.worlds.furniture.catalogue import compose
 from tasks.worlds.furniture.primitives import Style
+from tasks.worlds.geometry.boxes import rounded
 from tests.worlds.geometry_checks import polygon
-from tests.worlds.rooms import LOOK, standing
+from tests.worlds.rooms import LOOK, NOWHERE, standing
 
 SOFA = (2.0, 0.9, 0.8)
 
@@ -26,6 +29,16 @@ def test_the_back_of_a_sofa_is_behind_what_it_faces(quarter: int, behind: tuple[
     np.testing.assert_allclose(offset, 0.35 * np.array(behind), atol=1e-6)
     facing = (-math.sin(made.yaw_rad), math.cos(made.yaw_rad))
     np.testing.assert_allclose(facing, (-behind[0], -behind[1]), atol=1e-5)
+
+
+@pytest.mark.parametrize("width_m", [0.9, 0.95, 1.000001, 0.912345678, 1.0000005, 1 / 3])
+@pytest.mark.parametrize("center", [(5.0, 3.0), (-2.345, 0.001), (1.2345, 0.0), (0.1 + 0.2, -1e-7)])
+def test_primitives_stand_where_their_rounded_sum_is(width_m: float, center: tuple[float, float]) -> None:
+    size = (width_m, 0.35, 1.8)
+    made = assemble(Piece("Bookcases", size, center, 0, 0.0, NOWHERE), "b", "Room", LOOK)
+    for solid, part in zip(made.solids, compose("Bookcases", size, LOOK.style), strict=True):
+        wanted = tuple(rounded(own + moved) for own, moved in zip(center, part.center[:2], strict=True))
+        assert solid.center_m[:2] == wanted
 
 
 @pytest.mark.parametrize("quarter", range(4))

@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.world import Furniture, Solid
-from tasks.worlds.geometry.overlaps import bounds, count_overlaps
+from tasks.worlds.geometry.overlaps import bounds, count_overlaps, solid_rows
 
 
 def box(x: float, y: float = 0.0, yaw: float = 0.0, z: float = 0.5) -> Solid:
@@ -47,5 +47,5 @@ def test_a_pair_counts_once_however_many_primitives_meet() -> None:
 
 
 def test_a_turned_box_has_wider_bounds() -> None:
-    x_min, _, z_min, x_max, _, z_max = bounds([box(0.0, yaw=0.7853981)])[0]
+    x_min, _, z_min, x_max, _, z_max = bounds(solid_rows([box(0.0, yaw=0.7853981)]))[0]
     assert (x_max - x_min, z_max - z_min) == (pytest.approx(2**0.5), pytest.approx(1.0))

@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from io import StringIO
+from io import BytesIO
 from pathlib import Path
 
 import pytest
@@ -80,11 +80,14 @@ def test_a_killed_worker_is_an_error_that_names_its_signal() -> None:
 
 
 def test_a_worker_ends_with_its_input() -> None:
-    asked = StringIO(f"{ORDER.model_dump_json(exclude_unset=True)}\n[[1,1]]\n[[2,1],[2,2]]\n")
-    answers = StringIO()
+    asked = BytesIO(f"{ORDER.model_dump_json(exclude_unset=True)}\n[[1,1]]\n[[2,1],[2,2]]\n".encode())
+    answers = BytesIO()
     work(asked, answers)
-    lines = [json.loads(line) for line in answers.getvalue().splitlines()]
-    assert [[tuple(made["indices"]) for made in line] for line in lines] == [[(1, 1)], [(2, 1), (2, 2)]]
+    first, *rest = answers.getvalue().splitlines()
+    assert [made["indices"] for made in json.loads(first)] == [[1, 1]]
+    assert [made["indices"] for made in json.loads(rest[1])] == [[2, 1], [2, 2]]
+    documents = [json.loads(line)["name"] for line in (rest[0], *rest[2:])]
+    assert documents == ["world-1-1", "world-2-1", "world-2-2"]
 
 
 @pytest.mark.long
