@@ -15,6 +15,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
+from tasks.simulate.devices import device_count, device_kind
 from tasks.simulate.forecast.cost import Span
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
@@ -73,7 +74,7 @@ def remember_batch(plan: BatchPlan, timing: BatchTiming) -> None:
 
 
 def recall_batches(plan: BatchPlan) -> list[BatchTiming]:
-    """Returns what batches of the same programs, lanes, durations and audit took on this machine, oldest first."""
+    """Returns what batches of the same programs, lanes, durations and audit took on as many cores here, oldest first."""
     return _read(_path(plan))
 
 
@@ -133,5 +134,6 @@ def _read(path: Path) -> list[BatchTiming]:
 def _path(plan: BatchPlan) -> Path:
     programs = sorted(repr(program_key(request)) for request, _ in Layout(plan).programs())
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
-    known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records())
+    machine = device_kind(), device_count()  # of one machine: cores may be fewer for this process
+    known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records(), machine)
     return cache_folder() / "batches" / f"{hashlib.sha256(repr(known_by).encode()).hexdigest()}.json"

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tasks.simulate.forecast import run_memory
 from tasks.simulate.forecast.run_memory import (
     BatchTiming,
     process_age_s,
@@ -125,3 +126,11 @@ def test_the_last_batches_are_kept():
 def test_a_process_knows_its_age():
     age_s = process_age_s()
     assert age_s is None or 0.0 < age_s < 1e6
+
+
+def test_what_more_cores_took_says_nothing_of_fewer(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(run_memory, "device_count", lambda: 2)
+    remember_batch(plan(), WARM)
+    assert recall_batches(plan()) == [WARM]
+    monkeypatch.setattr(run_memory, "device_count", lambda: 1)
+    assert recall_batches(plan()) == []
