@@ -74,7 +74,7 @@ def remember_batch(plan: BatchPlan, timing: BatchTiming) -> None:
 
 
 def recall_batches(plan: BatchPlan) -> list[BatchTiming]:
-    """Returns what batches of the same programs, lanes, durations and audit took on as many cores here, oldest first."""
+    """Returns what batches of the same programs, lanes, durations and audit took here on as many cores, by age."""
     return _read(_path(plan))
 
 
