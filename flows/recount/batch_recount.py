@@ -22,7 +22,7 @@ from specs.pipeline.gate_section import Gate, stops_early
 from tasks.results.tables.table_record import recounted_facts
 from tasks.simulate.audit.audit_run import AUDIT_FILE, audit_again
 from tasks.simulate.batch.chunk_runner import ChunkRunner
-from tasks.simulate.batch.commit import run_chunk
+from tasks.simulate.batch.commit import forget_chunks, run_chunk
 from tasks.simulate.batch.job import KIND, OpenBatch, load_batch, require_plan
 from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import result_parts
@@ -121,11 +121,14 @@ def _commit_vouched(
     recordings = RecordedEpisodes(batch, location, folders).write
     runner = ChunkRunner(folders, batch.plan.engine, batch.plan.recordings.rateHz, lambda _: None)
     early, lanes = EarlyEnd(batch, gate if stops_early(gate) else None), batch.plan.lanes
-    for number in range(batch.layout.chunks):
-        if early.ends_before(number):
-            break
-        written = recordings if batch.plan.records() else None
-        lanes = run_chunk(batch, number, runner.run, written, lanes=lanes, left_s=math.inf).lanes
+    try:
+        for number in range(batch.layout.chunks):
+            if early.ends_before(number):
+                break
+            written = recordings if batch.plan.records() else None
+            lanes = run_chunk(batch, number, runner.run, written, lanes=lanes, left_s=math.inf).lanes
+    finally:
+        forget_chunks(batch)
     return early.detail
 
 

@@ -118,7 +118,7 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
-            if not _workers(work):
+            if not _workers(work) and _simulates(work):
                 _begin_process(store, work.plan.digests())  # which imports JAX while the first chunk is made ready
             _unpack_bundles(work)
             watch = BatchWatch()
@@ -161,6 +161,11 @@ def _simulate(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> 
     finally:
         forget_chunks(batch)
     return {**early.detail, **_metric_fields(meter.metrics())}
+
+
+def _simulates(batch: OpenBatch) -> bool:
+    """Returns whether episodes are left to simulate, or to audit."""
+    return bool(batch.plan.audit) or len(chunk_numbers(batch.store, batch.id).committed) < batch.layout.chunks
 
 
 def _workers(batch: OpenBatch) -> Workers | None:

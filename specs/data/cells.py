@@ -110,10 +110,11 @@ def distinct(columns: Sequence[Int[np.ndarray, " rows"]]) -> tuple[list[int], In
     """Returns the first row of each combination of codes, in the order in which they come, and each row's combination.
 
     Args:
-        columns: Codes that are 0 or more; at least one column.
+        columns: Codes; at least one column.
     """
-    joined, size = columns[0], int(columns[0].max(initial=0)) + 1
-    for column in columns[1:]:
+    first_column, *others = [column if column.min(initial=0) >= 0 else _compact(column)[0] for column in columns]
+    joined, size = first_column, int(first_column.max(initial=0)) + 1
+    for column in others:
         width = int(column.max(initial=0)) + 1
         if size * width > _DENSE * len(joined):
             joined, size = _compact(joined)

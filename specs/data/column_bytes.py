@@ -100,8 +100,10 @@ class _Reader:
         return _whole(found.astype(np.int64), size)
 
     def numbers(self, form: str, size: int, dtype: type[np.generic], *, alone: bool) -> np.ndarray:
-        """Returns the next array of numbers."""
+        """Returns the next array of numbers; a field's whole ones are counts."""
         found, size = self._next(form, size, alone=alone)
+        if found.dtype.kind == "i" and found.min(initial=0) < 0:
+            raise ValueError("a count below 0")
         return _whole(found.astype(dtype), size)
 
     def _next(self, form: str, size: int, *, alone: bool) -> tuple[np.ndarray, int]:

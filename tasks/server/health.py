@@ -89,3 +89,14 @@ def _status(
         return _UNTRUSTED if isinstance(exc.reason, ssl.SSLError) else _SILENT
     except (OSError, HTTPException, ValueError):
         return _SILENT
+
+
+def is_free(port: int) -> bool:
+    """Returns whether a server could listen on a port of 127.0.0.1 now."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: old connections may linger
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True

@@ -11,9 +11,10 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
-from tasks.server.health import is_healthy, proxy_exceptions
+from tasks.server.health import is_free, is_healthy, proxy_exceptions
 from tasks.server.log_files import new_log, rename_log
 from tasks.server.password import new_password, private_file
 from tasks.server.start_lock import end_turn_when, take_turn
@@ -166,16 +167,18 @@ def reserve_server(home: Path) -> Generator[None, None, None]:
 
 def _called_up(home: Path) -> tuple[Server, subprocess.Popen[bytes]] | None:
     """Returns the server in reserve, which starts now; None if there is none, or it has ended."""
-    server, process = _waiting.pop(home, (None, None))
-    if server is None or process is None:
+    if home not in _waiting:
         return None
     _close_database(home)
+    server, process = _waiting.pop(home)
     assert process.stdin is not None  # noqa: S101 - asked for
-    with suppress(OSError):  # it has ended
-        with process.stdin as line:
-            line.write(b"\n")
-        if process.poll() is None:
-            return server, process
+    # Its port was chosen before another run's start was waited for, and nobody has held it since.
+    if is_free(urlsplit(server.api_url).port or 0):
+        with suppress(OSError):  # it has ended
+            with process.stdin as line:
+                line.write(b"\n")
+            if process.poll() is None:
+                return server, process
     _dismiss(server, process)
     return None
 

@@ -5,7 +5,6 @@ import hashlib
 import os
 import random
 import signal
-import socket
 import subprocess
 from contextlib import suppress
 from dataclasses import replace
@@ -16,7 +15,7 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from specs.errors import StageFailed
-from tasks.server.health import is_healthy, succeeds_within
+from tasks.server.health import is_free, is_healthy, succeeds_within
 from tasks.server.password import password_file, read_password, write_password
 from tasks.server.process import START_TIMEOUT_S, Server, end, launch, wait_until_healthy
 from tasks.server.start_lock import take_turn
@@ -112,9 +111,9 @@ def lasting_port(home: Path) -> tuple[int, str]:
     except (FileNotFoundError, ValueError):
         before = 0
     known = _LOWEST_PORT <= before <= _HIGHEST_PORT
-    if known and _is_free(before):
+    if known and is_free(before):
         return before, ""
-    port = next(filter(_is_free, random.sample(_PORTS, len(_PORTS))), 0)
+    port = next(filter(is_free, random.sample(_PORTS, len(_PORTS))), 0)
     moved = (
         f"another program has port {before}, which this server had: open pages, profiles and workers need the new one"
     )
@@ -125,16 +124,6 @@ def remember_port(home: Path, port: int) -> None:
     """Notes the port of a server that stays, for its next start."""
     home.mkdir(mode=0o700, parents=True, exist_ok=True)
     (home / _PORT).write_text(str(port))
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: old connections may linger
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-    return True
 
 
 def kept_server(home: Path, silent_s: float = _SILENT_S) -> Server | None:

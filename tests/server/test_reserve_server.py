@@ -63,6 +63,32 @@ def test_a_server_that_ended_in_reserve_is_followed_by_another(launches: Launche
     assert launches.reserved == [True, False]
 
 
+def test_a_server_in_reserve_whose_port_was_taken_is_followed_by_another(
+    launches: Launches, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(process, "is_free", lambda _: False)
+    with process.reserve_server(launches.home), process.run_server(launches.home) as (_, child):
+        assert child is launches.begun[1]
+        assert launches.begun[0].poll() is not None
+    assert launches.reserved == [True, False]
+
+
+def test_a_server_in_reserve_ends_where_the_database_cannot_be_closed(
+    launches: Launches, monkeypatch: pytest.MonkeyPatch
+):
+    def fails(_: object) -> None:
+        raise OSError("no rights")
+
+    monkeypatch.setattr(process, "_close_database", fails)
+    with (
+        pytest.raises(OSError, match="no rights"),
+        process.reserve_server(launches.home),
+        process.run_server(launches.home),
+    ):
+        pass
+    assert launches.begun[0].poll() is not None
+
+
 def test_a_reserve_of_another_folder_is_left_alone(launches: Launches):
     with process.reserve_server(launches.home), process.run_server(launches.home / "other") as (_, child):
         assert child is launches.begun[1]

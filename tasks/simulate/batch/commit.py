@@ -6,6 +6,7 @@ import logging
 import time
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Mapping
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,7 @@ class PreparedChunk(NamedTuple):
 # Chunks are made ready while those before them drive, and asked for again when it is their turn.
 _EARLY = 4
 _early: OrderedDict[tuple[str, str, int], PreparedChunk] = OrderedDict()
+_turn = Lock()  # two runs in one process make chunks ready
 Simulate = Callable[[ChunkPart], Results]
 # Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
 # empty name if there are none.
@@ -268,7 +270,9 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
         unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
     """
     key = (batch.store.url, batch.id, number)
-    if not unusable and (early := _early.get(key)) is not None:
+    with _turn:
+        early = None if unusable else _early.get(key)
+    if early is not None:
         return early
     chunk, mounted = batch.layout.chunk(number), batch_mounts(batch)
     worlds, missing = load_worlds(batch, chunk.requests)
@@ -283,16 +287,18 @@ def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure
     able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
     found = PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
     if not unable and not batch.plan.data_sources:  # whose files may be away the next time
-        _early[key] = found
-        while len(_early) > _EARLY:
-            _early.popitem(last=False)
+        with _turn:
+            _early[key] = found
+            while len(_early) > _EARLY:
+                _early.popitem(last=False)
     return found
 
 
 def forget_chunks(batch: OpenBatch) -> None:
     """Forgets a batch's chunks that were made ready early, for which nobody is going to ask."""
-    for key in [key for key in _early if key[:2] == (batch.store.url, batch.id)]:
-        _early.pop(key, None)
+    with _turn:
+        for key in [key for key in _early if key[:2] == (batch.store.url, batch.id)]:
+            del _early[key]
 
 
 def batch_mounts(batch: OpenBatch) -> Mounts:

@@ -116,12 +116,14 @@ class PartRows:
         """Tells a recorder what the episodes did that it keeps, and how they ended."""
         told = np.flatnonzero(recorder.wants(rows))
         if not len(told):
+            self._blocks, self.kept_bytes = [], 0
             return
         recorder.begin(len(told), CONTROL_S)
         for age, blocks in enumerate(self._blocks):
             samples, steps = _together(blocks, told)
             recorder.add(samples, steps)
             self._blocks[age] = []
+        self.kept_bytes = 0
         if self._ends:
             lanes = [self.lanes[position] for position in told.tolist()]
             recorder.end(lane_ends(lanes, self._last_states(told.tolist())), rows.take(told))

@@ -101,7 +101,9 @@ def remembered_wall_s(known: Sequence[BatchTiming], plan: BatchPlan, episodes: i
     first_s, audit_first_s = (
         min(*taken, load_s) for taken in ([each.compile_s for each in known], [each.audit_compile_s for each in known])
     )
-    making_s = like.worlds_s * worlds_of(plan) / like.worlds
+    # A batch that goes on, or has given worlds, makes none.
+    made = next((each for each in reversed(known) if each.worlds_s > 0.0), like)
+    making_s = made.worlds_s * worlds_of(plan) / made.worlds
     rest_s = _start_s(like) + making_s + like.after_s - like.audit_compile_s + audit_first_s
     total_s, margin = rest_s + first_s + driven_s, _MARGIN * max(growth, 1.0 / growth) ** 0.25
     return Span(low=total_s / margin, high=total_s * margin)

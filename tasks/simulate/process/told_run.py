@@ -14,6 +14,9 @@ from tasks.simulate.process.work import RecordingBegins, Samples
 # have a lane first; lanes beyond those that hold episodes may follow.
 _SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps")
 _ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7")
+# Of sides with names: a bundle's lidar has no more rays (specs.bundle.sensors), and no robot so many of the others.
+_MOST = {"rays": 4096, "velocity": 4096, "controls": 4096, "goals": 1 << 16}
+_WIDEST = 8
 
 
 class ToldRun:
@@ -73,6 +76,8 @@ class ToldRun:
             lanes, sides = array.shape[:1], array.shape[1:]
             if not lanes or lanes[0] < self._lanes:
                 raise ValueError("a recording that lacks lanes")
+            if array.dtype.itemsize > _WIDEST:
+                raise ValueError("a recording of numbers that no engine has")
             for side, name in zip(sides, form.split(), strict=True):
                 if not self._fits(side, name, most):
                     raise ValueError("a recording with arrays of other sides")
@@ -80,7 +85,9 @@ class ToldRun:
     def _fits(self, side: int, name: str, most: int) -> bool:
         if name == "?":
             return side <= most
-        return side == (int(name) if name.isdecimal() else self._sides.setdefault(name, side))
+        if name.isdecimal():
+            return side == int(name)
+        return side <= _MOST.get(name, side) and side == self._sides.setdefault(name, side)
 
 
 def _check_counts(*arrays: np.ndarray) -> None:

@@ -138,6 +138,18 @@ def test_of_what_was_counted_otherwise_the_sample_tells_nothing(run: Run, monkey
     assert "says counts" in line
 
 
+def test_a_sample_that_breaks_hides_nothing_of_what_was_counted_otherwise(run: Run, monkeypatch: pytest.MonkeyPatch):
+    def breaks(*_: object) -> list[str]:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(recount, "sample_changes", breaks)
+    with pytest.raises(RuntimeError, match="a defect"):
+        run.changes()
+    run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
+    (line,) = run.changes()
+    assert "says counts" in line
+
+
 def test_counts_that_do_not_follow_are_named(run: Run):
     run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
     (line,) = run.changes()

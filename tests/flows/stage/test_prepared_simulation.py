@@ -12,6 +12,7 @@ from specs.field_types import OutputLocation
 from specs.pipeline.document import PipelineSpec
 from tasks.applications.registry import publish_bundle
 from tasks.documents.pipeline_file import read_pipeline
+from tasks.simulate.batch.chunk_store import ChunkNumbers
 from tasks.simulate.batch.job import KIND, OpenBatch
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
@@ -118,6 +119,16 @@ def test_a_batch_that_workers_simulate_begins_none_here(
     batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(batch_stage.orchestrator(), "wanted_workers", lambda: "dask:2")
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
+    assert not prepared
+
+
+def test_a_batch_whose_chunks_are_all_there_begins_none(
+    batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
+):
+    there = ChunkNumbers(begun=frozenset(), committed=frozenset(range(batch.layout.chunks)))
+    monkeypatch.setattr(batch_stage, "chunk_numbers", lambda *_: there)
     with pytest.raises(KeyboardInterrupt):
         run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
     assert not prepared

@@ -98,6 +98,11 @@ def test_a_run_that_makes_many_worlds_before_its_batch_takes_as_long_again():
     assert told_s([large], of=many) == pytest.approx(106.0 + TOOK_S - 8.0)
 
 
+def test_a_batch_that_went_on_with_the_worlds_that_were_there_does_not_say_that_none_take_time():
+    went_on = WARM.model_copy(update={"before_s": 6.0, "worlds_s": 0.0})
+    assert told_s([WARM, went_on]) == pytest.approx(TOOK_S)
+
+
 def test_what_only_a_first_run_pays_before_its_chunks_is_left_out():
     first = WARM.model_copy(update={"before_s": 12.5, "once_s": 4.5})
     assert told_s([first]) == pytest.approx(TOOK_S)

@@ -123,6 +123,11 @@ ALL = told(*map(passed, range(3)))
         [BEGUN, (Samples(steps=1 << 40), (*STEP, NONE))],
         [BEGUN, (Samples(steps=1), (*(array[:2] for array in STEP), NONE))],
         [BEGUN, (Samples(steps=1), (*STEP, NONE[0]))],
+        [
+            BEGUN,
+            (Samples(steps=1), (*STEP[:4], np.zeros((3, 1, 5_000)), *STEP[5:6], np.zeros((3, 5_000)), STEP[7], NONE)),
+        ],
+        [BEGUN, (Samples(steps=1), (*STEP[:3], STEP[3].astype(np.longdouble), *STEP[4:], NONE))],
         [BEGUN, (Samples(steps=1), (*STEP[:2], STEP[2] - 9, *STEP[3:], NONE))],
         [BEGUN, (Samples(steps=1), (*STEP, NONE)), (Samples(steps=1), (*STEP[:3], STEP[3][..., :2], *STEP[4:], NONE))],
         [BEGUN, (RecordingEnds(), (told(passed(0), passed(1), passed(9)), *ENDS))],

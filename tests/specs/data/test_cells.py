@@ -14,7 +14,7 @@ BOUNDS = (1, 3, 50, 1 << 40)
 @pytest.mark.parametrize("bound", BOUNDS)
 @given(data=st.data())
 def test_combinations_come_in_the_order_of_their_first_rows(bound: int, data: st.DataObject) -> None:
-    code = st.integers(0, bound - 1)
+    code = st.integers(-(bound // 2), bound - 1)
     rows = data.draw(st.lists(st.tuples(code, st.integers(0, 2), code), max_size=30))
     columns = [np.array([row[place] for row in rows], np.int64) for place in range(3)]
     first, which = distinct(columns)

@@ -51,6 +51,13 @@ def test_each_bit_of_a_number_and_each_name_comes_back(numbers: list[float], met
     assert list(map(repr, again(rows))) == list(map(repr, rows))
 
 
+@pytest.mark.parametrize("name", ["rooms_total", "goals_reached", "collisions", "late"])
+def test_what_is_counted_is_not_below_0(name: str):
+    columns = EpisodeColumns.of([passed(0), FULL.model_copy(update={name: -100})])
+    with pytest.raises(ValueError, match="below 0"):
+        decode_columns(encode_columns(columns))
+
+
 def test_equal_results_have_equal_bytes_whatever_they_were_made_of():
     whole = EpisodeColumns.of([*ROWS, FULL])
     joined = EpisodeColumns.join([EpisodeColumns.of(ROWS), EpisodeColumns.of([FULL])])
