@@ -132,6 +132,7 @@ def test_a_version_is_deployed_by_agents_from_the_reserve(yard: Yard):
     assert _agents(yard.folder) == []
 
 
+@pytest.mark.long
 def test_an_agent_in_reserve_that_nobody_calls_up_ends_well(file_store: Store, tmp_path: Path):
     argv = ["-m", "tasks.deploy.robot.agent", RESERVE, f"--root={tmp_path}", f"--store={file_store.url}"]
 

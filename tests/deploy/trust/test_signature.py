@@ -41,6 +41,7 @@ _SIGNER = CryptoSigner.generate_ed25519()
 _KEYS = {_SIGNER.public_key.keyid: _SIGNER.public_key}
 
 
+@pytest.mark.long
 @given(_DESIRED)
 def test_what_was_signed_is_verified_also_after_a_way_through_the_store(desired: Desired) -> None:
     stored = sign_desired(desired, _SIGNER).model_dump_json()

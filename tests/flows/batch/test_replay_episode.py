@@ -202,6 +202,7 @@ def test_a_replay_in_python_writes_the_same_files(again: JobReplay, tmp_path: Pa
     assert [path.name for path in files] == ["replay.svg", "replay-ros1.mcap"]
 
 
+@pytest.mark.long
 def test_without_a_gl_the_film_is_from_above(again: JobReplay, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     assert again.playback

@@ -43,6 +43,7 @@ def found(batch: OpenBatch) -> ShrunkJob:
     return shrink_job(batch.store, f"arn:simyard:simulation-job:0:{batch.id}/{COLLIDED}", 200)
 
 
+@pytest.mark.long
 def test_a_single_piece_is_left_to_run_into(found: ShrunkJob):
     assert len(found.world.furniture) == 14
     assert len(found.small_world.furniture) == 1

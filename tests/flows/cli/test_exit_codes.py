@@ -104,6 +104,7 @@ run_and_exit(command, grace_s=0.0)
     assert ended.stderr.strip() == "interrupted; the same command continues this run if the document is unchanged"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("second", "code"), [("SIGINT", 130), ("SIGTERM", 5)])
 def test_only_a_second_ctrl_c_does_not_wait_for_what_the_first_signal_began(second: str, code: int):
     script = f"""

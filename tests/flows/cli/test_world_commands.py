@@ -75,6 +75,7 @@ def test_without_gl_a_preview_says_in_one_line_how_to_get_the_picture():
     assert list(Path().glob("world-preview.*")) == [Path("world-preview.svg")]
 
 
+@pytest.mark.long
 def test_where_gl_is_there_the_picture_lies_beside_the_plan(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv("MUJOCO_GL")
     for side in ("_WIDTH", "_HEIGHT"):

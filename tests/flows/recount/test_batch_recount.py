@@ -63,6 +63,7 @@ def test_counted_again_it_is_what_its_record_says(closed: OpenBatch):
     assert sample_changes(found.batch, found.bundles, 3) == []
 
 
+@pytest.mark.long
 def test_without_the_key_all_is_simulated_anew_and_vouched_for_from_then_on(
     closed: OpenBatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ):

@@ -25,6 +25,7 @@ def rows(deliver: Simulate) -> list[EpisodeResult]:
     return deliver([delivery(k, world=f"hand/apartment-{k % 4}", seed=100 + k) for k in range(LANES)])
 
 
+@pytest.mark.long
 def test_the_courier_delivers_in_cluttered_apartments(rows: list[EpisodeResult]):
     assert sum(row.outcome == "Passed" for row in rows) >= LANES - 1
 

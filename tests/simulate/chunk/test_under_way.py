@@ -85,6 +85,7 @@ def together(pens: dict[str, World], traces: list[str]) -> Driven:
     return drive(pens, traces, ChunksUnderWay())
 
 
+@pytest.mark.long
 def test_rows_are_those_of_chunks_by_themselves(alone: Driven, together: Driven):
     assert {row.outcome_reason for row in alone.rows} >= {"timeout"}
     assert together.rows == alone.rows

@@ -88,6 +88,7 @@ def test_rows_and_recordings_are_those_of_a_run_in_this_process(
         }
 
 
+@pytest.mark.long
 def test_of_episodes_that_nobody_keeps_no_samples_are_told(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
     bundles = {digest: FOLDERS[digest] for digest in (DRIFT, FAULTY)}
     here, apart = (Recorder(4.0, lambda rows: np.isin(rows.index, (1, 3))) for _ in range(2))

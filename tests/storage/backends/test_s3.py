@@ -166,6 +166,7 @@ def test_who_may_only_read_can_read_a_store_that_is_there(s3_store: Store, monke
         reader.create("b.json", b"1")
 
 
+@pytest.mark.long
 def test_an_upload_that_is_killed_leaves_nothing_under_the_key(
     s3_store: Store, seaweed: Seaweed, tmp_path: Path
 ) -> None:

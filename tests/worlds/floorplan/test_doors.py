@@ -84,6 +84,7 @@ def test_opened_leaves_are_those_of_a_world_whose_doors_are_open() -> None:
     ]
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(st.integers(0, 10_000), st.floats(0.0, 100.0))
 def test_no_leaf_meets_a_wall_or_another_leaf_at_any_opening(seed: int, percent: float) -> None:

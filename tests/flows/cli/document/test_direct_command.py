@@ -32,6 +32,7 @@ def statuses(folder: Path) -> dict[str, list[tuple[str, str]]]:
     return {kind: [(each.id, each.status) for each in records(store, kind)] for kind in JOB_KINDS}
 
 
+@pytest.mark.long
 @pytest.mark.integration
 def test_worlds_are_made_without_prefect_and_without_a_simulator(tmp_path: Path):
     command = [sys.executable, "-c", _MODULES, "run", "--direct", str(_WORLDS), "--store", tmp_path.as_uri()]

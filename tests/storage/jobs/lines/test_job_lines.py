@@ -306,6 +306,7 @@ class KilledAnywhere(RuleBasedStateMachine):
             act(cast("Store", Mortal(self.store, writes)))
 
 
+@pytest.mark.long
 def test_any_order_of_deaths_leaves_lists_that_say_what_records_say(tmp_path: Path) -> None:
     class OnAFolder(KilledAnywhere):
         def place(self) -> str:
