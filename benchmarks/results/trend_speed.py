@@ -23,7 +23,7 @@ from benchmarks.results.report import ROBOT, SCENARIO, SPEEDS, parts
 from benchmarks.tables import markdown
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.batch.job import KIND, load_batch, open_batch
-from tasks.simulate.batch.seal import seal
+from tasks.simulate.batch.provenance import seal
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.simulate.plan.resolve import DEFAULT_OUTPUT
 from tasks.storage.base.store import Store

@@ -20,7 +20,7 @@ from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, exploratio
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
-from tasks.simulate.batch.chunk_runner import chunks_ahead
+from tasks.simulate.batch.prepared_chunks import chunks_ahead
 from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks

@@ -14,9 +14,8 @@ from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import recordings_url
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.batch.job import KIND, STOPPING, OpenBatch, close_batch, load_batch, terminal_state
-from tasks.simulate.batch.provenance import batch_metadata
+from tasks.simulate.batch.provenance import batch_metadata, seal
 from tasks.simulate.batch.result_stream import give_up, result_parts
-from tasks.simulate.batch.seal import seal
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store

@@ -23,9 +23,10 @@ from tasks.results.statistics.summary import summary_note, summary_rows
 from tasks.results.tables.application_output import write_output
 from tasks.results.tables.table_record import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.batch.chunk_runner import ChunkRunner, coming_chunks, tag_jobs
+from tasks.simulate.batch.chunk_runner import ChunkRunner, tag_jobs
 from tasks.simulate.batch.commit import ChunkEnd, run_chunk
 from tasks.simulate.batch.job import OpenBatch, load_batch
+from tasks.simulate.batch.prepared_chunks import coming_chunks
 from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.lane.recording import Columns

@@ -25,7 +25,7 @@ from tasks.results.report.judgement import read_judgement
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
 from tasks.results.statistics.success import EpisodeCounts
 from tasks.simulate.batch.job import load_batch, plan_of
-from tasks.simulate.batch.seal import unvouched_notice
+from tasks.simulate.batch.provenance import unvouched_notice
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import output_key
 from tasks.storage.base.store import Store

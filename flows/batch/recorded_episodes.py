@@ -10,8 +10,8 @@ from pathlib import Path
 from specs.field_types import OutputLocation
 from tasks.results.playback.replay_formats import is_installed, require_bag_writers
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import load_worlds
 from tasks.simulate.lane.recording import Columns
 from tasks.storage.base.key_rules import checked_name
 from tasks.storage.base.keys import output_key

@@ -14,7 +14,7 @@ from tasks.results.report.page import report_page
 from tasks.results.report.report_job import REPORT_FILE, put_report
 from tasks.results.report.view import ReportView
 from tasks.simulate.batch.job import load_batch
-from tasks.simulate.batch.seal import unvouched_notice
+from tasks.simulate.batch.provenance import unvouched_notice
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord

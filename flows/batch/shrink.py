@@ -13,8 +13,8 @@ from specs.data.world import World
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import load_worlds
 from tasks.simulate.batch.job import OpenBatch, job_of
+from tasks.simulate.batch.prepared_chunks import load_worlds
 from tasks.simulate.replay.delta_debugging import Names
 from tasks.simulate.replay.failure_likeness import Ending, is_of_same_kind, is_same_failure, is_same_goal
 from tasks.simulate.replay.smallest_case import Case, smallest_case

@@ -14,7 +14,7 @@ from tasks.results.statistics.pairs import PAIRED_COLUMNS, Drive, both_ended, dr
 from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.tables.stored_rows import stored_rows
 from tasks.simulate.batch.job import KIND, load_batch, plan_of
-from tasks.simulate.batch.seal import facts_of, is_sealed, with_facts
+from tasks.simulate.batch.provenance import facts_of, is_sealed, with_facts
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read, records

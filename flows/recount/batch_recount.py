@@ -22,11 +22,11 @@ from specs.pipeline.gate_section import Gate, stops_early
 from tasks.results.tables.table_record import recounted_facts
 from tasks.simulate.audit.audit_run import AUDIT_FILE, audit_again
 from tasks.simulate.batch.chunk_runner import ChunkRunner
-from tasks.simulate.batch.commit import forget_chunks, run_chunk
+from tasks.simulate.batch.commit import run_chunk
 from tasks.simulate.batch.job import KIND, OpenBatch, load_batch, require_plan
-from tasks.simulate.batch.provenance import batch_metadata
+from tasks.simulate.batch.prepared_chunks import forget_chunks
+from tasks.simulate.batch.provenance import SEALED, batch_metadata, facts_of, is_sealed, with_facts
 from tasks.simulate.batch.result_stream import result_parts
-from tasks.simulate.batch.seal import SEALED, facts_of, is_sealed, with_facts
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store

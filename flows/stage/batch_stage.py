@@ -26,9 +26,7 @@ from specs.pipeline.simulation_section import SimulationBatch
 from specs.settings import Workers
 from tasks.applications.bundle_failure import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
-from tasks.simulate.batch.chunk_runner import chunks_ahead
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
-from tasks.simulate.batch.commit import forget_chunks
 from tasks.simulate.batch.job import (
     GOING,
     KIND,
@@ -41,6 +39,7 @@ from tasks.simulate.batch.job import (
     time_out,
 )
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, BatchMetrics
+from tasks.simulate.batch.prepared_chunks import chunks_ahead, forget_chunks
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.forecast.batch_watch import BatchWatch

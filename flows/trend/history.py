@@ -25,7 +25,7 @@ from tasks.results.tables.result_files import RESULTS_FILE
 from tasks.results.trend.measure import Measure, is_good, usual_value
 from tasks.results.trend.night import Night
 from tasks.simulate.batch.job import KIND, plan_of
-from tasks.simulate.batch.seal import is_sealed
+from tasks.simulate.batch.provenance import is_sealed
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.key_rules import key_pattern
 from tasks.storage.base.keys import JOB, jobs_prefix

@@ -22,11 +22,10 @@ from specs.settings import Workers
 from tasks.progress.listener import Progress
 from tasks.progress.step_retry import STORE_RETRY
 from tasks.progress.task import named_by, show_progress
-from tasks.simulate.batch.chunk_runner import chunks_ahead
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
-from tasks.simulate.batch.commit import forget_chunks
 from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.metrics import BatchMeter, BatchMetrics, ChunkWork
+from tasks.simulate.batch.prepared_chunks import chunks_ahead, forget_chunks
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.batch.result_stream import give_up
 from tasks.storage.jobs.voucher import Voucher

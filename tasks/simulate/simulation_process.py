@@ -36,11 +36,9 @@ from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.process.sent_log import log_parts
 from tasks.simulate.process.wire import receive, send
 from tasks.simulate.process.work import (
     WORK,
-    Again,
     AgainWork,
     Audited,
     AuditWork,
@@ -61,7 +59,6 @@ from tasks.simulate.process.work import (
 
 if TYPE_CHECKING:
     from tasks.simulate.chunk.under_way import ChunksUnderWay
-    from tasks.simulate.replay.replay_drive import DrivenAgain
 
 _PR_SET_PDEATHSIG = 1
 # So few episodes, in so small a part of the lanes, are driven soonest by themselves, as an audit's are: no lane is
@@ -211,12 +208,13 @@ class Service:
 
     def _again(self, work: AgainWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.replay.replay_drive import drive_again  # noqa: PLC0415
+        from tasks.simulate.replay.sent_replay import again_parts  # noqa: PLC0415
 
         with hand_over_timings():
             again = drive_again(
                 work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
             )
-        self.say(*_told(again))
+        self.say(*again_parts(again))
 
     def _progress(self, done: int) -> None:
         self.say(Progress(done=done))
@@ -266,29 +264,6 @@ def _row_bytes(rows: EpisodeColumns) -> np.ndarray:
 
 def _remembered(timings: "Sequence[tuple[tuple[str, ...], object]]") -> tuple[RememberedTiming, ...]:
     return tuple(RememberedTiming.model_validate({"program": program, "timing": timing}) for program, timing in timings)
-
-
-def _told(again: "DrivenAgain") -> tuple[Again, list[np.ndarray]]:
-    """Returns what is said of an episode that was driven again, and the arrays that go with it."""
-    setting, steps, samples = again.setting, again.steps, again.samples
-    if setting is None or steps is None or samples is None:
-        return Again(row=again.row, started=False), []
-    names = tuple(steps)
-    topics, log = (None, []) if again.traffic is None else log_parts(again.traffic)
-    said = Again(
-        row=again.row,
-        started=True,
-        arrived_m=setting.arrived_m,
-        radius_m=setting.radius_m,
-        heights_m=setting.heights_m,
-        mount=setting.mount,
-        lidar_height_m=setting.lidar_height_m,
-        range_m=setting.range_m,
-        columns=names,
-        topics=topics,
-    )
-    columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
-    return said, [setting.goals_m, setting.angles_rad, *columns, *log]
 
 
 def _end_with_parent(connection: socket.socket) -> None:

@@ -85,7 +85,7 @@ def compare(
     from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
     from flows.cli.batch.batch_text import comparison_comment, show_comparison
     from tasks.results.compare.comparison_verdict import comparison
-    from tasks.simulate.batch.seal import unvouched_notice
+    from tasks.simulate.batch.provenance import unvouched_notice
     from tasks.storage.store_url import open_existing_store
 
     if as_json and markdown:

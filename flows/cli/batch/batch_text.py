@@ -16,7 +16,7 @@ from tasks.results.compare.comparison_svg import flip_text
 from tasks.results.compare.comparison_verdict import Comparison
 from tasks.results.playback.deviations import ColumnDeviation
 from tasks.results.statistics.intervals import wilson
-from tasks.simulate.batch.seal import unvouched_notice
+from tasks.simulate.batch.provenance import unvouched_notice
 
 FLIPS_SHOWN = 40
 # What it was asked for says nothing of what came of it.

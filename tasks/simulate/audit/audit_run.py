@@ -20,8 +20,8 @@ from tasks.simulate.audit.audit_apart import audit_apart
 from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.chunk_store import counted_chunk
-from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import batch_mounts, load_worlds
 from tasks.simulate.engine.engines import ENGINES
 from tasks.simulate.process.simulator import SimulatorEnded
 from tasks.storage.base.encoding import decode_document, encode_document

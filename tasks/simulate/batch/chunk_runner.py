@@ -3,29 +3,26 @@
 What their applications ask for besides, tags of their jobs, is done here.
 """
 
-import functools
 import logging
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
 from specs.arn import Reference
-from specs.data.episode import Failure
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.outcome_tags import MOST_OWN_TAGS
-from specs.errors import DocumentError, SimyardError
+from specs.errors import DocumentError
 from specs.terminal_text import terminal_line
-from tasks.simulate.batch.commit import ChunkPart, PreparedChunk, prepared_chunk
+from tasks.simulate.batch.commit import ChunkPart
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import PreparedChunk
 from tasks.simulate.chunk.job_tags import JobTags
 from tasks.simulate.plan.request import entries
 from tasks.simulate.process.lanes import ConfinedLanes
 from tasks.storage.tags import change_tags, with_tags
 
 logger = logging.getLogger(__name__)
-# Deliveries rest for half of a chunk's time: with one chunk ahead lanes would still rest, a third would find none.
-_AHEAD = 2
 
 
 @dataclass(frozen=True)
@@ -70,46 +67,6 @@ class ChunkRunner:
         )
         worlds = {name: world for each in coming for name, world in each.worlds.items()}
         return lanes.simulate(part.chunk, {**worlds, **part.worlds})
-
-
-def chunks_ahead(numbers: Sequence[int]) -> tuple[int, ...]:
-    """Returns the chunks to make ready while one drives, of those that are going to be run after it."""
-    return tuple(numbers[:_AHEAD])
-
-
-def coming_chunks(
-    batch: OpenBatch, numbers: Iterable[int], unusable: Mapping[str, Failure]
-) -> Callable[[], list[PreparedChunk]]:
-    """Returns what returns the next chunks of a batch of which anything can be simulated, made ready once.
-
-    What keeps one from being made ready is told to the log, and neither it nor those after it are returned: the chunk
-    that drives meanwhile has no part in that.
-
-    Args:
-        batch: The batch.
-        numbers: Of chunks that are going to be run, in their order.
-        unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
-    """
-
-    @functools.cache
-    def coming() -> list[PreparedChunk]:
-        return list(_ready_early(batch, numbers, unusable))
-
-    return coming
-
-
-def _ready_early(
-    batch: OpenBatch, numbers: Iterable[int], unusable: Mapping[str, Failure]
-) -> Generator[PreparedChunk, None, None]:
-    for number in numbers:
-        try:
-            found = prepared_chunk(batch, number, unusable)
-        except (SimyardError, OSError) as exc:  # if it lasts, its own run meets it, and says so
-            logger.warning("chunk %d does not begin early: %s", number, terminal_line(str(exc)))
-            return
-        if not found.able.requests:
-            return
-        yield found
 
 
 def tag_jobs(batch: OpenBatch, tags: Mapping[int, Mapping[str, str]]) -> None:

@@ -1,37 +1,30 @@
-"""Runs one chunk of a batch: loads its worlds, simulates its episodes, and commits their results."""
+"""Runs one chunk of a batch: has its episodes simulated, and commits their results."""
 
 import functools
 import itertools
 import logging
 import time
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool
 
-from specs.arn import ArnForm
-from specs.data.episode import EpisodeRequest, Failure, failed_result
+from specs.data.episode import Failure, failed_result
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
-from specs.settings import region
 from specs.terminal_text import terminal_line
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.job import OpenBatch, restarted_jobs, time_out
 from tasks.simulate.batch.metrics import ChunkWork, work_of
+from tasks.simulate.batch.prepared_chunks import prepared_chunk
 from tasks.simulate.batch.stop import StopWatch
 from tasks.simulate.chunk.memory_fit import Fitted, Results, after_deaths, simulate_fitting
 from tasks.simulate.chunk.timings import collect_timings
-from tasks.simulate.data.mounts import Mounts
-from tasks.simulate.data.pinned_worlds import pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, sample_memory
 from tasks.simulate.lane.recording_choice import RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, ProgramKey, program_key
-from tasks.simulate.plan.job_variables import job_variables
-from tasks.storage.base.cache_folder import cache_folder
-from tasks.storage.store_url import store_id
 
 logger = logging.getLogger(__name__)
 # Different reasons why jobs of a chunk failed that the log gets, the most frequent first.
@@ -60,26 +53,6 @@ class ChunkPart(NamedTuple):
     recorded: RecordingChoice | None = None
 
 
-class PreparedChunk(NamedTuple):
-    """A chunk, and what of it can be simulated.
-
-    Attributes:
-        asked: As the plan has it.
-        able: The episodes that can be simulated, with the folders of their data sources.
-        worlds: Theirs.
-        unable: Why others cannot, by index.
-    """
-
-    asked: Chunk
-    able: Chunk
-    worlds: dict[str, World]
-    unable: dict[int, Failure]
-
-
-# Chunks are made ready while those before them drive, and asked for again when it is their turn.
-_EARLY = 4
-_early: OrderedDict[tuple[str, str, int], PreparedChunk] = OrderedDict()
-_turn = Lock()  # two runs in one process make chunks ready
 Simulate = Callable[[ChunkPart], Results]
 # Writes the recordings of the chunk with that number, over what may be there, and returns the name of their file; an
 # empty name if there are none.
@@ -259,54 +232,3 @@ def _recorded(
         rows = _settled(work, rows, work.restarted(lanes))
         if not recorded & work.watch.canceled:
             return rows.marked("recording", np.isin(rows.index, sorted(recorded)), name) if recorded else rows
-
-
-def prepared_chunk(batch: OpenBatch, number: int, unusable: Mapping[str, Failure]) -> PreparedChunk:
-    """Returns a chunk, and what of it can be simulated.
-
-    Args:
-        batch: The batch.
-        number: The chunk's.
-        unusable: Why episodes fail that need an application whose bundle cannot be used, by its digest.
-    """
-    key = (batch.store.url, batch.id, number)
-    with _turn:
-        early = None if unusable else _early.get(key)
-    if early is not None:
-        return early
-    chunk, mounted = batch.layout.chunk(number), batch_mounts(batch)
-    worlds, missing = load_worlds(batch, chunk.requests)
-    why = {
-        each.index: missing.get(each.world)
-        or mounted.failure(each)
-        or unusable.get(each.robot.digest)
-        or unusable.get(each.scenario.digest)
-        for each in chunk.requests
-    }
-    unable = {index: failure for index, failure in why.items() if failure}
-    able = (mounted.resolved(each) for each in chunk.requests if each.index not in unable)
-    found = PreparedChunk(chunk, chunk.model_copy(update={"requests": tuple(able)}), worlds, unable)
-    if not unable and not batch.plan.data_sources:  # whose files may be away the next time
-        with _turn:
-            _early[key] = found
-            while len(_early) > _EARLY:
-                _early.popitem(last=False)
-    return found
-
-
-def forget_chunks(batch: OpenBatch) -> None:
-    """Forgets a batch's chunks that were made ready early, for which nobody is going to ask."""
-    with _turn:
-        for key in [key for key in _early if key[:2] == (batch.store.url, batch.id)]:
-            del _early[key]
-
-
-def batch_mounts(batch: OpenBatch) -> Mounts:
-    """Returns the data sources of a batch on this machine, and what its applications are told of their jobs."""
-    variables = functools.partial(job_variables, ArnForm(store_id(batch.store), region()), batch.id)
-    return Mounts(batch.store, batch.plan.data_sources, cache_folder() / "data", variables)
-
-
-def load_worlds(batch: OpenBatch, requests: Iterable[EpisodeRequest]) -> tuple[dict[str, World], dict[str, Failure]]:
-    """Returns the episodes' worlds, and why others of them cannot be used."""
-    return pinned_worlds(batch.store.url, batch.plan.world_digests, requests)

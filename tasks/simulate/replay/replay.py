@@ -8,8 +8,8 @@ from specs.base import Fault
 from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from specs.errors import ResourceNotFound
-from tasks.simulate.batch.commit import batch_mounts, load_worlds
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import batch_mounts, load_worlds
 from tasks.simulate.replay.driven_again import DrivenAgain
 from tasks.simulate.replay.replay_apart import drive_apart
 

@@ -3,16 +3,14 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from specs.data.episode import EpisodeRequest, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import crash_code
-from tasks.simulate.process.sent_log import LOG_ARRAYS, log_of
 from tasks.simulate.process.simulator import Simulator, SimulatorEnded
 from tasks.simulate.process.simulators import ask_beside_nothing
 from tasks.simulate.process.work import Again, AgainWork, Crashed, NoMemory
-from tasks.simulate.replay.driven_again import DrivenAgain, Setting
+from tasks.simulate.replay.driven_again import DrivenAgain
+from tasks.simulate.replay.sent_replay import again_of
 
 
 def drive_apart(
@@ -49,33 +47,10 @@ def drive_apart(
         return DrivenAgain(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
     match answer:
         case Again() as again:
-            return _driven(again, arrays)
+            return again_of(again, arrays)
         case Crashed() as crashed:
             return DrivenAgain(failed_result(request.index, Failure(crashed.code, crashed.reason)))
         case NoMemory() as lack:
             raise MemoryError(lack.text)
         case other:
             raise SimulatorEnded(f"it answered {other.kind!r} to a replay", None, "", killed="limit")
-
-
-def _driven(again: Again, arrays: tuple[np.ndarray, ...]) -> DrivenAgain:
-    if not again.started:
-        return DrivenAgain(again.row)
-    traffic = None
-    if again.topics is not None:
-        arrays, log = arrays[:-LOG_ARRAYS], arrays[-LOG_ARRAYS:]
-        traffic = log_of(again.topics, log)
-    goals_m, angles_rad, *columns = arrays
-    count = len(again.columns)
-    setting = Setting(
-        goals_m=goals_m,
-        arrived_m=again.arrived_m,
-        radius_m=again.radius_m,
-        heights_m=again.heights_m,
-        mount=again.mount,
-        lidar_height_m=again.lidar_height_m,
-        range_m=again.range_m,
-        angles_rad=angles_rad,
-    )
-    steps, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
-    return DrivenAgain(again.row, setting, steps, samples, traffic)

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from math import inf
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, failed_result
-from tasks.simulate.batch.commit import ChunkPart, Simulate, batch_mounts, load_worlds
+from tasks.simulate.batch.commit import ChunkPart, Simulate
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import batch_mounts, load_worlds
 from tasks.simulate.batch.stop import StopWatch
 from tasks.simulate.chunk.memory_fit import Results, simulate_fitting
 from tasks.simulate.plan.chunks import Chunk, plan_chunks, program_key

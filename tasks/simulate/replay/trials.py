@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest
 from specs.data.world import World
-from tasks.simulate.batch.commit import batch_mounts
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import batch_mounts
 from tasks.simulate.host.host_lanes import most_lanes
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, plan_chunks

@@ -14,7 +14,7 @@ from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
 from tasks.simulate.batch.chunk_store import committed_chunk, stored_chunk
 from tasks.simulate.batch.job import KIND, OpenBatch, load_batch
-from tasks.simulate.batch.seal import is_sealed
+from tasks.simulate.batch.provenance import is_sealed
 from tasks.simulate.plan.request import recorded_location
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.base.store import Store

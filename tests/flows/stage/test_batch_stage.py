@@ -10,8 +10,8 @@ from flows.stage import batch_stage
 from flows.workers import spread_batch
 from specs.errors import StageFailed
 from specs.field_types import OutputLocation
-from tasks.simulate.batch.commit import PreparedChunk, prepared_chunk
 from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.prepared_chunks import PreparedChunk, prepared_chunk
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan
 
