@@ -3,9 +3,10 @@
 While a slice is computed, the host has time for other work: ``dispatch`` begins a slice, ``collect`` waits for it.
 """
 
-from collections import deque
-from collections.abc import Generator, Sequence
+from collections import Counter, deque
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -25,6 +26,22 @@ from tasks.simulate.plan.chunks import Chunk
 
 # What a robot is taken to drive at, to guess which episodes last: those that begin late let other lanes rest.
 _USUAL_M_S = 0.5
+
+
+class LaneSetting(NamedTuple):
+    """What chunks share that are under way together.
+
+    Attributes:
+        bundles: Unpacked folders of the applications, by digest.
+        lanes: How many lanes every chunk is padded to.
+        engine: ``auto``, or the engine that must run them.
+        rate_hz: Samples a simulated second; None if nothing is recorded.
+    """
+
+    bundles: Mapping[str, Path]
+    lanes: int
+    engine: str
+    rate_hz: float | None
 
 
 class Waiting(NamedTuple):
@@ -210,10 +227,17 @@ class LaneStream:
 
 @dataclass(eq=False)
 class ChunkOnItsWay:
-    """A chunk that is placed, or is being so, and its episodes."""
+    """A chunk that is placed, or is being so, and its episodes.
+
+    Attributes:
+        steps: Of placing it; None when all are done.
+        placed: Whether its episodes drive, or wait for lanes.
+        failed: Rows of episodes that cannot begin.
+        parts: The others, each with the lanes that it waits for; empty until they are known.
+    """
 
     chunk: Chunk
-    steps: Generator[None, None, PlacedChunk]
+    steps: Generator[None, None, PlacedChunk] | None
     placed: bool = False
     failed: list[EpisodeResult] = field(default_factory=list[EpisodeResult])
     parts: list[tuple[PartRows, LaneStream]] = field(default_factory=list[tuple[PartRows, LaneStream]])
@@ -222,6 +246,31 @@ class ChunkOnItsWay:
     def ended(self) -> int:
         """Returns how many episodes have ended, or never begin."""
         return len(self.failed) + sum(part.ended for part, _ in self.parts)
+
+    @property
+    def measured(self) -> bool:
+        """Returns whether all shortest ways are known of the episodes that wait for lanes."""
+        return all(part.measured for part, _ in self.parts)
+
+    @property
+    def fits_into_free_lanes(self) -> bool:
+        """Returns whether all episodes begin at once, so that their order is nothing to wait for."""
+        episodes = Counter[LaneStream]()
+        for part, stream in self.parts:
+            episodes[stream] += len(part.lanes)
+        return all(stream.left + count <= stream.program.lanes for stream, count in episodes.items())
+
+    def measure_some(self) -> None:
+        """Measures the shortest ways in one world, if any are not known."""
+        part = next((part for part, _ in self.parts if not part.measured), None)
+        if part is not None:
+            part.measure_some()
+
+    def wait_for_lanes(self) -> None:
+        """Lets the episodes wait for lanes, behind those that do."""
+        self.placed = True
+        for part, stream in self.parts:
+            stream.add(part)
 
 
 def longest_first(lanes: Sequence[Lane]) -> list[int]:

@@ -20,7 +20,7 @@ from tasks.simulate.lane.lane_state import LaneState
 from tasks.simulate.lane.recording import SampleRecorder
 from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row
 from tasks.simulate.lane.samples import SliceSamples
-from tasks.simulate.lane.staging import Lane
+from tasks.simulate.lane.staging import Lane, with_shortest_paths
 from tasks.simulate.plan.chunks import SLICE_STEPS
 
 Poses = Sequence[Float32[np.ndarray, "lanes steps 3"]]
@@ -54,18 +54,41 @@ class PartRows:
 
     Attributes:
         program: That drives them.
-        lanes: The episodes.
+        lanes: The episodes, as they were placed; their shortest ways are measured later.
         waiting: Those that ended and have no rows yet, by position.
         kept_bytes: Of the samples that are kept.
     """
 
     program: Program
-    lanes: Sequence[Lane]
+    lanes: list[Lane]
     waiting: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
     kept_bytes: int = field(default=0, init=False)
     _ends: dict[int, LaneEnd] = field(default_factory=dict[int, LaneEnd], init=False)
     _rows: list[EpisodeColumns] = field(default_factory=list[EpisodeColumns], init=False)
     _blocks: list[list[_Block]] = field(default_factory=list[list[_Block]], init=False)
+    _unmeasured: dict[str, list[int]] = field(default_factory=dict[str, list[int]], init=False)
+
+    def __post_init__(self) -> None:
+        """Notes which episodes are in the same world."""
+        for position, lane in enumerate(self.lanes):
+            self._unmeasured.setdefault(lane.request.world, []).append(position)
+
+    @property
+    def measured(self) -> bool:
+        """Returns whether all shortest ways are known."""
+        return not self._unmeasured
+
+    def measure_some(self) -> None:
+        """Measures the shortest ways in one world, if any are not known; together they cost less."""
+        if self._unmeasured:
+            self._measure(next(iter(self._unmeasured)))
+
+    def _measure(self, world: str) -> None:
+        positions = self._unmeasured.pop(world, None)
+        if positions:
+            lanes = with_shortest_paths([self.lanes[position] for position in positions])
+            for position, lane in zip(positions, lanes, strict=True):
+                self.lanes[position] = lane
 
     @property
     def ended(self) -> int:
@@ -80,6 +103,8 @@ class PartRows:
         """Makes the rows of some episodes that wait for them, which ended in the same slice."""
         state = next(iter(self.waiting.values())).state
         together = [position for position, end in self.waiting.items() if end.state is state]
+        for world in dict.fromkeys(self.lanes[position].request.world for position in together):
+            self._measure(world)
         ends = [self.waiting.pop(position) for position in together]
         ended = [
             Ended(self.lanes[position], end.place, len(end.poses)) for position, end in zip(together, ends, strict=True)

@@ -16,7 +16,6 @@ import jax.numpy as jnp
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, failed_result
 from specs.data.world import World
 from tasks.simulate.application.code import BundleCrash, load_factory
-from tasks.simulate.application.contract import Placement
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engine.choice import choose_engine
 from tasks.simulate.engine.engines import ENGINES
@@ -30,7 +29,6 @@ from tasks.simulate.lane.staging import Lane, place, with_shortest_paths
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.plan.job_variables import without_job_variables
 from tasks.simulate.refusal import RobotRefused
-from tasks.simulate.sensor.lidar import Lidar
 from tasks.simulate.sensor.sensors import read_sensors
 from tasks.simulate.surroundings.stages import Stage, stage_worlds
 
@@ -40,7 +38,6 @@ _NUMBERS_KEPT = 1024
 # load, and idle lanes cost as much as others.
 _NARROW = 4
 Shape = tuple[object, ...]
-_Placed = tuple[EpisodeRequest, Stage, Placement, Lidar]
 
 
 class PlacedChunk(NamedTuple):
@@ -67,7 +64,7 @@ def place_chunk(
     lanes: int,
     engine: str = "auto",
 ) -> PlacedChunk:
-    """Returns episodes of one program with their starts and goals.
+    """Returns episodes of one program with their starts, their goals and the lengths of their shortest ways.
 
     Args:
         requests: Episodes that share a program, at least one.
@@ -84,7 +81,8 @@ def place_chunk(
         try:
             next(steps)
         except StopIteration as end:
-            return end.value
+            placed: PlacedChunk = end.value
+            return placed._replace(parts=[with_shortest_paths(part) for part in placed.parts])
 
 
 def placing(
@@ -95,22 +93,14 @@ def placing(
     lanes: int,
     engine: str = "auto",
 ) -> Generator[None, None, PlacedChunk]:
-    """Returns what ``place_chunk`` does, and yields after each piece of work: others can be done between."""
+    """Returns what ``place_chunk`` does but for the ways; yields after each piece of work, for others between."""
     program = program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     yield
     stages = stage_worlds(used, program.hull, program.applications.lidar.height_m)
     yield
     placed, rows = yield from _place_all(program, requests, used, stages)
-    found: dict[int, Lane] = {}
-    # Ways in one world cost less together.
-    for world in used:
-        there = [each[:3] for each in placed if each[0].world == world]
-        if there:
-            found |= {lane.request.index: lane for lane in with_shortest_paths(there)}
-            yield
-    lasting = [found[each[0].index]._replace(lidar=each[3]) for each in placed]
-    return PlacedChunk(program, alike(lasting), rows, used)
+    return PlacedChunk(program, alike(placed), rows, used)
 
 
 def part_program(
@@ -190,9 +180,9 @@ def _program(
 
 def _place_all(
     program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, Stage]
-) -> Generator[None, None, tuple[list[_Placed], list[EpisodeResult]]]:
+) -> Generator[None, None, tuple[list[Lane], list[EpisodeResult]]]:
     """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
-    placed: list[_Placed] = []
+    placed: list[Lane] = []
     rows: list[EpisodeResult] = []
     for request in requests:
         numbers, texts = split_environment(request.environment)
@@ -205,7 +195,7 @@ def _place_all(
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
         else:
-            placed.append((request, stage, placement, lidar))
+            placed.append(Lane(request, stage, placement, lidar=lidar))
         yield
     return placed, rows
 

@@ -8,8 +8,7 @@ next chunk begins as soon as a lane is free. Each chunk is answered as a whole, 
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
-from typing import NamedTuple, TypeGuard
+from typing import TypeGuard
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.call_clock import timed_call
 from tasks.simulate.chunk.application_check import check_applications
-from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream
+from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneSetting, LaneStream
 from tasks.simulate.chunk.part_rows import PartRows
 from tasks.simulate.chunk.placed_chunk import PlacedChunk, lane_forms, part_program, placing, program_of
 from tasks.simulate.chunk.timings import TurnWatch, remember_timing
@@ -35,22 +34,6 @@ logger = logging.getLogger(__name__)
 # Of samples, until their chunk is asked for: more are sent slice by slice, and a run keeps them in a file.
 _KEPT_BYTES = 256 << 20
 _Key = tuple[object, ...]
-
-
-class LaneSetting(NamedTuple):
-    """What chunks share that are under way together.
-
-    Attributes:
-        bundles: Unpacked folders of the applications, by digest.
-        lanes: How many lanes every chunk is padded to.
-        engine: ``auto``, or the engine that must run them.
-        rate_hz: Samples a simulated second; None if nothing is recorded.
-    """
-
-    bundles: Mapping[str, Path]
-    lanes: int
-    engine: str
-    rate_hz: float | None
 
 
 class ChunksUnderWay:
@@ -218,11 +201,15 @@ class ChunksUnderWay:
 
     def _next_stream(self) -> LaneStream | None:
         begun = (stream for stream in self._streams.values() if stream.begun)
-        parts = (part for work in self._works for part in work.parts)
+        parts = (part for work in self._works if work.placed for part in work.parts)
         return next(begun, None) or next((stream for part, stream in parts if part.ended < len(part.lanes)), None)
 
     def _work_beside(self) -> bool:
         """Does a piece of work that needs no lanes; returns False if there is none."""
+        work = next((each for each in self._works if each.placed and not each.measured), None)
+        if work is not None:
+            work.measure_some()
+            return True
         while self._rows_to_make:
             part = self._rows_to_make.popleft()
             if part.waiting:
@@ -251,19 +238,27 @@ class ChunksUnderWay:
         return True
 
     def _step(self, work: ChunkOnItsWay) -> None:
-        try:
-            next(work.steps)
-        except StopIteration as end:
-            self._take(work, end.value)
+        """Does a piece of placing a chunk, or of measuring its ways: then its longest episodes begin first.
+
+        Where there are free lanes for all its episodes, they begin at once, and their ways are measured beside.
+        """
+        if work.steps is None:
+            work.measure_some()
+        else:
+            try:
+                next(work.steps)
+            except StopIteration as end:
+                self._take(work, end.value)
+            else:
+                return
+        if work.measured or work.fits_into_free_lanes:
+            work.wait_for_lanes()
 
     def _take(self, work: ChunkOnItsWay, found: PlacedChunk) -> None:
-        """Lets a placed chunk's episodes wait for lanes."""
         for lanes in found.parts:
             check_applications(found.program, lanes[0])
-        work.placed, work.failed = True, found.rows
+        work.steps, work.failed = None, found.rows
         work.parts = [self._part_of(found, lanes) for lanes in found.parts]
-        for part, stream in work.parts:
-            stream.add(part)
 
     def _part_of(self, found: PlacedChunk, lanes: list[Lane]) -> tuple[PartRows, LaneStream]:
         setting = self._setting

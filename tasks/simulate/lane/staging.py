@@ -31,14 +31,14 @@ class Lane(NamedTuple):
     """An episode that can run.
 
     Attributes:
-        shortest_path_m: None where there is none.
+        shortest_path_m: None where there is none, or where it was not measured yet.
         lidar: The robot's in this episode.
     """
 
     request: EpisodeRequest
     stage: Stage
     placement: Placement
-    shortest_path_m: float | None
+    shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
 
 
@@ -79,21 +79,21 @@ def _arrived_m(scenario: Scenario) -> float | None:
     return arrived_m
 
 
-def with_shortest_paths(placed: Sequence[tuple[EpisodeRequest, Stage, Placement]]) -> list[Lane]:
+def with_shortest_paths(lanes: Sequence[Lane]) -> list[Lane]:
     """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
-    keys = [_task_key(stage.ways, placement) for _, stage, placement in placed]
+    keys = [_task_key(lane.stage.ways, lane.placement) for lane in lanes]
     new = {
-        key: (stage.ways, placement)
-        for key, (_, stage, placement) in zip(keys, placed, strict=True)
-        if placement.arrived_m is not None and key not in _known_m
+        key: (lane.stage.ways, lane.placement)
+        for key, lane in zip(keys, lanes, strict=True)
+        if lane.placement.arrived_m is not None and key not in _known_m
     }
     ways, placements = [each for each, _ in new.values()], [placement for _, placement in new.values()]
     found_m = shortest_paths_m(ways, placements, [placement.arrived_m or 0.0 for placement in placements])
     _known_m.update(zip(new, found_m.tolist(), strict=True))
-    lanes = [Lane(*each, _length(_known_m.get(key))) for each, key in zip(placed, keys, strict=True)]
+    found = [lane._replace(shortest_path_m=_length(_known_m.get(key))) for lane, key in zip(lanes, keys, strict=True)]
     while len(_known_m) > _TASKS_KNOWN:
         _known_m.popitem(last=False)
-    return lanes
+    return found
 
 
 def _length(found_m: float | None) -> float | None:

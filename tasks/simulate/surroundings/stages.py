@@ -4,8 +4,10 @@ What an application gets of a world is shared by all episodes in it, so that its
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
+
+import numpy as np
 
 from specs.data.world import World
 from tasks.simulate.application.contract import HostMap
@@ -38,6 +40,14 @@ class _Kept(NamedTuple):
     stage: Stage
 
 
+class _Most(NamedTuple):
+    """Obstacles of a world, filled up to the most that worlds had until now."""
+
+    touched: Obstacles
+    seen: HostSilhouettes
+
+
+_most: dict[tuple[Hull, float], _Most] = {}
 _Key = tuple[int, Hull, float]
 _kept: OrderedDict[_Key, _Kept] = OrderedDict()
 
@@ -45,7 +55,8 @@ _kept: OrderedDict[_Key, _Kept] = OrderedDict()
 def stage_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) -> dict[str, Stage]:
     """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
 
-    What fills them up is out of reach and no application ever gets it.
+    What fills them up is out of reach and no application ever gets it. The counts are those of worlds before, for the
+    same robot, where these have at most twice as many: a program that is loaded takes them then. No row hangs on it.
 
     Args:
         worlds: By name.
@@ -54,10 +65,27 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) -> d
     """
     stages = [_stage(world, hull, seen_at_m) for world in worlds.values()]
     _forget(len(stages))
-    touched = pad_obstacles(stage.touched for stage in stages)
-    seen = pad_silhouettes(stage.seen for stage in stages)
+    touched, seen = _filled(stages, (hull, seen_at_m))
     filled = [stage._replace(touched=one, seen=other) for stage, one, other in zip(stages, touched, seen, strict=True)]
     return dict(zip(worlds, filled, strict=True))
+
+
+def _filled(stages: Sequence[Stage], robot: tuple[Hull, float]) -> tuple[list[Obstacles], list[HostSilhouettes]]:
+    touched, seen = pad_obstacles(stage.touched for stage in stages), pad_silhouettes(stage.seen for stage in stages)
+    most = _most.get(robot)
+    if most is not None and _at_most_twice(most.touched, touched[0]) and _at_most_twice(most.seen, seen[0]):
+        touched, seen = pad_obstacles([most.touched, *touched])[1:], pad_silhouettes([most.seen, *seen])[1:]
+    if most is None or any(map(_larger, (*touched[0], *seen[0]), (*most.touched, *most.seen))):
+        _most[robot] = _Most(touched[0], seen[0])
+    return touched, seen
+
+
+def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> bool:
+    return all(len(one) <= 2 * len(other) for one, other in zip(some, others, strict=True))
+
+
+def _larger(one: np.ndarray, other: np.ndarray) -> bool:
+    return len(one) > len(other)
 
 
 def _stage(world: World, hull: Hull, seen_at_m: float) -> Stage:

@@ -9,10 +9,12 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
+from tasks.simulate.chunk import part_rows
 from tasks.simulate.chunk import under_way as under_way_module
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.chunk.under_way import ChunksUnderWay
 from tasks.simulate.lane.recording import Recorder
+from tasks.simulate.lane.staging import Lane, with_shortest_paths
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tests.factories.simulations import FOLDERS, pushing, simulate_lanes
 
@@ -192,3 +194,21 @@ def test_chunks_with_more_samples_than_may_be_kept_are_simulated_one_by_one(
     under_way = ChunksUnderWay()
     assert drive(pens, traces, under_way) == alone._replace(traced=[0] * len(CHUNKS))
     assert not under_way.work_ahead()
+
+
+def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_measured(
+    pens: dict[str, World], monkeypatch: pytest.MonkeyPatch
+):
+    chunks = _small_chunks((1.0, 2.0), (1.0, 2.0))
+    under_way, placed = ChunksUnderWay(), dict[int, bool]()
+
+    def measured(lanes: Sequence[Lane]) -> list[Lane]:
+        for work in under_way._works:
+            if lanes[0].request in work.chunk.requests:
+                placed[work.chunk.number] = work.placed
+        return with_shortest_paths(lanes)
+
+    monkeypatch.setattr(part_rows, "with_shortest_paths", measured)
+    for chunk in chunks:
+        one(chunk, pens, under_way, chunks[chunk.number + 1 :])
+    assert placed == {0: True, 1: True}

@@ -5,16 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from specs.data.episode import EpisodeRequest
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.lane import staging
-from tasks.simulate.lane.staging import with_shortest_paths
+from tasks.simulate.lane.staging import Lane, with_shortest_paths
 from tasks.simulate.surroundings.stages import Stage, stage_worlds
 from tests.factories.simulations import cluttered, delivery
 
 HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38)
-Placed = tuple[EpisodeRequest, Stage, Placement]
 
 
 @pytest.fixture
@@ -35,9 +33,9 @@ def stage() -> Stage:
     return stage_worlds({"w": cluttered(1)}, HULL, 0.3)["w"]
 
 
-def placed(at: Stage, *goals: tuple[float, float], arrived_m: float | None = 0.3) -> list[Placed]:
+def placed(at: Stage, *goals: tuple[float, float], arrived_m: float | None = 0.3) -> list[Lane]:
     return [
-        (delivery(k, world="w"), at, Placement(np.zeros(3), np.array([goal]), (), arrived_m))
+        Lane(delivery(k, world="w"), at, Placement(np.zeros(3), np.array([goal]), (), arrived_m))
         for k, goal in enumerate(goals)
     ]
 

@@ -16,6 +16,7 @@ HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
 def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begins each test without a kept stage."""
     monkeypatch.setattr(stages, "_kept", type(stages._kept)())  # pyright: ignore[reportPrivateUsage] - it lives as long as a process
+    monkeypatch.setattr(stages, "_most", {})
 
 
 def staged(world: World, hull: Hull = HULL, seen_at_m: float = SEEN_AT_M) -> Stage:
@@ -54,3 +55,19 @@ def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch)
     assert stage_worlds(worlds, HULL, SEEN_AT_M)["w-0"].floor is first["w-0"].floor  # those of a chunk are all kept
     staged(cluttered(9))
     assert len(stages._kept) == 1  # pyright: ignore[reportPrivateUsage] - see above
+
+
+def counts(stage: Stage) -> list[int]:
+    return [len(array) for array in (*stage.touched, *stage.seen)]
+
+
+def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_solids():
+    few = cluttered(1)
+    many, most = (few.model_copy(update={"walls": few.walls * (count // len(few.walls))}) for count in (200, 400))
+    alone = staged(few)
+    assert counts(staged(many))[0] == 2 * counts(alone)[0]
+    assert counts(staged(few)) == counts(staged(many))
+    assert np.array_equal(staged(few).touched.boxes[: len(alone.touched.boxes)], alone.touched.boxes)
+    staged(most)
+    assert counts(staged(few)) == counts(alone)
+    assert counts(staged(few, Hull(0.3, 0.02, 0.38))) == counts(alone)
