@@ -8,7 +8,7 @@ from tasks.simulate.application.contract import HostMap
 from tasks.simulate.surroundings.obstacles import Obstacles
 
 CELL_M = 0.1
-_SIZES = (128, 192, 256, 384, 512)
+_SIZES = (144, 192, 256, 384, 512)
 
 
 def grid_cells(world: World) -> int:

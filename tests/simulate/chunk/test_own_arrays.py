@@ -20,8 +20,8 @@ from tasks.simulate.sensor.lidar import NO_LIDAR
 from tasks.simulate.surroundings.stages import Stage, stage_worlds
 from tests.factories.simulations import DRIFT, FOLDERS, delivery, pen, pushing, simulate_lanes
 
-# The maps have 128, 192 and 512 cells a side, the last for a world at the size limit of the finest grid.
-SIDES_M = {"hand/small": 6.0, "hand/also-small": 8.0, "hand/large": 14.0, "hand/largest": 51.2}
+# The maps have 144, 192 and 512 cells a side, the last for a world at the size limit of the finest grid.
+SIDES_M = {"hand/small": 6.0, "hand/also-small": 8.0, "hand/large": 16.0, "hand/largest": 51.2}
 WORLDS: Mapping[str, World] = {name: pen(side_m, number) for number, (name, side_m) in enumerate(SIDES_M.items())}
 LANES = 16
 COUNTED = ApplicationLaunch(name="drift", version="1", digest=DRIFT, package="drift", launch_file="counted")
@@ -94,7 +94,7 @@ def test_an_application_that_looks_at_sizes_sees_those_of_its_own_episode():
     )
     assert [row.index for row in rows] == list(range(12))
     seen = [(row.metrics["rows"], row.metrics["columns"], row.metrics["goals"], row.goals_total) for row in rows]
-    assert seen == [(128.0, 128.0, 2.0, 2), (192.0, 192.0, 3.0, 3)] * 6
+    assert seen == [(144.0, 144.0, 2.0, 2), (192.0, 192.0, 3.0, 3)] * 6
     assert told == sorted(told)
     assert told[-1] == 12
     assert sorted(recorder.episodes) == list(range(12))

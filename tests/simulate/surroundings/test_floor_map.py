@@ -47,9 +47,12 @@ def test_the_cell_of_a_point_holds_it():
     assert np.abs(center - (1.23, -0.77)).max() <= float(FLOOR.cell_m) / 2 + 1e-6
 
 
-def test_apartments_up_to_12_8_m_share_a_grid_size():
-    wide = WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-7, y_min_m=-2, x_max_m=7, y_max_m=2)})
-    assert grid_cells(WORLD) == 128
+def test_apartments_up_to_14_4_m_share_a_grid_size():
+    large, wide = (
+        WORLD.model_copy(update={"footprint": Rectangle(x_min_m=-half, y_min_m=-2, x_max_m=half, y_max_m=2)})
+        for half in (7, 8)
+    )
+    assert grid_cells(WORLD) == grid_cells(large) == 144
     assert grid_cells(wide) == 192
 
 
