@@ -95,7 +95,9 @@ class ParquetFile:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Closes the file."""
+        """Closes the file; rows that wait are left out of one whose block fails, for nobody reads it."""
+        if error is not None:
+            self._waiting, self._rows = [], 0
         self._close()
 
 

@@ -2,16 +2,15 @@
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pyarrow as pa
 from pydantic import JsonValue
 
 from specs.data.episode_columns import pair_columns
-from specs.data.result_columns import BatchColumns
 from tasks.results.statistics.summary import EpisodeTally
 from tasks.results.tables.parquet import ParquetFile
+from tasks.results.tables.parquet_thread import parquet_thread
 from tasks.results.tables.tables import Requests, Results, both_tables, extended_schemas, sweep_variables
 from tasks.storage.base.key_rules import checked_name
 from tasks.storage.base.keys import output_key
@@ -35,7 +34,7 @@ def write_results(
     """Writes both tables; returns where they lie, and what the episodes came to.
 
     Where they lie is ``results_url``, ``failures_url``, and ``sha256s`` by file name. Each file appears whole under
-    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than two
+    ``<prefix>/<batch>/``; the same batch again writes the same bytes over them. No more than three
     parts and a row group is held in memory.
 
     Args:
@@ -92,24 +91,16 @@ def _write(
             folder / FAILURES_FILE, failures_schema, metadata, dictionary=_repeated(failures_schema)
         ) as failures,
     ):
-        with ThreadPoolExecutor(1) as writer:
-            written = None
+        with parquet_thread(results) as add_results, parquet_thread(failures) as add_failures:
             for requests, answers in parts:
                 asked, answered = pair_columns(requests, answers)
                 tally.add(asked, answered)
-                if written:
-                    written.result()  # one part at most waits
-                written = writer.submit(_add, (results, failures), BatchColumns(batch_id, asked, answered), swept)
-            if written:
-                written.result()
+                whole, explained = both_tables(batch_id, asked, answered, swept)
+                add_results(whole)
+                add_failures(explained)
         for table in (results, failures):
             table.note(tally.ran_on())
         return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally
-
-
-def _add(files: Sequence[ParquetFile], episodes: BatchColumns, variables: Sequence[str]) -> None:
-    for file, table in zip(files, both_tables(*episodes, variables), strict=True):
-        file.add(table)
 
 
 def _repeated(schema: pa.Schema) -> list[str]:

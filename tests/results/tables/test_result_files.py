@@ -1,14 +1,15 @@
 """The files of a batch in its bucket."""
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from specs.errors import DocumentError
+from specs.errors import DocumentError, ObjectNotFound
 from tasks.results.statistics.summary import EpisodeTally
-from tasks.results.tables.result_files import write_results
+from tasks.results.tables.result_files import EpisodePart, write_results
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import batch, crashed, request
@@ -76,3 +77,15 @@ def test_poses_have_no_dictionary_and_all_other_columns_of_failures_do(tmp_path:
         f"trajectory_{name}" for name in ("t_s", "x_m", "y_m", "yaw_rad")
     }
     assert not plain & {"world", "outcome_reason", "path_length_m", "rooms_entered"}
+
+
+def test_a_chunk_that_cannot_be_read_ends_the_write_and_leaves_no_file(tmp_path: Path):
+    bucket = open_bucket(open_store(tmp_path.as_uri()), "results")
+
+    def parts() -> Iterator[EpisodePart]:
+        yield REQUESTS[:2], RESULTS[:2]
+        raise ObjectNotFound("chunk 1")
+
+    with pytest.raises(ObjectNotFound, match="chunk 1"):
+        write_results(bucket, None, "b", parts(), variables={}, metadata={})
+    assert not list(bucket.keys(""))
