@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import pyarrow as pa
 from pydantic import JsonValue
@@ -18,6 +19,10 @@ from tasks.storage.base.store import Store
 
 RESULTS_FILE = "results.parquet"
 FAILURES_FILE = "failures.parquet"
+# What tells one row from another; no two rows share it.
+_NAMES = frozenset({"job", "index"})
+# Files are smaller than with dictionaries and level 3, and take two thirds of the time (docs/decisions/0040).
+_LEVEL = 1
 EpisodePart = tuple[Requests, Results]
 Variables = Mapping[str, Sequence[str | None]]
 
@@ -84,12 +89,10 @@ def _write(
     """Returns the SHA-256 of each file by name, and the tally."""
     swept = sweep_variables(variables)
     tally = EpisodeTally([name for name, values in variables.items() if len(values) > 1])
-    results_schema, failures_schema = extended_schemas(swept)
+    schemas = extended_schemas(swept)
     with (
-        ParquetFile(folder / RESULTS_FILE, results_schema, metadata) as results,
-        ParquetFile(
-            folder / FAILURES_FILE, failures_schema, metadata, dictionary=_repeated(failures_schema)
-        ) as failures,
+        _file(folder / RESULTS_FILE, schemas[0], metadata) as results,
+        _file(folder / FAILURES_FILE, schemas[1], metadata) as failures,
     ):
         with parquet_thread(results) as add_results, parquet_thread(failures) as add_failures:
             for requests, answers in parts:
@@ -103,13 +106,21 @@ def _write(
         return {RESULTS_FILE: results.sha256(), FAILURES_FILE: failures.sha256()}, tally
 
 
+def _file(path: Path, schema: pa.Schema, metadata: Mapping[str, str]) -> ParquetFile:
+    return ParquetFile(path, schema, metadata, dictionary=_repeated(schema), level=_LEVEL)
+
+
 def _repeated(schema: pa.Schema) -> list[str]:
-    """Returns the columns in which values are repeated: all but the poses, whose numbers hardly are."""
-    return [leaf for field in schema if not field.name.startswith("trajectory_") for leaf in _leaves(field)]
+    """Returns the columns in which values are repeated: texts and counts, but not what tells one row from another."""
+    leaves = [leaf for field in schema if field.name not in _NAMES for leaf in _leaves(field)]
+    return [name for name, kind in leaves if not pa.types.is_floating(kind)]
 
 
-def _leaves(field: pa.Field) -> list[str]:
-    """Returns what Parquet calls the columns of a field."""
+def _leaves(field: pa.Field) -> list[tuple[str, pa.DataType]]:
+    """Returns what Parquet calls the columns of a field, and their types."""
     if pa.types.is_map(field.type):
-        return [f"{field.name}.key_value.{part}" for part in ("key", "value")]
-    return [f"{field.name}.list.element" if pa.types.is_list(field.type) else field.name]
+        named = cast("pa.MapType", field.type)
+        return [(f"{field.name}.key_value.key", named.key_type), (f"{field.name}.key_value.value", named.item_type)]
+    if pa.types.is_list(field.type):
+        return [(f"{field.name}.list.element", cast("pa.ListType", field.type).value_type)]
+    return [(field.name, field.type)]
