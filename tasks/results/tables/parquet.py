@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 
 # So many rows of failures with long trajectories are some 30 MB in memory, and of results some 3 MB.
 ROW_GROUP_ROWS = 8_192
+_BLOCK_BYTES = 1 << 20
 
 
 class ParquetFile:
@@ -45,6 +46,7 @@ class ParquetFile:
         self._schema = schema.with_metadata(dict(sorted(footer.items())))
         self._waiting: list[pa.Table] = []
         self._rows = 0
+        self._hashed = hashlib.sha256()
         self._writer = pq.ParquetWriter(
             path,
             self._schema,
@@ -55,6 +57,7 @@ class ParquetFile:
             use_dictionary=True if dictionary is None else list(dictionary),  # pyright: ignore[reportArgumentType] - stubs
             write_statistics=True,
         )
+        self._written = path.open("rb")
 
     def add(self, table: pa.Table) -> None:
         """Appends rows.
@@ -75,8 +78,8 @@ class ParquetFile:
     def sha256(self) -> str:
         """Returns the SHA-256 of the file, which is whole then."""
         self._close()
-        with self._path.open("rb") as written:
-            return hashlib.file_digest(written, "sha256").hexdigest()
+        self._hash()
+        return self._hashed.hexdigest()
 
     def _close(self) -> None:
         if self._writer.is_open:
@@ -89,6 +92,12 @@ class ParquetFile:
         self._writer.write_table(whole.slice(0, rows), row_group_size=rows)
         self._rows -= rows
         self._waiting = [whole.slice(rows)] if self._rows else []
+        self._hash()
+
+    def _hash(self) -> None:
+        """Hashes what was written since the last time, so that a thread that writes hashes beside the others."""
+        while block := self._written.read(_BLOCK_BYTES):
+            self._hashed.update(block)
 
     def __enter__(self) -> Self:
         """Returns the file."""
@@ -100,7 +109,8 @@ class ParquetFile:
         """Closes the file; rows that wait are left out of one whose block fails, for nobody reads it."""
         if error is not None:
             self._waiting, self._rows = [], 0
-        self._close()
+        with self._written:
+            self._close()
 
 
 def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | None = None) -> str:
