@@ -75,10 +75,15 @@ class ParquetFile:
         """Adds metadata to the footer that is known only when the rows are; in the order of its keys."""
         self._writer.add_key_value_metadata(dict(sorted(metadata.items())))
 
+    def hash(self) -> None:
+        """Hashes what was written since the last time, so that `sha256` has less left to read."""
+        while block := self._written.read(_BLOCK_BYTES):
+            self._hashed.update(block)
+
     def sha256(self) -> str:
         """Returns the SHA-256 of the file, which is whole then."""
         self._close()
-        self._hash()
+        self.hash()
         return self._hashed.hexdigest()
 
     def _close(self) -> None:
@@ -92,12 +97,6 @@ class ParquetFile:
         self._writer.write_table(whole.slice(0, rows), row_group_size=rows)
         self._rows -= rows
         self._waiting = [whole.slice(rows)] if self._rows else []
-        self._hash()
-
-    def _hash(self) -> None:
-        """Hashes what was written since the last time, so that a thread that writes hashes beside the others."""
-        while block := self._written.read(_BLOCK_BYTES):
-            self._hashed.update(block)
 
     def __enter__(self) -> Self:
         """Returns the file."""

@@ -1,4 +1,4 @@
-"""Appends rows to a Parquet file in a thread of its own: what encodes and compresses them needs no interpreter."""
+"""Appends rows to a Parquet file in a thread of its own: what encodes, compresses and hashes needs no interpreter."""
 
 from collections import deque
 from collections.abc import Callable, Generator
@@ -32,7 +32,7 @@ def parquet_thread(file: ParquetFile) -> Generator[Callable[[pa.Table], None]]:
     def add(table: pa.Table) -> None:
         while len(begun) >= _TABLES:
             begun.popleft().result()
-        begun.append(thread.submit(file.add, table))
+        begun.append(thread.submit(_write, file, table))
 
     try:
         yield add
@@ -40,3 +40,8 @@ def parquet_thread(file: ParquetFile) -> Generator[Callable[[pa.Table], None]]:
             begun.popleft().result()
     finally:
         thread.shutdown(cancel_futures=True)
+
+
+def _write(file: ParquetFile, table: pa.Table) -> None:
+    file.add(table)
+    file.hash()
