@@ -80,12 +80,12 @@ class Costs(NamedTuple):
 def costs(server_pid: int) -> Costs:
     """Returns what this machine measures; a Prefect server is there, and is that process."""
     with tempfile.TemporaryDirectory(prefix="simyard-costs-") as name:
-        batch = _opened(Path(name))
+        batch = opened_batch(Path(name), Case(2048))
         counted: Counter[str] = Counter()
         with _counting(counted):
-            _simulated(batch, (0, 1))
+            simulate_some(batch, (0, 1))
             before = counted.copy()
-            _simulated(batch, (2, 3, 4, 5))
+            simulate_some(batch, (2, 3, 4, 5))
         counted.subtract(before)
         rows_per_s, row_bytes = _tables(batch)
         driver_s, worker_s, server_s = _task_runs(server_pid, batch.store.url)
@@ -102,11 +102,16 @@ def costs(server_pid: int) -> Costs:
         )
 
 
-def _opened(folder: Path) -> OpenBatch:
-    """Returns a batch of 2,048 short episodes in 8 worlds, of which nothing is simulated yet."""
+def opened_batch(folder: Path, case: Case) -> OpenBatch:
+    """Returns a batch of short episodes, of which nothing is simulated yet.
+
+    Args:
+        folder: A store is made in it.
+        case: The batch.
+    """
     store = open_store((folder / "store").as_uri())
     document = yaml.safe_load(QUICKSTART.read_text())["worldGeneration"]
-    asked = WorldGeneration.model_validate({**document, "worldCount": {"floorplanCount": 8}})
+    asked = WorldGeneration.model_validate({**document, "worldCount": {"floorplanCount": case.worlds}})
     template = find_template(asked.template, store, QUICKSTART.parent)
     worlds = run_generation_job(
         store,
@@ -116,14 +121,15 @@ def _opened(folder: Path) -> OpenBatch:
         token=_TOKEN,
         progress=lambda *_: None,
     )
-    spec = SimulationBatch.model_validate(section(Case(2048)))
+    spec = SimulationBatch.model_validate(section(case))
     plan = batch_plan(spec, cast("list[str]", worlds.detail["worlds"]), store, numbered_finder(store, None))
     request = simulation_request(spec, store_id=store_id(store), token=_TOKEN)
     record = open_batch(store, plan, canonical_document(request), _TOKEN)
     return load_batch(store, record.id)
 
 
-def _simulated(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
+def simulate_some(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
+    """Simulates some chunks of a batch."""
     location = output_location(SimulationBatch.model_validate(section(Case(2048))))
     simulate_chunks.fn(
         batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0, voucher=batch.voucher

@@ -93,30 +93,30 @@ class _Reader:
 
     def counts(self, form: str, size: int, *, below: int = _BEYOND, alone: bool = True) -> np.ndarray:
         """Returns the next array of counts, which are 0 or more and below another one."""
-        found, size = self._next(form, size, alone=alone)
-        low, high = (found[0], found[0]) if len(found) == 1 else (found.min(initial=0), found.max(initial=0))
+        found = self._next(form, size, alone=alone)
+        low, high = _bounds(found)
         if len(found) and not 0 <= low <= high < below:
             raise ValueError("a count beyond what there is")
-        return _whole(found.astype(np.int64), size)
+        return _whole(found, size, np.int64)
 
     def numbers(self, form: str, size: int, dtype: type[np.generic], *, alone: bool) -> np.ndarray:
         """Returns the next array of numbers; a field's whole ones are counts."""
-        found, size = self._next(form, size, alone=alone)
-        if found.dtype.kind == "i" and found.min(initial=0) < 0:
+        found = self._next(form, size, alone=alone)
+        if found.dtype.kind == "i" and _bounds(found)[0] < 0:
             raise ValueError("a count below 0")
-        return _whole(found.astype(dtype), size)
+        return _whole(found, size, dtype)
 
-    def _next(self, form: str, size: int, *, alone: bool) -> tuple[np.ndarray, int]:
-        """Returns what stands there, and of how many entries; one value stands for all where there is one a row."""
-        repeated = form.startswith("=")
-        if repeated and not alone:
-            raise ValueError("one value for all entries of lists")
-        dtype, count = _DTYPES[form[-2:]], min(size, 1) if repeated else size
-        if self._at + count * dtype.itemsize > len(self._body):
+    def _next(self, form: str, size: int, *, alone: bool) -> np.ndarray:
+        """Returns what stands there; one value stands for all where there is one a row."""
+        if form[0] == "=":
+            if not alone:
+                raise ValueError("one value for all entries of lists")
+            form, size = form[1:], min(size, 1)
+        dtype, at = _DTYPES[form], self._at
+        self._at += size * dtype.itemsize
+        if self._at > len(self._body):
             raise ValueError("less bytes than the first line says")
-        found = np.frombuffer(self._body, dtype, count, self._at) if count else np.zeros(0, dtype)
-        self._at += count * dtype.itemsize
-        return found, size
+        return np.frombuffer(self._body, dtype, size, at) if size else np.zeros(0, dtype)
 
     def require_end(self) -> None:
         """Lets bytes pass that have all been read."""
@@ -184,8 +184,21 @@ def _choices(name: str) -> TypeAdapter[tuple[object, ...]] | None:
     return TypeAdapter(tuple[annotation, ...])  # pyright: ignore[reportInvalidTypeForm] - a field's type
 
 
-def _whole(found: np.ndarray, size: int) -> np.ndarray:
-    return found if len(found) == size else np.full(size, found[0])
+def _bounds(found: np.ndarray) -> tuple[int, int]:
+    """Returns the least and the largest of some counts; 0 of none."""
+    if len(found) > 1:
+        return np.minimum.reduce(found), np.maximum.reduce(found)  # a third of the time of the array's own methods
+    alone = found.item() if len(found) else 0
+    return alone, alone
+
+
+def _whole(found: np.ndarray, size: int, dtype: type[np.generic]) -> np.ndarray:
+    """Returns numbers of a type, one of them as often as there are entries."""
+    if len(found) == size:
+        return found.astype(dtype)
+    whole = np.empty(size, dtype)
+    whole.fill(found[0])
+    return whole
 
 
 def _arrays(cells: Cells) -> Iterator[tuple[str, np.ndarray]]:

@@ -201,9 +201,9 @@ class RequestColumns:
         """Returns a column of positions in the batch, or of seeds."""
         return Cells(numbers=self.index if name == "index" else self.seeds)
 
-    def named(self, name: Callable[[int], str]) -> Cells:
-        """Returns a column of names, made from each position in the batch."""
-        return Cells(labels=tuple(map(name, self.index.tolist())))
+    def named(self, prefix: str) -> Cells:
+        """Returns a column of names: what they begin with, and each position in the batch."""
+        return Cells(labels=tuple([f"{prefix}{index}" for index in self.index.tolist()]))
 
     def shared(self, value: Callable[[EpisodeRequest], object]) -> Cells:
         """Returns a column of what depends on neither index, seed nor world."""

@@ -134,7 +134,7 @@ def _batch(episodes: BatchColumns) -> "Cells":
 
 
 def _jobs(episodes: BatchColumns) -> "Cells":
-    return episodes.requests.named(lambda index: f"{episodes.batch}/{index}")
+    return episodes.requests.named(f"{episodes.batch}/")
 
 
 REQUESTED = (

@@ -6,7 +6,6 @@ everywhere (`sweep_variables`).
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import cast
 
 import numpy as np
 import pyarrow as pa
@@ -22,6 +21,7 @@ from specs.data.result_columns import (
     Column,
     ColumnType,
 )
+from tasks.results.tables.arrow_arrays import arrow_array, arrow_mask
 
 SWEEP_PREFIX = "env_"
 _ARROW_TYPES: Mapping[ColumnType, pa.DataType] = {
@@ -81,11 +81,11 @@ def both_tables(
     """
     episodes = BatchColumns(batch_id, *pair_columns(requests, results))
     columns, schemas = (*FAILURES_COLUMNS, *_sweep_columns(variables)), extended_schemas(variables)
-    arrays = {each.name: _array(each.cells(episodes), _ARROW_TYPES[each.type]) for each in columns}
+    arrays = {each.name: arrow_array(each.cells(episodes), _ARROW_TYPES[each.type]) for each in columns}
     whole, explained = (pa.table([arrays[name] for name in schema.names], schema=schema) for schema in schemas)
     ways, codes = episodes.results.endings
     failed = np.array([success(way) is False for way in ways], np.bool_)[codes] if ways else np.zeros(0, np.bool_)
-    return whole, explained if failed.all() else explained.filter(pa.array(failed))
+    return whole, explained if failed.all() else explained.filter(arrow_mask(failed))
 
 
 def sweep_variables(variables: Mapping[str, Iterable[str | None]]) -> list[str]:
@@ -126,27 +126,6 @@ def _schema(table: str, columns: Iterable[Column]) -> pa.Schema:
         for each in columns
     ]
     return pa.schema(fields, metadata={"simyard.table": table, "simyard.schema_version": SCHEMA_VERSION})
-
-
-def _array(cells: Cells, kind: pa.DataType) -> pa.Array:
-    """Returns cells as Arrow has them."""
-    if cells.lengths is None:
-        return _flat(cells, kind)
-    ends = pa.array(cells.ends().astype(np.int32))
-    if pa.types.is_map(kind):
-        found = cast("pa.MapType", kind)
-        names = _flat(Cells(codes=cells.codes, labels=cells.labels), found.key_type)
-        return pa.MapArray.from_arrays(ends, names, pa.array(cells.numbers, found.item_type)).cast(kind)
-    return pa.ListArray.from_arrays(ends, _flat(cells, cast("pa.ListType", kind).value_type)).cast(kind)
-
-
-def _flat(cells: Cells, kind: pa.DataType) -> pa.Array:
-    """Returns one value an entry."""
-    if cells.numbers is not None:
-        missing = None if cells.there is None else ~cells.there
-        return pa.array(np.ascontiguousarray(cells.numbers), mask=missing).cast(kind)
-    labels = pa.array(cells.labels, kind)
-    return labels if cells.codes is None else labels.take(pa.array(cells.codes))
 
 
 def _sweep_columns(variables: Sequence[str]) -> tuple[Column, ...]:

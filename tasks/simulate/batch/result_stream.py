@@ -73,7 +73,7 @@ def _in_order(found: Sequence[EpisodeColumns], first: int, end: int, code: StopC
         place[missing] = len(rows) + np.arange(len(missing))
         canceled = EpisodeColumns.of([canceled_row(index, code) for index in (missing + first).tolist()])
         rows = EpisodeColumns.join([rows, canceled])
-    return rows.take(place)
+    return rows if np.array_equal(place, np.arange(len(rows))) else rows.take(place)
 
 
 def _columns(batch: OpenBatch, number: int, code: StopCode) -> EpisodeColumns | None:

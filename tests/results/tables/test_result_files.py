@@ -1,14 +1,15 @@
 """The files of a batch in its bucket."""
 
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 
-from specs.errors import DocumentError
+from specs.errors import DocumentError, ObjectNotFound
 from tasks.results.statistics.summary import EpisodeTally
-from tasks.results.tables.result_files import write_results
+from tasks.results.tables.result_files import EpisodePart, write_results
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import batch, crashed, request
@@ -66,13 +67,27 @@ def test_a_batch_id_that_would_leave_the_prefix_is_refused(tmp_path: Path):
         written(tmp_path, batch_id="../evil")
 
 
-def test_poses_have_no_dictionary_and_all_other_columns_of_failures_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("table", ["results", "failures"])
+def test_texts_and_counts_have_a_dictionary_and_neither_measures_nor_names_of_rows_do(
+    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.delenv("SIMYARD_BUCKETS", raising=False)
     _, bucket = written(tmp_path)
-    group = pq.read_metadata(bucket / "nightly/simb-1/failures.parquet").row_group(0)
+    group = pq.read_metadata(bucket / f"nightly/simb-1/{table}.parquet").row_group(0)
     columns = [group.column(number) for number in range(group.num_columns)]
-    plain = {each.path_in_schema.partition(".")[0] for each in columns if not each.has_dictionary_page}
-    assert {name for name in plain if name != "success"} >= {
-        f"trajectory_{name}" for name in ("t_s", "x_m", "y_m", "yaw_rad")
-    }
-    assert not plain & {"world", "outcome_reason", "path_length_m", "rooms_entered"}
+    plain = {each.path_in_schema for each in columns if not each.has_dictionary_page}
+    doubles = {each.path_in_schema for each in columns if each.physical_type == "DOUBLE"}
+    assert doubles >= {"path_length_m", "goal_times_s.list.element", "metrics.key_value.value"}
+    assert plain == doubles | {"job", "index", "success"}
+
+
+def test_a_chunk_that_cannot_be_read_ends_the_write_and_leaves_no_file(tmp_path: Path):
+    bucket = open_bucket(open_store(tmp_path.as_uri()), "results")
+
+    def parts() -> Iterator[EpisodePart]:
+        yield REQUESTS[:2], RESULTS[:2]
+        raise ObjectNotFound("chunk 1")
+
+    with pytest.raises(ObjectNotFound, match="chunk 1"):
+        write_results(bucket, None, "b", parts(), variables={}, metadata={})
+    assert not list(bucket.keys(""))
