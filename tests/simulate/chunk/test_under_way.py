@@ -11,6 +11,7 @@ from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.chunk import part_rows
 from tasks.simulate.chunk import under_way as under_way_module
+from tasks.simulate.chunk.lane_stream import ChunkOnItsWay
 from tasks.simulate.chunk.timings import collect_timings
 from tasks.simulate.chunk.under_way import ChunksUnderWay
 from tasks.simulate.lane.recording import Recorder
@@ -199,16 +200,25 @@ def test_chunks_with_more_samples_than_may_be_kept_are_simulated_one_by_one(
 def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_measured(
     pens: dict[str, World], monkeypatch: pytest.MonkeyPatch
 ):
-    chunks = _small_chunks((1.0, 2.0), (1.0, 2.0))
-    under_way, placed = ChunksUnderWay(), dict[int, bool]()
+    chunks, events = _small_chunks((1.0, 2.0), (1.0, 2.0)), list[str]()
+    number = {request.index: chunk.number for chunk in chunks for request in chunk.requests}
+    wait = ChunkOnItsWay.wait_for_lanes
+
+    def waited(work: ChunkOnItsWay) -> None:
+        events.append(f"chunk {work.chunk.number} waits for lanes")
+        wait(work)
 
     def measured(lanes: Sequence[Lane]) -> list[Lane]:
-        for work in under_way._works:
-            if lanes[0].request in work.chunk.requests:
-                placed[work.chunk.number] = work.placed
+        events.append(f"chunk {number[lanes[0].request.index]} is measured")
         return with_shortest_paths(lanes)
 
+    monkeypatch.setattr(ChunkOnItsWay, "wait_for_lanes", waited)
     monkeypatch.setattr(part_rows, "with_shortest_paths", measured)
+    under_way = ChunksUnderWay()
     for chunk in chunks:
         one(chunk, pens, under_way, chunks[chunk.number + 1 :])
-    assert placed == {0: True, 1: True}
+    for chunk in chunks:
+        waits, is_measured = (
+            events.index(f"chunk {chunk.number} {what}") for what in ("waits for lanes", "is measured")
+        )
+        assert waits < is_measured

@@ -6,6 +6,7 @@ operation.
 """
 
 import functools
+import math
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
+from tasks.simulate.engine.planar.fewest import among_fewest, need
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
 from tasks.simulate.engine.planar.neighbours import Neighbours, neighbours
@@ -31,14 +33,23 @@ from tasks.simulate.surroundings.obstacles import PARKING_M
 # enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
 _AROUND_ONE_DISC = 6
 _AROUND_MORE = 8
+# A physics step is compiled for as many obstacles as this, and for all in the window.
+COUNTS = (0, 1, 3)
+# For what single precision rounds of distances, and of coordinates.
+_LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
 
 
 class _Surroundings(NamedTuple):
-    """What does not change during a control step: where it began, the obstacles, and how each disc lies to each."""
+    """What does not change during a control step: where it began, the obstacles, and how each disc lies to each.
+
+    Attributes:
+        free_m: How far the robot can go before it may touch each obstacle.
+    """
 
     origin: Planar
     obstacles: list[Obstacle]
     bearings: list[list[Bearing]]
+    free_m: list[Scalar]
     controls: list[Scalar]
 
 
@@ -55,6 +66,21 @@ class _Robot(NamedTuple):
     rate: Planar
     activations: list[Scalar]
     acceleration: Planar
+
+
+class _Instant(NamedTuple):
+    """A robot in a physics step, before obstacles hold it.
+
+    Attributes:
+        moved: Since the control step began.
+        acting: The forces besides constraints.
+        before: The acceleration of the physics step before.
+    """
+
+    moved: Planar
+    moving: Moving
+    acting: Planar
+    before: Planar
 
 
 class _Spent(NamedTuple):
@@ -128,8 +154,8 @@ def drive_among(
     origin = Planar(*body.qpos)
     obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot), near)
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
-    around = _Surroundings(origin, obstacles, bearings, list(control))
     nil = jnp.zeros_like(origin.x)
+    around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control))
     begin = _Robot(
         Planar(nil, nil, nil),
         jnp.cos(origin.yaw),
@@ -170,6 +196,17 @@ def _kept(disc: Disc, obstacle: Obstacle) -> Obstacle:
     return obstacle._replace(x=jnp.where(beside, obstacle.x, PARKING_M))
 
 
+def _free_m(robot: PlanarRobot, obstacles: list[Obstacle]) -> list[Scalar]:
+    """Returns how far a robot can go from where the control step began before each obstacle may push it."""
+    reach_m = max(math.hypot(disc.forward_m, disc.left_m) + disc.radius_m + disc.margin_m for disc in robot.discs)
+    found: list[Scalar] = []
+    for each in obstacles:
+        extent_m = jnp.abs(each.x) + jnp.abs(each.y) + each.half_x + each.half_y
+        nil = jnp.zeros_like(each.x)
+        found.append(distance_m([each], nil, nil) - (reach_m + _LEAST_M + _OF_COORDINATES * extent_m))
+    return found
+
+
 def _window_size(robot: PlanarRobot) -> int:
     central = len(robot.discs) == 1 and not (robot.discs[0].forward_m or robot.discs[0].left_m)
     return _AROUND_ONE_DISC if central else _AROUND_MORE
@@ -179,16 +216,33 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     place = plus(around.origin, before.moved)
     moving = Moving(place, before.cos, before.sin, before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
-    mass, acting = _mass(robot, moving), _acting(robot, pushed, moving)
-    contacts = _contacts(robot, around, before.moved, moving)
-    targets = [-friction.damping * before.rate[friction.axis] for friction in robot.dry_frictions]
-    dry = list(zip(robot.dry_frictions, targets, strict=True))
-    acceleration = minimizer(mass, acting, contacts, dry, before.acceleration)
+    instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
+    among = among_fewest(functools.partial(_among, robot), _counts(len(around.obstacles)))
+    touchable = need(around.free_m, before.moved, before.acceleration)
+    acceleration, contact_n = among(touchable, (around.obstacles, around.bearings, instant))
+    mass = _mass(robot, moving)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
     moved = plus(before.moved, rate, robot.step_s)
     yaw = around.origin.yaw + moved.yaw
     after = _Robot(moved, jnp.cos(yaw), jnp.sin(yaw), rate, pushed.activations, acceleration)
-    return after, _spent(robot, spent, pushed.power_w, contact_force(contacts, acceleration))
+    return after, _spent(robot, spent, pushed.power_w, contact_n)
+
+
+def _counts(total: int) -> tuple[int, ...]:
+    return (*(each for each in COUNTS if each < total), total)
+
+
+def _among(
+    robot: PlanarRobot, count: int, given: tuple[list[Obstacle], list[list[Bearing]], _Instant]
+) -> tuple[Planar, tuple[Scalar, Scalar]]:
+    """Returns the acceleration that the first obstacles leave to a robot, and what they push with along x and y."""
+    obstacles, bearings, instant = given
+    contacts = _contacts(robot, obstacles[:count], [each[:count] for each in bearings], instant)
+    rate = instant.moving.rate
+    targets = [-friction.damping * rate[friction.axis] for friction in robot.dry_frictions]
+    dry = list(zip(robot.dry_frictions, targets, strict=True))
+    acceleration = minimizer(_mass(robot, instant.moving), instant.acting, contacts, dry, instant.before)
+    return acceleration, contact_force(contacts, acceleration)
 
 
 def _spent(robot: PlanarRobot, before: _Spent, power_w: Scalar, contact_n: tuple[Scalar, Scalar]) -> _Spent:
@@ -216,12 +270,15 @@ def _acting(robot: PlanarRobot, pushed: Push, moving: Moving) -> Planar:
     return Planar(damped[0] + swing * lever_x, damped[1] + swing * lever_y, damped[2])
 
 
-def _contacts(robot: PlanarRobot, around: _Surroundings, moved: Planar, moving: Moving) -> list[Contact]:
+def _contacts(
+    robot: PlanarRobot, obstacles: list[Obstacle], bearings: list[list[Bearing]], instant: _Instant
+) -> list[Contact]:
     found: list[Contact] = []
-    for disc, bearings in zip(robot.discs, around.bearings, strict=True):
+    moved, moving = instant.moved, instant.moving
+    for disc, hows in zip(robot.discs, bearings, strict=True):
         arm = moving.turned(disc.forward_m, disc.left_m) if disc.forward_m or disc.left_m else None
         x, y = (moved.x, moved.y) if arm is None else (moved.x + arm[0], moved.y + arm[1])
-        for obstacle, how in zip(around.obstacles, bearings, strict=True):
+        for obstacle, how in zip(obstacles, hows, strict=True):
             found.append(contact(disc, touch(disc, obstacle, how, x, y), arm, moving.rate))
     return found
 

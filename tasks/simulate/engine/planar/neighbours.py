@@ -25,6 +25,7 @@ _SLOTS, _SHARE = 64, 6
 # For what single precision rounds of distances, and of coordinates.
 _LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
 _GROUPS, _TOGETHER = 32, 128
+_ROW = 16
 # Of an obstacle: (x, y, half x, half y, cos yaw, sin yaw, radius, z, half z), as in Obstacle of the window.
 Columns = Float[Array, "9 obstacles"]
 
@@ -183,9 +184,16 @@ def _smallest(
     chosen: list[Int[Array, ""]] = []
     last = jnp.int32(-1)
     for _ in range(count):
-        last = jnp.min(jnp.where(keys > last, keys, _NEVER))
+        last = _least(jnp.where(keys > last, keys, _NEVER))
         chosen.append(last & place_mask)
     return jnp.stack(chosen)
+
+
+def _least(keys: Int[Array, "keys"]) -> Int[Array, ""]:
+    """Returns the least key. Halves are compared as vectors first; a minimum along a row takes one key at a time."""
+    while len(keys) > _ROW and len(keys) % 2 == 0:
+        keys = jnp.minimum(keys[: len(keys) // 2], keys[len(keys) // 2 :])
+    return jnp.min(keys)
 
 
 def _place_bits(total: int) -> int:
