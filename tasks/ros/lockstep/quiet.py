@@ -7,6 +7,7 @@ sleeps by the wall's clock within a callback.
 
 from collections import Counter
 from enum import Enum
+from typing import NamedTuple
 
 from tasks.ros.graph.graph_side import GraphSide
 from tasks.ros.process.application import Application
@@ -22,6 +23,8 @@ _MISSED_POLLS = 4.0
 _MISSED_S = 0.025
 # How soon to ask again whether one polled, in its periods: whoever asks takes the core that it may wait for.
 _PEEK = 0.4
+# A thread that is given up again and again is taken back later and later, for each time costs _MISSED_S.
+_MOST_POLLS = 64
 _AGAIN_S = 0.0003
 _REST_KEPT_S = 0.25
 
@@ -34,6 +37,15 @@ class Verdict(Enum):
     AWAKE = "awake"
     WAITS = "waits"
     STOPPED = "stopped"
+
+
+class _Lapse(NamedTuple):
+    """A thread that polled and was given up: when, how often it had been run by then, and when to take it back."""
+
+    period_s: float
+    at_s: float
+    runs: int
+    polls: int
 
 
 class QuietJudge:
@@ -65,6 +77,7 @@ class QuietJudge:
         self._served = -1
         self._base: dict[int, bytes] | None = None
         self._due: dict[int, float] = {}
+        self._lapses: dict[int, _Lapse] = {}
         self._counted: tuple[float, dict[int, int]] = (0.0, {})
         self._known: frozenset[int] = frozenset()
         self._looked_s = self._idle_s = 0.0
@@ -94,6 +107,8 @@ class QuietJudge:
         self.application.find()
         noted, rest, served = self._watch.runs, self._watch.look(), self.graph.served
         heard, self._served = served != self._served, served
+        if self._lapses:
+            self._take_back(now_s)
         if self.graph.busy or (rest is Rest.AWAKE and self._watch.awake() not in self.pollers):
             self._base = None
             return Verdict.AWAKE
@@ -185,11 +200,30 @@ class QuietJudge:
     def _peek(self, now_s: float) -> bool:
         """Returns whether each thread that polls was run since all others slept; asks no others, so it costs little."""
         base, waited_s = self._base or {}, now_s - self._base_s
-        for tid in [tid for tid in self._due if not self._watch.ran(tid, base.get(tid))]:
-            period_s = self._due[tid]
-            if waited_s < max(_MISSED_S, _MISSED_POLLS * period_s):
+        for tid, period_s in list(self._due.items()):
+            # Asked before whether it ran: one that sleeps, and did not run after all, waited for no core in between.
+            waits = waited_s < max(_MISSED_S, _MISSED_POLLS * period_s) or self._watch.waits_for_core(tid)
+            if self._watch.ran(tid, base.get(tid)):
+                continue
+            if waits:
                 self.next_s = now_s + _PEEK * period_s
                 return False
-            # It does not poll any more: a thread that waits for a core would have read as awake.
-            del self._due[tid], self.pollers[tid]
+            self._give_up(tid, now_s)
         return True
+
+    def _give_up(self, tid: int, now_s: float) -> None:
+        """Waits no more for a thread that does not poll any more, as it seems."""
+        del self._due[tid]
+        before, runs = self._lapses.get(tid), self._watch.counts().get(tid, 0)
+        polls = min(2 * before.polls, _MOST_POLLS) if before is not None else _POLLS
+        self._lapses[tid] = _Lapse(self.pollers.pop(tid), now_s, runs, polls)
+
+    def _take_back(self, now_s: float) -> None:
+        """Waits again for threads that were given up, and have polled since: nobody rests whom one of them wakes."""
+        counts = self._watch.counts()
+        for tid in self._lapses.keys() - self.pollers.keys():
+            lapse = self._lapses[tid]
+            runs = counts.get(tid, 0) - lapse.runs
+            if runs >= lapse.polls and (now_s - lapse.at_s) / runs < _POLL_S:
+                self._add_poller(tid, lapse.period_s)
+                self._due[tid], self._base = lapse.period_s, None

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.process.thread_watch import Rest, ThreadWatch, allow_files, counts_runs
+from tests.ros.process.proc_folder import fake_thread
 
 pytestmark = pytest.mark.skipif(not counts_runs(), reason="this kernel does not count how often threads are run")
 Start = Callable[[str], "subprocess.Popen[bytes]"]
@@ -135,3 +136,13 @@ def test_this_process_may_open_as_many_files_as_any() -> None:
         assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_a_thread_that_was_woken_and_not_run_waits_for_a_core(tmp_path: Path) -> None:
+    thread, watched = fake_thread(tmp_path, 1, 2), ThreadWatch(tmp_path)
+    watched.refresh([1])
+    assert not watched.waits_for_core(2)
+    thread.be("R")
+    assert watched.waits_for_core(2)
+    assert not watched.waits_for_core(3)
+    watched.close()
