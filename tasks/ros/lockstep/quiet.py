@@ -27,6 +27,8 @@ _PEEK = 0.4
 _MOST_POLLS = 64
 _AGAIN_S = 0.0003
 _REST_KEPT_S = 0.25
+# A limit takes so many times as long at most, however busy the machine is.
+_LONGEST_LIMIT = 5.0
 
 
 class Verdict(Enum):
@@ -54,7 +56,7 @@ class QuietJudge:
     Args:
         application: Its processes.
         graph: Its own.
-        nap_s: As long as its callbacks may sleep. What sleeps longer runs by the wall's clock.
+        nap_s: As long as its callbacks may sleep, by ``has_time``. What sleeps longer runs by the wall's clock.
 
     Attributes:
         pollers: Threads that wake up again and again by themselves, with their period in seconds.
@@ -75,6 +77,7 @@ class QuietJudge:
         self._sleepers: frozenset[int] = frozenset()
         self._begun_s = self._base_s = 0.0
         self._served = -1
+        self._begun_runs: dict[int, bytes] = {}
         self._base: dict[int, bytes] | None = None
         self._due: dict[int, float] = {}
         self._lapses: dict[int, _Lapse] = {}
@@ -96,7 +99,8 @@ class QuietJudge:
             self._watch.snapshot()
             self._note_rest(now_s)
         self._watch.mark()
-        self._begun_s, self._base, self.rest_s = now_s, None, 0.0
+        self._begun_s, self._begun_runs = now_s, self._watch.runs
+        self._base, self.rest_s = None, 0.0
         self._due = {tid: s for tid, s in self.pollers.items() if ticked or tid not in self.timers}
 
     def look(self, now_s: float) -> Verdict:
@@ -131,12 +135,22 @@ class QuietJudge:
         napping = self._watch.napping(self._sleepers | self.pollers.keys())
         if napping is None:
             return Verdict.SOON
-        if napping and waited_s < self._nap_s:
+        if napping and self.has_time(self._nap_s, now_s):
             return Verdict.WAITS
         if napping and self._begin_to_poll(napping, waited_s):
             return Verdict.SOON
         self._sleepers |= napping
         return Verdict.STOPPED if rest is Rest.STOPPED else Verdict.QUIET
+
+    def has_time(self, limit_s: float, now_s: float) -> bool:
+        """Returns whether the application could run for less than a limit since the last ``begin``.
+
+        What one of its threads waited for a core at most does not count: it is not the application's doing.
+        """
+        took_s = now_s - self._begun_s
+        if took_s < limit_s:
+            return True
+        return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < limit_s
 
     def count(self, now_s: float) -> None:
         """Begins to count how often threads run although nothing is sent to them."""

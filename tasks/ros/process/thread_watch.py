@@ -8,7 +8,7 @@ to its second, and these stretches overlap. A thread that is woken but waits for
 import contextlib
 import os
 import resource
-from collections.abc import Generator, Iterable, Set
+from collections.abc import Generator, Iterable, Mapping, Set
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
@@ -135,6 +135,24 @@ class ThreadWatch:
         thread = self._threads.get(tid)
         return thread is not None and self._state(thread) in _AWAKE
 
+    def waited_s(self, before: Mapping[int, bytes]) -> float:
+        """Returns the longest that a thread waited for a core since that was noted, in seconds.
+
+        The kernel counts a wait when it is over.
+
+        Args:
+            before: What ``runs`` was; a thread that is not there came later.
+        """
+        longest_ns = 0
+        for tid, thread in list(self._threads.items()):
+            try:
+                now = os.pread(thread.runs, _RUNS_BYTES, 0)
+            except OSError:
+                self._forget(tid)
+                continue
+            longest_ns = max(longest_ns, _waited_ns(now) - _waited_ns(before.get(tid, b"")))
+        return longest_ns / 1e9
+
     def process(self, tid: int) -> int:
         """Returns the process of a thread; 0 for one that is not known."""
         thread = self._threads.get(tid)
@@ -225,6 +243,11 @@ def _differ(after: dict[int, bytes], before: dict[int, bytes]) -> frozenset[int]
     """Returns the threads that were run in between, that came, or that are gone."""
     gone = before.keys() - after.keys()
     return frozenset(tid for tid, runs in after.items() if before.get(tid) != runs) | gone
+
+
+def _waited_ns(runs: bytes) -> int:
+    """Returns how long a thread waited for a core, by its ``schedstat``; 0 for one that was gone."""
+    return int(runs.split()[1]) if runs else 0
 
 
 def _naps(thread: _Thread) -> bool:

@@ -1,55 +1,12 @@
 """When an application is quiet, by what the kernel might tell of its threads; the times are the test's own."""
 
-import os
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 
-from tasks.ros.graph.graph import Graph
-from tasks.ros.lockstep.event_pump import EventPump
 from tasks.ros.lockstep.quiet import QuietJudge, Verdict
-from tasks.ros.process.application import Application
-from tasks.ros.process.lane_limits import LaneLimits
-from tasks.ros.process.lineage import Lineage
-from tasks.ros.process.thread_watch import ThreadWatch
-from tests.ros.process.proc_folder import FakeThread, fake_thread
+from tests.ros.lockstep.conftest import POLLER
+from tests.ros.process.proc_folder import FakeThread
 
-WORKER, POLLER = 2**22 + 1, 2**22 + 2
 PERIOD_S = 0.001
-
-
-@pytest.fixture
-def proc(tmp_path: Path) -> Path:
-    return tmp_path / "proc"
-
-
-@pytest.fixture
-def worker(proc: Path) -> FakeThread:
-    """A thread that answers what is sent to it."""
-    return fake_thread(proc, os.getpid(), WORKER)
-
-
-@pytest.fixture
-def poller(proc: Path) -> FakeThread:
-    """A thread that polls, once it is ``known``."""
-    return fake_thread(proc, os.getpid(), POLLER)
-
-
-@pytest.fixture
-def judge(proc: Path, worker: FakeThread, poller: FakeThread) -> Iterator[QuietJudge]:
-    """Judges an application of these two threads."""
-    pump, lineage = EventPump(), Lineage()
-    application = Application(proc.parent, lineage, LaneLimits())
-    application.watch = ThreadWatch(proc)
-    lineage.add(os.getpid(), proc.parent)
-    application.find()
-    graph = Graph(pump.loop, (), ())
-    yield QuietJudge(application, graph, 1.0)
-    graph.close()
-    application.watch.close()
-    lineage.close()
-    pump.close()
 
 
 def known(judge: QuietJudge, poller: FakeThread) -> None:
@@ -130,3 +87,45 @@ def test_a_thread_that_is_given_up_again_and_again_is_taken_back_later(
         needed.append(polls)
         now_s += 1.0
     assert needed == [4, 8, 16, 32, 64, 64]
+
+
+def test_what_a_thread_waits_for_a_core_is_no_time_of_the_application(
+    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+) -> None:
+    judge.begin(1.0, fresh=False, ticked=True)
+    worker.run(waited_ns=1_500_000_000)
+    assert judge.has_time(2.0, 4.4)
+    assert not judge.has_time(2.0, 4.6)
+
+
+def test_waits_of_two_threads_are_not_added_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
+    judge.begin(1.0, fresh=False, ticked=True)
+    worker.run(waited_ns=1_500_000_000)
+    poller.run(waited_ns=1_000_000_000)
+    assert judge.has_time(2.0, 4.4)
+    assert not judge.has_time(2.0, 4.6)
+
+
+def test_waits_before_something_was_sent_do_not_count(judge: QuietJudge, worker: FakeThread) -> None:
+    worker.run(waited_ns=9_000_000_000)
+    judge.begin(1.0, fresh=False, ticked=True)
+    assert judge.has_time(2.0, 2.9)
+    assert not judge.has_time(2.0, 3.1)
+
+
+def test_a_limit_ends_after_five_times_as_long_however_long_a_thread_waits(
+    judge: QuietJudge, worker: FakeThread
+) -> None:
+    judge.begin(1.0, fresh=False, ticked=True)
+    worker.run(waited_ns=100_000_000_000)
+    assert judge.has_time(2.0, 10.9)
+    assert not judge.has_time(2.0, 11.1)
+
+
+def test_a_callback_may_nap_for_longer_if_it_waits_for_a_core(judge: QuietJudge, worker: FakeThread) -> None:
+    judge.begin(1.0, fresh=False, ticked=True)
+    worker.run(waited_ns=500_000_000)
+    worker.nap()
+    judge.look(1.1)
+    assert judge.look(2.4) is Verdict.WAITS
+    assert judge.look(2.6) is Verdict.QUIET
