@@ -7,6 +7,7 @@ sleeps by the wall's clock within a callback.
 
 from collections import Counter
 from enum import Enum
+from typing import NamedTuple
 
 from tasks.ros.graph.graph_side import GraphSide
 from tasks.ros.process.application import Application
@@ -22,8 +23,12 @@ _MISSED_POLLS = 4.0
 _MISSED_S = 0.025
 # How soon to ask again whether one polled, in its periods: whoever asks takes the core that it may wait for.
 _PEEK = 0.4
+# A thread that is given up again and again is taken back later and later, for each time costs _MISSED_S.
+_MOST_POLLS = 64
 _AGAIN_S = 0.0003
 _REST_KEPT_S = 0.25
+# A limit takes so many times as long at most, however busy the machine is.
+_LONGEST_LIMIT = 5.0
 
 
 class Verdict(Enum):
@@ -36,13 +41,22 @@ class Verdict(Enum):
     STOPPED = "stopped"
 
 
+class _Lapse(NamedTuple):
+    """A thread that polled and was given up: when, how often it had been run by then, and when to take it back."""
+
+    period_s: float
+    at_s: float
+    runs: int
+    polls: int
+
+
 class QuietJudge:
     """Judges one application.
 
     Args:
         application: Its processes.
         graph: Its own.
-        nap_s: As long as its callbacks may sleep. What sleeps longer runs by the wall's clock.
+        nap_s: As long as its callbacks may sleep, by ``has_time``. What sleeps longer runs by the wall's clock.
 
     Attributes:
         pollers: Threads that wake up again and again by themselves, with their period in seconds.
@@ -63,8 +77,10 @@ class QuietJudge:
         self._sleepers: frozenset[int] = frozenset()
         self._begun_s = self._base_s = 0.0
         self._served = -1
+        self._begun_runs: dict[int, bytes] = {}
         self._base: dict[int, bytes] | None = None
         self._due: dict[int, float] = {}
+        self._lapses: dict[int, _Lapse] = {}
         self._counted: tuple[float, dict[int, int]] = (0.0, {})
         self._known: frozenset[int] = frozenset()
         self._looked_s = self._idle_s = 0.0
@@ -83,7 +99,8 @@ class QuietJudge:
             self._watch.snapshot()
             self._note_rest(now_s)
         self._watch.mark()
-        self._begun_s, self._base, self.rest_s = now_s, None, 0.0
+        self._begun_s, self._begun_runs = now_s, self._watch.runs
+        self._base, self.rest_s = None, 0.0
         self._due = {tid: s for tid, s in self.pollers.items() if ticked or tid not in self.timers}
 
     def look(self, now_s: float) -> Verdict:
@@ -94,6 +111,8 @@ class QuietJudge:
         self.application.find()
         noted, rest, served = self._watch.runs, self._watch.look(), self.graph.served
         heard, self._served = served != self._served, served
+        if self._lapses:
+            self._take_back(now_s)
         if self.graph.busy or (rest is Rest.AWAKE and self._watch.awake() not in self.pollers):
             self._base = None
             return Verdict.AWAKE
@@ -116,12 +135,22 @@ class QuietJudge:
         napping = self._watch.napping(self._sleepers | self.pollers.keys())
         if napping is None:
             return Verdict.SOON
-        if napping and waited_s < self._nap_s:
+        if napping and self.has_time(self._nap_s, now_s):
             return Verdict.WAITS
         if napping and self._begin_to_poll(napping, waited_s):
             return Verdict.SOON
         self._sleepers |= napping
         return Verdict.STOPPED if rest is Rest.STOPPED else Verdict.QUIET
+
+    def has_time(self, limit_s: float, now_s: float) -> bool:
+        """Returns whether the application could run for less than a limit since the last ``begin``.
+
+        What one of its threads waited for a core at most does not count: it is not the application's doing.
+        """
+        took_s = now_s - self._begun_s
+        if took_s < limit_s:
+            return True
+        return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < limit_s
 
     def count(self, now_s: float) -> None:
         """Begins to count how often threads run although nothing is sent to them."""
@@ -185,11 +214,30 @@ class QuietJudge:
     def _peek(self, now_s: float) -> bool:
         """Returns whether each thread that polls was run since all others slept; asks no others, so it costs little."""
         base, waited_s = self._base or {}, now_s - self._base_s
-        for tid in [tid for tid in self._due if not self._watch.ran(tid, base.get(tid))]:
-            period_s = self._due[tid]
-            if waited_s < max(_MISSED_S, _MISSED_POLLS * period_s):
+        for tid, period_s in list(self._due.items()):
+            # Asked before whether it ran: one that sleeps, and did not run after all, waited for no core in between.
+            waits = waited_s < max(_MISSED_S, _MISSED_POLLS * period_s) or self._watch.waits_for_core(tid)
+            if self._watch.ran(tid, base.get(tid)):
+                continue
+            if waits:
                 self.next_s = now_s + _PEEK * period_s
                 return False
-            # It does not poll any more: a thread that waits for a core would have read as awake.
-            del self._due[tid], self.pollers[tid]
+            self._give_up(tid, now_s)
         return True
+
+    def _give_up(self, tid: int, now_s: float) -> None:
+        """Waits no more for a thread that does not poll any more, as it seems."""
+        del self._due[tid]
+        before, runs = self._lapses.get(tid), self._watch.counts().get(tid, 0)
+        polls = min(2 * before.polls, _MOST_POLLS) if before is not None else _POLLS
+        self._lapses[tid] = _Lapse(self.pollers.pop(tid), now_s, runs, polls)
+
+    def _take_back(self, now_s: float) -> None:
+        """Waits again for threads that were given up, and have polled since: nobody rests whom one of them wakes."""
+        counts = self._watch.counts()
+        for tid in self._lapses.keys() - self.pollers.keys():
+            lapse = self._lapses[tid]
+            runs = counts.get(tid, 0) - lapse.runs
+            if runs >= lapse.polls and (now_s - lapse.at_s) / runs < _POLL_S:
+                self._add_poller(tid, lapse.period_s)
+                self._due[tid], self._base = lapse.period_s, None

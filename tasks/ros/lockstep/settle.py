@@ -19,7 +19,7 @@ class Patience(NamedTuple):
     """How long an application may take.
 
     Attributes:
-        stage_s: Until it comes to rest after a message.
+        stage_s: Until it comes to rest after a message; see ``QuietJudge.has_time``.
         late_limit: How often it may not; then it has failed.
     """
 
@@ -71,7 +71,7 @@ class Settling:
             lane.settle()
         elif verdict is Verdict.STOPPED:
             lane.failure = lane.application.stopped()
-        elif now_s - lane.begun_s < self._patience.stage_s:
+        elif lane.judge.has_time(self._patience.stage_s, now_s):
             self._postpone(lane, verdict, now_s)
             return not lane.failure
         else:

@@ -8,7 +8,7 @@ to its second, and these stretches overlap. A thread that is woken but waits for
 import contextlib
 import os
 import resource
-from collections.abc import Generator, Iterable, Set
+from collections.abc import Generator, Iterable, Mapping, Set
 from enum import Enum
 from pathlib import Path
 from typing import NamedTuple
@@ -47,13 +47,17 @@ class _Thread(NamedTuple):
 class ThreadWatch:
     """The threads of an application's processes; files of ``/proc`` stay open from look to look.
 
+    Args:
+        proc: Where the kernel tells of processes.
+
     Attributes:
         looks: How often it looked.
         runs: What was noted last of each thread: how long and how often it was run.
         changed: Threads that were run between the last two notes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, proc: Path = Path("/proc")) -> None:
+        self._proc = proc
         self.looks = 0
         self.runs: dict[int, bytes] = {}
         self.changed: frozenset[int] = frozenset()
@@ -71,12 +75,12 @@ class ThreadWatch:
         there: dict[int, int] = {}
         for pid in pids:
             with _gone():
-                there.update((int(tid), pid) for tid in os.listdir(f"/proc/{pid}/task"))  # noqa: PTH208 - much quicker
+                there.update((int(tid), pid) for tid in os.listdir(f"{self._proc}/{pid}/task"))  # noqa: PTH208 - much quicker
         for tid in self._threads.keys() - there.keys():
             self._forget(tid)
         for tid in there.keys() - self._threads.keys():
             with _gone():
-                self._threads[tid] = _opened(there[tid], tid)
+                self._threads[tid] = _opened(self._proc, there[tid], tid)
 
     def put_first(self, tids: Set[int]) -> None:
         """Lets looks begin with these threads, if they are there: whom they wake is then asked after them."""
@@ -126,6 +130,29 @@ class ThreadWatch:
         except OSError:
             return True
 
+    def waits_for_core(self, tid: int) -> bool:
+        """Returns whether a thread is awake; one that was not run since it slept, and is, waits for a core."""
+        thread = self._threads.get(tid)
+        return thread is not None and self._state(thread) in _AWAKE
+
+    def waited_s(self, before: Mapping[int, bytes]) -> float:
+        """Returns the longest that a thread waited for a core since that was noted, in seconds.
+
+        The kernel counts a wait when it is over.
+
+        Args:
+            before: What ``runs`` was; a thread that is not there came later.
+        """
+        longest_ns = 0
+        for tid, thread in list(self._threads.items()):
+            try:
+                now = os.pread(thread.runs, _RUNS_BYTES, 0)
+            except OSError:
+                self._forget(tid)
+                continue
+            longest_ns = max(longest_ns, _waited_ns(now) - _waited_ns(before.get(tid, b"")))
+        return longest_ns / 1e9
+
     def process(self, tid: int) -> int:
         """Returns the process of a thread; 0 for one that is not known."""
         thread = self._threads.get(tid)
@@ -165,10 +192,7 @@ class ThreadWatch:
 
     def _woken(self, tid: int) -> bool:
         """Returns whether a thread was run since the last look, or waits for a core after its nap."""
-        thread = self._threads.get(tid)
-        if thread is not None and self._state(thread) in _AWAKE:
-            return True
-        return self.ran(tid, self.runs.get(tid))
+        return self.waits_for_core(tid) or self.ran(tid, self.runs.get(tid))
 
     def close(self) -> None:
         """Closes the files."""
@@ -203,11 +227,11 @@ def _gone() -> Generator[None]:
             raise
 
 
-def _opened(pid: int, tid: int) -> _Thread:
+def _opened(proc: Path, pid: int, tid: int) -> _Thread:
     files: list[int] = []
     try:
         for name in ("stat", "schedstat", "wchan"):
-            files.append(os.open(f"/proc/{pid}/task/{tid}/{name}", os.O_RDONLY))  # noqa: PERF401 - those before it are closed
+            files.append(os.open(f"{proc}/{pid}/task/{tid}/{name}", os.O_RDONLY))  # noqa: PERF401 - those before it are closed
     except OSError:
         for file in files:
             os.close(file)
@@ -219,6 +243,11 @@ def _differ(after: dict[int, bytes], before: dict[int, bytes]) -> frozenset[int]
     """Returns the threads that were run in between, that came, or that are gone."""
     gone = before.keys() - after.keys()
     return frozenset(tid for tid, runs in after.items() if before.get(tid) != runs) | gone
+
+
+def _waited_ns(runs: bytes) -> int:
+    """Returns how long a thread waited for a core, by its ``schedstat``; 0 for one that was gone."""
+    return int(runs.split()[1]) if runs else 0
 
 
 def _naps(thread: _Thread) -> bool:

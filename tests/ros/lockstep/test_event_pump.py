@@ -10,13 +10,6 @@ from tasks.ros.lockstep.event_pump import EventPump
 
 
 @pytest.fixture
-def pump() -> Iterator[EventPump]:
-    found = EventPump()
-    yield found
-    found.close()
-
-
-@pytest.fixture
 def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
     ours, theirs = socket.socketpair()
     yield ours, theirs

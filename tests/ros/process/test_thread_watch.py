@@ -1,5 +1,6 @@
 """Who sleeps and who does not, by processes of plain Python."""
 
+import os
 import resource
 import signal
 import subprocess
@@ -11,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.process.thread_watch import Rest, ThreadWatch, allow_files, counts_runs
+from tests.ros.process.proc_folder import fake_thread
 
 pytestmark = pytest.mark.skipif(not counts_runs(), reason="this kernel does not count how often threads are run")
 Start = Callable[[str], "subprocess.Popen[bytes]"]
@@ -135,3 +137,41 @@ def test_this_process_may_open_as_many_files_as_any() -> None:
         assert resource.getrlimit(resource.RLIMIT_NOFILE) == (hard, hard)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_a_thread_that_was_woken_and_not_run_waits_for_a_core(tmp_path: Path) -> None:
+    thread, watched = fake_thread(tmp_path, 1, 2), ThreadWatch(tmp_path)
+    watched.refresh([1])
+    assert not watched.waits_for_core(2)
+    thread.be("R")
+    assert watched.waits_for_core(2)
+    assert not watched.waits_for_core(3)
+    watched.close()
+
+
+def test_the_longest_wait_of_a_thread_counts_and_that_of_one_that_came_later(tmp_path: Path) -> None:
+    threads, watched = [fake_thread(tmp_path, 1, tid) for tid in (2, 3)], ThreadWatch(tmp_path)
+    threads[0].run(waited_ns=7_000_000_000)
+    watched.refresh([1])
+    watched.snapshot()
+    before = watched.runs
+    assert watched.waited_s(before) == 0.0
+    threads[0].run(waited_ns=1_000_000_000)
+    threads[1].run(waited_ns=2_000_000_000)
+    assert watched.waited_s(before) == 2.0
+    fake_thread(tmp_path, 1, 4).run(waited_ns=3_000_000_000)
+    watched.refresh([1])
+    assert watched.waited_s(before) == 3.0
+    watched.close()
+
+
+def test_two_that_compute_on_one_core_wait_for_it(start: Start) -> None:
+    core = min(os.sched_getaffinity(0))
+    program = f"import os; os.sched_setaffinity(0, [{core}]); os.write(1, b'.')\nwhile True: pass"
+    start(program)
+    watched = watch(start(program))
+    watched.snapshot()
+    before = watched.runs
+    while watched.waited_s(before) < 0.05:
+        time.sleep(0.001)
+    watched.close()

@@ -1,0 +1,59 @@
+"""An application whose threads are what a test says of them."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tasks.ros.graph.graph import Graph
+from tasks.ros.graph.publication import Topic
+from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.lockstep.quiet import QuietJudge
+from tasks.ros.lockstep.sensor_message import CLOCK
+from tasks.ros.process.application import Application
+from tasks.ros.process.lane_limits import LaneLimits
+from tasks.ros.process.lineage import Lineage
+from tasks.ros.process.thread_watch import ThreadWatch
+from tests.ros.process.proc_folder import FakeThread, fake_thread
+
+WORKER, POLLER = 2**22 + 1, 2**22 + 2
+
+
+@pytest.fixture
+def proc(tmp_path: Path) -> Path:
+    return tmp_path / "proc"
+
+
+@pytest.fixture
+def worker(proc: Path) -> FakeThread:
+    """A thread that answers what is sent to it."""
+    return fake_thread(proc, os.getpid(), WORKER)
+
+
+@pytest.fixture
+def poller(proc: Path) -> FakeThread:
+    """A thread that polls, once it is ``known``."""
+    return fake_thread(proc, os.getpid(), POLLER)
+
+
+@pytest.fixture
+def pump() -> Iterator[EventPump]:
+    found = EventPump()
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def judge(pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread) -> Iterator[QuietJudge]:
+    """Judges an application of these two threads, to which nobody is connected."""
+    lineage = Lineage()
+    application = Application(proc.parent, lineage, LaneLimits())
+    application.watch = ThreadWatch(proc)
+    lineage.add(os.getpid(), proc.parent)
+    application.find()
+    graph = Graph(pump.loop, (Topic(CLOCK, "rosgraph_msgs/Clock"),), ())
+    yield QuietJudge(application, graph, 1.0)
+    graph.close()
+    application.watch.close()
+    lineage.close()

@@ -1,0 +1,75 @@
+"""Lanes that take long within a control step, by what the kernel might tell of their threads."""
+
+import socket
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from tasks.ros.graph.graph import Graph
+from tasks.ros.graph.publication import Subscriber
+from tasks.ros.graph.wire.channel import Channel, Wire
+from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.lockstep.quiet import QuietJudge
+from tasks.ros.lockstep.ros_lane import RosLane
+from tasks.ros.lockstep.sensor_message import CLOCK
+from tasks.ros.lockstep.settle import Patience, Settling
+from tasks.ros.process.network import Network
+from tests.ros.process.proc_folder import FakeThread
+
+PATIENCE = Patience(stage_s=0.3)
+LONG_S = 1.5 * PATIENCE.stage_s
+
+
+class BusyPump(EventPump):
+    """Naps in which a thread is awake until it has taken longer than it may.
+
+    Args:
+        thread: Awake.
+        waited_ns: As long as it waited for a core before the first nap.
+    """
+
+    def __init__(self, thread: FakeThread, waited_ns: int) -> None:
+        super().__init__()
+        self._thread, self._waited_ns = thread, waited_ns
+        self._ends_s = 0.0
+        thread.be("R")
+
+    def nap(self, seconds: float) -> bool:
+        """Waits, as any pump does."""
+        if not self._ends_s:
+            self._ends_s = time.perf_counter() + LONG_S
+            self._thread.run(waited_ns=self._waited_ns)
+            self._thread.be("R")
+        elif self._thread.state == "R" and time.perf_counter() > self._ends_s:
+            self._thread.run()
+        return super().nap(seconds)
+
+
+@pytest.fixture
+def lane(judge: QuietJudge, pump: EventPump) -> Iterator[RosLane]:
+    """A lane with a tick to be sent, and a node that is connected and never reads."""
+    ours, theirs = socket.socketpair()
+    channel = Channel(Wire(pump.loop, socket.socket), ours, lambda: None, lambda: None)
+    assert isinstance(judge.graph, Graph)
+    judge.graph.outgoing[CLOCK].append(Subscriber("/node", channel))
+    found = RosLane(judge, Network(socket.socket, ()), pump, frozenset())
+    found.plan([(CLOCK, lambda: b"tick")])
+    yield found
+    theirs.close()
+    ours.close()
+
+
+def late(lane: RosLane, pump: EventPump) -> int:
+    """Returns how many stages of the lane were late."""
+    Settling(pump, PATIENCE, lambda lane: pytest.fail(lane.failure)).run([lane], 0)
+    pump.close()
+    return lane.late
+
+
+def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread) -> None:
+    assert late(lane, BusyPump(worker, 0)) == 1
+
+
+def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread) -> None:
+    assert late(lane, BusyPump(worker, 60_000_000_000)) == 0
