@@ -27,7 +27,6 @@ from tasks.simulate.engine.choice import choose_engine  # noqa: E402
 from tasks.simulate.surroundings.floor_map import grid_cells  # noqa: E402
 
 LANES, WORLDS, TURNS = 256, 16, 8
-_CELLS = 128
 HULLS: Mapping[str, str] = {
     "ball": '<geom name="hull" type="sphere" size="0.18" mass="2" condim="1"/>',
     "capsule that lies": '<geom name="hull" type="capsule" fromto="-0.06 0 0 0.06 0 0" size="0.12" mass="2"/>',
@@ -39,8 +38,9 @@ HEAD = ["hull", "mujoco, ms a slice", "mjx, ms", "mjx x mujoco", "mujoco, first 
 def delivery_times(folders: Mapping[str, Path], engine: str) -> SliceTimes:
     """Returns what slices of the courier's deliveries take."""
     # Of one size of map: others would be another program.
-    small = [world for world in map(apartment, range(3 * WORLDS)) if grid_cells(world) == _CELLS][:WORLDS]
-    worlds = {f"bench/{number}": world for number, world in enumerate(small)}
+    apartments = [apartment(number) for number in range(3 * WORLDS)]
+    alike = [world for world in apartments if grid_cells(world) == grid_cells(apartments[0])][:WORLDS]
+    worlds = {f"bench/{number}": world for number, world in enumerate(alike)}
     requests = [
         each.model_copy(update={"world": f"bench/{number % len(worlds)}"})
         for number, each in enumerate(deliveries()[:LANES])
