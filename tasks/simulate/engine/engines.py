@@ -72,7 +72,8 @@ class Engine(NamedTuple):
         why_slower: Says why the next engine is faster with a ``robot.xml`` on a CPU, nothing where this one is; raises
             RobotRefused as ``read`` does.
         cost: Measured on two cores of a Xeon at 2.x GHz, courier and delivery, 2026-11
-            (benchmarks/simulation/plan.py).
+            (benchmarks/simulation/plan.py); steps of ``mujoco`` and ``mjx`` follow from docs/reference/engines.md, for
+            a processor as fast as that one.
     """
 
     rank: Mapping[DeviceKind, int]
@@ -137,14 +138,14 @@ ENGINES: Mapping[EngineName, Engine] = {
         rank={"cpu": 2, "gpu": 2},
         read=_read_mjx,
         load=_load_mjx,
-        cost=EngineCost(11.0, 2.0, 90e-6, 42e-6, 1e-3, 1350 * _MIB, _MIB),
+        cost=EngineCost(11.0, 2.0, 90e-6, 12e-6, 1e-3, 1350 * _MIB, _MIB),
         why_slower=_why_mjx_is_slower,
     ),
     "mujoco": Engine(
         rank={"cpu": 3, "gpu": 3},
         read=_read_mujoco,
         load=_load_mujoco,
-        cost=EngineCost(4.5, 0.5, 2.2e-3, 80e-6, 1e-3, 750 * _MIB, _MIB),
+        cost=EngineCost(4.5, 0.5, 0.8e-3, 35e-6, 1e-3, 750 * _MIB, _MIB),
     ),
 }
 # The engine that the others are compared with: it represents every robot, and runs every controller.

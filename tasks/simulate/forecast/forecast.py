@@ -150,13 +150,13 @@ class _Program:
         """Returns the program that audits it."""
         return _Program(self.request, self.episodes, REFERENCE, self.device, lanes, controller=self.controller)
 
-    def wall_s(self, episodes: int, lanes: int, longest_s: float) -> Span:
-        """Returns what some of its episodes take, with so many lanes."""
+    def wall_s(self, episodes: int, lanes: int, longest_s: float, *, compiled: bool = False) -> Span:
+        """Returns what some of its episodes take, with so many lanes, and the program if it is not there."""
         chunks = -(-episodes // lanes)
         drive = driving_s(self.engine, self.speed, episodes=episodes, lanes=lanes, chunks=chunks, duration_s=longest_s)
         if self.basis == "nothing" and self.controller in _NODES:
             drive = drive.plus(nodes_s(episodes, lanes, round(longest_s * CONTROL_HZ)))
-        return drive.plus(compiling_s(self.engine, self.speed))
+        return drive if compiled else drive.plus(compiling_s(self.engine, self.speed))
 
 
 def _speed(
@@ -238,9 +238,10 @@ def _wall_s(programs: Sequence[_Program], episodes: int, lanes: int, longest_s: 
     for program in programs:
         wall = wall.plus(program.wall_s(program.episodes, lanes, longest_s))
     if audited:  # as if they were all of the first program
-        program = programs[0]
-        for each in (program, program.reference(min(audited, lanes))):
-            wall = wall.plus(each.wall_s(audited, min(audited, lanes), longest_s))
+        program, few = programs[0], min(audited, lanes)
+        wall = wall.plus(program.wall_s(audited, few, longest_s, compiled=few == lanes))
+        if program.engine != REFERENCE:
+            wall = wall.plus(program.reference(few).wall_s(audited, few, longest_s))
     return wall
 
 

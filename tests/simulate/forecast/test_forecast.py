@@ -9,6 +9,7 @@ import pytest
 from specs.data.episode import ApplicationLaunch
 from tasks.simulate.chunk.timings import ChunkTiming, remember_timing
 from tasks.simulate.forecast import forecast
+from tasks.simulate.forecast.cost import Span
 from tasks.simulate.forecast.forecast import engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
@@ -129,3 +130,16 @@ def test_planning_imports_no_jax():
         f"tasks.simulate.{name}" for name in ("plan.chunks", "devices", "forecast.forecast", "chunk.runner")
     )
     subprocess.run([sys.executable, "-c", f"import sys, {modules}; assert 'jax' not in sys.modules"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("engine", "lanes", "programs"), [("mujoco", 32, 1), ("mujoco", 64, 2), ("planar", 32, 2), ("planar", 64, 3)]
+)
+def test_an_audit_compiles_what_the_batch_did_not(
+    engine: str, lanes: int, programs: int, monkeypatch: pytest.MonkeyPatch
+):
+    each_s = 1e4
+    monkeypatch.setattr(forecast, "compiling_s", lambda *_: Span(low=each_s, high=each_s))
+    found = engine_plan(plan(engine=engine, lanes=lanes), FOLDERS)
+    assert found.audited == 32
+    assert round(found.wall_s.low / each_s) == programs
