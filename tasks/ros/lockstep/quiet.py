@@ -78,6 +78,7 @@ class QuietJudge:
         self._begun_s = self._base_s = 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
+        self._noted = False
         self._base: dict[int, bytes] | None = None
         self._due: dict[int, float] = {}
         self._lapses: dict[int, _Lapse] = {}
@@ -98,6 +99,8 @@ class QuietJudge:
             self.application.find()
             self._watch.snapshot()
             self._note_rest(now_s)
+        elif not self._noted:  # the application was late: what its threads waited until now is no later message's
+            self._watch.snapshot()
         self._watch.mark()
         self._begun_s, self._begun_runs = now_s, self._watch.runs
         self._base, self.rest_s = None, 0.0
@@ -105,12 +108,14 @@ class QuietJudge:
 
     def look(self, now_s: float) -> Verdict:
         """Returns whether the application is quiet; requests must have been served since the look before."""
+        self._noted = False
         if self._base is not None and not self._peek(now_s):
             return Verdict.WAITS
         self._looked_s = now_s
         self.application.find()
         noted, rest, served = self._watch.runs, self._watch.look(), self.graph.served
         heard, self._served = served != self._served, served
+        self._noted = rest is not Rest.AWAKE
         if self._lapses:
             self._take_back(now_s)
         if self.graph.busy or (rest is Rest.AWAKE and self._watch.awake() not in self.pollers):
@@ -238,6 +243,10 @@ class QuietJudge:
         for tid in self._lapses.keys() - self.pollers.keys():
             lapse = self._lapses[tid]
             runs = counts.get(tid, 0) - lapse.runs
-            if runs >= lapse.polls and (now_s - lapse.at_s) / runs < _POLL_S:
+            if runs < lapse.polls:
+                continue
+            if (now_s - lapse.at_s) / runs < _POLL_S:
                 self._add_poller(tid, lapse.period_s)
                 self._due[tid], self._base = lapse.period_s, None
+            else:  # it slept for long: what it does from now on says whether it polls
+                self._lapses[tid] = lapse._replace(at_s=now_s, runs=counts.get(tid, 0))

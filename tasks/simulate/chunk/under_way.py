@@ -144,7 +144,10 @@ class ChunksUnderWay:
         self._begin_next(at_once=True)
         rows = self._answer(work, recorder)
         self._keep_timing(work, timed_as)
-        self._streams = {key: stream for key, stream in self._streams.items() if stream.left}
+        held = {
+            id(stream) for each in self._works for _, stream in each.parts
+        }  # by a chunk whose ways are not known yet
+        self._streams = {key: each for key, each in self._streams.items() if each.left or id(each) in held}
         return rows
 
     def _answer(self, work: ChunkOnItsWay, recorder: SampleRecorder | None) -> EpisodeColumns:

@@ -59,7 +59,8 @@ def silhouettes(seen: Obstacles) -> HostSilhouettes:
 def pad_silhouettes(worlds: Iterable[HostSilhouettes]) -> list[HostSilhouettes]:
     """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes."""
     given = list(worlds)
-    most = np.max([each.counts for each in given], axis=0) if given else np.zeros(3, np.int32)
+    # By what the arrays hold, not by how many outlines there are: some may be filled up already.
+    most = np.max([[len(array) for array in each[:3]] for each in given], axis=0) if given else np.zeros(3, np.int32)
     upright, turned, circles = (_bucket(int(count), least) for count, least in zip(most, _LEAST, strict=True))
     return [
         HostSilhouettes(

@@ -41,7 +41,7 @@ class _Kept(NamedTuple):
 
 
 class _Most(NamedTuple):
-    """Obstacles of a world, filled up to the most that worlds had until now."""
+    """Obstacles and outlines of a world, each kind filled up to the most that worlds had until now."""
 
     touched: Obstacles
     seen: HostSilhouettes
@@ -75,8 +75,11 @@ def _filled(stages: Sequence[Stage], robot: tuple[Hull, float]) -> tuple[list[Ob
     most = _most.get(robot)
     if most is not None and _at_most_twice(most.touched, touched[0]) and _at_most_twice(most.seen, seen[0]):
         touched, seen = pad_obstacles([most.touched, *touched])[1:], pad_silhouettes([most.seen, *seen])[1:]
-    if most is None or any(map(_larger, (*touched[0], *seen[0]), (*most.touched, *most.seen))):
-        _most[robot] = _Most(touched[0], seen[0])
+    most = most or _Most(touched[0], seen[0])
+    larger = _larger(most.seen[:3], seen[0][:3])
+    _most[robot] = _Most(
+        Obstacles(*_larger(most.touched, touched[0])), HostSilhouettes(*larger, counts=most.seen.counts)
+    )
     return touched, seen
 
 
@@ -84,8 +87,8 @@ def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> 
     return all(len(one) <= 2 * len(other) for one, other in zip(some, others, strict=True))
 
 
-def _larger(one: np.ndarray, other: np.ndarray) -> bool:
-    return len(one) > len(other)
+def _larger(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> list[np.ndarray]:
+    return [max(pair, key=len) for pair in zip(some, others, strict=True)]
 
 
 def _stage(world: World, hull: Hull, seen_at_m: float) -> Stage:

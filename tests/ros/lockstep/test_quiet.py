@@ -113,6 +113,16 @@ def test_waits_before_something_was_sent_do_not_count(judge: QuietJudge, worker:
     assert not judge.has_time(2.0, 3.1)
 
 
+def test_waits_before_a_message_that_follows_a_late_one_do_not_count(judge: QuietJudge, worker: FakeThread) -> None:
+    judge.begin(1.0, fresh=False, ticked=True)
+    worker.run(waited_ns=9_000_000_000)
+    worker.be("R")
+    assert judge.look(2.0) is Verdict.AWAKE
+    judge.begin(2.1, fresh=True, ticked=True)
+    assert judge.has_time(2.0, 4.0)
+    assert not judge.has_time(2.0, 4.2)
+
+
 def test_a_limit_ends_after_five_times_as_long_however_long_a_thread_waits(
     judge: QuietJudge, worker: FakeThread
 ) -> None:

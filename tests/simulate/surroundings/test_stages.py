@@ -71,3 +71,18 @@ def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_so
     staged(most)
     assert counts(staged(few)) == counts(alone)
     assert counts(staged(few, Hull(0.3, 0.02, 0.38))) == counts(alone)
+
+
+def test_a_world_is_filled_up_like_a_larger_one_that_it_once_shared_a_chunk_with():
+    small = cluttered(1)
+    some, more = (small.model_copy(update={"walls": small.walls * (count // len(small.walls))}) for count in (200, 400))
+    together = stage_worlds({"some": some, "more": more}, HULL, SEEN_AT_M)
+    assert counts(staged(some)) == counts(together["some"])
+
+
+def test_what_worlds_are_filled_up_like_grows_kind_by_kind():
+    few = cluttered(1)
+    walls = few.model_copy(update={"walls": few.walls * (200 // len(few.walls))})
+    low, high = Hull(0.18, 0.02, 0.38), 1.0  # so high, a lidar sees fewer solids than the hull can touch
+    most = counts(stage_worlds({"w": walls}, low, high)["w"])
+    assert counts(stage_worlds({"w": few}, low, high)["w"]) == most
