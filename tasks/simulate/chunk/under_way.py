@@ -144,9 +144,8 @@ class ChunksUnderWay:
         self._begin_next(at_once=True)
         rows = self._answer(work, recorder)
         self._keep_timing(work, timed_as)
-        held = {
-            id(stream) for each in self._works for _, stream in each.parts
-        }  # by a chunk whose ways are not known yet
+        # A chunk whose ways are not known yet holds lanes that nothing of it waits for.
+        held = {id(stream) for each in self._works for _, stream in each.parts}
         self._streams = {key: each for key, each in self._streams.items() if each.left or id(each) in held}
         return rows
 
