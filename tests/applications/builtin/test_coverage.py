@@ -123,9 +123,9 @@ def test_no_exchange_shortens_a_tour(seed: int):
 
 
 def test_arrays_have_the_same_form_in_every_world_up_to_19_m():
-    forms = [[(each.shape, each.dtype) for each in placed(world).given] for world in (WORLD, BARE, pen(14.0, 3))]
+    forms = [[(each.shape, each.dtype) for each in placed(world).given] for world in (WORLD, BARE, pen(16.0, 3))]
     assert forms[0] == forms[1] == forms[2]
-    assert len({mapped(world).clearance_m.shape for world in (WORLD, BARE, pen(14.0, 3))}) == 2
+    assert len({mapped(world).clearance_m.shape for world in (WORLD, BARE, pen(16.0, 3))}) == 2
     assert sum(np.asarray(each).nbytes for each in placed(WORLD).given) < 160 * 1024
 
 
