@@ -78,13 +78,13 @@ def measure(batch: OpenBatch, status: str) -> list[object]:
     return [f"{rows / took_s:,.0f}", f"{1e6 * cpu_s / rows:.2f}", *(digest[:12] for digest in digests.values())]
 
 
-def main(arguments: list[str]) -> None:
+def main() -> None:
     """Prints what each run took."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--store", type=Path, required=True, help="a folder; what is made there is used again")
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--status", default="Completed", help="that the batch ends in")
-    given = parser.parse_args(arguments)
+    given = parser.parse_args()
     batch = prepare(given.store.resolve())
     rows = [["run", "rows a second", "processor, us a row", "results", "failures"]]
     rows += [[str(number), *map(str, measure(batch, given.status))] for number in range(given.runs)]
@@ -92,4 +92,4 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()
