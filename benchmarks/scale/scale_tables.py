@@ -1,6 +1,6 @@
 """Rows of tables that a process writes in a second, alone: of some 100,000 episodes whose numbers all differ.
 
-    .venv/bin/python -m benchmarks.scale.scale_tables --store FOLDER [--runs 4] [--status Completed]
+    .venv/bin/python -m benchmarks.scale.scale_tables [--store FOLDER] [--runs 4] [--status Completed] [--document FILE]
 
 A few chunks are simulated, and all others made of them, each measure moved a little: half a minute, once for a store,
 so that another version of the code can be measured with the same one (``PYTHONPATH``). A process's first run imports
@@ -9,6 +9,7 @@ what it needs. The digests tell whether two versions write the same bytes.
 
 import argparse
 import sys
+import tempfile
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,9 +17,10 @@ from typing import cast
 
 import numpy as np
 
+from benchmarks.machine import machine
 from benchmarks.scale.scale import Case, section
 from benchmarks.scale.scale_costs import opened_batch, simulate_some
-from benchmarks.tables import markdown
+from benchmarks.tables import markdown, with_tables
 from flows.batch.batch_steps import write_tables
 from specs.data.cells import Cells
 from specs.data.episode_columns import EpisodeColumns
@@ -79,16 +81,22 @@ def measure(batch: OpenBatch, status: str) -> list[object]:
 
 
 def main() -> None:
-    """Prints what each run took."""
+    """Prints what each run took, or writes it into a document."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--store", type=Path, required=True, help="a folder; what is made there is used again")
+    parser.add_argument("--store", type=Path, help="a folder; what is made there is used again")
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--status", default="Completed", help="that the batch ends in")
+    parser.add_argument("--document", type=Path)
     given = parser.parse_args()
-    batch = prepare(given.store.resolve())
-    rows = [["run", "rows a second", "processor, us a row", "results", "failures"]]
-    rows += [[str(number), *map(str, measure(batch, given.status))] for number in range(given.runs)]
-    sys.stdout.write(f"{markdown(rows)}\n")
+    with tempfile.TemporaryDirectory(prefix="simyard-tables-") as folder:
+        batch = prepare((given.store or Path(folder)).resolve())
+        rows = [["run", "rows a second", "processor, us a row", "results", "failures"]]
+        rows += [[str(number), *map(str, measure(batch, given.status))] for number in range(given.runs)]
+    table = f"{machine()}\n\n{markdown(rows)}"
+    if given.document:
+        given.document.write_text(with_tables(given.document.read_text(), "scale tables", table))
+    else:
+        sys.stdout.write(f"{table}\n")
 
 
 if __name__ == "__main__":
