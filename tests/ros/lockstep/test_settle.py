@@ -2,7 +2,7 @@
 
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -22,15 +22,17 @@ LONG_S = 1.5 * PATIENCE.stage_s
 
 
 class BusyPump(EventPump):
-    """Naps in which a thread is awake until it has taken longer than it may.
+    """Naps in which a thread is awake until it has taken longer than it may, and until something is so.
 
     Args:
         thread: Awake.
         waited_ns: As long as it waited for a core before the first nap.
+        until: Tells what.
     """
 
-    def __init__(self, thread: FakeThread, waited_ns: int) -> None:
+    def __init__(self, thread: FakeThread, waited_ns: int, until: Callable[[], bool] = lambda: True) -> None:
         super().__init__()
+        self._until = until
         self._thread, self._waited_ns = thread, waited_ns
         self._ends_s = 0.0
         thread.be("R")
@@ -41,7 +43,7 @@ class BusyPump(EventPump):
             self._ends_s = time.perf_counter() + LONG_S
             self._thread.run(waited_ns=self._waited_ns)
             self._thread.be("R")
-        elif self._thread.state == "R" and time.perf_counter() > self._ends_s:
+        elif self._thread.state == "R" and time.perf_counter() > self._ends_s and self._until():
             self._thread.run()
         return super().nap(seconds)
 
@@ -68,7 +70,7 @@ def late(lane: RosLane, pump: EventPump) -> int:
 
 
 def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread) -> None:
-    assert late(lane, BusyPump(worker, 0)) == 1
+    assert late(lane, BusyPump(worker, 0, until=lambda: lane.late > 0)) == 1
 
 
 def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread) -> None:

@@ -151,7 +151,8 @@ def test_a_process_that_ended_for_another_reason_is_not_followed_by_one_with_few
         ("planar", 60.0, LANES),
         ("planar", 3600.0, AUDITED),
         ("mjx", 10.0, LANES),
-        ("mjx", 60.0, AUDITED),
+        ("mjx", 60.0, LANES),
+        ("mjx", 600.0, AUDITED),
         ("mujoco", 60.0, AUDITED),
     ],
 )
