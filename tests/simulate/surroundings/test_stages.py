@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from specs.data.world import World
+from specs.data.world import Solid, World
 from tasks.simulate.application.robot_mjcf import Hull
 from tasks.simulate.surroundings import stages
 from tasks.simulate.surroundings.stages import Stage, stage_worlds
@@ -80,9 +80,21 @@ def test_a_world_is_filled_up_like_a_larger_one_that_it_once_shared_a_chunk_with
     assert counts(staged(some)) == counts(together["some"])
 
 
+def with_walls(low: int, high: int) -> World:
+    """Returns a world with walls that a hull touches and no lidar at 1 m sees, and others that it sees alone."""
+    base = cluttered(1)
+    x, y, _ = base.walls[0].center_m
+    half_x, half_y, _ = base.walls[0].half_extents_m
+
+    def walls(count: int, z: float) -> list[Solid]:
+        update = {"center_m": (x, y, z), "half_extents_m": (half_x, half_y, 0.05)}
+        return [base.walls[0].model_copy(update=update)] * count
+
+    return base.model_copy(update={"walls": (*walls(low, 0.2), *walls(high, 1.0))})
+
+
 def test_what_worlds_are_filled_up_like_grows_kind_by_kind():
-    few = cluttered(1)
-    walls = few.model_copy(update={"walls": few.walls * (200 // len(few.walls))})
-    low, high = Hull(0.18, 0.02, 0.38), 1.0  # so high, a lidar sees fewer solids than the hull can touch
-    most = counts(stage_worlds({"w": walls}, low, high)["w"])
-    assert counts(stage_worlds({"w": few}, low, high)["w"]) == most
+    staged(with_walls(400, 0), seen_at_m=1.0)
+    staged(with_walls(0, 800), seen_at_m=1.0)  # of the first kind too few to be filled up like the world before
+    boxes, _, upright, *_ = counts(staged(with_walls(200, 600), seen_at_m=1.0))
+    assert (boxes, upright) == (512, 1024)
