@@ -71,6 +71,20 @@ def test_a_poller_that_was_given_up_is_taken_back_when_it_polls_again(
     assert Verdict.QUIET in verdicts
 
 
+def test_a_poller_that_slept_for_a_minute_is_taken_back_as_soon(
+    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+) -> None:
+    known(judge, poller)
+    send(judge, worker, 1.0)
+    assert judge.look(1.1) is Verdict.QUIET
+    judge.begin(61.0, fresh=False, ticked=True)
+    worker.run()
+    for millisecond in range(1, 12):
+        poller.run()
+        judge.look(61.0 + PERIOD_S * millisecond)
+    assert judge.pollers == {POLLER: pytest.approx(PERIOD_S)}
+
+
 def test_a_thread_that_is_given_up_again_and_again_is_taken_back_later(
     judge: QuietJudge, worker: FakeThread, poller: FakeThread
 ) -> None:
