@@ -66,6 +66,9 @@ class Settling:
     def _advance(self, lane: RosLane, time_ns: int) -> bool:
         """Looks at a lane, and sends it the next message if it is quiet; returns False if it is through."""
         now_s = time.perf_counter()
+        if lane.failure:
+            self._fail(lane)
+            return False
         verdict = lane.judge.look(now_s)
         if verdict is Verdict.QUIET:
             lane.settle()
@@ -73,7 +76,7 @@ class Settling:
             lane.failure = lane.application.stopped()
         elif lane.judge.has_time(self._patience.stage_s, now_s):
             self._postpone(lane, verdict, now_s)
-            return not lane.failure
+            return True
         else:
             self._late(lane)
         lane.collect(time_ns)
@@ -98,7 +101,7 @@ class Settling:
             lane.failure = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
 
     def _check(self, active: Sequence[RosLane], now_s: float) -> None:
-        """Looks now and then, while lanes take long, what they use and whether they flood."""
+        """Looks now and then, while lanes take long, what they use: one that uses too much is ended next."""
         if now_s - self._checked_s < _CHECK_S:
             return
         self._checked_s = now_s

@@ -18,6 +18,8 @@ from tasks.ros.process.thread_watch import ThreadWatch
 from tests.ros.process.proc_folder import FakeThread, fake_thread
 
 WORKER, POLLER = 2**22 + 1, 2**22 + 2
+# The process that stands for a node is the one of these tests, which may take more than any node.
+ENDLESS = LaneLimits(memory_bytes=2**60, processes=2**30)
 
 
 @pytest.fixture
@@ -45,10 +47,17 @@ def pump() -> Iterator[EventPump]:
 
 
 @pytest.fixture
-def judge(pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread) -> Iterator[QuietJudge]:
+def limits() -> LaneLimits:
+    return ENDLESS
+
+
+@pytest.fixture
+def judge(
+    pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits
+) -> Iterator[QuietJudge]:
     """Judges an application of these two threads, to which nobody is connected."""
     lineage = Lineage()
-    application = Application(proc.parent, lineage, LaneLimits())
+    application = Application(proc.parent, lineage, limits)
     application.watch = ThreadWatch(proc)
     lineage.add(os.getpid(), proc.parent)
     application.find()

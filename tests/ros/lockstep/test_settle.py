@@ -14,6 +14,7 @@ from tasks.ros.lockstep.quiet import QuietJudge
 from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.lockstep.sensor_message import CLOCK
 from tasks.ros.lockstep.settle import Patience, Settling
+from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.network import Network
 from tests.ros.process.proc_folder import FakeThread
 
@@ -75,3 +76,13 @@ def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread) -
 
 def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread) -> None:
     assert late(lane, BusyPump(worker, 60_000_000_000)) == 0
+
+
+@pytest.mark.parametrize("limits", [LaneLimits(memory_bytes=1)], ids=["memory"])
+def test_a_lane_beyond_its_limits_ends_within_the_control_step(lane: RosLane, worker: FakeThread) -> None:
+    ended: list[str] = []
+    pump = BusyPump(worker, 0, until=lambda: bool(ended))
+    Settling(pump, PATIENCE, lambda lane: ended.append(lane.failure)).run([lane], 0)
+    pump.close()
+    assert len(ended) == 1
+    assert "of memory: more than the 0 MiB that it may" in ended[0]
