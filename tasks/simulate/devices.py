@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import platform
+import re
 import sys
 from pathlib import Path
 from typing import Literal
@@ -15,6 +16,7 @@ _DEVICES_FLAG = "--xla_force_host_platform_device_count"
 # the last bit of a lane's result would depend on where in the batch it lies, and on the processor. It costs a seventh.
 _ISA_FLAG, _ISA = "--xla_cpu_max_isa", "AVX"
 _X86 = ("x86_64", "AMD64")
+_WITHOUT_FUSED = ("SSE4_2", "AVX")
 _CACHE_SETTINGS = {
     # Every program is kept, however quickly it compiled: a rerun then compiles nothing.
     "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
@@ -43,6 +45,16 @@ def device_kind() -> DeviceKind:
     # It is asked for each row: to look for a file takes far less than to look for a module that is not there.
     found = any(path.exists() for path in _GPU_FILES)
     return "gpu" if found and any(importlib.util.find_spec(plugin) for plugin in _GPU_PLUGINS) else "cpu"
+
+
+def rounds_each_operation() -> bool:
+    """Returns whether programs round after each product and each sum, so that no bit hangs on how a loop is compiled.
+
+    It is so on x86, unless the user lets programs fuse both; elsewhere nothing says so.
+    """
+    asked = re.findall(rf"{_ISA_FLAG}=(\S+)", os.environ.get("XLA_FLAGS", ""))
+    allowed = asked[-1] if asked else _ISA
+    return platform.machine() in _X86 and device_kind() == "cpu" and allowed in _WITHOUT_FUSED
 
 
 def compilation_cache() -> Path:

@@ -50,8 +50,10 @@ def _flat(cells: Cells, kind: pa.DataType) -> pa.Array:
 
 def _numbers(numbers: np.ndarray, kind: pa.DataType, there: Bool[np.ndarray, " rows"] | None = None) -> pa.Array:
     missing = None if there is None or there.all() else _bits(there)
-    held = np.ascontiguousarray(numbers, _DTYPES[kind])
-    if held.dtype.kind == "i" and held.dtype != numbers.dtype and (held != numbers).any():
+    with np.errstate(invalid="ignore"):  # what is no integer is found below
+        held = np.ascontiguousarray(numbers, _DTYPES[kind])
+    other = held.dtype.kind == "i" and held.dtype != numbers.dtype
+    if other and ((held != numbers) & (True if there is None else there)).any():
         raise ValueError(f"a number that is no {kind}")
     return pa.Array.from_buffers(kind, len(held), [missing, _memory(held)])
 

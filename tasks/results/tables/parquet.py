@@ -42,7 +42,6 @@ class ParquetFile:
             level: Of zstd. Of numbers that hardly repeat, 3 takes a third more time than 1 for a tenth less space.
         """
         footer = {**_text(schema.metadata), **(metadata or {})}
-        self._path = path
         self._schema = schema.with_metadata(dict(sorted(footer.items())))
         self._waiting: list[pa.Table] = []
         self._rows = 0

@@ -63,6 +63,8 @@ def stage_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) -> d
         hull: The robot's.
         seen_at_m: The height of its lidar's plane.
     """
+    if not worlds:
+        return {}
     stages = [_stage(world, hull, seen_at_m) for world in worlds.values()]
     _forget(len(stages))
     touched, seen = _filled(stages, (hull, seen_at_m))

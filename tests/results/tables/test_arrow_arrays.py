@@ -54,10 +54,16 @@ def test_no_rows_make_an_empty_array(cells: Cells, kind: pa.DataType):
     assert array.equals(pa.array([], kind))
 
 
-@pytest.mark.parametrize("number", [1 << 31, 0.5])
+@pytest.mark.parametrize("number", [1 << 31, 0.5, np.nan])
 def test_a_number_that_a_type_does_not_hold_is_refused(number: float):
     with pytest.raises(ValueError, match="no int32"):
         arrow_array(Cells(numbers=np.array([number])), pa.int32())
+
+
+@pytest.mark.parametrize("number", [1 << 40, np.nan])
+def test_what_stands_where_no_value_is_does_not_matter(number: float):
+    cells = Cells(numbers=np.array([1, number]), there=np.array([True, False]))
+    assert arrow_array(cells, pa.int32()).to_pylist() == [1, None]
 
 
 def test_a_mask_picks_the_rows_that_are_meant():

@@ -61,6 +61,10 @@ def counts(stage: Stage) -> list[int]:
     return [len(array) for array in (*stage.touched, *stage.seen)]
 
 
+def test_no_worlds_are_no_arrays():
+    assert stage_worlds({}, HULL, SEEN_AT_M) == {}
+
+
 def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_solids():
     few = cluttered(1)
     many, most = (few.model_copy(update={"walls": few.walls * (count // len(few.walls))}) for count in (200, 400))

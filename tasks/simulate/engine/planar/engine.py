@@ -17,7 +17,7 @@ from jaxtyping import Float
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
-from tasks.simulate.engine.planar.fewest import among_fewest, need
+from tasks.simulate.engine.planar.fewest import among_fewest, counts, need
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
 from tasks.simulate.engine.planar.neighbours import Neighbours, neighbours
@@ -33,8 +33,6 @@ from tasks.simulate.surroundings.obstacles import PARKING_M
 # enough, but an arm's length from it six (heavy contact in dense clutter, against C among all obstacles).
 _AROUND_ONE_DISC = 6
 _AROUND_MORE = 8
-# A physics step is compiled for as many obstacles as this, and for all in the window.
-COUNTS = (0, 1, 3)
 # For what single precision rounds of distances, and of coordinates.
 _LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
 
@@ -217,7 +215,7 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     moving = Moving(place, before.cos, before.sin, before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
     instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
-    among = among_fewest(functools.partial(_among, robot), _counts(len(around.obstacles)))
+    among = among_fewest(functools.partial(_among, robot), counts(len(around.obstacles)))
     touchable = need(around.free_m, before.moved, before.acceleration)
     acceleration, contact_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)
@@ -226,10 +224,6 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     yaw = around.origin.yaw + moved.yaw
     after = _Robot(moved, jnp.cos(yaw), jnp.sin(yaw), rate, pushed.activations, acceleration)
     return after, _spent(robot, spent, pushed.power_w, contact_n)
-
-
-def _counts(total: int) -> tuple[int, ...]:
-    return (*(each for each in COUNTS if each < total), total)
 
 
 def _among(

@@ -11,8 +11,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from tasks.simulate.devices import rounds_each_operation
 from tasks.simulate.engine.planar.algebra import Planar, Scalar
 
+# A physics step is compiled for as many obstacles as this, and for all in the window.
+FEW = (0, 1, 3)
 # Any tree of arrays of a lane.
 Tree = Any
 
@@ -43,6 +46,18 @@ def among_fewest(work: Callable[[int, Tree], Tree], counts: Sequence[int]) -> Ca
         return found, jax.tree.map(lambda _: True, found)
 
     return one
+
+
+def counts(total: int) -> tuple[int, ...]:
+    """Returns how many of a window's obstacles work is compiled for.
+
+    Only all of them where programs may fuse products and sums: each count has its own rounding there, and a lane's last
+    bits would hang on its neighbours.
+
+    Args:
+        total: In the window.
+    """
+    return (*(each for each in FEW if each < total), total) if rounds_each_operation() else (total,)
 
 
 def need(free_m: Sequence[Scalar], moved: Planar, before: Planar) -> Int[Array, ""]:

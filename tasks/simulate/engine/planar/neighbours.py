@@ -26,6 +26,8 @@ _SLOTS, _SHARE = 64, 6
 _LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
 _GROUPS, _TOGETHER = 32, 128
 _ROW = 16
+# Places of so many obstacles: as many bits whatever fills a world up, or rows would hang on the worlds beside it.
+_PLACE_BITS = 12
 # Of an obstacle: (x, y, half x, half y, cos yaw, sin yaw, radius, z, half z), as in Obstacle of the window.
 Columns = Float[Array, "9 obstacles"]
 
@@ -169,12 +171,12 @@ def _smallest(
 
     A place is written into the last bits of its distance (as integers, floats from 0 up sort as they do), so that each
     round is one minimum over whole vectors; ``top_k`` takes six times as long as all of a control step's physics.
-    Distances that differ by less than a 30,000th of themselves may change places.
+    Distances that differ by less than a 2,000th of themselves stand in the order of places.
 
     Args:
         distances: Of the obstacles.
         count: How many.
-        total: Of the world, also if these are some of them: as many bits hold a place.
+        total: Of the world, also if these are some of them: as many bits hold a place. They are the same up to 4,096.
         used: Which are none; None if all are.
     """
     place_mask = (1 << _place_bits(total)) - 1
@@ -197,7 +199,7 @@ def _least(keys: Int[Array, "keys"]) -> Int[Array, ""]:
 
 
 def _place_bits(total: int) -> int:
-    return max(1, (total - 1).bit_length())
+    return max(_PLACE_BITS, (total - 1).bit_length())
 
 
 def _extent_m(shapes: Boxes | Cylinders) -> Float[Array, ""]:

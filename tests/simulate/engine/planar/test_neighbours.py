@@ -147,6 +147,19 @@ def test_a_robot_with_fewer_obstacles_than_it_asks_for_has_them_all():
     assert_equal(found, OF_ALL(boxes, cylinders, points, picked))
 
 
+def test_specks_that_fill_a_world_up_change_no_order():
+    rng = np.random.default_rng(4)
+    turns, apart_m = np.linspace(-np.pi, np.pi, 100), 1.0 + rng.uniform(0.0, 2e-3, 100)
+    boxes = np.tile(np.array([0.0, 0.0, 0.5, 0.05, 0.05, 0.5, 1.0, 0.0], np.float32), (100, 1))
+    boxes[:, 0], boxes[:, 1] = apart_m * np.cos(turns), apart_m * np.sin(turns)
+    ring, many = Obstacles(boxes[::2], boxes[1::2, [0, 1, 2, 3, 5]]), Obstacles(np.tile(boxes, (4, 1)), boxes[:0, :5])
+    small, large = pad_obstacles([ring])[0], pad_obstacles([ring, many])[0]
+    assert len(large.boxes) > 2 * len(small.boxes)
+    points = jnp.asarray(rng.uniform(-1e-3, 1e-3, (LANES, 2)), jnp.float32)
+    found = [OF_ALL(*shifted(each, 0.0), points, None) for each in (small, large)]
+    assert_equal(found[0], found[1])
+
+
 def test_episodes_have_the_same_bits_as_when_all_obstacles_are_looked_at(pens: dict[str, World]):
     requests = [pushing(k, world=f"hand/pen-{k % 2}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
     run = ready_chunk(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine="planar").run
