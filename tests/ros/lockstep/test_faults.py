@@ -1,5 +1,6 @@
 """Applications that misbehave, each in a lane beside one that does not."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -38,8 +39,13 @@ def run(bundle: Path, home: Path, kinds: tuple[str, ...]) -> Driven:
     return drive(launch, [0] * len(kinds), STEPS, stage_s=0.4, limits=LIMITS)
 
 
-def files() -> int:
-    return sum(1 for _ in Path("/proc/self/fd").iterdir())
+def files() -> set[str]:
+    """Returns what this process has open; sockets and pipes have a number each."""
+    found: set[str] = set()
+    for each in Path("/proc/self/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):  # of the folder itself, which was read
+            found.add(str(each.readlink()))
+    return found
 
 
 @pytest.mark.long
@@ -47,7 +53,7 @@ def test_each_fault_is_a_reason_of_its_own_lane_and_its_neighbours_keep_their_bi
     before = files()
     alone, all_of_them = run(courier, home, ("none",)), run(courier, home, KINDS)
     assert nothing_left(home)
-    assert files() == before
+    assert files() <= before  # what others held in this process may be closed by now
     found = dict(
         zip(KINDS[len(SOUND) :], (all_of_them.failures.get(k, "") for k in range(len(SOUND), 15)), strict=True)
     )
@@ -102,4 +108,4 @@ def test_two_hundred_faulty_episodes_leave_nothing(courier: Path, home: Path) ->
     for _ in range(200 // len(FAULTS)):
         assert len(run(courier, home, tuple(FAULTS)).failures) == len(FAULTS)
         assert nothing_left(home)
-    assert files() == before
+    assert files() <= before  # what others held in this process may be closed by now
