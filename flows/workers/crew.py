@@ -119,8 +119,8 @@ def _dask(workers: Workers) -> Crew:
 
 
 def _ray(workers: Workers) -> Crew:
-    import ray
-    from prefect_ray.task_runners import RayTaskRunner
+    import ray  # pyright: ignore[reportMissingImports] - an extra
+    from prefect_ray.task_runners import RayTaskRunner  # pyright: ignore[reportMissingImports]
 
     if workers.address:
         runner = RayTaskRunner(address=workers.address)
