@@ -7,7 +7,14 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.devices import JaxAlreadyImported, compilation_cache, device_count, device_kind, prepare_devices
+from tasks.simulate.devices import (
+    JaxAlreadyImported,
+    compilation_cache,
+    device_count,
+    device_kind,
+    prepare_devices,
+    rounds_each_operation,
+)
 
 ASK = """
 import sys
@@ -50,6 +57,25 @@ def test_without_a_plugin_there_is_no_gpu(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delenv("JAX_PLATFORMS", raising=False)
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert device_kind() == "cpu"
+
+
+@pytest.mark.parametrize(
+    ("machine", "flags", "platforms", "rounds"),
+    [
+        ("x86_64", "", "cpu", True),
+        ("AMD64", "--xla_cpu_max_isa=AVX --other=1", "cpu", True),
+        ("x86_64", "--xla_cpu_max_isa=AVX2", "cpu", False),
+        ("aarch64", "", "cpu", False),
+        ("x86_64", "", "cuda", False),
+    ],
+)
+def test_each_operation_is_rounded_on_x86_without_fused_ones(
+    monkeypatch: pytest.MonkeyPatch, machine: str, flags: str, platforms: str, *, rounds: bool
+):
+    monkeypatch.setattr("platform.machine", lambda: machine)
+    monkeypatch.setenv("XLA_FLAGS", flags)
+    monkeypatch.setenv("JAX_PLATFORMS", platforms)
+    assert rounds_each_operation() is rounds
 
 
 def test_settings_that_would_come_too_late_are_refused(monkeypatch: pytest.MonkeyPatch):

@@ -25,6 +25,13 @@ def send(judge: QuietJudge, worker: FakeThread, now_s: float) -> None:
     assert judge.look(now_s + 0.002) is Verdict.WAITS
 
 
+def give_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
+    """Lets the poller sleep on after a message, until the judge waits for it no more."""
+    known(judge, poller)
+    send(judge, worker, 1.0)
+    assert judge.look(1.1) is Verdict.QUIET
+
+
 def test_an_application_is_quiet_once_its_poller_has_looked_again(
     judge: QuietJudge, worker: FakeThread, poller: FakeThread
 ) -> None:
@@ -49,18 +56,14 @@ def test_a_poller_that_waits_for_a_core_is_waited_for(
 
 
 def test_a_poller_that_sleeps_on_is_given_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
-    known(judge, poller)
-    send(judge, worker, 1.0)
-    assert judge.look(1.1) is Verdict.QUIET
+    give_up(judge, worker, poller)
     assert judge.pollers == {}
 
 
 def test_a_poller_that_was_given_up_is_taken_back_when_it_polls_again(
     judge: QuietJudge, worker: FakeThread, poller: FakeThread
 ) -> None:
-    known(judge, poller)
-    send(judge, worker, 1.0)
-    assert judge.look(1.1) is Verdict.QUIET
+    give_up(judge, worker, poller)
     judge.begin(1.101, fresh=True, ticked=True)
     worker.run()
     verdicts: list[Verdict] = []
@@ -74,9 +77,7 @@ def test_a_poller_that_was_given_up_is_taken_back_when_it_polls_again(
 def test_a_poller_that_slept_for_a_minute_is_taken_back_as_soon(
     judge: QuietJudge, worker: FakeThread, poller: FakeThread
 ) -> None:
-    known(judge, poller)
-    send(judge, worker, 1.0)
-    assert judge.look(1.1) is Verdict.QUIET
+    give_up(judge, worker, poller)
     judge.begin(61.0, fresh=False, ticked=True)
     worker.run()
     for millisecond in range(1, 12):

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from tasks.simulate.application.motion import Body, Motion, Work
 from tasks.simulate.engine.planar.algebra import Moving, Planar, Scalar, Symmetric, plus, plus_square, solved, times
 from tasks.simulate.engine.planar.contact import Bearing, Contact, bearing, contact, touch
-from tasks.simulate.engine.planar.fewest import among_fewest, counts, need
+from tasks.simulate.engine.planar.fewest import among_fewest, few_counts, need
 from tasks.simulate.engine.planar.model import planar_robot
 from tasks.simulate.engine.planar.motors import Push, push
 from tasks.simulate.engine.planar.neighbours import Neighbours, neighbours
@@ -215,7 +215,7 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     moving = Moving(place, before.cos, before.sin, before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
     instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
-    among = among_fewest(functools.partial(_among, robot), counts(len(around.obstacles)))
+    among = among_fewest(functools.partial(_among, robot), few_counts(len(around.obstacles)))
     touchable = need(around.free_m, before.moved, before.acceleration)
     acceleration, contact_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)

@@ -48,7 +48,7 @@ def among_fewest(work: Callable[[int, Tree], Tree], counts: Sequence[int]) -> Ca
     return one
 
 
-def counts(total: int) -> tuple[int, ...]:
+def few_counts(total: int) -> tuple[int, ...]:
     """Returns how many of a window's obstacles work is compiled for.
 
     Only all of them where programs may fuse products and sums: each count has its own rounding there, and a lane's last
