@@ -3,7 +3,9 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PYTHON ?= python3
 TEST_PROCESSES ?= 2
-PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES)
+PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadgroup
+# Whole documents, real servers, attacks and races, which make test-all runs as well.
+WHOLE := tests/integration tests/attacks tests/deploy/promises
 
 .DEFAULT_GOAL := help
 .PHONY: help run ros test test-all explore check format lint types layers bench soak lock
@@ -36,7 +38,7 @@ ros: $(READY)
 
 # A process is a core's worth of tests; `tests/conftest.py` says which tests stay together in one.
 test: $(READY)
-	$(PYTEST) -m 'not long'
+	$(PYTEST) -m 'not long' $(addprefix --ignore=,$(WHOLE))
 
 test-all: $(READY)
 	$(PYTEST)

@@ -1,6 +1,7 @@
 """Stores for every test: a folder, and a bucket on a real S3 server that is started when first asked for."""
 
 import os
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
@@ -13,7 +14,7 @@ from xdist.remote import Producer
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
-from tests.file_scheduler import FileScheduling
+from tests.file_scheduler import FileScheduling, group_by_server
 from tests.repository import ROOT
 from tests.servers.seaweed import Seaweed, running_seaweed
 
@@ -69,11 +70,15 @@ def s3_store(s3_url: Callable[[], str]) -> Store:
     return open_store(s3_url())
 
 
-@pytest.fixture(params=["file_store", "s3_store"])
-def store(request: pytest.FixtureRequest) -> Store:
-    """A new store, of each kind in turn."""
-    return request.getfixturevalue(request.param)
+@pytest.fixture
+def store(file_store: Store) -> Store:
+    """A new store; `tests/storage/contracts` says that a bucket is as good."""
+    return file_store
 
+
+# A shell lets what it starts in the background ignore interrupts, and so would each process that a test starts.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # What starts a Prefect server or runs a whole document, and the promises of fleets: each has a quicker test elsewhere.
 _LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises", ROOT / "tests/attacks")
@@ -85,6 +90,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in _LONG_FOLDERS):
             item.add_marker(pytest.mark.long)
+    group_by_server(items)
     if "soak" in str(config.getoption("markexpr")):
         return
     long = [item for item in items if item.get_closest_marker("soak")]

@@ -1,19 +1,38 @@
 """Which tests run in one process of `pytest --numprocesses`, and which of them begin first."""
 
-from xdist.scheduler import LoadScopeScheduling
+from collections.abc import Sequence
+
+import pytest
+from xdist.scheduler import LoadGroupScheduling
 from xdist.workermanage import WorkerController
 
-# Their tests share a Prefect server and a run on it (`tests/servers/prefect.py`), which take long to start.
-_ONE_SERVER = ("tests/docs/", "tests/integration/")
-_PREFECT = "Prefect"
+# Servers that all tests of a session share, which take long to start: whoever asks for one runs where it is.
+_SERVERS = ("prefect_server", "team")
 # Few tests a file, of many seconds each.
-_LONG = ("tests/attacks/", "tests/deploy/promises/")
+_LONG = ("tests/attacks/", "tests/deploy/promises/", "tests/integration/")
+
+
+def group_by_server(items: Sequence[pytest.Item]) -> None:
+    """Marks the tests that ask for a shared server, so that those of one server stay in one process.
+
+    Args:
+        items: The tests that were collected.
+    """
+    for item in items:
+        asked = getattr(item, "fixturenames", ())
+        server = next((each for each in _SERVERS if each in asked), None)
+        if server is not None:
+            item.add_marker(pytest.mark.xdist_group(server))
 
 
 def unit(test: str) -> str:
-    """Returns the unit that a test is handed out with: its file, or all files that share a server."""
-    file = test.split("::", maxsplit=1)[0]
-    return _PREFECT if file.startswith(_ONE_SERVER) else file
+    """Returns the unit that a test is handed out with: its file, or the server that it shares with others.
+
+    Args:
+        test: Its node id, which xdist ends with ``@<group>`` for those of a group.
+    """
+    name, at, group = test.rpartition("@")
+    return group if at and group in _SERVERS else (name + at + group).split("::", maxsplit=1)[0]
 
 
 def weight(unit: str, tests: int) -> tuple[bool, bool, int]:
@@ -22,10 +41,10 @@ def weight(unit: str, tests: int) -> tuple[bool, bool, int]:
     Short ones at the end let all processes end at about the same time (longest processing time first; Graham 1969, SIAM
     Journal on Applied Mathematics 17:416).
     """
-    return unit == _PREFECT, unit.startswith(_LONG), tests
+    return unit in _SERVERS, unit.startswith(_LONG), tests
 
 
-class FileScheduling(LoadScopeScheduling):
+class FileScheduling(LoadGroupScheduling):
     """Hands out the tests of a file together, so that what they share is made once."""
 
     def _split_scope(self, nodeid: str) -> str:

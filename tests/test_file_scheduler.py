@@ -37,8 +37,9 @@ def test_ci_installs_what_the_tests_look_for():
     ("test", "expected"),
     [
         ("tests/specs/test_digest.py::test_one[a::b]", "tests/specs/test_digest.py"),
-        ("tests/integration/test_report.py::test_one", "Prefect"),
-        ("tests/docs/test_readme.py::test_one", "Prefect"),
+        ("tests/docs/test_readme.py::test_one[a@b]", "tests/docs/test_readme.py"),
+        ("tests/docs/test_readme.py::test_one@prefect_server", "prefect_server"),
+        ("tests/integration/test_report.py::test_one[a]@team", "team"),
     ],
 )
 def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, expected: str):
@@ -46,6 +47,6 @@ def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, ex
 
 
 def test_what_lasts_long_begins_first_so_that_no_process_waits_for_it_at_the_end():
-    tests = {"tests/specs/a.py": 200, "tests/attacks/run/b.py": 2, "Prefect": 1, "tests/specs/c.py": 3}
+    tests = {"tests/specs/a.py": 200, "tests/attacks/run/b.py": 2, "prefect_server": 1, "tests/specs/c.py": 3}
     order = sorted(tests, key=lambda each: weight(each, tests[each]), reverse=True)
-    assert order == ["Prefect", "tests/attacks/run/b.py", "tests/specs/a.py", "tests/specs/c.py"]
+    assert order == ["prefect_server", "tests/attacks/run/b.py", "tests/specs/a.py", "tests/specs/c.py"]
