@@ -13,7 +13,7 @@ from types import ModuleType
 
 PACKAGES = ("flows", "tasks", "specs")
 _OWN = Path(__file__).resolve().parent.parent
-_REFUSED = 2  # as flows.cli.exit_codes has it, which may be what is hidden
+_REFUSED = 2  # as flows.cli.terminal has it, which may be what is hidden
 
 
 def require_own_packages() -> None:

@@ -179,7 +179,7 @@ class ObjectNotFound(StoreError):  # noqa: N818 - a state
     """There is no object under the key."""
 
 
-class ObjectStrange(StoreError):  # noqa: N818 - a state
+class ObjectCorrupt(StoreError):  # noqa: N818 - a state
     """An object is not what this version of Simyard writes there."""
 
 

@@ -4,13 +4,23 @@ An alias carries the name of the shape in RoboMaker's interface; its bounds, pat
 shape's. Numbers and text are never converted into each other: ``applicationVersion: 1`` is a number, ``"1"`` is text.
 """
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, Strict, StringConstraints
 
 from specs.base import Spec
 from specs.rules import broken
-from specs.terminal_text import terminal_text
+from specs.untrusted_text import terminal_text
+
+EngineName = Literal["planar", "mjx", "mujoco"]
+
+
+BagFormat = Literal["rosbag", "mcap-ros1", "rosbag2"]
+"""A bag of ROS 1; MCAP with ROS 1's messages; a folder of rosbag2, with ROS 2's messages in MCAP."""
+
+BAG_ENDINGS: Mapping[BagFormat, str] = {"rosbag": ".bag", "mcap-ros1": "-ros1.mcap", "rosbag2": "-rosbag2"}
+"""What the name of a format's file ends in, or the name of its folder."""
 
 
 def text(low: int, high: int, pattern: str) -> StringConstraints:

@@ -7,7 +7,7 @@ and housekeeping recognises what was written by them.
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
-from specs.data.bag_format import BAG_ENDINGS
+from specs.field_types import BAG_ENDINGS
 
 JobKind = Literal["world-generation-job", "world-export-job", "simulation-job-batch", "deployment-job", "pipeline-run"]
 

@@ -1,8 +1,4 @@
-"""Rules that a field's type cannot say, reported together with the faults of the fields.
-
-Pydantic skips a model's own validators as soon as one of its fields is wrong, so a person would fix one fault and meet
-the next. A `Ruled` document looks at the raw data instead, and raises everything at once.
-"""
+"""Rules of documents that no field can state alone, and unions whose member is chosen by the shape of the data."""
 
 import difflib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -10,9 +6,11 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, Self, cast
 
 from pydantic import (
+    Discriminator,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     ModelWrapValidatorHandler,
+    Tag,
     ValidationError,
     model_validator,
 )
@@ -163,3 +161,37 @@ def _again(error: ErrorDetails, prefix: Location) -> InitErrorDetails:
     # A custom error cannot be raised again by its name, as pydantic's own can.
     kind = broken(error["msg"]) if error["type"] == RULE else error["type"]
     return InitErrorDetails(type=kind, loc=(*prefix, *error["loc"]), input=error["input"], ctx=error.get("ctx", {}))
+
+
+Sign = str | type | tuple[type, ...] | frozenset[str]
+
+
+def member(name: str) -> Tag:
+    """Returns the tag of a union's member; the brackets tell it from a key of the document."""
+    return Tag(f"<{name}>")
+
+
+def by_shape(allowed: str, **members: Sign) -> Discriminator:
+    """Returns a discriminator that chooses a union's member by how the data looks.
+
+    Args:
+        allowed: What may stand here, in plain words, for data that looks like no member.
+        members: For each member, its sign: a key that only it has, the Python types of its JSON data, or
+            the only texts that it may be.
+    """
+
+    def choose(data: Any) -> str | None:  # noqa: ANN401 - raw data
+        names = (name for name, sign in members.items() if _looks_like(data, name, sign))
+        return next((f"<{name}>" for name in names), None)
+
+    return Discriminator(choose, custom_error_type=RULE, custom_error_message=cast("Any", allowed))
+
+
+def _looks_like(data: object, name: str, sign: Sign) -> bool:
+    if isinstance(data, Spec):
+        return type(data).__name__ == name
+    if isinstance(sign, str):
+        return isinstance(data, dict) and sign in data
+    if isinstance(sign, frozenset):
+        return isinstance(data, str) and data in sign
+    return isinstance(data, sign) and not isinstance(data, bool)

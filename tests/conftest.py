@@ -22,14 +22,12 @@ from tests.servers.seaweed import Seaweed, running_seaweed
 # test comes first.
 prepare_devices()
 CHECKED = [
-    "application.coordinates",
-    "application.robot_mjcf",
-    "engine.mjx.window",
-    "lane.step",
-    "sensor.lidar",
-    "sensor.noise",
-    "sensor.odometry",
-    "surroundings",
+    "application.robot_model",
+    "engines.mjx.mjx_robot",
+    "geometry",
+    "lane.control_step",
+    "sensors.lidar",
+    "sensors.odometry",
 ]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
 

@@ -24,7 +24,7 @@ from benchmarks.tables import markdown, with_tables
 from benchmarks.worlds.world_templates import read_template
 from specs.data.world import World
 from specs.pipeline.world_sections import FORMATS, WorldFormat
-from tasks.export.job.zip_archive import write_zip
+from tasks.export.job.world_files import write_zip
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 from tasks.worlds.generate import generate_world

@@ -24,8 +24,7 @@ from benchmarks.worlds.world_templates import read_template
 from specs.data.world import World
 from tasks.export.format.formats import format_files
 from tasks.export.format.mjcf import GROUND
-from tasks.export.picture.cutaway import cut_open
-from tasks.export.picture.render_process import CUT_M, photograph, whole_view
+from tasks.export.picture.render_process import CUT_M, cut_open, photograph, whole_view
 from tasks.worlds.generate import generate_world
 
 WIDTH, HEIGHT, SAMPLES, SEED = 800, 560, 40, 3

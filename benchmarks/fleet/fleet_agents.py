@@ -8,7 +8,7 @@ from pathlib import Path
 from specs.arn import arn
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.observation import recorded_progress

@@ -10,12 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from random import Random
 
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.rollout.controller import ControllerPace
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 
 LOOK_S = 5.0
 OFFLINE, SLOW, SCRIPT, DOWNLOAD, CRASH = "offline", "slow", "failing script", "corrupt download", "crash loop later"

@@ -23,15 +23,14 @@ from pathlib import Path
 
 from benchmarks.machine import machine
 from benchmarks.tables import markdown, with_tables
-from specs.robomaker.list_pages import page_of
+from specs.robomaker.shared_operations import page_of
 from specs.robomaker.simulation import ListSimulationJobBatchesRequest, ListSimulationJobsRequest
+from tasks.simulate.batch.batch_jobs import Jobs
+from tasks.simulate.batch.batch_record import KIND, close_batch, load_batch, open_batch
 from tasks.simulate.batch.chunk_store import begin_chunk, commit
-from tasks.simulate.batch.job import KIND, close_batch, load_batch, open_batch
-from tasks.simulate.batch.job_states import Jobs
-from tasks.simulate.lists.job_pages import list_batches_page, list_jobs_page
-from tasks.storage.base.encoding import encode_document
+from tasks.simulate.batch.job_lists import list_batches_page, list_jobs_page
 from tasks.storage.base.keys import chunk_key, chunk_start_key, job_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import JobRecord, job_id, read, records
 from tasks.storage.store_url import open_store
 

@@ -22,13 +22,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from benchmarks.machine import machine
 from benchmarks.tables import markdown, with_tables
 from specs.arn import ResourceKind, parse_reference
-from specs.interface.operations import OPERATIONS
-from tasks.deploy.fleet.fleets import fleets
-from tasks.deploy.fleet.robots import robots
+from specs.robomaker.operations import OPERATIONS
+from tasks.deploy.fleet.fleet_registry import fleets, robots
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
-from tasks.storage.templates.named_templates import named_templates
+from tasks.storage.templates import named_templates
 
 if TYPE_CHECKING:
     from tests.attacks.gateway.served import Served

@@ -26,8 +26,8 @@ from benchmarks.machine import machine
 from benchmarks.results.trend_speed import store_night
 from benchmarks.tables import markdown
 from specs.arn import arn
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.simulate.batch.job import KIND
+from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.simulate.batch.batch_record import KIND
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records, submit
 from tasks.storage.store_url import open_store, store_id

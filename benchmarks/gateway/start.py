@@ -30,7 +30,7 @@ from specs.template.body import TemplateBody
 from tasks.applications.registry import resolve
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store, store_id
-from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.job.generation_job import run_generation_job
 
 _ENDED = frozenset({"Completed", "Failed", "Canceled"})
 _ROLE = "arn:aws:iam::000000000000:role/none"

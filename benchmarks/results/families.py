@@ -16,8 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import binom
 
 from benchmarks.tables import markdown, with_tables
-from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.intervals import IntervalFamily, wilson_bounds
 
 RATES = np.arange(0.9, 0.9951, 0.005)
 GROUPS, EPISODES = (8, 16, 48), (8, 24, 48)

@@ -20,9 +20,8 @@ import numpy as np
 
 from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.looks.anytime import log_capital_above
-from tasks.results.statistics.looks.stopped_batch import (
+from tasks.results.statistics.anytime import log_capital_above
+from tasks.results.statistics.interim_analyses import (
     Boundary,
     Chances,
     boundary,
@@ -30,6 +29,7 @@ from tasks.results.statistics.looks.stopped_batch import (
     closed_boundary,
     looks_of,
 )
+from tasks.results.statistics.intervals import wilson
 
 EPISODES, BAR, ALPHA = 384, 0.9, 0.05
 RATES = (0.8, 0.85, 0.88, 0.9, 0.92, 0.95, 0.97, 0.98, 0.99, 1.0)

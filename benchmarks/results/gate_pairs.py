@@ -11,10 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from tasks.results.statistics.interim_analyses import difference_tail, looks_of, nominal_levels, spent_error
 from tasks.results.statistics.intervals import paired_difference
-from tasks.results.statistics.looks.paired_looks import difference_tail
-from tasks.results.statistics.looks.spent_error import nominal_levels, spent_error
-from tasks.results.statistics.looks.stopped_batch import looks_of
 
 PAIRS, CHUNK, CONFIDENCE = 384, 32, 0.95
 MARGINS, DISAGREEING = (0.02, 0.03, 0.05), (0.01, 0.02, 0.03, 0.05, 0.1)

@@ -23,8 +23,8 @@ from specs.field_types import OutputLocation
 from specs.pipeline.simulation_section import Recordings
 from tasks.documents.template_source import find_template
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import load_batch, open_batch
+from tasks.simulate.batch.batch_record import load_batch, open_batch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate

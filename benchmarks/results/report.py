@@ -23,9 +23,8 @@ from benchmarks.tables import markdown
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.documents.template_source import find_template
-from tasks.results.report.facts import BatchFacts, Judgement
-from tasks.results.report.page import report_page
-from tasks.results.report.report_job import batch_view, put_report
+from tasks.results.report.batch_facts import BatchFacts, Judgement
+from tasks.results.report.report_page import batch_view, put_report, report_page
 from tasks.results.tables.result_files import EpisodePart, write_results
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store

@@ -21,11 +21,11 @@ from pydantic import JsonValue
 from benchmarks.machine import machine
 from benchmarks.results.report import ROBOT, SCENARIO, SPEEDS, parts
 from benchmarks.tables import markdown
-from tasks.results.tables.table_record import write_batch_tables
-from tasks.simulate.batch.job import KIND, load_batch, open_batch
+from tasks.results.tables.result_files import write_batch_tables
+from tasks.simulate.batch.batch_record import KIND, load_batch, open_batch
 from tasks.simulate.batch.provenance import seal
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
-from tasks.simulate.plan.resolve import DEFAULT_OUTPUT
+from tasks.simulate.plan.plan_batch import DEFAULT_OUTPUT
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import bucket_url
 from tasks.storage.jobs.records import advance, submit

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32
 
-from tasks.simulate.surroundings.obstacles import Obstacles
+from tasks.simulate.geometry.obstacles import Obstacles
 
 SOURCE = Path(__file__).with_name("range_libc_rays.cpp")
 

@@ -31,10 +31,14 @@ from benchmarks.machine import machine  # noqa: E402
 from benchmarks.rivals.range_libc import Scans, built, cast, occupied  # noqa: E402
 from benchmarks.simulation.engine_worlds import bench_world  # noqa: E402
 from benchmarks.tables import markdown, with_tables  # noqa: E402
-from tasks.simulate.sensor.lidar import Lidar, ray_angles  # noqa: E402
-from tasks.simulate.surroundings.lidar import scan_ranges  # noqa: E402
-from tasks.simulate.surroundings.obstacles import Obstacles, obstacles  # noqa: E402
-from tasks.simulate.surroundings.silhouettes import Silhouettes, pad_silhouettes, silhouettes  # noqa: E402
+from tasks.simulate.geometry.lidar_scan import (  # noqa: E402
+    LidarOutlines,
+    lidar_outlines,
+    pad_lidar_outlines,
+    scan_ranges,
+)
+from tasks.simulate.geometry.obstacles import Obstacles, obstacles  # noqa: E402
+from tasks.simulate.sensors.lidar import Lidar, ray_angles  # noqa: E402
 
 LIDAR = Lidar(rays=32, range_m=10.0, height_m=0.2)
 OBSTACLES, POSES, LANES, SEED = 100, 4096, 128, 20261124
@@ -93,7 +97,7 @@ def exact_m(solids: Obstacles, poses: Float32[np.ndarray, "poses 3"]) -> np.ndar
 
 def ours(solids: Obstacles, poses: Float32[np.ndarray, "poses 3"], turns: int) -> tuple[float, np.ndarray]:
     """Returns Simyard's rays a processor second, and its ranges."""
-    seen = Silhouettes(*map(jnp.asarray, pad_silhouettes([silhouettes(solids)])[0]))
+    seen = LidarOutlines(*map(jnp.asarray, pad_lidar_outlines([lidar_outlines(solids)])[0]))
     each_lane = jax.tree.map(lambda array: jnp.broadcast_to(array, (LANES, *array.shape)), seen)
     angles = ray_angles(LIDAR)
     scan = jax.jit(jax.vmap(lambda here, pose: scan_ranges(here, pose, angles, LIDAR.range_m)))

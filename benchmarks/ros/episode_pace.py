@@ -16,10 +16,10 @@ from typing import NamedTuple
 from benchmarks.tables import markdown
 from specs.data.episode import CONTROL_HZ, ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
+from tasks.simulate.chunk.byproducts import ChunkTiming, collect_timings
 from tasks.simulate.chunk.runner import simulate_columns
-from tasks.simulate.chunk.timings import ChunkTiming, collect_timings
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
-from tasks.simulate.process.lanes import ConfinedLanes
+from tasks.simulate.sandbox.sandbox_client import SandboxClient
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pen, pushing
 
 _PATROL = "7" * 64
@@ -51,7 +51,7 @@ def pace(lanes: int, seconds: float, worlds: dict[str, World], *, confined: bool
     chunk, begun_s = Chunk(number=0, requests=tuple(requests(lanes, seconds))), time.perf_counter()
     with collect_timings() as timings:
         if confined:
-            apart = ConfinedLanes(bundles=_FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
+            apart = SandboxClient(bundles=_FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)
             rows = list(apart.simulate(chunk, worlds))
         else:
             found = simulate_columns(chunk, worlds, _FOLDERS, lanes=lanes, engine="planar", should_stop=lambda: False)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from tasks.ros.lockstep.exchange import Base, Command, Sensed
 
 CONTROL_S = 0.05

@@ -163,12 +163,14 @@ def _running(command: Sequence[str], environment: Mapping[str, str]) -> Generato
 
 def run_child(case: Case, folder: Path) -> None:
     """Runs a batch in this process, and leaves what it took in the folder."""
-    from flows.server.prefect_server import prefect_server  # noqa: PLC0415 - Prefect takes its settings from the child's environment
+    from flows.prefect.prefect_server import prefect_server  # noqa: PLC0415 - Prefect takes its settings from the child's environment
 
     store_url = (folder / "store").as_uri()
     with prefect_server():
-        from flows.simulation_batch import simulation_batch  # noqa: PLC0415 - as above
-        from flows.world_generation import world_generation  # noqa: PLC0415 - as above
+        from flows.prefect.flows import (
+            simulation_batch,
+            world_generation,
+        )
         from specs.pipeline.simulation_section import SimulationBatch  # noqa: PLC0415 - as above
         from specs.pipeline.world_sections import WorldGeneration  # noqa: PLC0415 - as above
 

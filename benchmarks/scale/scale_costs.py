@@ -18,29 +18,27 @@ import numpy as np
 import yaml
 
 from benchmarks.scale.scale import QUICKSTART, Case, section
-from flows.document.references import numbered_finder
-from flows.document.tested_batch import batch_plan
-from flows.workers.crew import Width, on_workers
-from flows.workers.spread import Numbers, PieceOutcome, spread
-from flows.workers.spread_batch import simulate_chunks
-from flows.workers.spread_worlds import write_worlds
+from flows.pipeline.references import numbered_finder
+from flows.pipeline.tested_batch import batch_plan
+from flows.prefect.spread_work import simulate_chunks, write_worlds
+from flows.prefect.worker_cluster import Numbers, PieceOutcome, Width, on_workers, spread
+from specs.base import canonical_document
 from specs.data.episode_columns import EpisodeColumns, RequestColumns
-from specs.digest import canonical_document
 from specs.pipeline.section_requests import generation_request, section_parts, simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import Workers
 from tasks.documents.template_source import find_template
-from tasks.results.tables.table_record import write_batch_tables
+from tasks.results.tables.result_files import write_batch_tables
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
 from tasks.simulate.batch.chunk_store import counted_columns
-from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
 from tasks.simulate.batch.result_stream import PART_EPISODES
+from tasks.simulate.plan.plan_batch import output_location
 from tasks.simulate.plan.request_columns import request_columns
-from tasks.simulate.plan.resolve import output_location
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.store_url import open_store, store_id
-from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.job.generation_job import run_generation_job
 
 # What a method of the store costs on S3, in requests of the dearer and of the cheaper kind.
 _WRITES = ("create", "replace", "put", "upload", "keys")

@@ -4,7 +4,7 @@
 
 The costs are measured on this machine (``benchmarks.scale.scale_costs``), the cluster is simulated, event by event:
 workers
-that take pieces of chunks as ``flows.workers.spread`` hands them out and paces them, some of which are reclaimed by
+that take pieces of chunks as ``flows.prefect.worker_cluster`` hands them out and paces them, some of which are reclaimed by
 their
 cloud; the flow's process and Prefect's server, each of which does one thing at a time; and the one process that writes
 the tables at the end. What S3 bears is what AWS documents for a prefix: 3,500 requests a second that write, and 5,500
@@ -24,7 +24,7 @@ import numpy as np
 from benchmarks.machine import machine
 from benchmarks.scale.scale_costs import Costs, costs
 from benchmarks.tables import markdown, with_tables
-from flows.workers.spread import PieceSize
+from flows.prefect.worker_cluster import PieceSize
 
 EPISODES = 10_000_000
 _LANES = 256
@@ -204,7 +204,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--document", type=Path)
     given = parser.parse_args()
-    from flows.server.prefect_server import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
+    from flows.prefect.prefect_server import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
     from tasks.server.process import run_server, wait_until_healthy  # noqa: PLC0415 - as above
 
     with run_server(prefect_home()) as (server, child):

@@ -22,12 +22,11 @@ from benchmarks.scale.scale import Case, section
 from benchmarks.scale.scale_costs import opened_batch, simulate_some
 from benchmarks.tables import markdown, with_tables
 from flows.batch.batch_steps import write_tables
-from specs.data.cells import Cells
-from specs.data.episode_columns import EpisodeColumns
+from specs.data.episode_columns import Cells, EpisodeColumns
 from specs.pipeline.simulation_section import SimulationBatch
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch
 from tasks.simulate.batch.chunk_store import commit, counted_columns
-from tasks.simulate.batch.job import OpenBatch, load_batch
-from tasks.simulate.plan.resolve import output_location
+from tasks.simulate.plan.plan_batch import output_location
 from tasks.storage.store_url import open_store
 
 CASE = Case(100_000)

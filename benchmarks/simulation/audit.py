@@ -13,13 +13,21 @@ import numpy as np
 
 from benchmarks.tables import markdown
 from specs.pipeline.gate_section import SuccessRate
-from tasks.results.gate.engine_doubt import with_engine_doubt
+from tasks.results.gate.gate_verdict import with_engine_doubt
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import wilson
 from tasks.simulate.audit.audit_drive import DISTURBANCES_M
-from tasks.simulate.audit.audit_estimate import ComparedLane, Ending, FlipShare, flip_share
+from tasks.simulate.audit.audit_report import (
+    CHANCE,
+    FAILED_FLIP_LIMIT,
+    FLIP_LIMIT,
+    ComparedLane,
+    Ending,
+    FlipShare,
+    exceeds,
+    flip_share,
+)
 from tasks.simulate.audit.audit_sample import failed_lanes, plan_picks, stretches
-from tasks.simulate.audit.audit_verdict import CHANCE, FAILED_FLIP_LIMIT, FLIP_LIMIT, exceeds
 
 EPISODES, LANES, LANES_BEFORE = 384, 32, 16
 _SIZES = (LANES, 128)

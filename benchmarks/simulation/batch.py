@@ -24,15 +24,14 @@ from benchmarks.repository import ROOT
 from specs.data.episode import ApplicationLaunch, EpisodeResult, unfinished_result
 from tasks.documents.template_source import find_template
 from tasks.results.tables.result_files import write_results
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.describe import describe_batch
-from tasks.simulate.batch.job import close_batch, complete, load_batch, open_batch
+from tasks.simulate.batch.batch_jobs import describe_batch
+from tasks.simulate.batch.batch_record import close_batch, complete, load_batch, open_batch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
+from tasks.simulate.batch.job_lists import list_jobs
 from tasks.simulate.batch.result_stream import result_parts
-from tasks.simulate.lists.job_pages import list_jobs
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import world_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.store_url import open_store
 from tasks.worlds.generate import generate_world
 

@@ -20,7 +20,7 @@ from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, exploratio
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
-from tasks.simulate.batch.prepared_chunks import chunks_ahead
+from tasks.simulate.batch.chunk_run import chunks_ahead
 from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
@@ -54,9 +54,9 @@ def run_batch(kind: str, folder: Path) -> None:
     requests = explorations(EPISODES, WORLDS, DURATION_S) if kind == "exploring" else deliveries()
     rows: list[EpisodeResult] = []
     programs, chunks = _watched(), plan_chunks(requests, LANES)
-    from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415 - imports JAX, after its settings
+    from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline  # noqa: PLC0415 - imports JAX, after its settings
 
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     for place, chunk in enumerate(chunks):
         ahead = [chunks[number] for number in chunks_ahead(range(place + 1, len(chunks)))]
         rows += simulate_columns(
@@ -144,9 +144,9 @@ def _watched() -> Sequence[str]:
     import jax  # noqa: PLC0415 - reads its settings when it is imported
 
     # As a process that simulates keeps them (``tasks.simulate.simulation_process``).
-    from tasks.simulate.engine.kept_program.keeper import use_program_folder  # noqa: PLC0415 - likewise
+    from tasks.simulate.engines.program_cache import use_cache_folder  # noqa: PLC0415 - likewise
 
-    use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept")
+    use_cache_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept")
 
     found: list[str] = []
 

@@ -23,8 +23,8 @@ prepare_devices()
 # JAX reads its settings when it is imported.
 from benchmarks.simulation.batch_engines import COURIER, apartment, deliveries, shipped  # noqa: E402
 from benchmarks.simulation.engine_variants import SliceTimes, slice_times  # noqa: E402
-from tasks.simulate.engine.choice import choose_engine  # noqa: E402
-from tasks.simulate.surroundings.floor_map import grid_cells  # noqa: E402
+from tasks.simulate.engines.engine_table import choose_engine  # noqa: E402
+from tasks.simulate.geometry.world_arrays import grid_cells  # noqa: E402
 
 LANES, WORLDS, TURNS = 256, 16, 8
 HULLS: Mapping[str, str] = {

@@ -28,14 +28,17 @@ import jax.numpy as jnp  # noqa: E402
 
 from benchmarks.simulation.engine_variants import PHYSICS_STEPS, Ours  # noqa: E402
 from benchmarks.tables import markdown, with_tables  # noqa: E402
-from tasks.simulate.engine.kept_program.sealed_state import opened  # noqa: E402
-from tasks.simulate.engine.planar.window import window  # noqa: E402
-from tasks.simulate.lane.sense import decide  # noqa: E402
-from tasks.simulate.lane.settle import settle  # noqa: E402
-from tasks.simulate.lane.step import Mechanics, advance_lane  # noqa: E402
+from tasks.simulate.engines.planar.disc_contact import window  # noqa: E402
+from tasks.simulate.engines.pytree_schema import unflatten_state  # noqa: E402
+from tasks.simulate.geometry.lidar_scan import scan_ranges  # noqa: E402
+from tasks.simulate.lane.control_step import (  # noqa: E402
+    Mechanics,
+    advance_lane,
+    decide,
+    finish_step,
+)
 from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
-from tasks.simulate.sensor.lidar import ray_angles  # noqa: E402
-from tasks.simulate.surroundings.lidar import scan_ranges  # noqa: E402
+from tasks.simulate.sensors.lidar import ray_angles  # noqa: E402
 
 LANES, OBSTACLES, TURNS, WARM_STEPS = 128, (25, 100, 400), 7, 500
 WINDOW, FEWEST = 6, 7
@@ -65,7 +68,7 @@ def parts(lanes: int, obstacles: int) -> dict[str, Part]:
     ours.run(WARM_STEPS)
     program, inputs, kept = ours.under_way()
     mechanics, applications = program.mechanics, program.applications
-    state = jax.vmap(functools.partial(opened, applications))(inputs, kept)
+    state = jax.vmap(functools.partial(unflatten_state, applications))(inputs, kept)
     angles, lidar = ray_angles(applications.lidar), applications.lidar
     decided = jax.vmap(functools.partial(decide, applications))(inputs, state)
     moved = jax.vmap(mechanics.drive)(inputs, state.body, decided.control)
@@ -85,7 +88,7 @@ def parts(lanes: int, obstacles: int) -> dict[str, Part]:
 
     def rest(given: Any, lane: Any) -> tuple[Any, Any]:  # noqa: ANN401
         episode, decision, motion = lane
-        after, record = settle(applications, given, episode, decision, motion)
+        after, record = finish_step(applications, given, episode, decision, motion)
         return (after, decision, motion), record
 
     around = inputs._replace(near=jax.vmap(mechanics.near)(inputs, state.body))

@@ -21,10 +21,10 @@ from benchmarks.applications.explorer.explorer.reactive import Lidar, control
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
-from tasks.simulate.chunk.episodes import ready_chunk
-from tasks.simulate.engine.compiled_program import CompiledProgram, CompiledRun
-from tasks.simulate.engine.mjx.mjx_import import mjx
-from tasks.simulate.engine.mujoco.model import host_robot, world_model
+from tasks.simulate.chunk.chunk_simulation import ready_chunk
+from tasks.simulate.engines.compiled_program import CompiledProgram, CompiledRun
+from tasks.simulate.engines.mjx.mjx_robot import mjx
+from tasks.simulate.engines.mujoco.world_stepper import host_robot, world_model
 from tasks.simulate.lane.lane_state import LaneInputs, LaneState
 from tasks.simulate.plan.chunks import SLICE_STEPS
 

@@ -22,9 +22,9 @@ import numpy as np
 
 from benchmarks.repository import ROOT
 from benchmarks.tables import markdown, with_tables
+from specs.base import digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from specs.digest import digest
 from tasks.documents.template_source import find_template
 from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.plan.chunks import plan_chunks

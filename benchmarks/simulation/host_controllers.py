@@ -24,8 +24,8 @@ import numpy as np  # noqa: E402 - JAX reads its settings when it is imported
 import onnx  # noqa: E402
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest  # noqa: E402
-from tasks.simulate.chunk.episodes import ready_chunk  # noqa: E402
-from tasks.simulate.engine.program import Run  # noqa: E402
+from tasks.simulate.chunk.chunk_simulation import ready_chunk  # noqa: E402
+from tasks.simulate.engines.program import Run  # noqa: E402
 from tests.factories.policies import bundle, network, weights  # noqa: E402
 from tests.factories.simulations import ENDLESS, FOLDERS, cluttered  # noqa: E402
 

@@ -21,10 +21,10 @@ prepare_devices()
 from benchmarks.simulation.engine_variants import PHYSICS_STEPS, WORLDS, slice_times  # noqa: E402 - JAX reads its settings when it is imported
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT, bench_world, explorations  # noqa: E402
 from specs.data.episode import ApplicationLaunch  # noqa: E402
-from tasks.simulate.application.robot_mjcf import compile_robot, read_robot_mjcf  # noqa: E402
-from tasks.simulate.engine.choice import choose_engine  # noqa: E402
+from tasks.simulate.application.mjcf_check import RobotRefused  # noqa: E402
+from tasks.simulate.application.robot_model import compile_robot, read_robot_mjcf  # noqa: E402
+from tasks.simulate.engines.engine_table import choose_engine  # noqa: E402
 from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
-from tasks.simulate.refusal import RobotRefused  # noqa: E402
 
 ROBOTS = ROOT / "benchmarks/simulation/robots"
 APPLICATION = ROOT / "benchmarks/applications/swinger"

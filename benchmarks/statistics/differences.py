@@ -10,7 +10,7 @@ from jaxtyping import Int
 
 from benchmarks.statistics.simulated_worlds import CONFIDENCE, DESIGNS, ICCS
 from benchmarks.statistics.table_file import Rows, keep, per_cent
-from tasks.results.statistics.worlds.difference_over_worlds import differences_shown
+from tasks.results.statistics.over_worlds import differences_shown
 
 REPLICATES = 4_000
 # Shares of gains and of losses: five points worse, which a margin of five points just forbids; as good.

@@ -12,8 +12,7 @@ from jaxtyping import Float
 
 from benchmarks.statistics.simulated_worlds import CONFIDENCE, DESIGNS
 from benchmarks.statistics.table_file import Rows, keep, per_cent
-from tasks.results.statistics.worlds.rate_over_worlds import rates_shown
-from tasks.results.statistics.worlds.refusal import why_refused
+from tasks.results.statistics.over_worlds import rates_shown, why_refused
 
 REPLICATES = 4_000
 CORRELATIONS, QUANTILES = (0.0, 0.1, 0.3, 0.6), (0.05, 0.5, 0.95)

@@ -19,8 +19,8 @@ from benchmarks.statistics.simulated_worlds import (
     shares_of,
 )
 from benchmarks.statistics.table_file import Rows, keep, per_cent
-from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.statistics.worlds.rate_over_worlds import rates_shown
+from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.statistics.over_worlds import rates_shown
 
 BAR, POWER_RATES = 0.9, (0.95, 0.98, 0.99)
 _SEED = 18

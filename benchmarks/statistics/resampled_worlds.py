@@ -12,9 +12,8 @@ import numpy as np
 from benchmarks.statistics.real_batches import COUNTS, Counts
 from benchmarks.statistics.simulated_worlds import CONFIDENCE, shares_of
 from benchmarks.statistics.table_file import Rows, keep, per_cent
-from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.statistics.worlds.rate_over_worlds import rates_shown
-from tasks.results.statistics.worlds.world_spread import world_spread
+from tasks.results.statistics.intervals import wilson_bounds
+from tasks.results.statistics.over_worlds import rates_shown, world_spread
 
 REPLICATES, WORLDS = 2_000, 8
 _SEED = 18

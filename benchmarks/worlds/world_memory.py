@@ -61,7 +61,7 @@ def run_job(worlds: int) -> JobFigures:
     # Imported here so that the parent, whose size a child inherits in the kernel's books, stays small.
     from benchmarks.worlds.world_templates import read_template  # noqa: PLC0415
     from tasks.storage.store_url import open_store  # noqa: PLC0415
-    from tasks.worlds.job.job import run_generation_job  # noqa: PLC0415
+    from tasks.worlds.job.generation_job import run_generation_job  # noqa: PLC0415
 
     folder = Path.cwd() / "store"
     count = WorldCount(floorplanCount=worlds // _INTERIORS, interiorCountPerFloorplan=_INTERIORS)

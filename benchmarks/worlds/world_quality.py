@@ -15,8 +15,8 @@ from benchmarks.worlds.world_templates import HOMES, SAMPLES, read_template
 from specs.data.world import Rectangle, RoomType, World, solids
 from specs.template.body import AspectRatio, FloorplanTemplate, TemplateBody
 from specs.template.interior import Density, FurnitureArrangementSet, InteriorFurnishings, RoomTypeList
+from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.generate import generate_world
-from tasks.worlds.rejection import WorldRejected
 
 DENSITIES: tuple[Density, ...] = get_args(Density)
 ROOM_TYPES: tuple[RoomType, ...] = get_args(RoomType)

@@ -10,7 +10,7 @@ from pathlib import Path
 from prefect import flow
 from prefect.schedules import Cron
 
-from flows.world_generation import world_generation
+from flows.prefect.flows import world_generation
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMETERS = {
@@ -27,7 +27,7 @@ def serve() -> None:
 
 def deploy() -> None:
     """Makes `world-generation/from-source`: a worker loads the flow from a clone, here the one that this file is in."""
-    found = flow.from_source(source=str(ROOT), entrypoint="flows/world_generation.py:world_generation")
+    found = flow.from_source(source=str(ROOT), entrypoint="flows/prefect/flows.py:world_generation")
     found.deploy(name="from-source", work_pool_name="local", parameters=PARAMETERS, schedules=[EVERY_NIGHT])
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from prefect import flow, task
 from prefect.task_runners import ProcessPoolTaskRunner, TaskRunner, ThreadPoolTaskRunner
 
-from flows.world_generation import world_generation
+from flows.prefect.flows import world_generation
 from specs.pipeline.world_sections import WorldGeneration
 
 EXAMPLES = Path(__file__).resolve().parents[1]

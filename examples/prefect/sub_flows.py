@@ -7,9 +7,7 @@ from pathlib import Path
 
 from prefect import flow
 
-from flows.deployment_sync import deployment_sync
-from flows.simulation_batch import simulation_batch
-from flows.world_generation import world_generation
+from flows.prefect.flows import deployment_sync, simulation_batch, world_generation
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
 

@@ -1,7 +1,8 @@
 """The steps of a batch: plain functions of data, each of which may run in another process, on another machine.
 
 They join what simulates to what keeps results, so that they belong to no single capability. What a step needs of the
-store it reads there; what it makes is in the store when it returns.
+store it reads there; what it makes is in the store when it returns. Between chunks `SequentialStop` ends a batch whose
+gate is certain.
 """
 
 import functools
@@ -12,25 +13,26 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from flows.batch.recorded_episodes import RecordedEpisodes
-from specs.data.episode import Failure
-from specs.errors import BucketNotFound, BundleRefused, StageFailed, StoreAccessDenied, StoreError
+from flows.batch.batch_end import RecordedEpisodes
+from specs.data.episode import EpisodeResult, Failure
+from specs.errors import BucketNotFound, BundleRefused, ResourceNotFound, StageFailed, StoreAccessDenied, StoreError
 from specs.field_types import OutputLocation
-from tasks.applications.bundle_failure import BUNDLE_ERRORS, bundle_failure
+from specs.pipeline.gate_section import Gate
+from tasks.applications.registry import BUNDLE_ERRORS, bundle_failure, resolve
 from tasks.applications.step import unpack_application
 from tasks.progress.listener import report_progress, stage_progress
-from tasks.results.statistics.summary import summary_note, summary_rows
-from tasks.results.tables.application_output import write_output
-from tasks.results.tables.table_record import write_batch_tables
+from tasks.results.gate.gate_verdict import InterimGate
+from tasks.results.statistics.batch_summary import summary_note, summary_rows
+from tasks.results.tables.recordings import write_output
+from tasks.results.tables.result_files import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.batch.chunk_runner import ChunkRunner, tag_jobs
-from tasks.simulate.batch.commit import ChunkEnd, run_chunk
-from tasks.simulate.batch.job import OpenBatch, load_batch
-from tasks.simulate.batch.prepared_chunks import coming_chunks
+from tasks.simulate.batch.batch_record import OpenBatch, leave_out, load_batch
+from tasks.simulate.batch.chunk_run import ChunkEnd, ChunkRunner, coming_chunks, run_chunk, tag_jobs
+from tasks.simulate.batch.chunk_store import counted_chunk
 from tasks.simulate.batch.provenance import batch_metadata
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.lane.recording import Columns
-from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.jobs.authenticator import BatchAuthenticator
 from tasks.storage.store_url import open_store
 
 EPISODES, AUDIT = "Episodes", "Audit (driven twice)"
@@ -41,7 +43,7 @@ class BatchTables(NamedTuple):
 
     Attributes:
         detail: Where they lie and what they add up to, for the batch's record.
-        rows: Their summary, a row a line, as `tasks.results.statistics.summary.summary_rows` has it.
+        rows: Their summary, a row a line, as `tasks.results.statistics.batch_summary.summary_rows` has it.
         note: What its intervals are.
     """
 
@@ -61,7 +63,7 @@ def simulate_chunk(
     spent_s: float,
     done: int = 0,
     ahead: tuple[int, ...] = (),
-    voucher: Voucher | None = None,
+    voucher: BatchAuthenticator | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -193,3 +195,74 @@ def unusable_bundle(batch: OpenBatch, digest: str, error: BundleRefused | StoreE
     """
     kind, launch = next(use for use in batch.plan.launches() if use[1].digest == digest)
     return bundle_failure(batch.store, kind, f"{launch.name} version {launch.version}", digest, error)
+
+
+class SequentialStop:
+    """Looks at a batch after each chunk, in their order: a batch that is continued ends where it would have.
+
+    Where two versions take turns on the same episodes, it looks after each second chunk.
+
+    Attributes:
+        detail: What the batch's record says of its early end; empty if there was none.
+    """
+
+    def __init__(self, batch: OpenBatch, gate: Gate | None) -> None:
+        """Begins to look, at a batch whose gate asks for it and whose plan allows it."""
+        self.detail: dict[str, JsonValue] = {}
+        self._batch, self._paired = batch, batch.plan.shuffled == "pairs"
+        self._other, self._first = "", list[EpisodeResult]()
+        if gate and self._paired:
+            self._other = _compared_with(batch, gate)
+        self._gate = gate if batch.plan.shuffled and (self._other or not self._paired) else None
+        self._answer = InterimGate(self._gate, batch.layout.looks(), paired=self._paired) if self._gate else None
+
+    def ends_before(self, number: int) -> bool:
+        """Returns whether the gate is certain after the chunks before that one; if so, the rest is left out."""
+        if self._answer is None or self._gate is None or number == 0 or not self._counted(number - 1, self._answer):
+            return False
+        answer = self._answer.answer()
+        if answer is None:
+            return False
+        left_out, ended = leave_out(self._batch, number), self._answer.episodes()
+        were = "was" if left_out == 1 else "were"
+        after = f"{ended} episodes of each version" if self._paired else f"{ended} episodes"
+        sentence = f"the gate was certain of {answer} after {after}, so that {left_out} {were} left out"
+        self.detail["stopped_early"] = {
+            "gate": self._gate.model_dump(mode="json"),
+            "verdict": answer,
+            "sentence": sentence,
+            "episodes": ended,
+            "left_out": left_out,
+            **self._looks(),
+        }
+        return True
+
+    def _looks(self) -> dict[str, JsonValue]:
+        """Returns after how many episodes the gate was asked; of a batch of before there is nothing to say."""
+        looks = self._batch.layout.looks()
+        return {"looks": list(looks)} if looks else {}
+
+    def _counted(self, number: int, answer: InterimGate) -> bool:
+        """Counts a chunk; returns whether the gate may be asked now."""
+        rows = list(counted_chunk(self._batch.store, self._batch.id, number, self._batch.voucher) or ())
+        if not self._paired:
+            answer.add(rows)
+            return True
+        if number % 2 == 0:
+            self._first = rows
+            return False
+        other_now = self._batch.layout.chunk(number).requests[0].robot.digest == self._other
+        answer.add(*(self._first, rows) if other_now else (rows, self._first))
+        return True
+
+
+def _compared_with(batch: OpenBatch, gate: Gate) -> str:
+    """Returns the digest of the version that the gate compares with, if the batch drives it; else nothing."""
+    robots = [template.robot for template in batch.plan.templates]
+    if gate.noWorseThan is None or len({robot.name for robot in robots}) != 1:
+        return ""
+    try:
+        digest = resolve(batch.store, "robot-application", robots[0].name, gate.noWorseThan.applicationVersion).digest
+    except ResourceNotFound:
+        return ""
+    return digest if digest in {robot.digest for robot in robots} else ""

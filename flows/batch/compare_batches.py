@@ -9,21 +9,27 @@ import pyarrow.compute as pc
 from jaxtyping import Float
 
 from flows.batch.replay_episode import bundles
-from flows.gate.equal_worlds import world_identities
+from flows.batch.world_identity import world_identities
 from specs.arn import arn, store_id_of
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from tasks.applications.versions import read_application
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.results.compare.comparison import CommonEpisodes, EpisodeFlip, compare_tables
-from tasks.results.compare.comparison_svg import FlipPaths, flip_map_svg
-from tasks.results.compare.versions import ambiguous_versions, version_rows, versions_driven
-from tasks.results.tables.result_files import RESULTS_FILE
-from tasks.results.tables.stored_rows import recorded_samples, stored_rows
-from tasks.simulate.batch.job import KIND, OpenBatch, load_batch
-from tasks.simulate.plan.request import recorded_location
-from tasks.simulate.replay.replay import replay
+from tasks.results.batch_comparison import (
+    CommonEpisodes,
+    EpisodeFlip,
+    FlipPaths,
+    ambiguous_versions,
+    compare_tables,
+    flip_map_svg,
+    version_rows,
+    versions_driven,
+)
+from tasks.results.tables.result_files import RESULTS_FILE, recorded_samples, stored_rows
+from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
+from tasks.simulate.plan.plan_batch import recorded_location
+from tasks.simulate.replay.replay_run import replay
 from tasks.storage.base.store import Store
 from tasks.storage.resource_names import find_batch_name
 from tasks.storage.worlds import read_world

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from flows.cli.output import echo
+from flows.cli.terminal import echo
 
 if TYPE_CHECKING:
     from specs.field_types import Architecture
@@ -75,7 +75,7 @@ def publish(
 
     Of a folder, of one for each architecture, or else of what lies at the application's sources.
     """
-    from flows.document.version_room import free_versions, limit_exceeded
+    from flows.pipeline.version_retention import free_versions, limit_exceeded
     from specs.errors import LimitExceeded
     from tasks.applications.bucket_sources import create_version
     from tasks.applications.registry import publish_bundle as publish_folders

@@ -1,11 +1,16 @@
-"""The commands `simyard up` and `down`, a Prefect server that stays, and `simyard worker`, which works off a queue."""
-# ruff: noqa: PLC0415 - imports when it runs, so that `--help` loads little
+"""The commands `simyard up` and `down`, a Prefect server that stays; `serve` and `worker`; and `access`.
 
+`simyard serve` answers RoboMaker's HTTP API from a store, `worker` works off a queue, `access` says who may call.
+"""
+# ruff: noqa: PLC0415 - imports when it runs, so that `--help` loads little
+# ruff: noqa: PLC0415 - see above
+
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flows.cli.output import echo
+from flows.cli.terminal import echo
 
 PoolOption = Annotated[
     str,
@@ -22,8 +27,8 @@ def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
     import shlex
 
-    from flows.server.prefect_server import prefect_home
-    from tasks.server.password import password_file
+    from flows.prefect.prefect_server import prefect_home
+    from tasks.server.health import password_file
     from tasks.server.resident import keep
 
     home = prefect_home()
@@ -39,7 +44,7 @@ def up() -> None:
 
 def down() -> None:
     """End the server that `simyard up` started."""
-    from flows.server.prefect_server import prefect_home
+    from flows.prefect.prefect_server import prefect_home
     from tasks.server.resident import end_kept
 
     server = end_kept(prefect_home())
@@ -61,10 +66,245 @@ def worker(
 
     `simyard serve` has a worker of its own; this is one more, on any machine that reaches the store.
     """
-    from flows.queue.foreman import lead, wait_for_ever
-    from flows.queue.worker_log import log_to_stderr
+    from flows.queue.supervisor import lead, log_to_stderr, wait_for_ever
     from tasks.storage.store_url import open_store
 
     opened = open_store(store)
     log_to_stderr()
     lead(opened.url, workers, pool, wait_for_ever)
+
+
+def serve(
+    *,
+    port: Annotated[int, typer.Option("--port", metavar="N", min=1, max=65535, help="Where requests come in.")] = 8600,
+    host: Annotated[str, typer.Option("--host", metavar="H", help="The address that it listens on.")] = "127.0.0.1",
+    unsigned: Annotated[
+        bool, typer.Option("--unsigned", help="Let in every program of this machine; on 127.0.0.1 only.")
+    ] = False,
+    access_keys: Annotated[
+        Path | None,
+        typer.Option(
+            "--access-keys",
+            metavar="FILE",
+            envvar="SIMYARD_ACCESS_FILE",
+            help="The keys of clients; made with a first one if it is missing. Default: ~/.config/simyard/access-keys.",
+            show_default=False,
+        ),
+    ] = None,
+    tls_certificate: Annotated[
+        Path | None,
+        typer.Option("--tls-certificate", metavar="PEM", help="Answer by HTTPS: the certificate.", show_default=False),
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option("--tls-key", metavar="PEM", help="The certificate's key.", show_default=False)
+    ] = None,
+    without_tls: Annotated[
+        bool, typer.Option("--without-tls", help="Listen beyond this machine without TLS: a proxy in front encrypts.")
+    ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            metavar="FOLDER",
+            help="First write RoboMaker's model for SDKs there; they find it in ~/.aws/models.",
+            show_default=False,
+        ),
+    ] = None,
+    model_only: Annotated[
+        bool, typer.Option("--model-only", help="Write the model and end; needs no store and no key.")
+    ] = False,
+    workers: Annotated[
+        int,
+        typer.Option(
+            "--workers", metavar="N", min=0, help="So many batches at once, each in a process; 0 leaves jobs to others."
+        ),
+    ] = 1,
+    pool: PoolOption = "",
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Answer RoboMaker's HTTP API from a store, for boto3, the AWS CLI and scripts, until Ctrl-C."""
+    if model:
+        _write_model(model)
+    if model_only:
+        return _require_folder(model)
+    from flows.gateway.serve import Listener, loopback_auth, signed_auth
+    from flows.gateway.serve import serve as serve_store
+    from flows.prefect.prefect_server import pages_url
+    from flows.queue.supervisor import QueueWorkers, log_to_stderr, require_lasting_server
+    from tasks.gateway.access.access_keys import access_file, gateway_url
+    from tasks.gateway.connections import tls_context
+    from tasks.storage.store_url import open_store
+
+    tls = tls_context(tls_certificate, tls_key)
+    _check_reach(host, is_unsigned=unsigned, is_encrypted=tls is not None or without_tls)
+    opened = open_store(store)
+    if pool:
+        require_lasting_server(pool)
+    url = gateway_url(host, port, is_encrypted=tls is not None)
+    if unsigned:
+        entrance = loopback_auth(opened, port, pages_url)
+    else:
+        keys = access_keys or access_file()
+        _show_keys(keys, url, model)
+        entrance = signed_auth(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
+    echo(f"RoboMaker: {url}  (store: {opened.url})")
+    log_to_stderr()
+    try:
+        with QueueWorkers(opened.url, workers, pool) as crew:
+            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+    except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
+        echo("stopped", err=True)
+
+
+def _show_keys(keys: Path, url: str, model: Path | None) -> None:
+    """Makes the first key, if there is no file of keys, and says what its client needs."""
+    from tasks.gateway.access.access_keys import export_lines, first_key, read_keys
+
+    made = first_key(keys)
+    read_keys(keys)  # what is wrong with the file is said now, and not at each request
+    if made is None:
+        echo(f"# keys: {keys}  (simyard access list; simyard access export NAME)")
+        return
+    echo(f"# a first key with all rights is in {keys}; its client needs:")
+    for line in export_lines(made, url, model):
+        echo(line)
+
+
+def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
+    from specs.base import Fault
+    from specs.errors import DocumentError
+    from tasks.gateway.access.guard import is_loopback
+
+    if is_loopback(host):
+        return
+    if is_unsigned:
+        allowed = "127.0.0.1 with --unsigned: whoever reaches another address would be let in"
+        raise DocumentError([Fault(path="--host", value=repr(host), allowed=allowed)])
+    if not is_encrypted:
+        allowed = (
+            "127.0.0.1 without TLS; name --tls-certificate and --tls-key, or say --without-tls if a proxy encrypts: "
+            "anybody on the way could read answers, and the secrets of those who sign in to the page"
+        )
+        raise DocumentError([Fault(path="--host", value=repr(host), allowed=allowed)])
+
+
+def _require_folder(model: Path | None) -> None:
+    from specs.base import Fault
+    from specs.errors import DocumentError
+
+    if model is None:
+        raise DocumentError([Fault(path="--model-only", value="alone", allowed="with --model ~/.aws/models")])
+
+
+def _write_model(folder: Path) -> None:
+    from tasks.gateway.service_model import write_model
+
+    for path in write_model(folder.expanduser()):
+        echo(f"wrote {path}")
+
+
+access_app = typer.Typer(
+    help="Make, list and revoke the keys of clients of `simyard serve`, and read who did what.", no_args_is_help=True
+)
+_Name = Annotated[str, typer.Argument(metavar="NAME", help="The key's name.", show_default=False)]
+_File = Annotated[
+    Path | None,
+    typer.Option(
+        "--access-keys",
+        envvar="SIMYARD_ACCESS_FILE",
+        help="The file with the keys. Default: ~/.config/simyard/access-keys.",
+        show_default=False,
+    ),
+]
+_Url = Annotated[
+    str,
+    typer.Option("--url", envvar="AWS_ENDPOINT_URL_ROBOMAKER", help="The address of `simyard serve`."),
+]
+
+
+@access_app.command("add")
+def make_key(
+    name: _Name,
+    rights: Annotated[
+        list[str],
+        typer.Option("--right", metavar="RIGHT", help="read, simulate or deploy; several times for several."),
+    ],
+    on: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--on",
+            metavar="ARN",
+            help="Only this: an ARN or KIND/NAME, with * at its end for all that begin so; several times for several.",
+            show_default=False,
+        ),
+    ] = None,
+    url: _Url = "http://127.0.0.1:8600",
+    file: _File = None,
+) -> None:
+    """Make a key, and print what its client needs, the secret included, as lines for a shell."""
+    from tasks.gateway.access.access_keys import access_file, add_key, export_lines
+
+    for line in export_lines(add_key(file or access_file(), name, rights, on or ()), url):
+        echo(line)
+
+
+@access_app.command("list")
+def list_keys(file: _File = None) -> None:
+    """Show the keys, their rights and limits, and no secret."""
+    from rich.console import Console
+
+    from flows.cli.terminal import show_rows
+    from tasks.gateway.access.access_keys import access_file, read_keys
+
+    keys = read_keys(file or access_file()).values()
+    rows = [
+        {
+            "name": key.name,
+            "key": key.key_id,
+            "rights": " ".join(sorted(key.rights)),
+            "on": " ".join(scope.text for scope in key.scopes) or "everything",
+        }
+        for key in keys
+    ]
+    show_rows(rows, Console())
+
+
+@access_app.command("export")
+def export_key(name: _Name, url: _Url = "http://127.0.0.1:8600", file: _File = None) -> None:
+    """Print what the client of a key needs, the secret included, as lines for a shell."""
+    from tasks.gateway.access.access_keys import access_file, export_lines, find_key, read_keys
+
+    path = file or access_file()
+    for line in export_lines(find_key(read_keys(path), name, path), url):
+        echo(line)
+
+
+@access_app.command("revoke")
+def withdraw_key(name: _Name, file: _File = None) -> None:
+    """Remove a key: a gateway that runs refuses it from its next request on."""
+    from tasks.gateway.access.access_keys import access_file, revoke_key
+
+    key = revoke_key(file or access_file(), name)
+    echo(f"revoked {key.name} ({key.key_id})")
+
+
+@access_app.command("log")
+def show_log(
+    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="Of how many days, today's among them.")] = 1,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Print who changed what over HTTP, and who was refused, of all gateways of the store: a line of JSON each."""
+    import time
+
+    from flows.cli.terminal import echo_json
+    from tasks.gateway.access.action_log import actions
+    from tasks.storage.store_url import open_existing_store
+
+    for line in actions(open_existing_store(store), days, time.time()):
+        echo_json(line)

@@ -1,6 +1,6 @@
 """The command line, `simyard`.
 
-Exit codes: see flows.cli.exit_codes.
+Exit codes: see flows.cli.terminal.
 What a command needs is imported when it runs, so that `--help`, `validate` and `describe` load neither JAX nor Prefect.
 """
 # ruff: noqa: PLC0415 - see above
@@ -9,19 +9,13 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.access_commands import access_app
 from flows.cli.app_commands import app_app
-from flows.cli.batch.batch_commands import compare, replay, report, shrink
-from flows.cli.batch.gate_command import gate
-from flows.cli.batch.trend_command import trend
-from flows.cli.document.document_commands import plan, run, validate
-from flows.cli.exit_codes import run_and_end_process
-from flows.cli.fleet.fleet_commands import fleet_app
-from flows.cli.output import echo
-from flows.cli.resource_commands import cancel, describe, list_, restart
-from flows.cli.serve_command import serve
-from flows.cli.server_commands import down, up, worker
-from flows.cli.store_commands import gc, reap
+from flows.cli.batch_commands import compare, gate, replay, report, shrink, trend
+from flows.cli.document_commands import plan, run, validate
+from flows.cli.fleet_commands import fleet_app
+from flows.cli.server_commands import access_app, down, serve, up, worker
+from flows.cli.store_commands import cancel, describe, gc, list_, reap, restart
+from flows.cli.terminal import echo, run_and_end_process
 from flows.cli.world_commands import world_app
 
 app = typer.Typer(

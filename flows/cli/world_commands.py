@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.output import TerminalConsole, echo, echo_json, json_lines, show_rows
+from flows.cli.terminal import TerminalConsole, echo, echo_json, json_lines, show_rows
 from specs.data.world import ROBOT_RADIUS_M
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
@@ -37,11 +37,11 @@ def template(
     ] = Path("template.yaml"),
 ) -> None:
     """Write a template to begin with: complete, commented, and valid as it stands."""
-    from flows.preview.starter_file import next_steps, write_starter
+    from flows.preview.world_preview import template_hints, write_starter
 
     write_starter(output, rooms, version)
     echo(str(output))
-    for line in next_steps(output):
+    for line in template_hints(output):
         echo(line, err=True)
 
 
@@ -54,7 +54,7 @@ def furniture(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,
 ) -> None:
     """List the kinds of furniture that a template may wish: sizes (m), floor kept free, rooms that have them anyway."""
-    from flows.preview.furniture_catalogue import furniture_kinds, furniture_rows, write_furniture_pictures
+    from flows.preview.world_preview import furniture_kinds, furniture_rows, write_furniture_pictures
 
     if as_json:
         for line in json_lines(furniture_kinds()):
@@ -81,7 +81,7 @@ def preview(
     from flows.preview.world_preview import WorldRequest, make_world, write_drawing
     from tasks.documents.template_source import find_template
     from tasks.export.drawing.floor_plan import floor_plan_svg
-    from tasks.export.picture.render import render_png
+    from tasks.export.picture.renderer import render_png
     from tasks.storage.store_url import open_store
 
     body = find_template(template, open_store(store), Path.cwd())
@@ -107,7 +107,7 @@ def sheet(
     """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job."""
     from flows.preview.world_preview import WorldRequest, select_worlds, write_drawing
     from tasks.export.picture.contact_sheet import contact_sheet_svg
-    from tasks.export.picture.render_sheet import render_sheet_png
+    from tasks.export.picture.renderer import render_sheet_png
     from tasks.storage.store_url import open_store
 
     chosen = select_worlds(worlds, open_store(store), Path.cwd(), count, WorldRequest(seed, robot_radius))
@@ -126,7 +126,7 @@ def add(
 ) -> None:
     """Put a world into the store, if what its certificate says is so; prints what documents name it by."""
     from tasks.storage.store_url import open_store
-    from tasks.worlds.job.world_import import add_world
+    from tasks.worlds.job.stored_worlds import add_world
 
     echo(add_world(open_store(store), file))
 
@@ -134,7 +134,7 @@ def add(
 def _picture(output: Path, png: bytes | None) -> None:
     """Writes the picture beside its drawing, or says what is missing for it."""
     from flows.preview.world_preview import write_picture
-    from tasks.export.picture.render import NO_GL
+    from tasks.export.picture.renderer import NO_GL
 
     if png is None:
         echo(NO_GL, err=True)

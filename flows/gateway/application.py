@@ -1,17 +1,147 @@
-"""The ASGI application: requests from the wire to a pool of threads, as the store blocks, and answers back."""
+"""From a request to its answer: let in, read, permitted, handled, written.
+
+The ASGI application hands requests from the wire to a pool of threads, as the store blocks, and answers back.
+"""
 
 import asyncio
+import logging
+import time
 import uuid
 from collections.abc import Awaitable, Callable, MutableMapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from flows.gateway.calls import Calls
-from specs.errors import AccessRefused
-from tasks.gateway.connection.body import BodyRoom, check_head
-from tasks.gateway.error_answers import error_answer
-from tasks.gateway.messages import HttpAnswer, HttpRequest
+from flows.gateway.gateway import Gateway, Handlers
+from specs.arn import ArnForm
+from specs.base import Spec
+from specs.errors import AccessRefused, SimyardError, StoreError
+from specs.robomaker.operations import Operation, shapes
+from specs.settings import region
+from tasks.documents.parse import parse
+from tasks.gateway.access.guard import Call, Caller, Guard, Note, no_note
+from tasks.gateway.connections import BodyRoom, check_head
+from tasks.gateway.rest_json import (
+    ErrorAnswers,
+    HttpAnswer,
+    HttpRequest,
+    Route,
+    error_answer,
+    request_members,
+    route,
+    with_arns,
+    written,
+)
+from tasks.storage.store_url import store_id
+
+_LOG = logging.getLogger(__name__)
+HEALTH = "/ping"
+"""Answers GET with 200 and nothing else, whoever asks, for whatever watches the process."""
+Page = Callable[[HttpRequest], HttpAnswer | None]
+"""Answers what is for no operation, such as a browser's ``GET /``; None if it knows no such page either."""
+
+
+def no_page(_request: HttpRequest) -> HttpAnswer | None:
+    """Knows no page."""
+    return None
+
+
+class Calls:
+    """Answers requests, several at once, each in a thread.
+
+    Args:
+        gateway: What the handlers have at hand.
+        handlers: By operation.
+        guard: Who lets requests in.
+        page: What answers a browser.
+        note: Keeps a line about each call.
+
+    Raises:
+        DocumentError: SIMYARD_REGION is no name of a region.
+    """
+
+    def __init__(
+        self, gateway: Gateway, handlers: Handlers, guard: Guard, page: Page = no_page, note: Note = no_note
+    ) -> None:
+        self._gateway, self._handlers, self._guard, self._page = gateway, handlers, guard, page
+        self._note = note
+        self._arns = ArnForm(store_id(gateway.store), region())
+        self._errors = ErrorAnswers(self._arns, gateway.store.url)
+
+    def refuse_head(self, request: HttpRequest) -> HttpAnswer | None:
+        """Returns the refusal of a request whose body need not be read."""
+        return None if request.raw_path == HEALTH else self._guard.refuse_head(request, route(request).operation)
+
+    def answer(self, request: HttpRequest) -> HttpAnswer:
+        """Returns the answer to a request; whatever goes wrong is one of RoboMaker's errors."""
+        if request.raw_path == HEALTH and request.method in {"GET", "HEAD"}:
+            return HttpAnswer(200, b"{}")
+        began_s = time.perf_counter()
+        try:
+            call = self._call(request, began_s)
+            return call.answer if self._is_noted(call) else _unnoted(call.answer)
+        except Exception:  # noqa: BLE001 - the outermost frame of a request
+            _LOG.exception("%s %a", request.method, request.raw_path[:200])
+            return error_answer(500, "InternalServerException", "this is a defect of Simyard; its log says more")
+
+    def _is_noted(self, call: Call) -> bool:
+        try:
+            self._note(call)
+        except StoreError as exc:
+            _LOG.error("%s: no line in the log of actions: %s", call.request.id, exc)
+            return False
+        return True
+
+    def _call(self, request: HttpRequest, began_s: float) -> Call:
+        found = route(request)
+        caller = self._guard.admit(request, found.operation)
+        document: Spec | None = None
+        if isinstance(caller, HttpAnswer):
+            caller, answer = None, caller
+        elif found.operation is None:
+            answer = self._page(request) or _unknown(request)
+        else:
+            document, answer = self._answered(found, found.operation, request, caller)
+        return Call(request, answer, time.perf_counter() - began_s, caller, found.operation, document)
+
+    def _answered(
+        self, found: Route, operation: Operation, request: HttpRequest, caller: Caller
+    ) -> tuple[Spec | None, HttpAnswer]:
+        document: Spec | None = None
+        try:
+            document = self._document(found, operation, request)
+            refusal = self._guard.permit(caller, operation, document)
+            return document, refusal or self._handled(operation, document)
+        except SimyardError as exc:
+            _LOG.info("%s: %a", operation.name, str(exc)[:1000])
+            return document, self._errors.answer(operation, exc)
+        except Exception as exc:  # noqa: BLE001 - the outermost frame of an operation
+            _LOG.exception("%s", operation.name)
+            return document, self._errors.answer(operation, exc)
+
+    def _document(self, found: Route, operation: Operation, request: HttpRequest) -> Spec:
+        shape = shapes()[operation.request]
+        members = request_members(found, request, shape)
+        return parse(shape, with_arns(members, shape, self._arns.own), operation.name)
+
+    def _handled(self, operation: Operation, document: Spec) -> HttpAnswer:
+        answer = self._handlers[operation.name](self._gateway, document)
+        members = answer.model_dump(mode="json", exclude_none=True)
+        return written(with_arns(members, type(answer), self._arns.robomakers))
+
+
+def _unnoted(answer: HttpAnswer) -> HttpAnswer:
+    """Returns what is said when the log of actions did not take the line: of what was refused, the refusal."""
+    if answer.status >= 400:
+        return answer
+    message = "it was done, but the log of actions could not be written; the line follows with the next call"
+    return error_answer(500, "InternalServerException", message)
+
+
+def _unknown(request: HttpRequest) -> HttpAnswer:
+    message = f"{request.method} {request.raw_path[:200]} is no operation of RoboMaker"
+    return error_answer(404, "UnknownOperationException", message)
+
 
 MOST_BODY_BYTES = 8 << 20
 """RoboMaker's largest request, a batch of 1,000 jobs, has some 4 MB with all that it may say."""
@@ -50,16 +180,18 @@ class Application:
             if self._calls.refuse_head(head):
                 # Asked again in a thread, for it may be written down. A body may follow that nobody reads.
                 answer = await loop.run_in_executor(self._pool, self._calls.answer, head)
-                await _send(send, replace(answer, headers={**answer.headers, **_CLOSE}), head.id)
+                await _send_answer(send, replace(answer, headers={**answer.headers, **_CLOSE}), head.id)
                 return
             with self._room.place() as place:
                 body = await place.read(receive, MOST_BODY_BYTES)
                 if body is not None:
                     request = replace(head, body=body)
-                    await _send(send, await loop.run_in_executor(self._pool, self._calls.answer, request), head.id)
+                    await _send_answer(
+                        send, await loop.run_in_executor(self._pool, self._calls.answer, request), head.id
+                    )
         except AccessRefused as exc:
             refused = error_answer(exc.status, exc.code, str(exc))
-            await _send(send, replace(refused, headers=_CLOSE), head.id)
+            await _send_answer(send, replace(refused, headers=_CLOSE), head.id)
 
     async def _live(self, receive: _Receive, send: _Send) -> None:
         while True:
@@ -79,7 +211,7 @@ def _request(scope: _Message) -> HttpRequest:
     return HttpRequest(scope["method"], raw_path, query, headers, b"", str(client[0]), str(uuid.uuid4()))
 
 
-async def _send(send: _Send, answer: HttpAnswer, request_id: str) -> None:
+async def _send_answer(send: _Send, answer: HttpAnswer, request_id: str) -> None:
     headers = {
         "content-type": answer.content_type,
         "content-length": str(len(answer.body)),

@@ -1,21 +1,32 @@
-"""Serves a store until the process is told to stop."""
+"""Serves a store until the process is told to stop.
+
+Requests meet signatures and rights before they are answered, or the check that they come from this machine.
+"""
 
 import ssl
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import uvicorn
 
-from flows.gateway.application import Application
-from flows.gateway.calls import Calls, Page
+from flows.gateway.application import Application, Calls, Page
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
-from tasks.gateway.connection.bound_socket import bound_socket
-from tasks.gateway.connection.bounded_protocol import BoundedProtocol
-from tasks.gateway.connection.connections import Bounds, Connections
-from tasks.gateway.door import Guard, Note
+from flows.gateway.page.site import Site, answer_page
+from specs.arn import ArnForm, ResourceKind, reference_path
+from specs.errors import DocumentError
+from specs.settings import actions_days, region
+from tasks.deploy.fleet.fleet_registry import known_robot
+from tasks.gateway.access.access_keys import KeyFile
+from tasks.gateway.access.action_log import ActionLog, record_call
+from tasks.gateway.access.guard import Guard, LoopbackGuard, Note, SignedGuard, loopback_hosts
+from tasks.gateway.access.rights import FleetOf
+from tasks.gateway.connections import BoundedProtocol, Bounds, Connections, bound_socket
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import read
+from tasks.storage.store_url import store_id
 
 _MOST_HEAD_BYTES = 16 << 10
 
@@ -36,7 +47,7 @@ class Listener(NamedTuple):
     bounds: Bounds = Bounds()
 
 
-class Entrance(NamedTuple):
+class Auth(NamedTuple):
     """What a request meets.
 
     Attributes:
@@ -50,7 +61,7 @@ class Entrance(NamedTuple):
     note: Note
 
 
-def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[], None]) -> None:
+def serve(store: Store, entrance: Auth, listener: Listener, wake: Callable[[], None]) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
@@ -81,3 +92,61 @@ def serve(store: Store, entrance: Entrance, listener: Listener, wake: Callable[[
     )
     with bound_socket(listener.host, listener.port) as bound:
         uvicorn.Server(config).run([bound])
+
+
+def fleet_ties(store: Store) -> FleetOf:
+    """Returns a function that says which fleet of a store a robot is in, or a deployment is of."""
+
+    def fleet_of(kind: ResourceKind, path: str) -> str:
+        try:
+            if kind == "robot":
+                robot = known_robot(store, path)
+                return robot.fleet if robot else ""
+            return reference_path(str(read(store, "deployment-job", path).request.get("fleet", "")))
+        except DocumentError:  # nothing is called so
+            return ""
+
+    return fleet_of
+
+
+PrefectUrl = Callable[[], str]
+
+
+def signed_auth(store: Store, keys: Path, prefect_url: PrefectUrl = str, *, is_encrypted: bool) -> Auth:
+    """Returns what lets in who signs with a key of a file, for what that key may do.
+
+    Args:
+        store: What is served.
+        keys: The file.
+        prefect_url: Says where the pages of the Prefect server are; empty if none is known.
+        is_encrypted: Whether clients come by TLS, of this process or of a proxy in front of it.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    guard = SignedGuard(KeyFile(keys), store_id(store), fleet_ties(store))
+    return Auth(guard, _page(Site(store, guard, is_encrypted, prefect_url)), _note(store))
+
+
+def loopback_auth(store: Store, port: int, prefect_url: PrefectUrl = str) -> Auth:
+    """Returns what lets in every program that reaches this machine's own address at a port.
+
+    Args:
+        store: What is served.
+        port: Where requests come in.
+        prefect_url: As for ``signed_entrance``.
+
+    Raises:
+        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
+    """
+    return Auth(LoopbackGuard(loopback_hosts(port)), _page(Site(store, None, prefect_url=prefect_url)), _note(store))
+
+
+def _page(site: Site) -> Page:
+    return lambda request: answer_page(site, request)
+
+
+def _note(store: Store) -> Note:
+    log = ActionLog(store, actions_days())
+    form = ArnForm(store_id(store), region())
+    return lambda call: record_call(log, call, form.robomakers)

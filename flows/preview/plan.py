@@ -1,21 +1,22 @@
 """`simyard plan`: what a run would do, without doing it."""
 
+import math
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
-from flows.document.output_buckets import new_bucket_lines
-from flows.document.references import finder, pinned_shipment, pins
-from flows.document.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
-from flows.document.version_room import version_lines
-from flows.preview.baseline_plan import GateBasis, gate_basis
-from flows.preview.deployment_plan import deployment_lines
-from flows.preview.gate_plan import gate_lines
-from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_lines, host_plan
-from flows.preview.world_advice import SeenSpread, seen_spread, world_lines
+from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults
+from flows.pipeline.references import finder, new_bucket_lines, pinned_shipment, pins
+from flows.pipeline.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
+from flows.pipeline.version_retention import version_lines
+from flows.preview.gate_plan import GateBasis, deployment_lines, gate_basis, gate_lines
 from specs.base import Fault
+from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.pipeline.gate_section import Gate
+from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.section_requests import section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
@@ -25,15 +26,183 @@ from tasks.documents.parse import parse
 from tasks.documents.pipeline_file import names_a_file
 from tasks.documents.source_text import read_document
 from tasks.results.playback.replay_formats import is_installed
-from tasks.simulate.forecast.cost import Span
-from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan
+from tasks.results.statistics.power import effective_episodes
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.forecast.batch_timing import Span
+from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan, node_bytes, nodes_pace
+from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.resolve import FindVersion, matrix_worlds, plan_batch
-from tasks.simulate.process.confinement import confinement
+from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
+from tasks.simulate.sandbox.confinement import confinement
+from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tasks.storage.backends.overlay import OverlayStore
-from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.keys import jobs_prefix
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
-from tasks.worlds.certificate.unused_sets import unused_sets
+from tasks.worlds.unused_sets import unused_sets
+
+ASSUMED = (0.0, 0.05, 0.1)
+_NIGHTS = 5
+_WORTH_SAYING = 0.75
+_LAYOUTS = 2
+
+
+class SeenSpread(NamedTuple):
+    """How alike the episodes of one world were.
+
+    Attributes:
+        nights: In how many earlier batches, the newest.
+        icc: Their intra-world correlation in the mean, 0-1; None where too few failed to say.
+    """
+
+    nights: int
+    icc: float | None
+
+
+def seen_spread(store: Store, document: str) -> SeenSpread | None:
+    """Returns how alike episodes of a world were in a document's newest batches; None where there is none.
+
+    Of batches that the cache folder knows, nothing is read from the store.
+
+    Args:
+        store: Where the document's runs are.
+        document: Its name.
+    """
+    if next(iter(store.keys(jobs_prefix("pipeline-run"))), None) is None:
+        return None
+    from flows.batch.trend_history import read_history  # noqa: PLC0415 - tables, where there is something to read
+    from tasks.results.statistics.over_worlds import world_spread  # noqa: PLC0415 - likewise
+    from tasks.results.trend.trend_series import Measure  # noqa: PLC0415 - likewise
+
+    counted = [night for night in read_history(store, document, Measure()).nights if night.cells]
+    newest = sorted({night.request: night for night in counted}.values(), key=lambda night: night.begun_at_s)[-_NIGHTS:]
+    iccs: list[float] = []
+    for night in newest:
+        passed, episodes = Counter[str](), Counter[str]()
+        for cell in night.cells:
+            passed[cell.world] += cell.successes
+            episodes[cell.world] += cell.n
+        found = world_spread([passed[world] for world in episodes], list(episodes.values())).icc
+        iccs += [] if found is None else [found]
+    return SeenSpread(len(newest), sum(iccs) / len(iccs) if iccs else None) if newest else None
+
+
+def world_lines(gate: Gate, seen: SeenSpread | None, *, episodes: int, worlds: int, seeds: int) -> Iterator[str]:
+    """Yields what a batch's layout is worth, where that matters: a rule over worlds, or episodes that are alike.
+
+    Args:
+        gate: The document's gate.
+        seen: What earlier batches showed; None of none.
+        episodes: Of the tested version.
+        worlds: In how many worlds they are.
+        seeds: Of the matrix.
+    """
+    over = any(getattr(rule, "over", None) == "worlds" for rule in _rules(gate))
+    icc = seen.icc if seen else None
+    if not worlds or not episodes or not (over or icc):
+        return
+    per_world = max(1, round(episodes / worlds))
+    laid_out = f"{worlds} worlds x {per_world} episodes"
+    if icc is None:
+        worth = " / ".join(f"{effective_episodes(worlds, per_world, each):.0f}" for each in ASSUMED)
+        why = "earlier batches: too few failed" if seen else "no earlier batch"
+        yield f"{why}: {laid_out} are worth {worth} independent ones at an ICC of 0 / 0.05 / 0.1"
+    else:
+        batches = f"{seen.nights if seen else 0} earlier batch{'' if seen and seen.nights == 1 else 'es'}"
+        worth = f"{effective_episodes(worlds, per_world, icc):.0f}"
+        yield f"{batches}: ICC {icc:.2f}; {laid_out} are worth {worth} independent ones in worlds like these"
+    yield from _better(icc if icc is not None else ASSUMED[1], episodes, worlds, seeds)
+
+
+def _better(icc: float, episodes: int, worlds: int, seeds: int) -> Iterator[str]:
+    """Yields a layout of as many episodes that is worth much more, with what to write."""
+    now = effective_episodes(worlds, max(1, round(episodes / worlds)), icc)
+    layouts = [(worlds * seeds // each, each) for each in range(1, seeds) if seeds % each == 0]
+    layouts = [layout for layout in layouts if layout[0] <= MAX_WORLDS_OF_DOCUMENT]
+    for more, left in layouts[:: max(1, len(layouts) - 1)][::-1][:_LAYOUTS]:
+        per_world = max(1, round(episodes / more))
+        worth = effective_episodes(more, per_world, icc)
+        if now < _WORTH_SAYING * worth:
+            written = f"worldCount: {{floorplanCount: {more}}} and seeds: {left}"
+            yield f"{more} worlds x {per_world} would be worth {worth:.0f}: write {written}"
+
+
+def _rules(gate: Gate) -> list[object]:
+    return [gate.successRate, gate.collisionRate, gate.noWorseThan, *(gate.quantiles or ())]
+
+
+_REQUESTS = "simulationBatch.createSimulationJobRequests[*].robotApplications[*].launchConfig"
+
+
+class HostPlan(NamedTuple):
+    """What is going to run beside the programs of a batch.
+
+    Attributes:
+        launches: What is known of each ROS launch file.
+    """
+
+    launches: Mapping[LaunchSource, LaunchReport]
+
+    @property
+    def simulated_clock(self) -> frozenset[str]:
+        """Returns the launch files that make nodes wait for ``/clock``."""
+        return frozenset(source.launch_file for source, each in self.launches.items() if each.simulated_clock)
+
+
+def host_plan(batch: BatchPlan, folders: Mapping[str, Path], own: Collection[str]) -> HostPlan:
+    """Returns what runs beside the programs of a batch.
+
+    Args:
+        batch: The batch.
+        folders: Unpacked folders of its applications, by digest.
+        own: Digests of the bundles that the document brings along.
+    """
+    launches: dict[LaunchSource, LaunchReport] = {}
+    for template in batch.templates:
+        robot = template.robot
+        folder = folders[robot.digest]
+        kind, source = controller_kind(folder, robot), _source(folder, robot)
+        if kind in {"ros", "ros2"} and source not in launches:
+            asked = environments(template.environment, batch.sweep)
+            launches[source] = check_launch_file(source, asked, own=robot.digest in own)
+    return HostPlan(launches)
+
+
+def host_faults(plan: HostPlan) -> list[Fault]:
+    """Returns a fault for each launch file that roslaunch refuses, and for each wrong ``ros.yaml``."""
+    return [fault for source, report in plan.launches.items() for fault in ros_launch_faults(_REQUESTS, source, report)]
+
+
+def host_lines(plan: HostPlan, lanes: int) -> Iterator[str]:
+    """Yields what a person is to know of it; ``lanes`` is how many episodes run side by side."""
+    said: dict[str, None] = {}
+    for source, report in plan.launches.items():
+        if report.has_ros:  # else jobs will fail, which is said with the reason
+            said.update(dict.fromkeys(report_lines(source, report)))
+        if report.nodes:
+            processes = lanes * len(report.nodes)
+            gigabytes = math.ceil(processes * node_bytes() / 1e8) / 10
+            pace = nodes_pace(lanes, len(report.nodes))
+            started = f"{_counted(lanes, 'lane')} at once: {_counted(processes, 'process', 'processes')}"
+            said[
+                f"{started} of up to {gigabytes:.1f} GB together; about "
+                f"{pace.low:,.0f} to {pace.high:,.0f} control steps a second in all"
+            ] = None
+    yield from said
+
+
+def host_failures(plan: HostPlan) -> list[str]:
+    """Returns why jobs will fail for what is not installed on this machine."""
+    return list(dict.fromkeys(report.ros for report in plan.launches.values() if not report.has_ros))
+
+
+def _counted(number: int, one: str, many: str = "") -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
+def _source(folder: Path, robot: ApplicationLaunch) -> LaunchSource:
+    return LaunchSource(folder, robot.package, robot.launch_file)
+
 
 _ROBOTS = "simulationBatch.createSimulationJobRequests[*].robotApplications"
 _BASES: Mapping[Basis, str] = {

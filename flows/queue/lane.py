@@ -1,7 +1,7 @@
 """A lane: a warm process that works off the queued jobs of some kinds, one after the other or many at once.
 
-Run as ``python -m flows.queue.lane LANE STORE`` by `flows.queue.foreman`. A line on its input says that there is work;
-the end of its input ends it, so that no lane outlives who started it.
+Run as ``python -m flows.queue.lane LANE STORE`` by `flows.queue.supervisor`. A line on its input says that there is
+work; the end of its input ends it, so that no lane outlives who started it.
 """
 
 import logging
@@ -14,10 +14,9 @@ from importlib import import_module
 from types import FrameType
 
 from flows.queue.attempts import Attempts, Job
-from flows.queue.lanes import LANES, Lane
-from flows.queue.worker_log import log_to_stderr
+from flows.queue.supervisor import LANES, Lane, log_to_stderr
 from specs.errors import StoreError
-from tasks.server.collector_pause import pause_collector
+from tasks.server.watchdog import pause_collector
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import QueueEntry, QueueView

@@ -1,8 +1,11 @@
 """Hands queued jobs to a work pool of Prefect's, as flow runs of a deployment for each kind of job.
 
-Run as ``python -m flows.queue.pool POOL STORE`` by `flows.queue.foreman`. Several gateways may hand over the same
+Run as ``python -m flows.queue.pool POOL STORE`` by `flows.queue.supervisor`. Several gateways may hand over the same
 queue: the number of a handing-over is part of its idempotency key, so that all of them name one flow run. A flow run
 that ended without its job, or whose process is gone, is followed by another.
+
+Prefect finds the flows of queued jobs by their names in this module; a pool's worker runs one process or container for
+each job. Each flow takes the job's turn itself, so that a job that was handed over twice is done once.
 """
 
 import logging
@@ -14,6 +17,7 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import partial
 from uuid import UUID
 
 import httpx
@@ -23,27 +27,59 @@ from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.exceptions import ObjectNotFound
 from prefect.utilities.callables import parameter_schema
 
-from flows.queue import pool_flows
+from flows.pipeline.stages import require_success
+from flows.prefect.flow_runs import end_abandoned_flow_run
 from flows.queue.attempts import Attempts
 from flows.queue.lane import LOOK_S, Signals
-from flows.queue.queued_flows import TAG
-from flows.queue.worker_log import log_to_stderr
-from flows.resource.cancel import cancel_resource
-from flows.run.abandoned_flow_runs import end_abandoned_flow_run
+from flows.queue.queued_flows import TAG, end_in_flow, queued_flow
+from flows.queue.supervisor import log_to_stderr
+from flows.resources.kinds import cancel_resource
 from specs.base import Fault
-from specs.errors import DocumentError, SimyardError, StoreAway
+from specs.errors import DocumentError, SimyardError, StageFailed, StoreAway
 from specs.job_kinds import JobKind
+from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim_state import ClaimWatch
+from tasks.storage.jobs.claim import ClaimWatch
 from tasks.storage.jobs.queue import QueueEntry, QueueView, change_entry, find_entry, turn_key
-from tasks.storage.jobs.records import read
+from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import open_store, store_id
 
+_DESCRIPTION = "A job of RoboMaker's API, handed over by simyard serve --pool or simyard worker --pool."
+
+
+def end_at_pool(store: Store, job: str, kind: JobKind) -> JobRecord:
+    """Returns the record of a job that this flow run has ended.
+
+    Args:
+        store: Where it is.
+        job: Its id.
+        kind: The job's.
+
+    Raises:
+        StageFailed: It ended without success, or waits for another attempt.
+    """
+    prepare_devices()
+    entry = find_entry(store, kind, job)
+    if entry:
+        Attempts(store).attempt(entry, lambda _: end_in_flow(store, kind, job))
+    record = read(store, kind, job)
+    if not is_terminal(record):
+        why = f"{job} is {record.status}: another process works on it, or another attempt follows"
+        raise StageFailed("InternalServiceError", why, record.arn)
+    return record if kind == "deployment-job" else require_success(record)
+
+
+world_generation = queued_flow("world-generation-job", partial(end_at_pool, kind="world-generation-job"), _DESCRIPTION)
+world_export = queued_flow("world-export-job", partial(end_at_pool, kind="world-export-job"), _DESCRIPTION)
+simulation_batch = queued_flow("simulation-job-batch", partial(end_at_pool, kind="simulation-job-batch"), _DESCRIPTION)
+deployment_sync = queued_flow("deployment-job", partial(end_at_pool, kind="deployment-job"), _DESCRIPTION)
+
+
 FLOWS: Mapping[JobKind, Flow[..., object]] = {
-    "world-generation-job": pool_flows.world_generation,
-    "world-export-job": pool_flows.world_export,
-    "simulation-job-batch": pool_flows.simulation_batch,
-    "deployment-job": pool_flows.deployment_sync,
+    "world-generation-job": world_generation,
+    "world-export-job": world_export,
+    "simulation-job-batch": simulation_batch,
+    "deployment-job": deployment_sync,
 }
 _ASK_S = 10.0
 # A process needs so long to begin; then its turn's claim tells whether it lives.
@@ -138,7 +174,7 @@ def _deploy(client: SyncPrefectClient, flow: Flow[..., object], pool: str) -> UU
         flow_id=client.create_flow_from_name(flow.name),
         name=f"api-{pool}",
         work_pool_name=pool,
-        entrypoint=f"{pool_flows.__name__}.{flow.name.replace('-', '_')}",
+        entrypoint=f"{__name__}.{flow.name.replace('-', '_')}",
         description=flow.description,
         tags=[TAG],
         parameter_openapi_schema=parameter_schema(flow).model_dump_for_openapi(),

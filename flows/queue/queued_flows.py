@@ -1,12 +1,12 @@
 """Queued jobs as flow runs of Prefect: of the flow that a document's stage has, with its artifacts and events.
 
-A worker of Simyard's own calls a flow in its process (`call_flow`), and holds the job's turn meanwhile.
+A job that the gateway has recorded is worked off from its record alone, through the stages that a document's has.
 """
 
 import contextvars
 import logging
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
@@ -14,26 +14,112 @@ import httpx
 from prefect import Flow, flow, tags
 from prefect.client.schemas.objects import FlowRun, State
 from prefect.exceptions import CancelledRun
+from pydantic import JsonValue, TypeAdapter
 
-from flows.entry.flow_state import completed_job
-from flows.parameter.secret_guard import guarded
-from flows.parameter.store_block import store_at
-from flows.parameter.store_parameter import StoreParameter
-from flows.prefect_orchestrator import flow_result, under_prefect
+from flows.batch.batch_end import close_if_stopped
+from flows.pipeline.orchestrator import orchestrator, run_step
+from flows.pipeline.stage_report import made_by
+from flows.pipeline.stages import require_success, run_batch
+from flows.prefect.flow_calls import completed_job
+from flows.prefect.flow_runs import end_flow_runs_before
+from flows.prefect.parameters import StoreParameter, guarded, store_at
+from flows.prefect.prefect_orchestrator import flow_result, under_prefect
 from flows.queue.attempts import Job, ServerAway
-from flows.queue.recorded_work import work_off
-from flows.resource.cancel import cancel_resource
-from flows.run.abandoned_flow_runs import end_flow_runs_before
-from flows.stage.assets import made_by
-from flows.stage.orchestrator import orchestrator
-from flows.stage.stage_run import require_success
-from specs.errors import DocumentError, SimyardError
+from flows.resources.kinds import cancel_resource
+from specs.data.world import ROBOT_RADIUS_M
+from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.job_kinds import JOB_KINDS, JobKind
-from tasks.progress.document import work_for_document
-from tasks.storage.base.store import Store
+from specs.pipeline.world_sections import WorldFormat
+from specs.robomaker.deployment import CreateDeploymentJobRequest
+from specs.robomaker.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
+from specs.template.body import TemplateBody
+from tasks.applications.registry import resolve
+from tasks.deploy.rollout.resolved_request import SYNC
+from tasks.deploy.step import deploy_version, sync_fleet
+from tasks.export.step import draw_worlds, export_worlds
+from tasks.progress.listener import work_for_document
+from tasks.simulate.batch.batch_record import STOPPING
+from tasks.simulate.plan.plan_batch import recorded_location
+from tasks.storage.base.keys import template_key
+from tasks.storage.base.store import Store, decode_document
 from tasks.storage.jobs.queue import find_entry
-from tasks.storage.jobs.records import JobRecord, is_terminal, read
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 from tasks.storage.store_url import open_store
+from tasks.worlds.step import generate_worlds
+
+_SEED, _TEMPLATE, _RADIUS, _FORMATS = "seed", "templateDigest", "robotRadius", "formats"
+_WORLD_FORMATS = TypeAdapter(tuple[WorldFormat, ...])
+_MADE = frozenset({"Completed", "PartialFailed"})
+
+
+def work_off(store: Store, record: JobRecord, options: Mapping[str, JsonValue]) -> JobRecord:
+    """Returns the job's record in its terminal state; one that was begun and left is continued.
+
+    Args:
+        store: Where the job is.
+        record: The job's.
+        options: Of its entry in the queue.
+
+    Raises:
+        SimyardError: It cannot be done, or not now.
+    """
+    match record.kind:
+        case "world-generation-job":
+            return _generate(store, record)
+        case "world-export-job":
+            return _export(store, record)
+        case "simulation-job-batch":
+            return _simulate(store, record)
+        case "deployment-job":
+            return _sync(store, record) if options.get(SYNC) else _deploy(store, record)
+        case "pipeline-run":
+            raise StageFailed("InvalidInput", "a run of a document is not queued", record.arn)
+
+
+def _generate(store: Store, record: JobRecord) -> JobRecord:
+    own = record.request
+    key = template_key(str(own[_TEMPLATE]))
+    made = run_step(
+        generate_worlds,
+        store.url,
+        CreateWorldGenerationJobRequest.model_validate(_without(own, _SEED, _TEMPLATE, _RADIUS)),
+        decode_document(TemplateBody, store.get(key), store, key),
+        seed=int(str(own[_SEED])),
+        token=record.token,
+        robot_radius_m=float(str(own.get(_RADIUS, ROBOT_RADIUS_M))),
+    )
+    if made.status in _MADE:
+        run_step(draw_worlds, store.url, made)
+    return made
+
+
+def _export(store: Store, record: JobRecord) -> JobRecord:
+    request = CreateWorldExportJobRequest.model_validate(_without(record.request, _FORMATS))
+    formats = _WORLD_FORMATS.validate_python(record.request[_FORMATS])
+    return run_step(export_worlds, store.url, request, formats=formats, token=record.token)
+
+
+def _simulate(store: Store, record: JobRecord) -> JobRecord:
+    begun = advance(store, "simulation-job-batch", record.id, "InProgress", only_from={"Pending"})
+    if begun.status in STOPPING:
+        return close_if_stopped(store, record.id)
+    return run_batch(store, record.id, recorded_location(record))
+
+
+def _deploy(store: Store, record: JobRecord) -> JobRecord:
+    request = CreateDeploymentJobRequest.model_validate(record.request)
+    asked = request.deploymentApplicationConfigs[0]
+    version = resolve(store, "robot-application", asked.application, asked.applicationVersion)
+    return run_step(deploy_version, store.url, request, digest=version.digest, token=record.token)
+
+
+def _sync(store: Store, record: JobRecord) -> JobRecord:
+    return run_step(sync_fleet, store.url, str(record.request["fleet"]), token=record.token)
+
+
+def _without(document: Mapping[str, JsonValue], *names: str) -> dict[str, JsonValue]:
+    return {name: value for name, value in document.items() if name not in names}
+
 
 TAG = "simyard:api"
 _LOOK_S = 1.0

@@ -10,7 +10,7 @@ from html import escape
 from itertools import islice
 from urllib.parse import urlsplit
 
-from specs.terminal_text import terminal_text
+from specs.untrusted_text import terminal_text
 
 MOST_ROWS = 24
 _LONGEST = 300

@@ -10,11 +10,9 @@ if importlib.util.find_spec("gymnasium") is None:
 if "jax" not in sys.modules:  # else an environment says what to do, when one is made
     prepare_devices()
 
+from simyard.gym.datasets import Rollout, collect, export_minari
 from simyard.gym.lerobot_files import export_lerobot
-from simyard.gym.minari_files import export_minari
-from simyard.gym.registration import register_environments
-from simyard.gym.rollouts import Rollout, collect
-from simyard.gym.single_env import SimyardEnv
+from simyard.gym.single_env import SimyardEnv, register_environments
 from simyard.gym.vector_env import SimyardVectorEnv
 
 register_environments()

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from gymnasium import error
 
-from simyard.gym.rollouts import Rollout
+from simyard.gym.datasets import Rollout
 from specs.data.episode import CONTROL_HZ
 
 _VERSION = "v2.1"

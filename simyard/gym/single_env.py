@@ -1,4 +1,7 @@
-"""`SimyardEnv`: one robot in one episode after the other, for checks and for trainers that know no vectors."""
+"""`SimyardEnv`: one robot in one episode after the other, for checks and for trainers that know no vectors.
+
+`gymnasium.make_vec("simyard/Delivery-v0")` finds both environments, as they are registered here.
+"""
 
 from typing import Any, Unpack
 
@@ -6,8 +9,8 @@ import gymnasium
 import numpy as np
 from gymnasium import error
 
-from simyard.gym.lanes import EnvironmentLanes, Info, lane_info, lane_of
 from simyard.gym.task_options import TaskOptions
+from simyard.gym.vector_env import EnvironmentLanes, Info, lane_info, lane_of
 
 _ONE = np.ones(1, bool)
 
@@ -78,3 +81,19 @@ class SimyardEnv(gymnasium.Env[Any, np.ndarray]):
 
 def _remade(options: TaskOptions) -> SimyardEnv:
     return SimyardEnv(**options)
+
+
+_SCENARIOS = {"simyard/Delivery-v0": "delivery", "simyard/Coverage-v0": "coverage"}
+
+
+def register_environments() -> None:
+    """Registers an environment for each shipped scenario; a second call does nothing."""
+    for name, scenario in _SCENARIOS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="simyard.gym.single_env:SimyardEnv",
+                vector_entry_point="simyard.gym.vector_env:SimyardVectorEnv",
+                kwargs={"scenario": scenario},
+                disable_env_checker=True,
+            )

@@ -9,12 +9,11 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, cast
 
 if TYPE_CHECKING:
-    from simyard.answer.run import Run
-    from simyard.answer.world import Worlds
+    from simyard.answer.run_answers import Run, Worlds
     from specs.data.episode import ApplicationLaunch, EpisodeRequest
     from specs.data.world import World
-    from tasks.simulate.training.reward import Reward
     from tasks.simulate.training.training_program import Task, TrainingEngine, View
+    from tasks.simulate.training.training_spaces import Reward
 
     WorldSource = str | os.PathLike[str] | Mapping[str, object] | Run | Worlds | Sequence[World]
 
@@ -101,8 +100,8 @@ def view_of(options: TaskOptions) -> "View":
     Raises:
         DocumentError: An option is wrong.
     """
-    from tasks.simulate.training.reward import progress
     from tasks.simulate.training.training_program import View
+    from tasks.simulate.training.training_spaces import progress
 
     actions = options.get("actions", "normalized")
     if actions not in {"normalized", "raw"}:
@@ -119,10 +118,10 @@ def _require_known(options: TaskOptions) -> None:
 
 
 def _worlds(options: TaskOptions) -> "tuple[tuple[str, World], ...]":
-    from simyard.answer.world import Worlds
-    from simyard.world import worlds
+    from simyard.answer.run_answers import Worlds
+    from simyard.world_calls import worlds
     from specs.data.world import World
-    from tasks.worlds.starter.starter_template import starter_template
+    from tasks.worlds.starter_template import starter_template
 
     source = options.get("worlds")
     if isinstance(source, Sequence) and not isinstance(source, str | Worlds):
@@ -148,8 +147,7 @@ def _application(place: Place, launch: str | None, what: str, *, bare: bool = Fa
         bare: Whether nothing of it is launched.
     """
     from specs.data.episode import ApplicationLaunch
-    from tasks.applications.pack import pack
-    from tasks.applications.registry import shipped_application
+    from tasks.applications.registry import pack, shipped_application
 
     name = os.fspath(place)
     shipped = shipped_application(name)
@@ -199,7 +197,7 @@ def _requests(
 
 
 def _sensors(declared: Mapping[str, Mapping[str, object]] | None) -> object | None:
-    from specs.bundle.sensors import BumperDeclaration, LidarDeclaration, OdometryDeclaration
+    from specs.bundle_files import BumperDeclaration, LidarDeclaration, OdometryDeclaration
     from tasks.documents.parse import parse
 
     if declared is None:

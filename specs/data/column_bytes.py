@@ -12,10 +12,8 @@ import numpy as np
 from pydantic import Field, TypeAdapter
 
 from specs.base import Spec
-from specs.data.cells import Cells, canonical_cells
 from specs.data.episode import EpisodeResult
-from specs.data.episode_columns import EpisodeColumns
-from specs.data.field_cells import RESULT_KINDS, Kind
+from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, Kind, canonical_cells
 
 # Far more than a chunk has, and few enough for a column of one repeated value to be harmless.
 _MOST_ROWS = 1 << 16

@@ -5,9 +5,9 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from specs.base import Spec
-from specs.bundle.launched_file import module_name
-from specs.data.outcome_reasons import OutcomeReason
+from specs.data.outcomes import OutcomeReason
 from specs.field_types import Architecture
+from specs.launched_file import module_name
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 
 # How often sensors are read and controls decided, and how often physics is stepped between them unless a robot.xml asks

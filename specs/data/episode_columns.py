@@ -1,20 +1,236 @@
-"""Episodes as columns: their results as a chunk keeps them, and what was asked, without an object a row.
+"""Episodes as columns: requests and results held as arrays instead of an object a row.
 
-A result's columns are the fields of ``EpisodeResult``; the kind of each follows from the field's type. Rows are made
-only of those that somebody looks at.
+A column has cells: numbers, texts or lists of them.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, Self, TypeVar, cast
+from typing import Any, Literal, NamedTuple, Self, TypeVar, cast
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
-from specs.data.cells import Cells, canonical_cells, distinct, join_cells, label_cells
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from specs.data.field_cells import RESULT_KINDS, field_cells, field_values
+
+# A table of so many places a row costs less than sorting the rows.
+_DENSE = 8
+
+Numbers = Float[np.ndarray, " entries"] | Int[np.ndarray, " entries"] | Float[np.ndarray, "entries 4"]
+
+
+class Cells(NamedTuple):
+    """What a column holds.
+
+    Attributes:
+        numbers: Of all rows' entries, one after the other; None in a column without numbers.
+        codes: Which label each entry has; None in a column without labels.
+        labels: Texts, or what else entries share.
+        lengths: How many entries each row has; None where each has one.
+        there: Which rows have a value; None if all have.
+    """
+
+    numbers: Numbers | None = None
+    codes: Int[np.ndarray, " entries"] | None = None
+    labels: tuple[object, ...] = ()
+    lengths: Int[np.ndarray, " rows"] | None = None
+    there: Bool[np.ndarray, " rows"] | None = None
+
+    def take(self, rows: Int[np.ndarray, " taken"]) -> "Cells":
+        """Returns the cells of some rows, in their order."""
+        entries = rows if self.lengths is None else _entries(self.lengths, rows)
+        return Cells(
+            numbers=None if self.numbers is None else self.numbers[entries],
+            codes=None if self.codes is None else self.codes[entries],
+            labels=self.labels,
+            lengths=None if self.lengths is None else self.lengths[rows],
+            there=None if self.there is None else self.there[rows],
+        )
+
+    def ends(self) -> Int[np.ndarray, " bounds"]:
+        """Returns where the entries of each row of lists begin, and at the end how many there are."""
+        lengths = np.zeros(0, np.int64) if self.lengths is None else self.lengths
+        return np.concatenate([np.zeros(1, np.int64), np.cumsum(lengths, dtype=np.int64)])
+
+
+def canonical_cells(cells: Cells) -> Cells:
+    """Returns a column whose arrays follow from its values alone: labels once each, as they come; 0 where none is."""
+    there = None if cells.there is None or cells.there.all() else cells.there
+    numbers = cells.numbers if there is None or cells.numbers is None else np.where(there, cells.numbers, 0)
+    if cells.codes is None:
+        return cells._replace(numbers=numbers, there=there)
+    used, first = np.unique(cells.codes, return_index=True)
+    labels = [cells.labels[code] for code in used[np.argsort(first)].tolist()]
+    if tuple(labels) == cells.labels and len(set(labels)) == len(labels):
+        return cells._replace(numbers=numbers, there=there)
+    place = {label: number for number, label in enumerate(dict.fromkeys(labels))}
+    known = np.array([place.get(label, 0) for label in cells.labels], np.int64)
+    return cells._replace(numbers=numbers, there=there, codes=known[cells.codes], labels=tuple(place))
+
+
+def join_cells(parts: Sequence[Cells], rows: Sequence[int]) -> Cells:
+    """Returns columns one below the other; a single one is returned as it is.
+
+    Args:
+        parts: Columns of one kind, at least one.
+        rows: How many rows each has.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    first, same = parts[0], all(part.labels == parts[0].labels for part in parts)
+    labels = first.labels if same else tuple(dict.fromkeys(label for part in parts for label in part.labels))
+    place = {label: number for number, label in enumerate(labels)}
+    coded = [part.codes if same or part.codes is None else _coded(place, part.labels)[part.codes] for part in parts]
+    return Cells(
+        numbers=_joined([part.numbers for part in parts]),
+        codes=_joined(coded),
+        labels=labels,
+        lengths=_joined([part.lengths for part in parts]),
+        there=None if all(part.there is None for part in parts) else _presence(parts, rows),
+    )
+
+
+def _presence(parts: Sequence[Cells], rows: Sequence[int]) -> Bool[np.ndarray, " rows"]:
+    """Returns which rows have a value."""
+    known = [np.ones(n, np.bool_) if part.there is None else part.there for part, n in zip(parts, rows, strict=True)]
+    return np.concatenate(known)
+
+
+def _joined(parts: Sequence[np.ndarray | None]) -> np.ndarray | None:
+    found = [part for part in parts if part is not None]
+    return np.concatenate(found) if found else None
+
+
+def label_cells(values: Sequence[object], lengths: Sequence[int] | None = None) -> Cells:
+    """Returns a column of labels, each held once, in the order in which they come.
+
+    Args:
+        values: Of all entries.
+        lengths: How many entries each row has; None for one.
+    """
+    place: dict[object, int] = {}
+    codes = np.array([place.setdefault(value, len(place)) for value in values], np.int64)
+    return Cells(codes=codes, labels=tuple(place), lengths=None if lengths is None else np.array(lengths, np.int64))
+
+
+def distinct(columns: Sequence[Int[np.ndarray, " rows"]]) -> tuple[list[int], Int[np.ndarray, " rows"]]:
+    """Returns the first row of each combination of codes, in the order in which they come, and each row's combination.
+
+    Args:
+        columns: Codes; at least one column.
+    """
+    first_column, *others = [column if column.min(initial=0) >= 0 else _compact(column)[0] for column in columns]
+    joined, size = first_column, int(first_column.max(initial=0)) + 1
+    for column in others:
+        width = int(column.max(initial=0)) + 1
+        if size * width > _DENSE * len(joined):
+            joined, size = _compact(joined)
+        joined, size = (joined * width + column, size * width) if width > 1 else (joined, size)
+    if size > _DENSE * len(joined):
+        joined, size = _compact(joined)
+    # What is assigned last stays: the first row of each.
+    first = np.full(size, -1)
+    first[joined[::-1]] = np.arange(len(joined))[::-1]
+    used = np.flatnonzero(first >= 0)
+    used = used[np.argsort(first[used], kind="stable")]
+    place = np.zeros(size, np.int64)
+    place[used] = np.arange(len(used))
+    return first[used].tolist(), place[joined]
+
+
+def _compact(codes: Int[np.ndarray, " rows"]) -> tuple[Int[np.ndarray, " rows"], int]:
+    """Returns codes of which none is left out, in the same order, and how many there are."""
+    used, dense = np.unique(codes, return_inverse=True)
+    return dense, len(used)
+
+
+def _entries(lengths: Int[np.ndarray, " rows"], rows: Int[np.ndarray, " taken"]) -> Int[np.ndarray, " entries"]:
+    starts, taken = np.cumsum(lengths) - lengths, lengths[rows]
+    before = np.cumsum(taken) - taken
+    return np.repeat(starts[rows] - before, taken) + np.arange(int(taken.sum()))
+
+
+def _coded(place: dict[object, int], labels: Sequence[object]) -> Int[np.ndarray, " labels"]:
+    return np.array([place[label] for label in labels], np.int64)
+
+
+class Kind(NamedTuple):
+    """What a field holds.
+
+    Attributes:
+        number: Of what its numbers are, or nothing.
+        text: Whether it holds texts: alone, or as names of its numbers.
+        many: Whether a row has any number of entries.
+        width: How many numbers an entry has.
+        optional: Whether a row may have none.
+    """
+
+    number: Literal["", "int", "float"] = ""
+    text: bool = False
+    many: bool = False
+    width: int = 1
+    optional: bool = False
+
+
+_KINDS: tuple[tuple[object, Kind], ...] = (
+    (int, Kind("int")),
+    (int | None, Kind("int", optional=True)),
+    (float, Kind("float")),
+    (float | None, Kind("float", optional=True)),
+    (tuple[float, ...], Kind("float", many=True)),
+    (tuple[str, ...], Kind(text=True, many=True)),
+    (dict[str, float], Kind("float", text=True, many=True)),
+    (tuple[tuple[float, float, float, float], ...], Kind("float", many=True, width=4)),
+)
+
+
+def _kind(annotation: object) -> Kind:
+    return next((kind for known, kind in _KINDS if known == annotation), Kind(text=True))
+
+
+RESULT_KINDS: Mapping[str, Kind] = {
+    name: _kind(field.annotation) for name, field in EpisodeResult.model_fields.items()
+}  # fmt: skip
+
+
+def field_cells(kind: Kind, values: Sequence[object]) -> Cells:
+    """Returns the values of a field as cells."""
+    if not kind.many:
+        return label_cells(values) if kind.text else _numbers(kind, values)
+    entries = cast("Sequence[Sequence[object]]", values)
+    lengths = [len(each) for each in entries]
+    cells = label_cells(list(itertools.chain.from_iterable(entries)), lengths) if kind.text else Cells()
+    if kind.number:
+        inner = (cast("dict[str, float]", each).values() for each in entries) if kind.text else entries
+        flat = np.array(list(itertools.chain.from_iterable(inner)), np.float64)
+        cells = cells._replace(numbers=flat.reshape(-1, kind.width) if kind.width > 1 else flat)
+    return cells._replace(lengths=np.array(lengths, np.int64))
+
+
+def _numbers(kind: Kind, values: Sequence[object]) -> Cells:
+    dtype = np.int64 if kind.number == "int" else np.float64
+    if None not in values:
+        return Cells(numbers=np.array(values, dtype))
+    filled = np.array([0 if value is None else value for value in values], dtype)
+    return Cells(numbers=filled, there=np.array([value is not None for value in values], np.bool_))
+
+
+def field_values(kind: Kind, cells: Cells, size: int) -> Sequence[object]:
+    """Returns the value of each row."""
+    labels = [] if cells.codes is None else [cells.labels[code] for code in cells.codes.tolist()]
+    numbers: list[object] = [] if cells.numbers is None else cells.numbers.tolist()
+    if not kind.many:
+        if cells.there is None:
+            return labels if kind.text else numbers
+        return [number if there else None for number, there in zip(numbers, cells.there.tolist(), strict=True)]
+    ends = cells.ends().tolist()
+    bounds = list(itertools.pairwise(ends))[:size]
+    if kind.text and kind.number:
+        return [dict(zip(labels[low:high], numbers[low:high], strict=True)) for low, high in bounds]
+    flat = labels if kind.text else numbers
+    return [tuple(flat[low:high]) for low, high in bounds]
+
 
 _ENDING = ("status", "outcome", "failure_code", "outcome_reason")
 

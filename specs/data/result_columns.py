@@ -11,13 +11,12 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
-from specs.data.outcome_reasons import OUTCOME_REASONS
+from specs.data.outcomes import OUTCOME_REASONS
 
 if TYPE_CHECKING:  # who checks a document needs the names of columns, and no NumPy
     import numpy as np
 
-    from specs.data.cells import Cells
-    from specs.data.episode_columns import EpisodeColumns, RequestColumns
+    from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
 SCHEMA_VERSION = "5"
 """Of names, types and meanings: they change only together with it."""

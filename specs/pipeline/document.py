@@ -5,15 +5,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from specs.base import Spec
-from specs.digest import digest
+from specs.base import Spec, digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
 from specs.pipeline.gate_section import Gate, drawn_once, unaudited
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
-from specs.pipeline.shared_variables import never_driven
-from specs.pipeline.simulation_section import Deployment, SimulationBatch
-from specs.pipeline.untested_parts import unjudged
+from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
 from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
 from specs.rules import Finding, Location, Ruled, items, part
 

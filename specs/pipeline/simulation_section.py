@@ -1,20 +1,22 @@
 """The sections of a pipeline that test and deploy: the simulation batch and the deployment.
 
-The deployment's fields include what RoboMaker's requests have no words for.
+The rules beside them speak of several fields: variables that a request's robot and scenario share, and what a
+deployment runs that no episode has tested.
 """
 
-from collections.abc import Iterator
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Literal, cast
 
 from pydantic import AfterValidator, Field
 
 from specs.base import Spec
-from specs.data.bag_format import BagFormat
-from specs.data.engine_name import EngineName
 from specs.data.episode import CONTROL_HZ
 from specs.field_types import (
+    GENERIC_PATTERN,
     Architecture,
+    BagFormat,
     ClientRequestToken,
+    EngineName,
     EnvironmentVariableKey,
     EnvironmentVariableValue,
     Integer,
@@ -24,23 +26,98 @@ from specs.field_types import (
     RobotTagMap,
     TagMap,
     WorldReference,
+    text,
 )
-from specs.pipeline.shared_variables import two_values
-from specs.pipeline.untested_parts import UntestedBuilds, UntestedVariables
 from specs.pipeline.world_sections import Destination, Seed, WorldChoice
+from specs.robomaker.bundle import Digest
 from specs.robomaker.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
-from specs.robomaker.launch import ApplicationUse
 from specs.robomaker.simulation import (
     MAX_BATCHED_JOB_DURATION_S,
     MAX_JOB_DURATION_S,
     MAX_REQUESTS,
+    ApplicationUse,
     BatchedJobSettings,
     BatchPolicy,
     JobDuration,
     duration_rule,
 )
-from specs.rules import Finding, Ruled, distinct, items, part
-from specs.unions import by_shape, member
+from specs.rules import Finding, Ruled, by_shape, distinct, items, member, part
+
+_ROBOT, _SCENARIO = "robotApplications", "simulationApplications"
+_LAUNCH, _VARIABLES = "launchConfig", "environmentVariables"
+
+
+def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
+    """Yields the variables that a request's robot and scenario give different values.
+
+    Args:
+        requests: As the document has them, right or wrong.
+        sweep: The matrix's variables, whose values both applications get instead of their own.
+    """
+    for number, request in enumerate(requests):
+        robot, scenario = _variables(request, _ROBOT), _variables(request, _SCENARIO)
+        for name in sorted((robot.keys() & scenario.keys()) - _mapping(sweep).keys()):
+            if robot[name] != scenario[name]:
+                yield _finding(number, name, robot[name], scenario[name])
+
+
+def never_driven(requests: Sequence[object], sweep: object) -> Iterator[str]:
+    """Yields the variables of robots and scenarios whose value the matrix replaces and never drives.
+
+    Args:
+        requests: As the document has them.
+        sweep: The matrix's variables, each with its values.
+    """
+    values = _mapping(sweep)
+    for request in requests:
+        for field in (_ROBOT, _SCENARIO):
+            for name, value in _variables(request, field).items():
+                driven = values.get(name)
+                if driven is not None and value not in items(driven):
+                    yield f"createSimulationJobRequests[*].{field}[*].{_LAUNCH}.{_VARIABLES}.{name}"
+
+
+def _finding(number: int, name: str, robots: object, scenarios: object) -> Finding:
+    other = f"createSimulationJobRequests[{number}].{_ROBOT}[0].{_LAUNCH}.{_VARIABLES}.{name}"
+    allowed = f"{robots!r} as in {other}, or another name: robot and scenario see the same variables"
+    loc = ("createSimulationJobRequests", number, _SCENARIO, 0, _LAUNCH, _VARIABLES, name)
+    return Finding(loc, scenarios, allowed)
+
+
+def _variables(request: object, field: str) -> Mapping[str, object]:
+    use = next(iter(items(part(request, field))), None)
+    return _mapping(part(part(use, _LAUNCH), _VARIABLES))
+
+
+def _mapping(data: object) -> Mapping[str, object]:
+    return cast("Mapping[str, object]", data) if isinstance(data, Mapping) else {}
+
+
+Reason = Annotated[str, text(1, 255, GENERIC_PATTERN)]
+
+
+class UntestedBuild(Spec):
+    """A build that no episode drove, named by its digest, so that no other can be put in its place.
+
+    Attributes:
+        testedAs: The architecture whose build is driven in its place.
+        digest: SHA-256 of the bundle, as `simyard app publish` printed it.
+    """
+
+    testedAs: Architecture = Field(title="Tested as")
+    digest: Digest = Field(title="SHA-256")
+
+
+UntestedBuilds = dict[Architecture, UntestedBuild]
+UntestedVariables = Annotated[dict[EnvironmentVariableKey, Reason], Field(max_length=100)]
+
+
+def unjudged(deployment: object, gate: object) -> Iterator[Finding]:
+    """Yields what a raw deployment names as untested although no gate asks what was tested."""
+    for name in ("untestedBuilds", "untestedVariables"):
+        if part(deployment, name) is not None and gate is None:
+            allowed = "a gate beside it; without one, nothing that ships needs to be tested"
+            yield Finding(("deployment", name), part(deployment, name), allowed)
 
 
 class RollOutRules(Spec):

@@ -20,9 +20,8 @@ from specs.field_types import (
     text,
 )
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
-from specs.rules import Finding, Ruled, broken, distinct, part
+from specs.rules import Finding, Ruled, broken, by_shape, distinct, member, part
 from specs.template.body import TemplateBody
-from specs.unions import by_shape, member
 
 MAX_SEED = 2**32 - 1
 MAX_WORLDS_OF_EXPORT = 100

@@ -26,7 +26,6 @@ from specs.field_types import (
     S3KeyOrPrefix,
     TagMap,
 )
-from specs.robomaker.launch import RobotApplicationConfigs, SimulationApplicationConfigs
 from specs.robomaker.simulation import (
     BatchPolicy,
     ComputeType,
@@ -35,7 +34,9 @@ from specs.robomaker.simulation import (
     GPUUnit,
     JobDuration,
     LoggingConfig,
+    RobotApplicationConfigs,
     SecurityGroups,
+    SimulationApplicationConfigs,
     SimulationJobBatchErrorCode,
     SimulationJobBatchStatus,
     SimulationJobErrorCode,

@@ -7,7 +7,7 @@ from pydantic import Field
 from specs.base import Spec
 from specs.data.world import RoomType
 from specs.field_types import Number, Text, text
-from specs.unions import by_shape, member
+from specs.rules import by_shape, member
 
 TARGET_ALL = "Target.All"
 NAMES_PATTERN = r"[a-zA-Z0-9_\- ]*"

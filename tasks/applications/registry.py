@@ -1,16 +1,26 @@
-"""Published applications: bundles under their digest, versions under their number, and those that come with Simyard."""
+"""Published applications: bundles under their digest, versions under their number, and those that come with Simyard.
+
+A bundle's folder is packed into an archive with the same bytes wherever and whenever that is done. Jobs whose bundle is
+gone, changed, or must not be read fail with RoboMaker's codes.
+"""
 
 import hashlib
+import io
+import os
 import shutil
+import stat
+import tarfile
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from specs.errors import BundleRefused, ObjectNotFound
+from specs.base import Fault
+from specs.data.episode import Failure
+from specs.errors import BundleRefused, DocumentError, ObjectNotFound, StoreAccessDenied, StoreError
 from specs.field_types import Architecture
 from specs.robomaker.bundle import ARCHITECTURES, LATEST, Application, ApplicationKind, Build, Version
+from specs.robomaker.simulation import SimulationJobErrorCode
 from specs.rules import meant
-from tasks.applications.pack import pack
 from tasks.applications.versions import (
     application_name,
     change,
@@ -21,9 +31,79 @@ from tasks.applications.versions import (
     require_revision,
     with_version,
 )
+from tasks.storage.archives import LIMITS, safe_parts
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.sealed_bundle import seal, sealed_files, stored_archive
+
+# Left by editors, interpreters and version control, and different on every machine.
+_LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
+
+
+def pack(folder: Path) -> bytes:
+    """Returns the folder as a plain tar: sorted, without owners or times, with only the executable bit of the modes.
+
+    Hidden leavings of tools (``__pycache__``, ``.git``, ``.DS_Store``) are left out.
+
+    Args:
+        folder: Holds regular files and directories only, at least one file.
+
+    Raises:
+        DocumentError: No such folder, no file in it, a link or device, or a name that could not be unpacked safely.
+    """
+    entries = list(_entries(folder)) if folder.is_dir() else []
+    faults = [fault for path, name in entries if (fault := _fault(path, name))]
+    if not folder.is_dir():
+        faults = [Fault(path="source", value=str(folder), allowed="a folder that exists")]
+    elif not any(path.is_file() for path, _ in entries):
+        faults = [Fault(path="source", value=str(folder), allowed="a folder with at least one file"), *faults]
+    if faults:
+        raise DocumentError(faults, source=f"bundle {folder}")
+    return _archive(entries)
+
+
+def _archive(entries: list[tuple[Path, str]]) -> bytes:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.PAX_FORMAT) as tar:
+        for path, name in entries:
+            if path.is_dir():
+                tar.addfile(_header(name, tarfile.DIRTYPE, 0o755, 0))
+                continue
+            body = path.read_bytes()
+            mode = 0o755 if path.stat().st_mode & stat.S_IXUSR else 0o644
+            tar.addfile(_header(name, tarfile.REGTYPE, mode, len(body)), io.BytesIO(body))
+    return buffer.getvalue()
+
+
+def _header(name: str, type_: bytes, mode: int, size: int) -> tarfile.TarInfo:
+    header = tarfile.TarInfo(name)  # owner 0, time 0, no names
+    header.type, header.mode, header.size = type_, mode, size
+    return header
+
+
+def _entries(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yields everything in the folder as path and name in the archive, in one order on every machine."""
+    with os.scandir(folder) as scanned:
+        children = sorted(Path(entry.path) for entry in scanned if entry.name not in _LEFT_OUT)
+    for child in children:
+        yield child, child.name
+        if child.is_dir() and not child.is_symlink():
+            for path, name in _entries(child):
+                yield path, f"{child.name}/{name}"
+
+
+def _fault(path: Path, name: str) -> Fault | None:
+    mode = path.lstat().st_mode
+    if stat.S_ISLNK(mode):
+        return Fault(path=name, value="symbolic link", allowed="regular files and directories; copy what it points to")
+    if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+        return Fault(path=name, value="device, socket or pipe", allowed="regular files and directories")
+    try:
+        safe_parts(name)
+    except BundleRefused:
+        return Fault(path=name, value="its name", allowed=f"printable characters, at most {LIMITS.depth} levels deep")
+    return None
+
 
 _HOMES = (
     Path(__file__).parent / "shipped",  # in a wheel
@@ -262,3 +342,49 @@ def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:
     digest = hashlib.sha256(body).hexdigest()
     store.put(bundle_key(digest), body)
     return Build(architecture=architecture, digest=digest, size_bytes=len(body))
+
+
+BUNDLE_ERRORS = (BundleRefused, ObjectNotFound, StoreAccessDenied)
+"""What unpacking a bundle raises that `bundle_failure` can explain."""
+_INVALID: Mapping[ApplicationKind, SimulationJobErrorCode] = {
+    "robot-application": "InvalidBundleRobotApplication",
+    "simulation-application": "InvalidBundleSimulationApplication",
+}
+_DENIED: Mapping[ApplicationKind, SimulationJobErrorCode] = {
+    "robot-application": "BadPermissionsRobotApplication",
+    "simulation-application": "BadPermissionsSimulationApplication",
+}
+
+
+def bundle_failure(
+    store: Store, kind: ApplicationKind, version: str, digest: str, error: BundleRefused | StoreError
+) -> Failure:
+    """Returns why jobs cannot run an application; it names no place of this machine, as rows must not.
+
+    Args:
+        store: Where the bundle belongs.
+        kind: Whether it is a robot's or a scenario's.
+        version: The application and its version, for a person.
+        digest: The bundle's.
+        error: One of `BUNDLE_ERRORS`, which fetching and unpacking it raised.
+
+    Raises:
+        StoreAccessDenied: It is not the bundle that is refused, but this machine's disk.
+    """
+    again = f"simyard app publish {version.partition(' ')[0]} FOLDER, with what it was made of, puts it back"
+    if isinstance(error, StoreAccessDenied):
+        if not _is_refused(store, digest):
+            raise error
+        rights = "let this machine's credentials read the folder bundles of the store"
+        return Failure(_DENIED[kind], f"the bundle of {version} must not be read: {rights}")
+    if isinstance(error, ObjectNotFound):
+        return Failure(_INVALID[kind], f"the bundle of {version} is not in the store any more: {again}")
+    return Failure(_INVALID[kind], f"the bundle of {version} is not what was published: {again}")
+
+
+def _is_refused(store: Store, digest: str) -> bool:
+    try:
+        next(store.blocks(bundle_key(digest)), b"")
+    except StoreAccessDenied:
+        return True
+    return False

@@ -4,7 +4,7 @@ import logging
 from pathlib import Path
 
 from tasks.applications.registry import unpack
-from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.store_url import open_store
 
 _LOG = logging.getLogger(__name__)

@@ -8,8 +8,7 @@ from prefect import task
 from prefect.cache_policies import NO_CACHE
 
 from tasks.applications import step
-from tasks.progress.step_retry import STORE_RETRY
-from tasks.progress.task import named_by
+from tasks.progress.task import STORE_RETRY, named_by
 
 
 def unpack_name(parameters: Mapping[str, Any]) -> str:

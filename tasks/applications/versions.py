@@ -8,21 +8,19 @@ from collections.abc import Callable, Sequence
 from pydantic import JsonValue
 
 from specs.arn import parse_reference
-from specs.base import Fault
-from specs.digest import canonical_json
+from specs.base import Fault, canonical_json
 from specs.errors import (
     DocumentError,
     LimitExceeded,
     ObjectConflict,
+    ObjectCorrupt,
     ObjectExists,
     ObjectNotFound,
-    ObjectStrange,
     ResourceNotFound,
 )
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
-from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import application_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, decode_document, encode_document
 from tasks.storage.tags import Change
 
 _REVISION_CHARACTERS = 40
@@ -39,7 +37,7 @@ def listed_application(store: Store, kind: ApplicationKind, name: str) -> Applic
     """Returns an application for a list; None also if its record is damaged, which the log says."""
     try:
         return read_application(store, kind, name)
-    except ObjectStrange as exc:
+    except ObjectCorrupt as exc:
         _LOG.warning("the %s %s is left out of lists: %s", kind, name, exc)
         return None
 
@@ -213,7 +211,7 @@ def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application |
         return None, ""
     found = decode_document(Application, stored, store, key)
     if found.name != name:
-        raise ObjectStrange(f"{store.url}: {key} is the record of {found.name!r}")
+        raise ObjectCorrupt(f"{store.url}: {key} is the record of {found.name!r}")
     return found, stored.etag
 
 

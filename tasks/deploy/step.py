@@ -9,15 +9,14 @@ from urllib.parse import unquote
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.kit.agent_reserve import agent_reserve
-from tasks.deploy.kit.local_agents import local_agents, local_names
+from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.kit.local_agents import agent_reserve, local_agents, local_names
 from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer
-from tasks.deploy.trust.trust_choice import chosen_keys
+from tasks.deploy.trust.trust_record import chosen_keys
 from tasks.progress.listener import stage_progress
-from tasks.storage.base.cache_folder import cache_folder
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store, store_id

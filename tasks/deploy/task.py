@@ -8,16 +8,14 @@ from prefect.artifacts import create_table_artifact
 from prefect.cache_policies import NO_CACHE
 
 from specs.arn import resource_name
-from specs.artifact_text import escape_markdown, table_rows
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment
 from specs.robomaker.deployment import CreateDeploymentJobRequest
+from specs.untrusted_text import escape_markdown, table_rows
 from tasks.deploy import step
-from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
-from tasks.progress.document import artifact_key
-from tasks.progress.step_retry import STORE_RETRY
-from tasks.progress.task import named_by, show_progress
+from tasks.deploy.fleet_descriptions import deployment_sentence, describe_deployment_job, robot_rows
+from tasks.progress.listener import artifact_key
+from tasks.progress.task import STORE_RETRY, named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 

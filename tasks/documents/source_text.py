@@ -6,15 +6,142 @@ documents in a file and keys that are not text are refused, and ``no``, ``010`` 
 
 import json
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
+import yaml
 from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from tasks.documents.yaml_data import YamlRefusedError, load_yaml
+
+_BASE: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MERGE_KEY = "<<"
+_NULL = "tag:yaml.org,2002:null"
+_RESOLVERS = (
+    ("tag:yaml.org,2002:bool", re.compile(r"true|True|TRUE|false|False|FALSE"), "tTfF"),
+    ("tag:yaml.org,2002:int", re.compile(r"[-+]?(?:0|[1-9][0-9]*)"), "-+0123456789"),
+    (
+        "tag:yaml.org,2002:float",
+        re.compile(r"[-+]?(?:\.[0-9]+|(?:0|[1-9][0-9]*)(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?"),
+        "-+0123456789.",
+    ),
+    (_NULL, re.compile(r"~|null|Null|NULL|"), "~nN\0"),
+)
+
+
+class YamlRefusedError(ValueError):
+    """Text that is not YAML, or more than a notation for JSON."""
+
+    def __init__(self, where: str, what: str, allowed: str) -> None:
+        super().__init__(what)
+        self.where = where
+        self.what = what
+        self.allowed = allowed
+
+
+class _Loader(_BASE):
+    """A loader that knows JSON's types only, and no key twice."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012 - PyYAML's own attribute
+    yaml_constructors: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own attribute
+
+
+def load_yaml(text: str, max_depth: int) -> JsonValue:
+    """Returns the data of one YAML document.
+
+    Raises:
+        YamlRefusedError: For malformed YAML, anchors, aliases, tags, keys that are not text or occur twice, a second
+            document, or more levels than ``max_depth``.
+    """
+    try:
+        _check_events(text, max_depth)
+        return cast("JsonValue", yaml.load(text, Loader=_Loader))  # noqa: S506 - knows JSON's types only
+    except yaml.MarkedYAMLError as exc:
+        raise YamlRefusedError(_place(exc.problem_mark), exc.problem or "not YAML", "YAML") from exc
+    except yaml.YAMLError as exc:
+        raise YamlRefusedError("file", " ".join(str(exc).split()), "YAML") from exc
+
+
+def _check_events(text: str, max_depth: int) -> None:
+    """Refuses what events show, before anything is composed: an alias costs nothing to write and much to expand."""
+    depth = documents = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        documents += isinstance(event, yaml.DocumentStartEvent)
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        problem = _problem(event)
+        if problem is not None:
+            raise YamlRefusedError(_place(event.start_mark), *problem)
+        if depth > max_depth:
+            raise YamlRefusedError(_place(event.start_mark), "too deeply nested", f"at most {max_depth} levels")
+        if documents > 1:
+            raise YamlRefusedError(_place(event.start_mark), "a second document", "one document in a file")
+
+
+def _problem(event: yaml.Event) -> tuple[str, str] | None:
+    anchor = getattr(event, "anchor", None)
+    if isinstance(event, yaml.AliasEvent):
+        return f"the alias *{anchor}", "the value itself; aliases are not allowed"
+    if anchor is not None:
+        return f"the anchor &{anchor}", "values without anchors"
+    tag = getattr(event, "tag", None)
+    return (f"the tag {tag}", "values without tags") if tag is not None else None
+
+
+def _place(mark: Any) -> str:  # noqa: ANN401 - the C and the Python parser have each their own marks
+    return "file" if mark is None else f"line {mark.line + 1}, column {mark.column + 1}"
+
+
+def _construct_scalar(loader: Any, node: yaml.ScalarNode) -> JsonValue:  # noqa: ANN401 - see _Loader
+    text = str(loader.construct_scalar(node))
+    match node.tag.rpartition(":")[2]:
+        case "bool":
+            return text.lower() == "true"
+        case "int":
+            return _number(int, text, node)
+        case "float":
+            return _number(float, text, node)
+        case "null":
+            return None
+        case _:
+            return text
+
+
+def _number(kind: type[int] | type[float], text: str, node: yaml.Node) -> int | float:
+    try:
+        return kind(text)
+    except ValueError as exc:
+        raise YamlRefusedError(_place(node.start_mark), f"a number of {len(text)} digits", "shorter numbers") from exc
+
+
+def _construct_list(loader: Any, node: yaml.SequenceNode) -> list[JsonValue]:  # noqa: ANN401 - see _Loader
+    return [loader.construct_object(item, deep=True) for item in node.value]
+
+
+def _construct_object(loader: Any, node: yaml.MappingNode) -> dict[str, JsonValue]:  # noqa: ANN401 - see _Loader
+    found: dict[str, JsonValue] = {}
+    for key_node, value_node in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if not isinstance(key, str):
+            raise YamlRefusedError(_place(key_node.start_mark), f"the key {key}", "keys of text; quote it")
+        if key in found:
+            raise YamlRefusedError(_place(key_node.start_mark), f"the key {key} for the second time", "each key once")
+        if key == _MERGE_KEY and not key_node.style:  # quoted, it is a key like any other
+            raise YamlRefusedError(_place(key_node.start_mark), "a merge key", "values written out")
+        found[key] = loader.construct_object(value_node, deep=True)
+    return found
+
+
+for _tag, _pattern, _firsts in _RESOLVERS:
+    _whole = re.compile(rf"(?:{_pattern.pattern})\Z")
+    _Loader.add_implicit_resolver(_tag, _whole, ["" if first == "\0" else first for first in _firsts])
+for _tag in ("bool", "int", "float", "null", "str"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _construct_scalar)
+_Loader.add_constructor("tag:yaml.org,2002:seq", _construct_list)
+_Loader.add_constructor("tag:yaml.org,2002:map", _construct_object)
+
 
 MAX_BYTES = 1 << 20
 MAX_DEPTH = 40

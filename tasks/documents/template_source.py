@@ -19,7 +19,7 @@ from tasks.documents.source_text import decode_source_text, read_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, named_template_key, template_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.templates.named_templates import NamedTemplate, find_template_name, read_template
+from tasks.storage.templates import NamedTemplate, find_template_name, read_template
 
 _BODY_BYTES = 1 << 20
 """The 262,144 characters of a body's text have at most four bytes each."""

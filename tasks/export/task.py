@@ -10,9 +10,8 @@ from prefect.cache_policies import NO_CACHE
 from specs.pipeline.world_sections import WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export import step
-from tasks.progress.document import artifact_key
-from tasks.progress.step_retry import STORE_RETRY
-from tasks.progress.task import named_by, show_progress
+from tasks.progress.listener import artifact_key
+from tasks.progress.task import STORE_RETRY, named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 
 

@@ -10,18 +10,84 @@ from pydantic import Field, ValidationError
 
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
-from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
-from tasks.housekeeping.findings import FindingRow, GcReport, UnreadRecord
-from tasks.housekeeping.line_sweep import mend_lines, unnamed_segments
+from tasks.housekeeping.machine import CacheEntry, remove_entry, unused_entries
 from tasks.housekeeping.object_kinds import TOKENS, Job, job_of_id, kind_of_key
-from tasks.housekeeping.references import NamedByRecords, Records, names_in, read_records, record_entries
-from tasks.housekeeping.signed_metadata import replaced_metadata
-from tasks.housekeeping.sweep import SweepResult, sweep
-from tasks.housekeeping.sweep_plan import Item, StoreListing, SweepPlan, plan_sweep
-from tasks.storage.base.encoding import encode_document
+from tasks.housekeeping.references import (
+    NamedByRecords,
+    Records,
+    names_in,
+    read_records,
+    record_entries,
+    replaced_metadata,
+)
+from tasks.housekeeping.sweep import (
+    Item,
+    StoreListing,
+    SweepPlan,
+    SweepResult,
+    mend_lines,
+    plan_sweep,
+    sweep,
+    unnamed_segments,
+)
 from tasks.storage.base.keys import UNNAMED
-from tasks.storage.base.store import Entry, Store
+from tasks.storage.base.store import Entry, Store, encode_document
 from tasks.storage.buckets import bucket_url
+
+
+class FindingRow(Spec):
+    """Objects of one kind that go, or stay, for one reason.
+
+    Attributes:
+        kind: Such as ``bundles``.
+        objects: How many.
+        bytes: Of all of them.
+        why: Such as ``that nothing names``.
+    """
+
+    kind: str
+    objects: int
+    bytes: int
+    why: str
+
+
+class UnreadRecord(Spec):
+    """A record that cannot be read.
+
+    Attributes:
+        record: Its key.
+        why: What is wrong with it.
+        keeps: Kinds of objects that stay because it might name them.
+    """
+
+    record: str
+    why: str
+    keeps: tuple[str, ...]
+
+
+class GcReport(Spec):
+    """What can go, or went.
+
+    Attributes:
+        store: Its URL.
+        removed: Whether it was removed, or only told.
+        freed: What can go; what went, once it was removed.
+        waiting: What nobody names and is too young yet.
+        stayed: What was to go, and was used when its turn came.
+        unread: Records that cannot be read.
+        left_out: What was not looked at.
+        cache: What of this machine's cache can go, or went.
+    """
+
+    store: str
+    removed: bool
+    freed: tuple[FindingRow, ...]
+    waiting: tuple[FindingRow, ...]
+    stayed: tuple[FindingRow, ...]
+    unread: tuple[UnreadRecord, ...]
+    left_out: tuple[str, ...]
+    cache: tuple[FindingRow, ...]
+
 
 _LOG = logging.getLogger(__name__)
 _AT_ONCE = 16

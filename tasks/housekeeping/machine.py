@@ -7,18 +7,319 @@ cache, of this very account, and no link. All else stays, with the reason. No li
 import os
 import pwd
 import re
+import shutil
+import stat
 import tempfile
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+from uuid import uuid4
 
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
-from tasks.housekeeping.cache_garbage import remove_path
-from tasks.housekeeping.entry_fate import GOES, LINK, MOUNTED, UNKNOWN, entry_fate, mounts, temporary_fate
-from tasks.housekeeping.machine_processes import SimyardProcess, prefect_home_of, processes_of
 from tasks.server.resident import end_kept, is_kept_elsewhere, kept_process
+from tasks.storage.backends.local import disk_now_s
 from tasks.storage.base.keys import STORE
+from tasks.storage.base.local_files import chosen_folder
+
+_PROC = Path("/proc")
+_MODULES = {
+    "tasks.server.guarded_server": "Prefect server",
+    "tasks.deploy.robot.agent": "robot agent",
+    "tasks.simulate.sandbox": "simulator",
+}
+
+
+class SimyardProcess(NamedTuple):
+    """A live process of Simyard.
+
+    Attributes:
+        pid: Its number.
+        what: Such as ``robot agent``.
+        command: Its arguments, for a person.
+        parent: The number of the process that started it; 0 if it is not known.
+    """
+
+    pid: int
+    what: str
+    command: str
+    parent: int = 0
+
+
+def processes_of(cache: Path) -> Iterator[SimyardProcess]:
+    """Yields the processes of this account that use a cache folder; this one and those that started it are left out.
+
+    A process that hides its environment, as a robot's agent does, counts if its arguments name the folder; and each
+    program counts that has a file of the cache open, such as a script that imports Simyard.
+    """
+    own = {os.getpid(), *_ancestors(os.getpid())}
+    for folder in sorted(_PROC.glob("[0-9]*"), key=lambda each: int(each.name)):
+        arguments = _arguments(folder)
+        if not arguments or int(folder.name) in own:
+            continue
+        what = _what(arguments)
+        if (what and _uses(folder, arguments, cache)) or _has_open(folder, cache.resolve()):
+            parent = next(_ancestors(int(folder.name)), 0)
+            name = what or Path(arguments[0]).name
+            yield SimyardProcess(int(folder.name), name, " ".join(arguments)[:100], parent)
+
+
+def prefect_home_of(pid: int) -> Path | None:
+    """Returns the folder that a process was told to be Prefect's; None if it was not told, or does not say."""
+    folder = _PROC / str(pid)
+    try:
+        named = _environment(folder).get("PREFECT_HOME")
+        return (folder / "cwd").readlink().joinpath(named).resolve() if named else None
+    except OSError:
+        return None
+
+
+def _what(arguments: Sequence[str]) -> str:
+    for module, what in _MODULES.items():
+        if any(each == module or each.startswith(f"{module}.") for each in arguments):
+            return what
+    names = [Path(each).name for each in arguments[:2]]
+    if "simyard-agent" in names:
+        return "robot agent"
+    if names[1:] == ["-m"]:  # python -m simyard
+        names = [Path(each).name for each in arguments[:3]]
+    if "simyard" in names:
+        return "simyard " + " ".join(arguments[names.index("simyard") + 1 :][:1])
+    return ""
+
+
+def _uses(folder: Path, arguments: Sequence[str], cache: Path) -> bool:
+    try:
+        environment = _environment(folder)
+    except OSError:
+        environment = {}
+    if not environment:
+        return any(str(cache) in each for each in arguments)
+    return "HOME" in environment and chosen_folder(environment).resolve() == cache.resolve()
+
+
+def _has_open(folder: Path, cache: Path) -> bool:
+    try:
+        return any(_is_below(file, cache) for file in (folder / "fd").iterdir())
+    except OSError:  # it has ended, or shows nobody what it has open
+        return False
+
+
+def _is_below(file: Path, cache: Path) -> bool:
+    try:
+        return cache in file.readlink().parents
+    except OSError:  # it was closed meanwhile
+        return False
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    pairs = (each.partition("=") for each in _texts(folder / "environ"))
+    return {name: value for name, _, value in pairs}
+
+
+def _arguments(folder: Path) -> list[str]:
+    try:
+        return _texts(folder / "cmdline") if folder.stat().st_uid == os.geteuid() else []
+    except OSError:  # it has ended
+        return []
+
+
+def _texts(file: Path) -> list[str]:
+    return [each.decode(errors="replace") for each in file.read_bytes().split(b"\0") if each]
+
+
+def _ancestors(pid: int) -> Iterator[int]:
+    while pid > 1:
+        try:
+            pid = int((_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()[1])
+        except OSError:
+            return
+        yield pid
+
+
+GOES = "goes"
+UNKNOWN = "stays: not known to be Simyard's"
+LINK = "stays: a link"
+MOUNTED = "stays: something is mounted in it"
+_MOUNTS = Path("/proc/self/mountinfo")
+_ESCAPE = re.compile(r"\\([0-7]{3})")
+_YOUNG_S = 86_400.0
+
+
+def entry_fate(path: Path, pattern: str) -> str:
+    """Returns whether a thing in a folder of Simyard's goes: by its name, its owner, and all that is in it."""
+    found = path.lstat()
+    if stat.S_ISLNK(found.st_mode):
+        return LINK
+    if not re.fullmatch(pattern, path.name):
+        return UNKNOWN
+    if found.st_uid != os.geteuid():
+        return "stays: of another account"
+    if _holds_mount(path):
+        return MOUNTED
+    foreign = any(each.st_uid != found.st_uid for each in _inside(path))
+    return "stays: of another account, in part" if foreign else GOES
+
+
+def temporary_fate(path: Path, pattern: str) -> str:
+    """Returns the same of a folder for temporary files, which is shared: its name alone says little.
+
+    Simyard's are folders for one account alone. One in which something was written within a day may be in use.
+    """
+    fate, found = entry_fate(path, pattern), path.lstat()
+    if fate != GOES:
+        return fate
+    if not stat.S_ISDIR(found.st_mode) or stat.S_IMODE(found.st_mode) != stat.S_IRWXU:
+        return UNKNOWN
+    newest_s = max(each.st_mtime for each in (found, *_inside(path)))
+    return "stays: younger than a day" if time.time() - newest_s < _YOUNG_S else GOES
+
+
+def mounts() -> frozenset[Path]:
+    """Returns the folders on which something is mounted: what is in them is another folder's content."""
+    try:
+        lines = _MOUNTS.read_text(errors="surrogateescape").splitlines()
+    except OSError:  # the system does not tell
+        return frozenset()
+    # proc(5): the fifth field, in which spaces and the like are octal numbers
+    names = (line.split(" ")[4] for line in lines)
+    return frozenset(Path(_ESCAPE.sub(lambda found: chr(int(found[1], 8)), name)) for name in names)
+
+
+def _holds_mount(path: Path) -> bool:
+    place = path.resolve()
+    return any(place == each or place in each.parents for each in mounts())
+
+
+def _inside(path: Path) -> Iterator[os.stat_result]:
+    for base, folders, files in os.walk(path):
+        for name in (*folders, *files):
+            try:
+                yield Path(base, name).lstat()
+            except FileNotFoundError:  # it went meanwhile
+                continue
+
+
+_ENTRIES = {
+    "compiled programs": "programs",
+    "unpacked bundles": "bundles",
+    "data objects": "data/objects",
+    "data mounts": "data/mounts",
+    "notes of data": "data/seen",
+    "engines": "engines",
+    "timings": "timings",
+    "nights": "trends",
+}
+_ASIDE = ".gc-"
+
+
+@dataclass(frozen=True)
+class CacheEntry:
+    """Something in the cache.
+
+    Attributes:
+        path: A file, or a folder with all that is in it.
+        what: Its kind.
+        size_bytes: Of all that is in it.
+        used_s: When anything in it was read or written last, as the disk tells it.
+    """
+
+    path: Path
+    what: str
+    size_bytes: int
+    used_s: float
+
+
+def unused_entries(cache: Path, unused_s: float) -> list[CacheEntry]:
+    """Returns what nobody has used for so long.
+
+    Args:
+        cache: The folder; it need not be there.
+        unused_s: Seconds.
+    """
+    if not cache.is_dir() or (cache / STORE).exists():  # a store keeps its bundles in a folder of the same name
+        return []
+    before_s = disk_now_s(cache) - unused_s
+    return [entry for entry in _cached(cache) if entry.used_s <= before_s]
+
+
+def remove_entry(entry: CacheEntry) -> bool:
+    """Removes an entry; returns whether it is gone: one that was used since it was seen stays."""
+    aside = entry.path.with_name(f"{_ASIDE}{uuid4().hex}")
+    try:
+        entry.path.rename(aside)
+    except FileNotFoundError:  # another gc was faster
+        return True
+    now = _seen(aside, entry.what)
+    if now.used_s > entry.used_s and not entry.path.name.startswith("."):
+        _put_back(aside, entry.path)
+        return False
+    remove_path(aside)
+    return True
+
+
+def _put_back(aside: Path, path: Path) -> None:
+    try:
+        if aside.is_dir() and not aside.is_symlink():
+            aside.rename(path)
+            return
+        path.hardlink_to(aside)  # a rename would write over a newer one
+    except OSError:  # made again meanwhile
+        pass
+    remove_path(aside)
+
+
+def _cached(cache: Path) -> Iterator[CacheEntry]:
+    for what, folder in _ENTRIES.items():
+        if (cache / folder).is_dir():
+            yield from (_seen(path, what) for path in sorted((cache / folder).iterdir()))
+
+
+def _seen(path: Path, what: str) -> CacheEntry:
+    found = [each for each in (_stat(path), *(_stat(Path(base, name)) for base, name in _names(path))) if each]
+    size_bytes = sum(each.st_size for each in found if stat.S_ISREG(each.st_mode))
+    # Reading a folder's names, as this does, is no use of what is in it.
+    return CacheEntry(path, what, size_bytes, max((_used_s(each) for each in found), default=0.0))
+
+
+def _used_s(found: os.stat_result) -> float:
+    # Reading a folder's names, as housekeeping does, is no use of what is in it.
+    return found.st_mtime if stat.S_ISDIR(found.st_mode) else max(found.st_atime, found.st_mtime)
+
+
+def _names(path: Path) -> Iterator[tuple[str, str]]:
+    for base, folders, files in os.walk(path) if not path.is_symlink() else ():
+        yield from ((base, name) for name in (*folders, *files))
+
+
+def _stat(path: Path) -> os.stat_result | None:
+    try:
+        return path.lstat()
+    except FileNotFoundError:
+        return None
+
+
+def remove_path(path: Path) -> None:
+    """Removes a file, a link, or a folder whose own folders may be read-only.
+
+    Another gc may remove it, too, or move it. Nothing behind a link is touched.
+    """
+    if path.is_symlink() or not path.is_dir():
+        path.unlink(missing_ok=True)
+        return
+    for base, _, _ in os.walk(path):
+        with suppress(FileNotFoundError):
+            Path(base).chmod(0o755)
+    shutil.rmtree(path, onerror=_raise_unless_gone)
+
+
+def _raise_unless_gone(_function: object, _path: str, found: tuple[object, BaseException, object]) -> None:
+    if not isinstance(found[1], FileNotFoundError):
+        raise found[1]
+
 
 _DIGEST = "[0-9a-f]{64}"
 _TEMPORARY = (

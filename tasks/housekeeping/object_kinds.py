@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from specs.job_kinds import JOB_KINDS, JobDeclaration, JobKind
-from tasks.storage.base.key_rules import key_pattern
-from tasks.storage.base.keys import BUNDLE, CLAIM, JOB, LINE_MARK, LINE_SEGMENT, TOKEN, TRUST
+from tasks.storage.base.keys import BUNDLE, CLAIM, JOB, LINE_MARK, LINE_SEGMENT, TOKEN, TRUST, key_pattern
 
 RECORD_FOLDERS = ("jobs", "applications", "robots", "fleets", "results")
 """Where objects lie that name others; of ``results`` the evidence alone."""

@@ -5,7 +5,7 @@ A record that is not what Simyard writes there may name anything: it is reported
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
@@ -18,6 +18,7 @@ from specs.job_kinds import JOB_KINDS
 from specs.robomaker.bundle import Application
 from tasks.housekeeping.object_kinds import (
     BUNDLES,
+    METADATA,
     NAMED_BY_OTHERS,
     RECORD_FOLDERS,
     RECORDS,
@@ -26,8 +27,9 @@ from tasks.housekeeping.object_kinds import (
     ids_in,
     is_record,
     kind_of_key,
+    metadata_version,
 )
-from tasks.storage.base.keys import token_key
+from tasks.storage.base.keys import token_key, trust_key
 from tasks.storage.base.store import Entry, Store
 from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.jobs.runs import KIND as RUN
@@ -296,3 +298,50 @@ def _ended_before(record: NamingRecord, before_s: float) -> bool:
 def _spoilt(record: NamingRecord) -> UnreadableRecord:
     keeps = frozenset({BUNDLES}) if record.entry.key.startswith(("robots/", "fleets/")) else NAMED_BY_OTHERS
     return UnreadableRecord(record.entry.key, record.spoilt, keeps)
+
+
+_ROLES = ("targets", "deployer")
+
+
+def replaced_metadata(store: Store, entries: Sequence[Entry], written_before_s: float) -> frozenset[str]:
+    """Returns the keys of metadata in whose place another version has been for long enough.
+
+    Of a repository whose newest versions cannot be told, none.
+
+    Args:
+        store: Where it lies.
+        entries: All that the store holds.
+        written_before_s: When what took its place must have been written at the latest, by the store's clock.
+    """
+    metadata = [entry for entry in entries if kind_of_key(entry.key).what == METADATA]
+    repositories = sorted({metadata_version(entry.key)[0] for entry in metadata})
+    current = {repository: _current_version(store, repository) for repository in repositories}
+    written_s = {entry.key: entry.written_s for entry in metadata}
+    return frozenset(_replaced(written_s, current, written_before_s))
+
+
+def _replaced(
+    written_s: Mapping[str, float], current: Mapping[str, Mapping[str, int]], before_s: float
+) -> Iterable[str]:
+    for key in written_s:
+        repository, role, version = metadata_version(key)
+        newest = current[repository].get(role, 0)
+        successor = written_s.get(trust_key(repository, f"{newest}.{role}.json"), before_s)
+        if version < newest and successor < before_s:
+            yield key
+
+
+def _current_version(store: Store, repository: str) -> dict[str, int]:
+    """Returns the version of each role that counts."""
+    try:
+        snapshot = _versions(store, trust_key(repository, "timestamp.json"))["snapshot"]
+        found = _versions(store, trust_key(repository, f"{snapshot}.snapshot.json"))
+        return {"snapshot": snapshot, **{role: found[role] for role in _ROLES}}
+    except (ObjectNotFound, ValueError, KeyError, TypeError, AttributeError):
+        return {}  # a robot says what is wrong with it; housekeeping leaves it alone
+
+
+def _versions(store: Store, key: str) -> dict[str, int]:
+    document = cast("dict[str, dict[str, dict[str, dict[str, JsonValue]]]]", json.loads(store.get(key).body))
+    meta = document["signed"]["meta"]
+    return {name.removesuffix(".json"): int(str(found["version"])) for name, found in meta.items()}

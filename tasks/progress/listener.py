@@ -1,9 +1,44 @@
-"""The listener that hears how far a stage is: a context variable, so that no flow needs a parameter for it."""
+"""Whom a run tells of its progress: the listener, and the document whose run this is.
+
+Both are context variables, so that no step needs a parameter for them; threads of several things at a time keep them.
+"""
 
 import time
 from collections.abc import Callable, Generator
+from concurrent.futures import Future
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
+from threading import Thread
+from typing import TypeVar
+
+from specs import untrusted_text
+
+_name: ContextVar[str] = ContextVar("simyard_document", default="")
+
+
+@contextmanager
+def work_for_document(name: str) -> Generator[None, None, None]:
+    """Makes everything in the ``with`` block a part of a document's run.
+
+    Args:
+        name: The document's; of a stage that runs alone, its flow's.
+    """
+    token = _name.set(name)
+    try:
+        yield
+    finally:
+        _name.reset(token)
+
+
+def document_name() -> str:
+    """Returns the name of the document whose run this is; empty if there is none."""
+    return _name.get()
+
+
+def artifact_key(what: str) -> str:
+    """Returns the key of an artifact of this document, such as ``nightly--batch-results``."""
+    return untrusted_text.artifact_key(_name.get(), what)
+
 
 Listener = Callable[[str, int, int], None]
 Progress = Callable[[int, int], None]
@@ -56,3 +91,43 @@ def stage_progress(stage: str) -> Progress:
             report_progress(stage, done, total)
 
     return progress
+
+
+R = TypeVar("R")
+S = TypeVar("S")
+# What is done beside has so long to end after an interrupt.
+_INTERRUPTED_S = 3.0
+
+
+def at_a_time(beside: Callable[[], S], work: Callable[[], R]) -> tuple[S, R]:
+    """Returns what two pieces of work return that need nothing of each other, and are done at the same time.
+
+    Both come to their ends, also when one fails. An interrupt waits a few seconds for the one beside: what it tells
+    Prefect after the server has ended would be lost, and complained about after the last message.
+
+    Args:
+        beside: What a thread of its own does, in this context.
+        work: What this thread does.
+
+    Raises:
+        Exception: What the first raised, or else what the second did.
+    """
+    ended: Future[S] = Future()
+
+    def run() -> None:
+        try:
+            ended.set_result(beside())
+        except BaseException as exc:  # noqa: BLE001 - raised below
+            ended.set_exception(exc)
+
+    thread = Thread(target=copy_context().run, args=(run,), name="simyard beside", daemon=True)
+    thread.start()
+    try:
+        found = work()
+    except Exception:
+        ended.result()
+        raise
+    except BaseException:
+        thread.join(_INTERRUPTED_S)
+        raise
+    return ended.result(), found

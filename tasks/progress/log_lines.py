@@ -1,19 +1,21 @@
-"""Logs for a program to read: one event a line, JSON or ``key=value``, as SIMYARD_LOG_FORMAT asks."""
+"""Logs for a program to read: one event a line, JSON or ``key=value``, as SIMYARD_LOG_FORMAT asks; and durations."""
 
 import json
 import logging
 import os
 import sys
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from threading import Lock
 from typing import Literal, get_args
 
 from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError
-from specs.terminal_text import terminal_json
+from specs.untrusted_text import terminal_json
 
 LogFormat = Literal["json", "keyvalue"]
 LOG_FORMAT = "SIMYARD_LOG_FORMAT"
@@ -97,3 +99,33 @@ def _shown(value: JsonValue) -> str:
     text = value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
     plain = text and text.isprintable() and not any(character in " \"'=" for character in text)
     return text if plain else json.dumps(text, ensure_ascii=not text.isprintable())
+
+
+logger = logging.getLogger(__name__)
+_taken_s: dict[str, float] = {}
+_turn = Lock()
+
+
+@contextmanager
+def log_duration(step: str) -> Generator[None, None, None]:
+    """Tells the log how long the ``with`` block took: a program's log, as a person's is to tell a story in few lines.
+
+    Args:
+        step: What it does, as a name in code.
+    """
+    start_s = time.perf_counter()
+    try:
+        yield
+    finally:
+        seconds = time.perf_counter() - start_s
+        with _turn:
+            _taken_s[step] = _taken_s.get(step, 0.0) + seconds
+        level = logging.DEBUG if chosen_log_format() is None else logging.INFO
+        fields = {"step": step, "seconds": round(seconds, 3)}
+        logger.log(level, "%s took %.1f s", step, seconds, extra={"fields": fields})
+
+
+def taken_s(*steps: str) -> float:
+    """Returns how long steps took in this process until now; those that are under way count when they have ended."""
+    with _turn:
+        return sum(_taken_s.get(step, 0.0) for step in steps)

@@ -1,10 +1,15 @@
-"""Progress, in Prefect and through the listener in the terminal: bars that move once a second at most."""
+"""What tasks of Prefect share: retries while the store is away, names of runs, bars of progress.
+
+A step that is run again finds what it did before by its client request token, so that nothing is done twice. Prefect's
+cache and its transactions would remember the same on the side of its server, which may forget, and which other ways
+into Simyard do not ask; so they are not used (docs/reference/prefect.md, section 7).
+"""
 
 import logging
 import time
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import Any, Protocol, cast
 from uuid import UUID
 
 from httpx import TransportError
@@ -13,8 +18,30 @@ from prefect.context import SettingsContext, get_settings_context
 from prefect.exceptions import PrefectHTTPStatusError
 from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 
-from tasks.progress.document import artifact_key
-from tasks.progress.listener import Progress, current_listener, listen_to_progress, stage_progress
+from specs.errors import StoreAway
+from tasks.progress.listener import Progress, artifact_key, current_listener, listen_to_progress, stage_progress
+
+RETRY_DELAYS_S = (5.0, 20.0, 60.0)
+
+
+class _EndState(Protocol):
+    """A state of Prefect's, with what its task raised."""
+
+    data: Any
+
+
+def is_store_away(_task: object, _task_run: object, state: _EndState) -> bool:
+    """Returns whether a task failed because its store did not answer; Prefect calls it before it runs a task again."""
+    return isinstance(state.data, StoreAway)
+
+
+STORE_RETRY: dict[str, Any] = {
+    "retries": len(RETRY_DELAYS_S),
+    "retry_delay_seconds": [*RETRY_DELAYS_S],
+    "retry_condition_fn": is_store_away,
+}
+"""Options of a task whose step may be run again."""
+
 
 _LOG = logging.getLogger(__name__)
 # `--watch` prints every update, and each is a request to the server.

@@ -1,5 +1,6 @@
 """Prefect servers as child processes: chosen, started, waited for and ended, without importing Prefect."""
 
+import fcntl
 import logging
 import os
 import socket
@@ -7,19 +8,99 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import NamedTemporaryFile
+from threading import Thread
+from typing import IO
 from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
-from tasks.server.health import is_free, is_healthy, proxy_exceptions
-from tasks.server.log_files import new_log, rename_log
-from tasks.server.password import new_password, private_file
-from tasks.server.start_lock import end_turn_when, take_turn
+from tasks.server.health import is_free, is_healthy, new_password, private_file, proxy_exceptions
 
 logger = logging.getLogger(__name__)
+
+LOCK = "starting.lock"
+_INTERVAL_S = 0.1
+
+
+def take_turn(home: Path, timeout_s: float) -> IO[bytes]:
+    """Returns the lock of a database's folder, held; closing it, or the end of this process, lets the next one start.
+
+    Args:
+        home: The folder; made where it is missing.
+        timeout_s: How long to wait for another's start. It has failed by then, so this one goes ahead beside it.
+    """
+    home.mkdir(mode=0o700, parents=True, exist_ok=True)
+    lock = (home / LOCK).open("ab")
+    deadline_s = time.monotonic() + timeout_s
+    while not _held(lock):
+        if time.monotonic() > deadline_s:
+            logger.warning("another start took longer than %.0f s; starting beside it", timeout_s)
+            break
+        time.sleep(_INTERVAL_S)
+    return lock
+
+
+def end_turn_when(lock: IO[bytes], started: Callable[[], bool], timeout_s: float) -> None:
+    """Closes the lock, from a thread, once a start is over or has taken so many seconds."""
+
+    def wait() -> None:
+        deadline_s = time.monotonic() + timeout_s
+        with lock:
+            while time.monotonic() < deadline_s and not started():
+                time.sleep(_INTERVAL_S)
+
+    Thread(target=wait, name="simyard start", daemon=True).start()
+
+
+def _held(lock: IO[bytes]) -> bool:
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+_ENDED_KEPT = 5
+
+
+@contextmanager
+def new_log(home: Path) -> Generator[IO[bytes], None, None]:
+    """Yields a file for the output of a server whose number is not known yet; removes old logs."""
+    _prune(home)
+    with NamedTemporaryFile(dir=home, prefix="starting-", suffix=".log", delete=False) as output:
+        try:
+            yield output
+        except BaseException:
+            Path(output.name).unlink(missing_ok=True)
+            raise
+
+
+def rename_log(output: IO[bytes], pid: int) -> Path:
+    """Returns the file of the log, which carries the server's process id in its name from now on."""
+    before = Path(output.name)
+    return before.rename(before.with_name(f"server-{pid}.log"))
+
+
+def _prune(home: Path) -> None:
+    ended = [log for log in home.glob("server-*.log") if not _runs(log.stem.removeprefix("server-"))]
+    for log in sorted(ended, key=_written_s, reverse=True)[_ENDED_KEPT:]:
+        log.unlink(missing_ok=True)
+
+
+def _runs(pid: str) -> bool:
+    return Path("/proc", pid).exists()
+
+
+def _written_s(log: Path) -> float:
+    try:
+        return log.stat().st_mtime
+    except FileNotFoundError:  # another start pruned it
+        return 0.0
+
 
 # An offline machine must not log telemetry errors, and a cold one needs longer than Prefect's 20 s
 # (docs/reference/prefect.md, section 2).
@@ -36,7 +117,7 @@ _NO_BLOCK_TYPES = {
 }
 START_TIMEOUT_S = 180.0
 _LOOK_S = 0.05
-IN_RESERVE = "--reserve"
+PRESTARTED = "--reserve"
 """After a server's port: it only imports until its input says that it starts."""
 
 
@@ -101,7 +182,7 @@ def launch(
     if not in_reserve:
         _close_database(home)
     port, password = port or _free_port(), new_password()
-    command = [sys.executable, "-m", "tasks.server.guarded_server", str(port), *([IN_RESERVE] if in_reserve else [])]
+    command = [sys.executable, "-m", "tasks.server.guarded_server", str(port), *([PRESTARTED] if in_reserve else [])]
     if bound:
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]
     url = f"http://127.0.0.1:{port}/api"

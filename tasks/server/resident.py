@@ -15,11 +15,9 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from specs.errors import StageFailed
-from tasks.server.health import is_free, is_healthy, succeeds_within
-from tasks.server.password import password_file, read_password, write_password
-from tasks.server.process import START_TIMEOUT_S, Server, end, launch, wait_until_healthy
-from tasks.server.start_lock import take_turn
-from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, process_of, this_process
+from tasks.server.health import is_free, is_healthy, password_file, read_password, succeeds_within, write_password
+from tasks.server.process import START_TIMEOUT_S, Server, end, launch, take_turn, wait_until_healthy
+from tasks.storage.jobs.claim import ProcessIdentity, is_known_dead, process_of, this_process
 
 _SILENT_S = 30.0
 _CHECKOUT, _PORT = "checkout", "port"

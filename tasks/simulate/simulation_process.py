@@ -28,18 +28,13 @@ from specs.data.column_bytes import encode_columns
 from specs.data.episode import EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
-from tasks.simulate.application.call_clock import CLOCK_BYTES, CallClock, use_clock
-from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.chunk.job_tags import collect_tags
-from tasks.simulate.chunk.timings import hand_over_timings
+from tasks.simulate.application.bundle_code import CLOCK_BYTES, BundleCrash, CallWatchdog, use_watchdog
+from tasks.simulate.chunk.byproducts import collect_tags, hand_over_timings
 from tasks.simulate.devices import prepare_devices
-from tasks.simulate.lane.recording_choice import RecordingChoice
-from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
+from tasks.simulate.lane.recording import Ends, RecordingChoice, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.process.wire import receive, send
-from tasks.simulate.process.work import (
+from tasks.simulate.sandbox.protocol import (
     WORK,
-    AgainWork,
     Audited,
     AuditWork,
     Compiles,
@@ -52,13 +47,16 @@ from tasks.simulate.process.work import (
     RecordingBegins,
     RecordingEnds,
     RememberedTiming,
+    ReplayWork,
     Rows,
     Samples,
     SentWorlds,
+    receive,
+    send,
 )
 
 if TYPE_CHECKING:
-    from tasks.simulate.chunk.under_way import ChunksUnderWay
+    from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline
 
 _PR_SET_PDEATHSIG = 1
 # So few episodes, in so small a part of the lanes, are driven soonest by themselves, as an audit's are: no lane is
@@ -76,10 +74,12 @@ def main(connection: socket.socket, calls: int) -> None:
         connection: To whoever asks.
         calls: File descriptor of the memory for calls.
     """
-    use_clock(CallClock(mmap.mmap(calls, CLOCK_BYTES)))
+    use_watchdog(CallWatchdog(mmap.mmap(calls, CLOCK_BYTES)))
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
-        importlib.import_module("tasks.simulate.chunk.episodes")  # which imports JAX, which reads its settings then
+        importlib.import_module(
+            "tasks.simulate.chunk.chunk_simulation"
+        )  # which imports JAX, which reads its settings then
     service = Service(connection)
     _keep_programs(service.compiles)
     service.say(Ready())
@@ -96,10 +96,10 @@ def main(connection: socket.socket, calls: int) -> None:
 
 def _keep_programs(on_compile: Callable[[], None]) -> None:
     """Lets programs be kept for processes to come, where those of these applications alone are, unless told not to."""
-    from tasks.simulate.engine.kept_program.keeper import use_program_folder  # noqa: PLC0415 - after JAX's settings
+    from tasks.simulate.engines.program_cache import use_cache_folder  # noqa: PLC0415 - after JAX's settings
 
     if os.environ.get(PROGRAMS, "") != "trace":
-        use_program_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept", on_compile)
+        use_cache_folder(Path(os.environ["JAX_COMPILATION_CACHE_DIR"]) / "kept", on_compile)
 
 
 class Service:
@@ -109,7 +109,7 @@ class Service:
         """Begins without worlds."""
         self._connection, self._worlds, self._chunks = connection, dict[str, World](), dict[int, Chunk]()
         self._stopped, self._poll, self._asked = False, select.poll(), False
-        self._under_way: ChunksUnderWay | None = None
+        self._under_way: ChunkPipeline | None = None
         self._poll.register(connection, select.POLLIN)
 
     def asked(self) -> bool:
@@ -129,7 +129,7 @@ class Service:
         """Sends an answer."""
         send(self._connection, answer.model_dump_json(), arrays)
 
-    def answer(self, work: LanesWork | AuditWork | AgainWork) -> None:
+    def answer(self, work: LanesWork | AuditWork | ReplayWork) -> None:
         """Answers a question, whatever happens."""
         self._stopped, self._asked = False, True
         self._keep(work.worlds)
@@ -145,7 +145,7 @@ class Service:
         finally:
             self._asked = False
 
-    def _work(self, work: LanesWork | AuditWork | AgainWork) -> None:
+    def _work(self, work: LanesWork | AuditWork | ReplayWork) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
         if not isinstance(work, LanesWork):
             self._under_way = None  # with all chunks that were begun early
@@ -154,7 +154,7 @@ class Service:
                 self._lanes(work, bundles)
             case AuditWork():
                 self._audit(work, bundles)
-            case AgainWork():
+            case ReplayWork():
                 self._again(work, bundles)
 
     def _keep(self, worlds: SentWorlds) -> None:
@@ -163,14 +163,14 @@ class Service:
         self._worlds |= {name: World.model_validate_json(text) for name, text in worlds.new.items()}
 
     def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline  # noqa: PLC0415
         from tasks.simulate.chunk.runner import simulate_columns  # noqa: PLC0415 - after JAX's settings
-        from tasks.simulate.chunk.under_way import ChunksUnderWay  # noqa: PLC0415
 
         known = {**self._chunks, **{chunk.number: chunk for chunk in work.new}}
         self._chunks = {number: known[number] for number in work.numbers}
         chunk, *ahead = self._chunks.values()
         if self._under_way is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
-            self._under_way = ChunksUnderWay()
+            self._under_way = ChunkPipeline()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz, work.recorded)
         with hand_over_timings() as timings, collect_tags() as tags:
             rows = simulate_columns(
@@ -206,15 +206,15 @@ class Service:
             )
         self.say(Audited(report=report.model_dump_json(), timings=_remembered(timings)))
 
-    def _again(self, work: AgainWork, bundles: Mapping[str, Path]) -> None:
-        from tasks.simulate.replay.replay_drive import drive_again  # noqa: PLC0415
-        from tasks.simulate.replay.sent_replay import again_parts  # noqa: PLC0415
+    def _again(self, work: ReplayWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.replay.replay_drive import drive_replay  # noqa: PLC0415
+        from tasks.simulate.replay.replay_result import replay_message  # noqa: PLC0415
 
         with hand_over_timings():
-            again = drive_again(
+            again = drive_replay(
                 work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
             )
-        self.say(*again_parts(again))
+        self.say(*replay_message(again))
 
     def _progress(self, done: int) -> None:
         self.say(Progress(done=done))

@@ -11,8 +11,7 @@ from specs.base import Fault
 from specs.errors import DocumentError, ObjectNotFound, ObjectTooBig, StoreUnreachable
 from specs.robomaker.bundle import Version
 from tasks.storage.backends.s3_access import share_access
-from tasks.storage.base.key_rules import checked_bucket
-from tasks.storage.base.keys import STORE
+from tasks.storage.base.keys import STORE, checked_bucket
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
 

@@ -22,7 +22,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.store_url import store_id
-from tasks.storage.templates.named_templates import find_template_name
+from tasks.storage.templates import find_template_name
 
 _BATCH: JobKind = "simulation-job-batch"
 _NEAR = 0.75

@@ -20,7 +20,7 @@ from typing import IO
 
 from specs.errors import BundleRefused
 from tasks.storage.archives import digest_of, extract, list_members, safe_parts
-from tasks.storage.base.atomic_file import settle_names
+from tasks.storage.base.local_files import settle_names
 
 FILES_FOLDER = "files"
 _ARCHIVE = "bundle.tar"

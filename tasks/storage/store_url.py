@@ -19,10 +19,8 @@ from specs.errors import (
     StoreUnsafe,
 )
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.encoding import decode_document, encode_document
-from tasks.storage.base.key_rules import checked_bucket, checked_key
-from tasks.storage.base.keys import STORE
-from tasks.storage.base.store import Store
+from tasks.storage.base.keys import STORE, checked_bucket, checked_key
+from tasks.storage.base.store import Store, decode_document, encode_document
 
 _URL_RULE = "file:///absolute/folder or s3://bucket/prefix; credentials come from the usual AWS variables, never here"
 _MOST_BYTES = 1 << 16  # of store.json, which has a hundred

@@ -8,11 +8,10 @@ from collections.abc import Callable, Collection, Mapping
 
 from specs.arn import Reference, ResourceKind
 from specs.base import Fault, Spec
-from specs.data.outcome_tags import is_reserved, with_outcome
+from specs.data.outcomes import is_reserved, with_outcome
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
-from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, tags_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, decode_document, encode_document
 
 TAGS_AT_MOST = 50  # docs/reference/robomaker.md, section 9
 Tags = Mapping[str, str]

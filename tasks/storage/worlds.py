@@ -17,9 +17,8 @@ from specs.arn import absence
 from specs.base import Fault
 from specs.data.world import Color, Furniture, Solid, World
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, WorldChanged
-from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import world_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, create_once
 
 _number_text = float.__repr__
 _json_text = json.JSONEncoder(sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode

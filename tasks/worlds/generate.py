@@ -10,17 +10,15 @@ from functools import lru_cache
 
 from specs.data.world import ROBOT_RADIUS_M, Light, Passage, Rectangle, Room, Window, World
 from specs.template.body import TemplateBody, template_digest
-from tasks.worlds.brief import FULLY_OPEN, Brief, brief_of
-from tasks.worlds.certificate.certificate import Survey, broken_guarantees, certify, survey_as_set
+from tasks.worlds.certificate import Survey, broken_guarantees, certify, survey_as_set
 from tasks.worlds.floorplan.doors import build_doors, hang_doors, open_leaves
-from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
+from tasks.worlds.floorplan.floorplan import FloorPlan, build_walls, plan_floor
 from tasks.worlds.floorplan.scoring import WALL_M
-from tasks.worlds.floorplan.walls import build_walls
-from tasks.worlds.furnishing.interior import InteriorKey, furnish_interior
-from tasks.worlds.geometry.boxes import Box, rounded
-from tasks.worlds.geometry.clearance import measure_clearance, occupancy, reaches_room
+from tasks.worlds.floorplan.search import WorldRejected
+from tasks.worlds.furnishing.furnish import InteriorKey, furnish_interior
+from tasks.worlds.geometry import Box, measure_clearance, occupancy, reaches_room, rounded
 from tasks.worlds.materials import Surfaces, draw_surfaces
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.resolved_template import FULLY_OPEN, ResolvedTemplate, resolve_template
 from tasks.worlds.streams import doors_stream, materials_stream
 
 _REDRAWS = 4
@@ -28,7 +26,7 @@ _GREY = (0.5, 0.5, 0.5)
 
 
 @lru_cache(maxsize=64)
-def sound_plan(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
+def sound_plan(brief: ResolvedTemplate, seed: int, floorplan_index: int) -> FloorPlan:
     """Returns the first plan drawn that its open doors leave passable, else the last: its certificate tells.
 
     Raises:
@@ -42,7 +40,7 @@ def sound_plan(brief: Brief, seed: int, floorplan_index: int) -> FloorPlan:
     return plan
 
 
-def _is_passable(brief: Brief, plan: FloorPlan) -> bool:
+def _is_passable(brief: ResolvedTemplate, plan: FloorPlan) -> bool:
     walls = build_walls(plan, brief.ceiling_height_m, [_GREY] * len(plan.cells))
     leaves = [way.leaf("leaf", 100.0, _GREY) for way in hang_doors(brief, plan)]
     clearance = measure_clearance(plan.footprint, [*walls, *leaves])
@@ -113,12 +111,12 @@ class _Same:
 
 
 @lru_cache(maxsize=8)
-def _read(same: _Same, robot_radius_m: float) -> tuple[Brief, str]:
+def _read(same: _Same, robot_radius_m: float) -> tuple[ResolvedTemplate, str]:
     """Returns what a template asks for, and its digest; all worlds of a job share them."""
-    return brief_of(same.template, robot_radius_m), template_digest(same.template)
+    return resolve_template(same.template, robot_radius_m), template_digest(same.template)
 
 
-def _draw_world(brief: Brief, draw: InteriorKey, generation: str, digest: str) -> World:
+def _draw_world(brief: ResolvedTemplate, draw: InteriorKey, generation: str, digest: str) -> World:
     """Returns the world of one sub-seed, whatever it keeps of its guarantees."""
     indices = (draw.seed, draw.floorplan_index, draw.interior_index)
     plan = sound_plan(brief, draw.seed, draw.floorplan_index)
@@ -155,7 +153,7 @@ def _draw_world(brief: Brief, draw: InteriorKey, generation: str, digest: str) -
     )
 
 
-def _rooms(brief: Brief, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple[Room, ...]:
+def _rooms(brief: ResolvedTemplate, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple[Room, ...]:
     return tuple(
         Room(
             name=wish.name,
@@ -168,7 +166,7 @@ def _rooms(brief: Brief, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple
     )
 
 
-def _passages(brief: Brief, plan: FloorPlan) -> tuple[Passage, ...]:
+def _passages(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Passage, ...]:
     return tuple(
         Passage(
             rooms=(brief.rooms[gap.rooms[0]].name, brief.rooms[gap.rooms[1]].name),
@@ -182,7 +180,7 @@ def _passages(brief: Brief, plan: FloorPlan) -> tuple[Passage, ...]:
     )
 
 
-def _windows(brief: Brief, plan: FloorPlan) -> tuple[Window, ...]:
+def _windows(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Window, ...]:
     return tuple(
         Window(
             room=brief.rooms[pane.room].name,

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from specs.data.world import Color, Finish, Pattern, RoomType
-from tasks.worlds.brief import Brief
+from tasks.worlds.resolved_template import ResolvedTemplate
 
 Scheme = tuple[Color, Color]
 """The colour of a surface, and of its joints, grain or print."""
@@ -162,7 +162,7 @@ class Surfaces:
     walls: Finish
 
 
-def draw_surfaces(brief: Brief, rng: np.random.Generator) -> tuple[Surfaces, ...]:
+def draw_surfaces(brief: ResolvedTemplate, rng: np.random.Generator) -> tuple[Surfaces, ...]:
     """Returns each room's surfaces; a wish for materials that nobody knows leaves them to the room's type."""
     return tuple(
         Surfaces(

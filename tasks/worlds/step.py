@@ -5,7 +5,7 @@ from specs.template.body import TemplateBody
 from tasks.progress.listener import stage_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
-from tasks.worlds.job.job import RemoteWorldMaker, run_generation_job
+from tasks.worlds.job.generation_job import RemoteWorldMaker, run_generation_job
 from tasks.worlds.job.production import Indices
 
 STAGE = "Worlds"

@@ -8,8 +8,7 @@ from prefect.cache_policies import NO_CACHE
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
-from tasks.progress.step_retry import STORE_RETRY
-from tasks.progress.task import named_by, show_progress
+from tasks.progress.task import STORE_RETRY, named_by, show_progress
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds import step
 from tasks.worlds.job.production import Indices

@@ -10,11 +10,9 @@ import pytest
 from specs.errors import DocumentError, LimitExceeded, ResourceNotFound
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import Version
+from tasks.applications.application_answers import describe_robot_application, list_robot_applications
 from tasks.applications.bucket_sources import create_application, create_version, delete_application, update_application
-from tasks.applications.describe import describe_robot_application
-from tasks.applications.list_pages import list_robot_applications
-from tasks.applications.pack import pack
-from tasks.applications.registry import publish_bundle, resolve
+from tasks.applications.registry import pack, publish_bundle, resolve
 from tasks.storage.base.keys import application_key, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket, source_faults

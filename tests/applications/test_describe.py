@@ -1,7 +1,11 @@
 from pathlib import Path
 
-from tasks.applications.describe import describe_robot_application, describe_simulation_application
-from tasks.applications.list_pages import list_robot_applications, list_simulation_applications
+from tasks.applications.application_answers import (
+    describe_robot_application,
+    describe_simulation_application,
+    list_robot_applications,
+    list_simulation_applications,
+)
 from tasks.applications.registry import publish_bundle
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.errors import DocumentError
-from tasks.applications.pack import pack
+from tasks.applications.registry import pack
 from tasks.storage.archives import extract
 
 NAMES = st.text("abcXYZ019_-.é", min_size=1, max_size=8).filter(lambda name: name not in {".", ".."})

@@ -1,7 +1,6 @@
 import pytest
 
-from tasks.applications.pack import pack
-from tasks.applications.registry import shipped_application
+from tasks.applications.registry import pack, shipped_application
 
 
 @pytest.mark.parametrize("name", ["courier", "delivery"])

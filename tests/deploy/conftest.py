@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim

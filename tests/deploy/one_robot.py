@@ -5,12 +5,12 @@ from typing import Any
 
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.launch import LaunchPlace
+from tasks.deploy.robot.processes import Stop
 from tasks.deploy.robot.reported_state import Reporter
-from tasks.deploy.robot.shutdown import Stop
 from tasks.deploy.robot.update import RobotUpdater
 from tests.deploy.yard import STAYS_UP, Yard, programs_of
 

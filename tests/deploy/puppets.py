@@ -8,13 +8,12 @@ from contextlib import AbstractContextManager
 from specs.errors import StageFailed, StoreUnreachable
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, read_reported, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.job import run_deployment_job
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.yard import FLEET, Yard
 

@@ -14,7 +14,7 @@ from specs.arn import arn
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Reported
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job

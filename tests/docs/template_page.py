@@ -8,8 +8,15 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from flows.preview.furniture_catalogue import KINDS, FurnitureKind, furniture_kinds, furniture_picture, size_text
-from flows.preview.world_preview import WorldRequest, make_world
+from flows.preview.world_preview import (
+    FURNITURE_KINDS,
+    FurnitureKind,
+    WorldRequest,
+    furniture_kinds,
+    furniture_picture,
+    make_world,
+    size_text,
+)
 from specs.data.world import ROBOT_RADIUS_M, RoomType
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
@@ -46,7 +53,7 @@ def lists() -> Mapping[str, str]:
 def pictures() -> Mapping[Path, str]:
     """Returns every picture of the page."""
     plans = {PICTURES / f"{name}.svg": _plan(name) for name in EXAMPLES}
-    pieces = {FURNITURE / f"{kind}.svg": _on_ground(furniture_picture(kind)) for kind in KINDS}
+    pieces = {FURNITURE / f"{kind}.svg": _on_ground(furniture_picture(kind)) for kind in FURNITURE_KINDS}
     return {**plans, **pieces}
 
 

@@ -2,8 +2,8 @@
 
 import re
 
-from specs.data.outcome_tags import MOST_OWN_TAGS, OUTCOME, REASON
-from specs.interface.operations import OPERATIONS
+from specs.data.outcomes import MOST_OWN_TAGS, OUTCOME, REASON
+from specs.robomaker.operations import OPERATIONS
 from tests.repository import ROOT
 
 PAGE = (ROOT / "docs/guide/from-robomaker.md").read_text()

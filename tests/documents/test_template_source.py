@@ -10,7 +10,7 @@ from tasks.documents.template_source import find_template
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.templates.named_templates import create_template, update_template
+from tasks.storage.templates import create_template, update_template
 
 BODY: JsonValue = {"Buildings": [{"Floors": [{"Floorplan": {"Ceiling": {"Height": 3.5}}}]}]}
 EXPECTED = template_body(BODY)

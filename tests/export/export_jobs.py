@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
+from specs.base import canonical_document, canonical_json
 from specs.data.world import World
-from specs.digest import canonical_document, canonical_json
 from specs.errors import StoreAccessDenied
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
-from tasks.export.job.job import KIND, run_export_job
+from tasks.export.job.export_job import KIND, run_export_job
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -79,7 +79,9 @@ class BrokenBucket:
 
 def break_bucket(patch: pytest.MonkeyPatch, error: BaseException, writes: int = 0) -> None:
     """Makes every bucket that a job opens a broken one."""
-    patch.setattr("tasks.export.job.job.open_bucket", lambda s, b: BrokenBucket(open_bucket(s, b), error, writes))
+    patch.setattr(
+        "tasks.export.job.export_job.open_bucket", lambda s, b: BrokenBucket(open_bucket(s, b), error, writes)
+    )
 
 
 def cancel(store: Store, status: str = "Canceling") -> None:

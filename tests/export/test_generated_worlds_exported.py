@@ -11,7 +11,7 @@ from specs.template.body import TemplateBody
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.format.formats import format_files
 from tasks.export.format.mjcf import MJCF_FILE, mjcf_files, world_spec
-from tasks.results.playback.trajectory_svg import failure_map_svg
+from tasks.results.playback.plan_drawings import failure_map_svg
 from tasks.storage.worlds import encode_world
 from tasks.worlds.generate import generate_world
 from tests.factories.episodes import collided

@@ -10,19 +10,18 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 
-from flows.batch.batch_end import close_with_tables
-from flows.batch.recorded_episodes import RecordedEpisodes
+from flows.batch.batch_end import RecordedEpisodes, close_with_tables
 from flows.batch.replay_episode import bundles
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
 from specs.pipeline.simulation_section import Recordings
 from tasks.applications.registry import publish_bundle
 from tasks.simulate.audit.audit_run import write_audit
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete, load_batch, open_batch
+from tasks.simulate.batch.batch_record import OpenBatch, complete, load_batch, open_batch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
-from tasks.simulate.plan.request import recorded_location
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import request

@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from hypothesis import strategies as st
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
-from tasks.results.statistics.success import EpisodeCounts
-from tasks.results.statistics.summary import EpisodeTally
+from tasks.results.statistics.batch_summary import EpisodeCounts, EpisodeTally
 
 ROBOT = ApplicationLaunch(
     name="courier", version="1", digest="a" * 64, package="courier", launch_file="go_to_goal"

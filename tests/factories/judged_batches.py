@@ -8,8 +8,8 @@ from specs.data.episode import ApplicationLaunch
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.bundle import Version
 from tasks.applications.registry import publish_bundle
-from tasks.simulate.batch.commit import Simulate, run_chunk
-from tasks.simulate.batch.job import complete
+from tasks.simulate.batch.batch_record import complete
+from tasks.simulate.batch.chunk_run import Simulate, run_chunk
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tests.factories.planned_batches import all_pass, begun, plan, template

@@ -11,11 +11,10 @@ import mujoco
 import numpy as np
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.application.motion import Body, Motion
-from tasks.simulate.application.robot_mjcf import add_obstacle, collision_bits, read_robot_mjcf
-from tasks.simulate.engine.planar.engine import drive_among, first_body
-from tasks.simulate.engine.planar.model import planar_robot
-from tasks.simulate.engine.planar.parts import PlanarRobot
+from tasks.simulate.application.contract import Body, Motion
+from tasks.simulate.application.robot_model import add_obstacle, collision_bits, read_robot_mjcf
+from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
+from tasks.simulate.engines.planar.planar_robot import PlanarRobot, planar_robot
 
 WHEELS = """
     <velocity name="forward" site="drive" gear="1 0 0 0 0 0" kv="40" ctrlrange="-1 1" forcerange="-15 15"/>

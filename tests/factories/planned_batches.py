@@ -7,8 +7,8 @@ from typing import cast
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeResult, unfinished_result
-from tasks.simulate.batch.commit import ChunkPart, Simulate
-from tasks.simulate.batch.job import OpenBatch, load_batch, open_batch
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store

@@ -5,11 +5,11 @@ from pathlib import Path
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.results.report.facts import BatchFacts, Judgement, Link, StageTime
-from tasks.results.report.places import Worlds
-from tasks.results.report.view import ReportView, report_view
+from tasks.results.report.batch_facts import BatchFacts, Judgement, Link, StageTime
+from tasks.results.report.report_columns import DrivenWorlds
+from tasks.results.report.report_view import ReportView, report_view
+from tasks.results.tables.episode_tables import failures_table, results_table
 from tasks.results.tables.parquet import write_parquet
-from tasks.results.tables.tables import failures_table, results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
 from tests.factories.worlds import apartment
 
@@ -79,6 +79,6 @@ def view(
     return report_view(facts(**{**named, **changes}), *files, as_read(found))
 
 
-def as_read(worlds: Mapping[str, World]) -> Worlds:
+def as_read(worlds: Mapping[str, World]) -> DrivenWorlds:
     """Returns worlds as a report reads them."""
-    return Worlds({name: world.rooms for name, world in worlds.items()}, lambda name: worlds[name])
+    return DrivenWorlds({name: world.rooms for name, world in worlds.items()}, lambda name: worlds[name])

@@ -14,8 +14,7 @@ from prefect.utilities.callables import parameter_schema
 from prefect.utilities.schema_tools.validation import is_valid
 from pydantic import ValidationError
 
-from specs.base import Spec
-from specs.form_schema import attribute_docs, words
+from specs.base import Spec, attribute_docs, words
 from specs.pipeline.document import PipelineSpec
 from tests.repository import ROOT
 
@@ -106,7 +105,7 @@ def test_every_number_of_a_form_has_its_bounds(entrypoint: str):
     ],
 )
 def test_a_form_tells_the_bounds_in_words(model: str, field: str, told: str):
-    described = shown("flows.pipeline.pipeline")["definitions"][model]["properties"][field]["description"]
+    described = shown("flows.prefect.flows.pipeline")["definitions"][model]["properties"][field]["description"]
     assert described.endswith(f" {told}")
 
 
@@ -162,7 +161,7 @@ def test_names_become_words(name: str, title: str):
 def test_the_server_takes_every_example(file: Path):
     document = yaml.safe_load(file.read_text())
     assert accepted(document)
-    assert is_valid({"spec": document}, shown("flows.pipeline.pipeline"))
+    assert is_valid({"spec": document}, shown("flows.prefect.flows.pipeline"))
 
 
 @pytest.mark.parametrize(
@@ -193,7 +192,7 @@ def test_the_server_takes_every_example(file: Path):
 def test_what_a_document_may_say_the_server_takes(path: str, value: object):
     document = changed(path, value)
     assert accepted(document)
-    assert is_valid({"spec": document}, shown("flows.pipeline.pipeline"))
+    assert is_valid({"spec": document}, shown("flows.prefect.flows.pipeline"))
 
 
 @pytest.mark.parametrize(
@@ -221,7 +220,7 @@ def test_what_a_document_may_say_the_server_takes(path: str, value: object):
 def test_what_a_document_may_not_say_the_server_refuses(path: str, value: object):
     document = changed(path, value)
     assert not accepted(document)
-    assert not is_valid({"spec": document}, shown("flows.pipeline.pipeline"))
+    assert not is_valid({"spec": document}, shown("flows.prefect.flows.pipeline"))
 
 
 def _models(base: type[Spec]) -> Iterator[type[Spec]]:

@@ -8,7 +8,7 @@ from prefect.flow_engine import run_flow
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry
 
-from flows.pipeline import pipeline
+from flows.prefect.flows import pipeline
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records

@@ -11,12 +11,12 @@ import pytest
 from prefect import Task
 from prefect.exceptions import MissingResult
 
-from flows.prefect_orchestrator import TASKS, PrefectOrchestrator
-from flows.stage.orchestrator import ProcessAlone, orchestrated_by
-from flows.stage.pipeline_run import pipeline
+from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.pipeline_run import pipeline
+from flows.prefect.prefect_orchestrator import TASKS, PrefectOrchestrator
 from specs.pipeline.document import PipelineSpec
 from tasks.deploy import step as deploy_step
-from tasks.progress.step_retry import is_store_away
+from tasks.progress.task import is_store_away
 from tests.integration.runs import small_document, write_document
 
 P = ParamSpec("P")

@@ -6,7 +6,7 @@ from botocore.auth import SigV4Auth
 from botocore.awsrequest import AWSRequest
 from botocore.credentials import Credentials
 
-from tasks.gateway.messages import HttpRequest
+from tasks.gateway.rest_json import HttpRequest
 
 KEY_ID = "SIMYARDTEST000000001"
 SECRET = "s3cret/of+the-tests"  # noqa: S105 - of nobody

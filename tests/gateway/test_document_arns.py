@@ -2,9 +2,9 @@
 
 from pydantic import JsonValue
 
-from specs.robomaker.fleet import DescribeFleetResponse
+from specs.robomaker.deployment import DescribeFleetResponse
 from specs.robomaker.simulation import BatchDescribeSimulationJobRequest, StartSimulationJobBatchRequest
-from tasks.gateway.document_arns import with_arns
+from tasks.gateway.rest_json import with_arns
 
 
 def changed(text: str) -> str:

@@ -8,8 +8,8 @@ import pytest
 from specs import errors
 from specs.arn import ArnForm, arn
 from specs.base import Fault
-from specs.interface.operations import OPERATIONS
-from tasks.gateway.error_answers import ErrorAnswers
+from specs.robomaker.operations import OPERATIONS
+from tasks.gateway.rest_json import ErrorAnswers
 
 STORE = "file:///srv/secret place/store"
 ANSWERS = ErrorAnswers(ArnForm("id", "us-west-2"), STORE)

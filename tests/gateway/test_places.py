@@ -1,6 +1,6 @@
 import pytest
 
-from tasks.gateway.places import without_places
+from tasks.gateway.rest_json import without_places
 
 STORE = "file:///srv/secret place/store"
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.errors import AccessRefused
-from tasks.gateway.messages import HttpRequest
-from tasks.gateway.signature import check_signature, claim_of
+from tasks.gateway.access.signature import check_signature, claim_of
+from tasks.gateway.rest_json import HttpRequest
 from tests.gateway.signed_requests import KEY_ID, SECRET, changed, header, now_s, signed_request
 
 ARN = "arn:aws:robomaker:us-east-1:123456789012:deployment-fleet/home/1600000000000"

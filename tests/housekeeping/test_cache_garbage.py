@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tasks.housekeeping import cache_garbage
-from tasks.housekeeping.cache_garbage import CacheEntry, remove_entry, unused_entries
+from tasks.housekeeping import machine
+from tasks.housekeeping.machine import CacheEntry, remove_entry, unused_entries
 
 _DAY_S = 86400.0
 
@@ -96,13 +96,13 @@ def test_a_file_that_is_written_anew_before_the_old_one_is_put_back_stays(
     path = cached(tmp_path, "timings/machine", days=31)
     (entry,) = unused_entries(tmp_path, 30 * _DAY_S)
     os.utime(path)
-    seen = cache_garbage.CacheEntry(path, entry.what, 5, entry.used_s + 1.0)
+    seen = machine.CacheEntry(path, entry.what, 5, entry.used_s + 1.0)
 
     def written_anew(_aside: Path, _what: str) -> CacheEntry:
         path.write_bytes(b"newer")
         return seen
 
-    monkeypatch.setattr(cache_garbage, "_seen", written_anew)
+    monkeypatch.setattr(machine, "_seen", written_anew)
     assert not remove_entry(entry)
     assert path.read_bytes() == b"newer"
     assert list(path.parent.iterdir()) == [path]
@@ -117,6 +117,6 @@ def test_a_folder_that_another_gc_takes_away_meanwhile_is_gone(tmp_path: Path, m
         path.rename(path.with_name(".gc-another"))
         real(path, **options)  # pyright: ignore[reportArgumentType, reportCallIssue] - passed on as it came
 
-    monkeypatch.setattr(cache_garbage.shutil, "rmtree", taken_away)
+    monkeypatch.setattr(machine.shutil, "rmtree", taken_away)
     assert remove_entry(entry)
     assert not entry.path.exists()

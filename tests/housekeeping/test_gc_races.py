@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.housekeeping.cache_garbage import remove_entry, unused_entries
+from tasks.housekeeping.machine import remove_entry, unused_entries
 from tasks.storage.base.store import Store
 from tests.housekeeping.racers import race_cache, race_gc
 from tests.housekeeping.yard import Yard, freed

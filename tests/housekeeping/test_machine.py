@@ -17,9 +17,8 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.housekeeping.cache_garbage import remove_entry, remove_path, unused_entries
-from tasks.housekeeping.machine import MachineReport, clean_machine
-from tasks.storage.jobs.holder import process_of
+from tasks.housekeeping.machine import MachineReport, clean_machine, remove_entry, remove_path, unused_entries
+from tasks.storage.jobs.claim import process_of
 from tests.repository import ROOT
 
 DIGEST = "0123456789abcdef" * 4

@@ -4,15 +4,16 @@ import re
 
 import pytest
 
-from flows.batch.recorded_episodes import BAGS_FOLDER
+from flows.batch.batch_end import BAGS_FOLDER
 from specs.job_kinds import BAGS, BATCH_FILES, RECORDING
 from tasks.housekeeping.object_kinds import ObjectKind, digests_in, ids_in, is_record, job_of_id, kind_of_key
-from tasks.results.report.report_job import REPORT_FILE
+from tasks.results.report.report_page import REPORT_FILE
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
 from tasks.simulate.audit.audit_run import AUDIT_FILE
 from tasks.storage.base import keys
 from tasks.storage.base.keys import (
+    attempt_key,
     bundle_key,
     chunk_key,
     chunk_start_key,
@@ -27,7 +28,6 @@ from tasks.storage.base.keys import (
     template_name_key,
     token_key,
     trust_key,
-    try_key,
     world_key,
 )
 
@@ -88,7 +88,7 @@ def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
         "store.json",
         line_root_key("world-export-job"),
         "housekeeping/unnamed.json",
-        try_key("0" * 32, "1" * 32),
+        attempt_key("0" * 32, "1" * 32),
         "templates/t.json",
         named_template_key("wt-0123456789abcdef"),
         template_name_key("a flat"),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.housekeeping.signed_metadata import replaced_metadata
+from tasks.housekeeping.references import replaced_metadata
 from tasks.storage.base.keys import trust_key
 from tasks.storage.base.store import Store
 from tests.housekeeping.yard import Yard, freed

@@ -13,8 +13,7 @@ from specs.errors import StoreError
 from specs.job_kinds import JobKind
 from specs.robomaker.bundle import Application, Build, Version
 from tasks.applications.versions import change, with_version
-from tasks.housekeeping.findings import GcReport
-from tasks.housekeeping.job import Ages, collect_garbage
+from tasks.housekeeping.job import Ages, GcReport, collect_garbage
 from tasks.storage.base.keys import (
     bundle_key,
     chunk_key,

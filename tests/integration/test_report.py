@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.server.password import authorization
+from tasks.server.health import authorization
 from tests.integration.runs import ROOT, finished
 from tests.servers.chromium import browsing
 

@@ -7,8 +7,8 @@ from time import sleep
 import pytest
 
 from specs.errors import StageFailed
-from tasks.progress import at_a_time as module
-from tasks.progress.at_a_time import at_a_time
+from tasks.progress import listener as module
+from tasks.progress.listener import at_a_time
 
 _PATIENCE_S = 30.0
 _ran = ContextVar("_ran", default="nobody")

@@ -1,6 +1,6 @@
 """The document whose run this is gives the keys of its artifacts."""
 
-from tasks.progress.document import artifact_key, document_name, work_for_document
+from tasks.progress.listener import artifact_key, document_name, work_for_document
 
 
 def test_a_key_has_the_name_of_the_document_inside_the_block_only():

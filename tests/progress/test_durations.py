@@ -4,8 +4,7 @@ import logging
 
 import pytest
 
-from tasks.progress.durations import log_duration, taken_s
-from tasks.progress.log_lines import LOG_FORMAT
+from tasks.progress.log_lines import LOG_FORMAT, log_duration, taken_s
 
 
 def told(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:

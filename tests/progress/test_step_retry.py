@@ -10,7 +10,7 @@ from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary
 
 from specs.base import Fault
 from specs.errors import BucketNotFound, DocumentError, StageFailed, StoreAway, StoreThrottled
-from tasks.progress.step_retry import RETRY_DELAYS_S, STORE_RETRY
+from tasks.progress.task import RETRY_DELAYS_S, STORE_RETRY
 
 pytestmark = pytest.mark.integration
 

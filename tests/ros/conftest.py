@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.launch.installation import RosInstallation, ros_installation
+from tasks.ros.launch.packages import RosInstallation, ros_installation
 from tasks.ros.lockstep.exchange import Launch
 from tests.repository import ROOT
 

@@ -5,7 +5,7 @@ from collections.abc import Generator
 
 import pytest
 
-from tasks.server.collector_pause import pause_collector
+from tasks.server.watchdog import pause_collector
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from tasks.server.log_files import new_log, rename_log
+from tasks.server.process import new_log, rename_log
 
 _NO_PROCESS = 1 << 30
 

@@ -107,7 +107,7 @@ def test_a_run_whose_reserve_cannot_begin_runs_a_server_of_its_own(launches: Lau
 
 @pytest.mark.long
 def test_a_server_in_reserve_whose_input_ends_has_touched_nothing(tmp_path: Path):
-    command = [sys.executable, "-m", "tasks.server.guarded_server", "1", process.IN_RESERVE]
+    command = [sys.executable, "-m", "tasks.server.guarded_server", "1", process.PRESTARTED]
     environment = {**os.environ, "PREFECT_HOME": str(tmp_path), "PREFECT_SERVER_ANALYTICS_ENABLED": "false"}
     ended = subprocess.run(command, stdin=subprocess.DEVNULL, env=environment, capture_output=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, b"")

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tasks.server import process
-from tasks.server.process import Server
-from tasks.server.start_lock import end_turn_when, take_turn
+from tasks.server.process import Server, end_turn_when, take_turn
 from tests.factories.gateway.answering_server import NOBODY
 from tests.servers.eventually import eventually
 

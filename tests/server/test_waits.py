@@ -5,8 +5,7 @@ from collections.abc import Callable, Iterable
 
 import pytest
 
-from tasks.server.own_origin import Application, Message, Receive, Scope, Send
-from tasks.server.waits import BusyDatabase, LeftReader
+from tasks.server.guarded_server import Application, BusyDatabase, LeftReader, Message, Receive, Scope, Send
 
 POST = {"type": "http", "method": "POST", "path": "/api/artifacts/"}
 _BODY = [b"half, ", b"and half"]

@@ -16,8 +16,7 @@ from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound
 from specs.robomaker.bundle import Application, Build
 from tasks.applications.versions import change, with_version
 from tasks.storage.base.store import Entry, Store
-from tasks.storage.jobs.claim import hold_claim
-from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, this_process
+from tasks.storage.jobs.claim import ProcessIdentity, hold_claim, is_known_dead, this_process
 from tasks.storage.jobs.records import advance
 from tasks.storage.store_url import open_store
 from tests.servers.racers import wait_for_all

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from specs.data.world import World
-from tasks.simulate.process import simulators
-from tasks.simulate.process.simulator import SimulatorEnded, Told
-from tasks.simulate.process.work import Answer, SentWorlds
+from tasks.simulate.sandbox import process_pool
+from tasks.simulate.sandbox.protocol import Answer, SentWorlds
+from tasks.simulate.sandbox.simulator import SimulatorEnded, Told
 
 
 def ended(*, beside_others: bool) -> SimulatorEnded:
@@ -43,5 +43,5 @@ def use_simulators(monkeypatch: pytest.MonkeyPatch, ends: Sequence[SimulatorEnde
         def end(self) -> None:
             self.alive = False
 
-    monkeypatch.setattr(simulators, "Simulator", Process)
+    monkeypatch.setattr(process_pool, "Simulator", Process)
     return asked

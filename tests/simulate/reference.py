@@ -8,8 +8,8 @@ from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S
 from specs.data.world import World
-from tasks.simulate.engine.mujoco.model import host_robot, world_model
-from tasks.simulate.sensor.lidar import Lidar, ray_angles
+from tasks.simulate.engines.mujoco.world_stepper import host_robot, world_model
+from tasks.simulate.sensors.lidar import Lidar, ray_angles
 
 
 def reference_model(robot: Path, world: World) -> mujoco.MjModel:

@@ -10,14 +10,13 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode_columns import EpisodeColumns
-from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.process.confinement import confined_environment
-from tasks.simulate.process.wire import receive
-from tasks.simulate.process.work import AuditWork, LanesWork, SentWorlds
+from tasks.simulate.sandbox.confinement import confined_environment
+from tasks.simulate.sandbox.protocol import AuditWork, LanesWork, SentWorlds, receive
 from tasks.simulate.simulation_process import Service
 from tests.factories.simulations import delivery
 
@@ -31,7 +30,7 @@ import sys
 from tasks.simulate.devices import prepare_devices
 prepare_devices()
 import tasks.simulate.simulation_process
-import tasks.simulate.chunk.episodes
+import tasks.simulate.chunk.chunk_simulation
 print(*(name for name in sys.modules if name.startswith("specs.pipeline.") or name == "mujoco.glfw"))
 """
 

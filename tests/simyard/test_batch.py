@@ -8,8 +8,8 @@ import duckdb
 import pytest
 
 import simyard
-from simyard.answer import results as results_module
-from simyard.answer.run import Run
+from simyard.answer import batch_answers as results_module
+from simyard.answer.run_answers import Run
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.jobs.records import JobRecord

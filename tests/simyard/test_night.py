@@ -1,10 +1,9 @@
 """A document's nights for Python: each with its rate, and where the rate changed."""
 
 import simyard
-from simyard.answer.trend import Trend
-from tasks.results.trend.page import trend_page
-from tasks.results.trend.series import Choice, make_trend
-from tasks.results.trend.view import trend_view
+from simyard.answer.run_answers import Trend
+from tasks.results.trend.trend_series import Choice, make_trend
+from tasks.results.trend.trend_view import trend_page, trend_view
 from tests.results.trend.histories import history
 
 

@@ -16,8 +16,8 @@ from prefect import flow
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
 import simyard
-from simyard import shared_server as server_module
-from simyard.answer.run import Run
+from simyard import run_call as server_module
+from simyard.answer.run_answers import Run
 from specs.errors import DocumentError, StageFailed
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
@@ -105,7 +105,7 @@ def test_a_document_with_faults_is_refused_before_there_is_a_server(tmp_path: Pa
 
 def test_a_server_that_does_not_answer_is_told_and_is_not_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("PREFECT_API_URL", NOBODY)
-    monkeypatch.setattr("flows.server.prefect_server.succeeds_within", lambda question: question())
+    monkeypatch.setattr("flows.prefect.prefect_server.succeeds_within", lambda question: question())
     with pytest.raises(StageFailed, match="no Prefect server answers"):
         simyard.run(DOCUMENT, store=tmp_path)
     assert server_module.holders == []

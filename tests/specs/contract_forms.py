@@ -15,12 +15,12 @@ MODULES = (
     "specs.field_types",
     "specs.robomaker.applications",
     "specs.robomaker.deployment",
-    "specs.robomaker.fleet",
-    "specs.robomaker.launch",
+    "specs.robomaker.deployment",
+    "specs.robomaker.simulation",
     "specs.robomaker.simulation",
     "specs.robomaker.simulation_descriptions",
-    "specs.robomaker.tags",
-    "specs.robomaker.world_descriptions",
+    "specs.robomaker.shared_operations",
+    "specs.robomaker.world_jobs",
     "specs.robomaker.world_jobs",
 )
 SHARED_FIELDS = {

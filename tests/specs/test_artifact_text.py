@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.artifact_text import artifact_key, escape_markdown, table_rows
+from specs.untrusted_text import artifact_key, escape_markdown, table_rows
 
 HOSTILE = (
     "<img src=x onerror=alert(1)>\n\n# PASS | [click](javascript:alert(1)) ![](https://evil.example/x.png) `x`\x1b[2J"

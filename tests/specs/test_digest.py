@@ -4,7 +4,7 @@ import math
 import pytest
 from pydantic import JsonValue
 
-from specs.digest import canonical_document, canonical_json, digest, without_absent
+from specs.base import canonical_document, canonical_json, digest, without_absent
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
 

@@ -7,7 +7,7 @@ import unicodedata
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.terminal_text import terminal_json, terminal_line, terminal_text
+from specs.untrusted_text import terminal_json, terminal_line, terminal_text
 
 UNSEEN = {"Cc", "Cf", "Zl", "Zp", "Cs"}
 

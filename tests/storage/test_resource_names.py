@@ -11,7 +11,7 @@ from tasks.storage.jobs.records import submit
 from tasks.storage.jobs.runs import stage_token
 from tasks.storage.resource_names import find_batch_name, find_resource, resource_arn
 from tasks.storage.store_url import store_id
-from tasks.storage.templates.named_templates import create_template
+from tasks.storage.templates import create_template
 
 BATCH = "simulation-job-batch"
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from specs.base import canonical_json
 from specs.data.world import Furniture, World
-from specs.digest import canonical_json
 from specs.errors import DocumentError, ObjectExists, ResourceNotFound, WorldChanged
 from specs.template.body import TemplateBody
 from tasks.storage.base.store import Store

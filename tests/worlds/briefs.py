@@ -5,7 +5,14 @@ from itertools import combinations
 from hypothesis import strategies as st
 
 from specs.data.world import RoomType
-from tasks.worlds.brief import ROBOT_RADIUS_M, Brief, ConnectionWish, DoorWishes, PassageKind, RoomWish
+from tasks.worlds.resolved_template import (
+    ROBOT_RADIUS_M,
+    ConnectionWish,
+    DoorWishes,
+    PassageKind,
+    ResolvedTemplate,
+    RoomWish,
+)
 from tests.worlds.templates import ROOM_TYPES
 
 _sides = st.one_of(st.just(1.0), st.floats(1.0, 4.0))
@@ -24,11 +31,11 @@ def brief(
     footprint: float = 1.0,
     radius_m: float = ROBOT_RADIUS_M,
     doors: bool = False,
-) -> Brief:
+) -> ResolvedTemplate:
     """Returns a brief of these rooms, connected by doorways and openings between rooms by index."""
     wishes = [ConnectionWish(pair, "Doorway") for pair in connections]
     wishes += [ConnectionWish(pair, "Opening") for pair in openings]
-    return Brief(
+    return ResolvedTemplate(
         footprint_aspect=footprint,
         ceiling_height_m=2.7,
         rooms=rooms,
@@ -38,7 +45,7 @@ def brief(
     )
 
 
-def flat() -> Brief:
+def flat() -> ResolvedTemplate:
     """Returns a flat of six rooms around a hall."""
     rooms = (
         wish("Hall", "Hallway", 12.0, 2.5),
@@ -52,7 +59,7 @@ def flat() -> Brief:
 
 
 @st.composite
-def briefs(draw: st.DrawFn) -> Brief:
+def briefs(draw: st.DrawFn) -> ResolvedTemplate:
     """Returns a random brief: any rooms, any connections that a template may have, any robot, with doors or without."""
     count = draw(st.integers(1, 6))
     rooms = tuple(
@@ -66,7 +73,7 @@ def briefs(draw: st.DrawFn) -> Brief:
         taken = [room for each in connections for room in each.rooms]
         if count > 1 and all(taken.count(room) + times <= 4 for room in pair) and len(connections) + times <= 12:
             connections += [ConnectionWish(pair, kind)] * times
-    return Brief(
+    return ResolvedTemplate(
         footprint_aspect=draw(_aspects),
         ceiling_height_m=2.7,
         rooms=rooms,

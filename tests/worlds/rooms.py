@@ -6,16 +6,14 @@ import numpy as np
 
 from specs.data.world import Furniture, RoomType, Solid
 from specs.template.interior import Density
-from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.floorplan.floorplan import Cut, FloorPlan
+from tasks.worlds.floorplan.floorplan import Cut, FloorPlan, Pane, build_walls
 from tasks.worlds.floorplan.passages import Gap
 from tasks.worlds.floorplan.scoring import WALL_M
-from tasks.worlds.floorplan.walls import build_walls
-from tasks.worlds.floorplan.windows import Pane
 from tasks.worlds.furnishing.assembly import Look, Palette, assemble
 from tasks.worlds.furnishing.scene import Piece, RoomScene, open_scene
-from tasks.worlds.furniture.primitives import Size, Style
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.furniture.furniture_type import Size, Style
+from tasks.worlds.geometry import Box
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.templates import furniture, room, template
 
 ROBOT_M = 0.25
@@ -35,7 +33,7 @@ def home(
     radius_m: float = ROBOT_M,
     start_inside: bool = False,
     window: bool = False,
-) -> tuple[Brief, FloorPlan]:
+) -> tuple[ResolvedTemplate, FloorPlan]:
     """Returns a room of that kind north of an empty hall, a doorway between them, the start in one of the two.
 
     Args:
@@ -68,7 +66,7 @@ def home(
             furniture({"RoomNames": ["Hall"]}, [], "Sparse"),
         ),
     )
-    return replace(brief_of(body), robot_radius_m=radius_m), plan
+    return replace(resolve_template(body), robot_radius_m=radius_m), plan
 
 
 def walls_of(plan: FloorPlan) -> tuple[Solid, ...]:

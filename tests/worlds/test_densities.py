@@ -6,8 +6,8 @@ import pytest
 
 from specs.data.world import RoomType
 from specs.template.interior import Density
-from tasks.worlds.brief import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, FREE_FLOOR
-from tasks.worlds.furnishing.interior import InteriorKey, furnish_interior
+from tasks.worlds.furnishing.furnish import InteriorKey, furnish_interior
+from tasks.worlds.resolved_template import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, FREE_FLOOR
 from tests.worlds.rooms import home, walls_of
 from tests.worlds.templates import ROOM_TYPES
 

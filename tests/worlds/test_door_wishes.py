@@ -3,7 +3,7 @@
 import pytest
 from pydantic import JsonValue
 
-from tasks.worlds.brief import Opening, brief_of
+from tasks.worlds.resolved_template import Opening, resolve_template
 from tests.worlds.templates import doorway, room, template
 
 KITCHEN, HALL, BEDROOM = 0, 1, 2
@@ -25,7 +25,7 @@ def between(one: JsonValue, other: JsonValue) -> JsonValue:
 def opening(pair: tuple[int, int], *sets: tuple[JsonValue, JsonValue]) -> Opening:
     rooms = (room("Kitchen", "Kitchen"), room("Hall", "Hallway"), room("Bed", "Bedroom"))
     body = template(*rooms, version="2", doorways=tuple(doorway(*each) for each in sets))
-    doors = brief_of(body).doors
+    doors = resolve_template(body).doors
     assert doors is not None
     return doors.opening(pair)
 

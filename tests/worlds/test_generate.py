@@ -15,7 +15,7 @@ from specs.template.body import TemplateBody, template_digest
 from tasks.storage.worlds import encode_world
 from tasks.worlds.floorplan.floorplan import plan_floor
 from tasks.worlds.generate import generate_world
-from tasks.worlds.geometry.clearance import CELL_M
+from tasks.worlds.geometry import CELL_M
 from tests.worlds.geometry_checks import (
     HEAD_M,
     bottom_m,

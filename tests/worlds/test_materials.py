@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from pydantic import JsonValue
 
-from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.materials import FLOORINGS, WALLS, draw_surfaces
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.templates import materials, room, template
 
 
-def with_materials(floor: str, wall: str) -> Brief:
+def with_materials(floor: str, wall: str) -> ResolvedTemplate:
     target: dict[str, JsonValue] = {"RoomNames": ["A"]}
-    return brief_of(template(room("A"), flooring=(materials(target, floor),), walls=(materials(target, wall),)))
+    return resolve_template(template(room("A"), flooring=(materials(target, floor),), walls=(materials(target, wall),)))
 
 
 def test_there_are_six_floorings_and_seven_wall_materials() -> None:
@@ -37,13 +37,13 @@ def test_a_covering_has_the_figures_of_its_material() -> None:
 
 
 def test_two_rooms_of_one_material_need_not_look_alike() -> None:
-    brief = brief_of(
+    brief = resolve_template(
         template(*(room(f"R{n}") for n in range(6)), walls=(materials({"RoomTypes": ["Living"]}, "Wall paint"),))
     )
     assert len({each.walls.color for each in draw_surfaces(brief, np.random.default_rng(1))}) > 1
 
 
 def test_interiors_differ_in_their_materials() -> None:
-    brief = brief_of(template(*(room(f"R{n}") for n in range(6))))
+    brief = resolve_template(template(*(room(f"R{n}") for n in range(6))))
     drawn = {draw_surfaces(brief, np.random.default_rng(n)) for n in range(1, 6)}
     assert len(drawn) > 1

@@ -1,24 +1,23 @@
 """A plan whose open doors would shut a wide robot out is drawn again."""
 
-from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.floorplan.doors import hang_doors
-from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.floorplan.walls import build_walls
+from tasks.worlds.floorplan.floorplan import FloorPlan, build_walls, plan_floor
 from tasks.worlds.generate import sound_plan
-from tasks.worlds.geometry.clearance import measure_clearance, reaches_room
+from tasks.worlds.geometry import measure_clearance, reaches_room
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.templates import room, template
 
 GREY = (0.5, 0.5, 0.5)
 SEEDS = range(40)
 
 
-def narrow(version: str) -> Brief:
+def narrow(version: str) -> ResolvedTemplate:
     """Returns four small rooms for a robot that leaves hardly any room beside an open leaf."""
     kinds = ("Hallway", "Kitchen", "Bathroom", "Closet")
-    return brief_of(template(*(room(kind, kind, 10.0, (2.0, 1.0)) for kind in kinds), version=version), 0.58)
+    return resolve_template(template(*(room(kind, kind, 10.0, (2.0, 1.0)) for kind in kinds), version=version), 0.58)
 
 
-def passable(brief: Brief, plan: FloorPlan) -> bool:
+def passable(brief: ResolvedTemplate, plan: FloorPlan) -> bool:
     leaves = [way.leaf("leaf", 100.0, GREY) for way in hang_doors(brief, plan)]
     clearance = measure_clearance(plan.footprint, [*build_walls(plan, 3.0, [GREY] * 4), *leaves])
     reached = clearance.reached(brief.robot_radius_m)

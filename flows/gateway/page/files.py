@@ -6,15 +6,14 @@ An address names a job, a world or a document; the key is made from that, so no 
 from contextlib import suppress
 from urllib.parse import quote
 
-from flows.gateway.page.stored import job, known_job, newest_jobs, read_bytes
-from flows.gateway.page.visit import Visit, address, missing
+from flows.gateway.page.request_context import RequestContext, address, job, known_job, missing, newest_jobs, read_bytes
 from specs.errors import DocumentError, ObjectTooBig
 from specs.field_types import OutputLocation
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.gateway.messages import HttpAnswer
-from tasks.gateway.page.headers import strangers_headers
-from tasks.simulate.batch.job import KIND as BATCH
-from tasks.simulate.plan.request import recorded_location
+from tasks.gateway.page.render import strangers_headers
+from tasks.gateway.rest_json import HttpAnswer
+from tasks.simulate.batch.batch_record import KIND as BATCH
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import contact_sheet_key, output_key, trend_key, world_key
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import JobRecord
@@ -58,7 +57,7 @@ def trend_address(document: str) -> str:
     return f"/batches/trends/{quote(document, safe='')}.html"
 
 
-def batch_file(visit: Visit, batch: str, name: str) -> HttpAnswer:
+def batch_file(visit: RequestContext, batch: str, name: str) -> HttpAnswer:
     """Returns one of the files beside a batch's report, or the report.
 
     Raises:
@@ -73,7 +72,7 @@ def batch_file(visit: Visit, batch: str, name: str) -> HttpAnswer:
     return HttpAnswer(200, body, _TYPES[name], headers=strangers_headers(file_name=saved))
 
 
-def trend_file(visit: Visit, document: str) -> HttpAnswer:
+def trend_file(visit: RequestContext, document: str) -> HttpAnswer:
     """Returns the page of a document's nights, which lies beside the batches of its newest runs.
 
     Raises:
@@ -93,7 +92,7 @@ def trend_file(visit: Visit, document: str) -> HttpAnswer:
     raise missing("pipeline-run", document)
 
 
-def contact_sheet(visit: Visit, generation: str) -> HttpAnswer:
+def contact_sheet(visit: RequestContext, generation: str) -> HttpAnswer:
     """Returns the picture of a generation job's worlds.
 
     Raises:
@@ -107,7 +106,7 @@ def contact_sheet(visit: Visit, generation: str) -> HttpAnswer:
     return HttpAnswer(200, body, _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
 
 
-def floor_plan(visit: Visit, generation: str, name: str) -> HttpAnswer:
+def floor_plan(visit: RequestContext, generation: str, name: str) -> HttpAnswer:
     """Returns the drawing of a world.
 
     Raises:
@@ -120,7 +119,7 @@ def floor_plan(visit: Visit, generation: str, name: str) -> HttpAnswer:
     return HttpAnswer(200, floor_plan_svg(world).encode(), _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
 
 
-def world_body(visit: Visit, generation: str, name: str) -> bytes:
+def world_body(visit: RequestContext, generation: str, name: str) -> bytes:
     """Returns the document of a world.
 
     Raises:
@@ -136,6 +135,6 @@ def world_body(visit: Visit, generation: str, name: str) -> bytes:
     return body
 
 
-def _from_bucket(visit: Visit, place: OutputLocation, name: str) -> bytes | None:
+def _from_bucket(visit: RequestContext, place: OutputLocation, name: str) -> bytes | None:
     bucket = open_bucket(visit.store, place.s3Bucket or "")
     return read_bytes(bucket, output_key(place.s3Prefix, name), _MOST_BYTES)

@@ -1,21 +1,113 @@
-"""The pages of fleets, robots and deployments: what each robot shall run, what it runs, and what it said last."""
+"""The pages of fleets, robots and deployments, and of the applications that are deployed or simulated.
 
-from collections.abc import Iterable
+A robot's page says what it shall run, what it runs, and what it said last.
+"""
+
+from collections.abc import Iterable, Mapping
 from functools import partial
 from pathlib import PurePosixPath
 
-from flows.gateway.page.stored import PAGE_ROWS, at_once, job, known_jobs, newest_jobs, newest_names, step_of
-from flows.gateway.page.visit import Visit, address, missing, named, state, tag_rows, when
+from flows.gateway.page.request_context import (
+    PAGE_ROWS,
+    RequestContext,
+    address,
+    at_once,
+    job,
+    known_jobs,
+    missing,
+    named,
+    newest_jobs,
+    newest_names,
+    state,
+    step_of,
+    tag_rows,
+    when,
+)
 from specs.errors import ResourceNotFound, StoreError, StoreUnreachable
 from specs.job_kinds import JobKind
-from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import robot_cells, robot_counts
-from tasks.deploy.fleet.fleets import read_fleet
-from tasks.deploy.fleet.installed_versions import RobotNow, robots_now
-from tasks.deploy.fleet.robots import known_robot, read_desired, read_reported
+from specs.robomaker.bundle import Application, ApplicationKind, Version
+from tasks.applications.versions import read_application
+from tasks.deploy.fleet.fleet_registry import known_robot, read_desired, read_fleet, read_reported
 from tasks.deploy.fleet.states import FleetRecord, RobotRecord
+from tasks.deploy.fleet_descriptions import RobotNow, describe_deployment_job, robot_cells, robot_counts, robots_now
 from tasks.gateway.page.content import Cell, Facts, Page, Table
+from tasks.storage.base.keys import applications_prefix
 from tasks.storage.jobs.records import JobRecord, is_terminal
+
+KINDS: Mapping[str, ApplicationKind] = {"robot": "robot-application", "simulation": "simulation-application"}
+
+
+def applications_page(visit: RequestContext) -> Page:
+    """Returns the list of applications of both kinds."""
+    tables = tuple(_applications_table(visit, word, kind) for word, kind in KINDS.items())
+    return Page("Applications", blocks=tables)
+
+
+def application_page(visit: RequestContext, kind: ApplicationKind, name: str) -> Page:
+    """Returns the page of an application with its versions.
+
+    Raises:
+        ResourceNotFound: There is none, or it may not be seen.
+        DocumentError: The name can be no application's.
+    """
+    visit.require(kind, name)
+    found = read_application(visit.store, kind, name)
+    if found is None or found.deleted:
+        raise missing(kind, name)
+    rows = tuple(
+        (
+            Cell(str(version.number)),
+            Cell(version.digest, is_code=True),
+            Cell(f"{version.size_bytes:,}", is_number=True),
+            Cell(_origin(version)),
+            when(version.created_at_s),
+        )
+        for version in reversed(found.versions)
+    )
+    table = Table("Versions", ("Version", "Bundle", "Bytes", "From", "Made"), rows, "No version yet.")
+    sources = tuple(
+        ("source", Cell(f"s3://{each.s3Bucket}/{each.s3Key}", small=str(each.architecture))) for each in found.sources
+    )
+    facts = Facts("The application", (*sources, *visit.arn_rows(visit.arn(kind, name))))
+    title = "Robot application" if kind == "robot-application" else "Simulation application"
+    return Page(name, title, trail=(("Applications", "/applications"),), blocks=(table, facts))
+
+
+def _applications_table(visit: RequestContext, word: str, kind: ApplicationKind) -> Table:
+    def name_of(key: str) -> str:
+        name = PurePosixPath(key).stem
+        return name if visit.may_read(visit.arn(kind, name)) else ""
+
+    shown, steps = step_of(visit, newest_names(visit, applications_prefix(kind), name_of), "/applications")
+    found = at_once(partial(_application_table, visit, kind), shown)
+    rows = tuple(
+        (
+            Cell(each.name, address(kind, each.name)),
+            Cell(each.numbers),
+            when(each.versions[-1].created_at_s if each.versions else None),
+        )
+        for each in found
+        if each
+    )
+    columns = ("Application", "Versions", "Newest from")
+    return Table(f"{word.capitalize()} applications", columns, rows, "None yet.", steps=steps)
+
+
+def _application_table(visit: RequestContext, kind: ApplicationKind, name: str) -> Application | None:
+    try:
+        found = read_application(visit.store, kind, name)
+    except StoreUnreachable:
+        raise
+    except StoreError:  # it is damaged
+        return None
+    return None if found is None or found.deleted else found
+
+
+def _origin(version: Version) -> str:
+    if version.builds:
+        return ", ".join(build.architecture for build in version.builds)
+    return "Simyard" if version.shipped else "a document" if version.brought else "a folder"
+
 
 _DEPLOYMENT: JobKind = "deployment-job"
 _ROBOTS_LOOKED_AT = 5_000
@@ -23,7 +115,7 @@ _NOTE = "A robot reports when something changes, and not otherwise."
 _COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
 
 
-def fleets_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
+def fleets_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the fleets; with an address for all of them, no more than the first."""
     names = newest_names(visit, "fleets", lambda key: _fleet_name(visit, key))
     shown, steps = step_of(visit, names, "/fleets", most)
@@ -42,12 +134,12 @@ def fleets_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
     return Table("Fleets", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def fleets_page(visit: Visit) -> Page:
+def fleets_page(visit: RequestContext) -> Page:
     """Returns the list of fleets."""
     return Page("Fleets", blocks=(fleets_table(visit),))
 
 
-def fleet_page(visit: Visit, name: str) -> Page:
+def fleet_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of a fleet, with how each of its robots is.
 
     Raises:
@@ -83,7 +175,7 @@ def fleet_page(visit: Visit, name: str) -> Page:
     )
 
 
-def robots_page(visit: Visit) -> Page:
+def robots_page(visit: RequestContext) -> Page:
     """Returns the list of robots."""
     shown, steps = step_of(visit, _robot_names(visit), "/robots")
     empty = "No robot yet: simyard fleet robot, or CreateRobot, makes one."
@@ -92,7 +184,7 @@ def robots_page(visit: Visit) -> Page:
     )
 
 
-def robot_page(visit: Visit, name: str) -> Page:
+def robot_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of a robot.
 
     Raises:
@@ -121,7 +213,7 @@ def robot_page(visit: Visit, name: str) -> Page:
     return Page(name, "Robot", status, why, trail, blocks=blocks, is_going=going)
 
 
-def deployments_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Table:
+def deployments_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the newest deployments; with an address for all of them, no more than the first."""
     shown, steps = step_of(visit, newest_jobs(visit, _DEPLOYMENT), "/deployments", most)
     rows = tuple(
@@ -140,12 +232,12 @@ def deployments_table(visit: Visit, most: int = PAGE_ROWS, href: str = "") -> Ta
     return Table("Deployments", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def deployments_page(visit: Visit) -> Page:
+def deployments_page(visit: RequestContext) -> Page:
     """Returns the list of deployments."""
     return Page("Deployments", blocks=(deployments_table(visit),))
 
 
-def deployment_page(visit: Visit, name: str) -> Page:
+def deployment_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of a deployment, with how far each of its robots is.
 
     Raises:
@@ -184,11 +276,11 @@ def deployment_page(visit: Visit, name: str) -> Page:
     return Page(name, "Deployment job", record.status, why, trail, blocks=blocks, is_going=not is_terminal(record))
 
 
-def _robot_rows(visit: Visit, names: Iterable[str]) -> tuple[tuple[Cell, ...], ...]:
+def _robot_rows(visit: RequestContext, names: Iterable[str]) -> tuple[tuple[Cell, ...], ...]:
     return tuple(at_once(partial(_robot_row, visit), names))
 
 
-def _robot_row(visit: Visit, name: str) -> tuple[Cell, ...]:
+def _robot_row(visit: RequestContext, name: str) -> tuple[Cell, ...]:
     now = next(iter(robots_now(visit.store, [name])), None)
     desired, _ = read_desired(visit.store, name)
     reported = read_reported(visit.store, name)
@@ -205,7 +297,7 @@ def _robot_row(visit: Visit, name: str) -> tuple[Cell, ...]:
     )
 
 
-def _desired(visit: Visit, name: str) -> Facts:
+def _desired(visit: RequestContext, name: str) -> Facts:
     desired, _ = read_desired(visit.store, name)
     if desired is None:
         return Facts("What it shall run", (("nothing", Cell("No deployment has asked it for anything.")),))
@@ -224,7 +316,7 @@ def _desired(visit: Visit, name: str) -> Facts:
     return Facts("What it shall run", tuple(row for row in rows if row))
 
 
-def _reported(visit: Visit, name: str, now: RobotNow | None) -> Facts:
+def _reported(visit: RequestContext, name: str, now: RobotNow | None) -> Facts:
     reported = read_reported(visit.store, name)
     if reported is None:
         return Facts("What it reports", (("nothing", Cell("It has never reported.")),))
@@ -253,12 +345,12 @@ def _application(record: JobRecord) -> Cell:
     return named(first.get("application"), "robot-application") if isinstance(first, dict) else Cell()
 
 
-def _fleet_name(visit: Visit, key: str) -> str:
+def _fleet_name(visit: RequestContext, key: str) -> str:
     name = PurePosixPath(key).stem
     return name if visit.may_read(visit.arn("deployment-fleet", name)) else ""
 
 
-def _fleet(visit: Visit, name: str) -> FleetRecord | None:
+def _fleet(visit: RequestContext, name: str) -> FleetRecord | None:
     try:
         return read_fleet(visit.store, name)[0]
     except ResourceNotFound:  # it is being deleted
@@ -269,7 +361,7 @@ def _fleet(visit: Visit, name: str) -> FleetRecord | None:
         return None
 
 
-def _robot_names(visit: Visit) -> list[str]:
+def _robot_names(visit: RequestContext) -> list[str]:
     def name_of(key: str) -> str:
         _, name, file = key.split("/", 2)
         return name if file == "record.json" and visit.may_read(visit.arn("robot", name)) else ""
@@ -277,7 +369,7 @@ def _robot_names(visit: Visit) -> list[str]:
     return newest_names(visit, "robots", name_of)
 
 
-def _robot(visit: Visit, name: str) -> RobotRecord | None:
+def _robot(visit: RequestContext, name: str) -> RobotRecord | None:
     try:
         return known_robot(visit.store, name)
     except StoreUnreachable:

@@ -1,31 +1,42 @@
 """Answers a browser: signs in and out, finds the page of an address, and renders it.
 
-Everything is GET but the two forms. Whoever may not see something is told the same as if it were not there.
+A browser signs in by an access key: a form, a session in a cookie, and a limit for who guesses.
 """
 
 import logging
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 from urllib.parse import parse_qs, quote, unquote
 
 from pydantic import ValidationError
 
-from flows.gateway.page.application_pages import KINDS, application_page, applications_page
-from flows.gateway.page.batch_pages import batch_page, batches_page, job_page
 from flows.gateway.page.files import batch_file, contact_sheet, floor_plan, trend_file
 from flows.gateway.page.fleet_pages import (
+    KINDS,
+    application_page,
+    applications_page,
     deployment_page,
     deployments_page,
+    deployments_table,
     fleet_page,
     fleets_page,
+    fleets_table,
     robot_page,
     robots_page,
 )
-from flows.gateway.page.home import home_page
-from flows.gateway.page.run_pages import run_page, runs_page
-from flows.gateway.page.sign_in import Door, Readers, safe_back, sign_in, sign_out, signed_in
-from flows.gateway.page.visit import SECTIONS, Visit, nothing_there
+from flows.gateway.page.request_context import SECTIONS, RequestContext, nothing_there
+from flows.gateway.page.run_pages import (
+    batch_page,
+    batches_page,
+    batches_table,
+    job_page,
+    run_page,
+    runs_page,
+    runs_table,
+)
 from flows.gateway.page.world_pages import (
     export_page,
     exports_page,
@@ -34,19 +45,160 @@ from flows.gateway.page.world_pages import (
     template_page,
     templates_page,
     world_page,
+    worlds_gallery,
     worlds_page,
 )
 from specs.errors import DocumentError, StoreError
-from tasks.gateway.messages import HttpAnswer, HttpRequest
-from tasks.gateway.page.content import Frame, Page
-from tasks.gateway.page.headers import own_headers
-from tasks.gateway.page.render import notice_html, page_html, sign_in_html
+from tasks.gateway.page.content import GOING, Frame, Page
+from tasks.gateway.page.render import notice_html, own_headers, page_html, sign_in_html
+from tasks.gateway.page.session import (
+    LIFE_S,
+    EndedSessions,
+    LoginRateLimit,
+    Session,
+    cookie_header,
+    cookie_name,
+    cookie_value,
+    matches,
+    new_session,
+    open_session,
+    seal_session,
+)
+from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
-_LOG = logging.getLogger(__name__)
+_ROWS, _PICTURES = 5, 4
+
+
+def home_page(visit: RequestContext) -> Page:
+    """Returns the newest of everything, and where all of it is."""
+    tables = (
+        batches_table(visit, _ROWS, "/batches"),
+        runs_table(visit, _ROWS, "/runs"),
+        fleets_table(visit, _ROWS, "/fleets"),
+        deployments_table(visit, _ROWS, "/deployments"),
+    )
+    batches, runs, fleets, deployments = tables
+    going = any(cell.is_state and cell.text in GOING for table in tables for row in table.rows for cell in row)
+    blocks = (batches, runs, worlds_gallery(visit, _PICTURES, "/worlds"), fleets, deployments)
+    return Page("What is new", f"Store {visit.store_id}", blocks=blocks, is_going=going)
+
+
 _HTML = "text/html; charset=utf-8"
-_LISTS: Mapping[str, Callable[[Visit], Page]] = {
+_FORM = "application/x-www-form-urlencoded"
+_MOST_FORM_BYTES = 4096
+_PORT = re.compile(r":([0-9]{1,5})$")
+# A path of this very site: two slashes, or one and a backslash, would begin another's name.
+_BACK = re.compile(r"/(?![/\\])[A-Za-z0-9._~%/?=&+-]{0,1000}")
+
+
+class Readers(Protocol):
+    """Who may sign in, and what each may see; asked from several threads at once."""
+
+    def secret_of(self, key_id: str) -> str | None:
+        """Returns the secret of a key that may read; None for every other."""
+        ...
+
+    def may_read(self, key_id: str, arn: str) -> bool:
+        """Returns whether a key may see the resource of an ARN."""
+        ...
+
+
+@dataclass(frozen=True)
+class SignIns:
+    """What one process remembers of who came: the sessions that were left, and wrong secrets."""
+
+    ended: EndedSessions = field(default_factory=EndedSessions)
+    brake: LoginRateLimit = field(default_factory=LoginRateLimit)
+
+
+def signed_in(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> str | None:
+    """Returns the id of the key that a browser has signed in with; None if it has not."""
+    session = _session(door, readers, request, now_s, is_secure=is_secure)
+    return session.key_id if session else None
+
+
+def sign_in(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
+    """Answers the form: with a session, or with the form once more."""
+    headers = own_headers(is_secure=is_secure)
+    if refusal := _not_from_here(request, headers):
+        return refusal
+    form = _form(request)
+    key_id, back = form.get("key", "").strip(), safe_back(form.get("back", "/"))
+    wait_s = door.brake.begin(request.client, now_s)
+    if wait_s > 0:
+        reason = f"Too many wrong keys came from your address. Try again in {wait_s:.0f} seconds."
+        return _sign_in_answer(429, sign_in_html(back, reason), {**headers, "Retry-After": f"{wait_s:.0f}"})
+    secret = readers.secret_of(key_id)
+    if not matches(secret, form.get("secret", "").strip()) or secret is None:
+        return _sign_in_answer(
+            403, sign_in_html(back, "That is no key with its secret, or the key may not read."), headers
+        )
+    door.brake.forgive(request.client)
+    cookie = _cookie(request, seal_session(new_session(key_id, now_s), secret), LIFE_S, is_secure=is_secure)
+    return HttpAnswer(303, b"", _HTML, headers={**headers, "Location": back, "Set-Cookie": cookie})
+
+
+def sign_out(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
+    """Ends the session of a browser."""
+    headers = own_headers(is_secure=is_secure)
+    if refusal := _not_from_here(request, headers):
+        return refusal
+    session = _session(door, readers, request, now_s, is_secure=is_secure)
+    if session:
+        door.ended.end(session)
+    cookie = _cookie(request, "", 0, is_secure=is_secure)
+    return HttpAnswer(303, b"", _HTML, headers={**headers, "Location": "/sign-in", "Set-Cookie": cookie})
+
+
+def safe_back(text: str) -> str:
+    """Returns an address of this site; the first page for any other text."""
+    return text if _BACK.fullmatch(text) else "/"
+
+
+def _session(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> Session | None:
+    name = cookie_name(_port(request), is_secure=is_secure)
+    cookies = "; ".join(value for each, value in request.headers if each == "cookie")
+    session = open_session(cookie_value(cookies, name), readers.secret_of, now_s)
+    return None if session is None or session in door.ended else session
+
+
+def _not_from_here(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer | None:
+    """Returns a refusal of a form of another site, which would sign its reader in, or out."""
+    sent = dict(request.headers)
+    host, origin = sent.get("host", ""), sent.get("origin", "")
+    if host and origin.lower() in {f"http://{host}".lower(), f"https://{host}".lower()}:
+        return None
+    return _sign_in_answer(403, notice_html("Refused", "This form comes from another page.", "/sign-in"), headers)
+
+
+def _form(request: HttpRequest) -> Mapping[str, str]:
+    kind = dict(request.headers).get("content-type", "").partition(";")[0].strip().lower()
+    if kind != _FORM or len(request.body) > _MOST_FORM_BYTES:
+        return {}
+    try:
+        fields = parse_qs(request.body.decode(), max_num_fields=8)
+    except ValueError:
+        return {}
+    return {name: values[0] for name, values in fields.items()}
+
+
+def _cookie(request: HttpRequest, value: str, life_s: int, *, is_secure: bool) -> str:
+    return cookie_header(cookie_name(_port(request), is_secure=is_secure), value, life_s, is_secure=is_secure)
+
+
+def _port(request: HttpRequest) -> str:
+    found = _PORT.search(dict(request.headers).get("host", ""))
+    return found[1] if found else "80"
+
+
+def _sign_in_answer(status: int, body: bytes, headers: Mapping[str, str]) -> HttpAnswer:
+    return HttpAnswer(status, body, _HTML, headers=headers)
+
+
+_LOG = logging.getLogger(__name__)
+_LISTS: Mapping[str, Callable[[RequestContext], Page]] = {
     "": home_page,
     "runs": runs_page,
     "batches": batches_page,
@@ -59,7 +211,7 @@ _LISTS: Mapping[str, Callable[[Visit], Page]] = {
     "robots": robots_page,
     "deployments": deployments_page,
 }
-_OF_ONE: Mapping[str, Callable[[Visit, str], Page]] = {
+_OF_ONE: Mapping[str, Callable[[RequestContext, str], Page]] = {
     "runs": run_page,
     "batches": batch_page,
     "generations": generation_page,
@@ -89,7 +241,7 @@ class Site:
     readers: Readers | None
     is_secure: bool = False
     prefect_url: Callable[[], str] = str
-    door: Door = field(default_factory=Door)
+    door: SignIns = field(default_factory=SignIns)
 
 
 def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
@@ -105,7 +257,7 @@ def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
     key = signed_in(site.door, site.readers, request, now_s, is_secure=site.is_secure) if site.readers else ""
     if parts[0] == "sign-in":
         back = _back(request.query) if site.readers and key is None else "/"
-        return _html(sign_in_html(back, ""), headers) if site.readers and key is None else _see("/", headers)
+        return _page_answer(sign_in_html(back, ""), headers) if site.readers and key is None else _see("/", headers)
     if key is None:
         return _stranger(request, headers)
     return _shown(site, request, parts, key, now_s)
@@ -124,32 +276,32 @@ def _shown(site: Site, request: HttpRequest, parts: list[str], key: str, now_s: 
     identifier = store_id(site.store)
     readers = site.readers
     may_read: Callable[[str], bool] = (lambda arn: readers.may_read(key, arn)) if readers else (lambda _: True)
-    visit = Visit(site.store, identifier, may_read, now_s, _step(query), site.prefect_url)
+    visit = RequestContext(site.store, identifier, may_read, now_s, _step(query), site.prefect_url)
     try:
         found = _found(visit, parts)
     except DocumentError:
         sentence = "There is nothing at this address, or your key may not see it."
-        return _html(notice_html("Nothing here", sentence), headers, 404)
+        return _page_answer(notice_html("Nothing here", sentence), headers, 404)
     except StoreError as exc:
         _LOG.warning("%a: %a", request.raw_path[:200], str(exc)[:1000])
-        return _html(notice_html("The store does not answer", "Try again in a minute."), headers, 503)
+        return _page_answer(notice_html("The store does not answer", "Try again in a minute."), headers, 503)
     except (ValidationError, LookupError, TypeError, ValueError):
         _LOG.exception("%a cannot be shown", request.raw_path[:200])
         sentence = "What the store holds here was not written by this version of Simyard."
-        return _html(notice_html("This cannot be shown", sentence), headers, 500)
+        return _page_answer(notice_html("This cannot be shown", sentence), headers, 500)
     if isinstance(found, HttpAnswer):
         return replace(found, headers={**found.headers, **_transport(headers)})
     here = "/" + "/".join(quote(part) for part in parts)
     shown = f"{here}?step={visit.step}" if visit.step > 1 else here
     frame = Frame(shown, "still" in query, key, now_s, SECTIONS)
-    return _html(page_html(found, frame), headers)
+    return _page_answer(page_html(found, frame), headers)
 
 
-def _found(visit: Visit, parts: list[str]) -> Page | HttpAnswer:
+def _found(visit: RequestContext, parts: list[str]) -> Page | HttpAnswer:
     return _file(visit, parts) or _page(visit, parts)
 
 
-def _file(visit: Visit, parts: list[str]) -> HttpAnswer | None:
+def _file(visit: RequestContext, parts: list[str]) -> HttpAnswer | None:
     match parts:
         case ["batches", "trends", name] if name.endswith(".html"):
             return trend_file(visit, name.removesuffix(".html"))
@@ -163,7 +315,7 @@ def _file(visit: Visit, parts: list[str]) -> HttpAnswer | None:
             return None
 
 
-def _page(visit: Visit, parts: list[str]) -> Page:
+def _page(visit: RequestContext, parts: list[str]) -> Page:
     match parts:
         case [section]:
             return _LISTS[section](visit)
@@ -189,7 +341,9 @@ def _stranger(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer:
     if sent.get("sec-fetch-dest", "document") != "document":
         return HttpAnswer(401, b"sign in first", "text/plain", headers=headers)
     if sent.get("sec-fetch-site") == "cross-site":
-        return _html(notice_html("Simyard", "You come from another page.", safe_back(back), by_itself=True), headers)
+        return _page_answer(
+            notice_html("Simyard", "You come from another page.", safe_back(back), by_itself=True), headers
+        )
     return _see(f"/sign-in?back={quote(safe_back(back), safe='')}", headers)
 
 
@@ -216,7 +370,7 @@ def _transport(headers: Mapping[str, str]) -> Mapping[str, str]:
     return {name: headers[name]} if name in headers else {}
 
 
-def _html(body: bytes, headers: Mapping[str, str], status: int = 200) -> HttpAnswer:
+def _page_answer(body: bytes, headers: Mapping[str, str], status: int = 200) -> HttpAnswer:
     return HttpAnswer(status, body, _HTML, headers=headers)
 
 

@@ -7,14 +7,29 @@ from pathlib import PurePosixPath
 from pydantic import JsonValue, ValidationError
 
 from flows.gateway.page.files import world_body
-from flows.gateway.page.stored import job, known_job, known_jobs, newest_jobs, newest_names, read_bytes, step_of
-from flows.gateway.page.visit import Visit, address, missing, named, number, state, tag_rows, when
+from flows.gateway.page.request_context import (
+    RequestContext,
+    address,
+    job,
+    known_job,
+    known_jobs,
+    missing,
+    named,
+    newest_jobs,
+    newest_names,
+    number,
+    read_bytes,
+    state,
+    step_of,
+    tag_rows,
+    when,
+)
 from specs.data.world import World
 from specs.job_kinds import JobKind
 from tasks.gateway.page.content import Block, Cell, Facts, Gallery, Page, Picture, Table, Text
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, contact_sheet_key, named_templates_prefix, template_key
 from tasks.storage.jobs.records import JobRecord, is_terminal
-from tasks.storage.templates.named_templates import read_template
+from tasks.storage.templates import read_template
 from tasks.storage.worlds import decode_world
 
 _GENERATION: JobKind = "world-generation-job"
@@ -24,7 +39,7 @@ _MOST_TEMPLATE_BYTES = 1 << 20
 _REASON_CHARACTERS = 400
 
 
-def worlds_gallery(visit: Visit, most: int = _PICTURES, href: str = "") -> Gallery:
+def worlds_gallery(visit: RequestContext, most: int = _PICTURES, href: str = "") -> Gallery:
     """Returns the newest worlds; with an address for all of them, no more than the first."""
     shown, steps = step_of(visit, newest_names(visit, "worlds", lambda key: _world_of(visit, key)), "/worlds", most)
     pictures = tuple(_picture(world) for world in shown)
@@ -32,12 +47,12 @@ def worlds_gallery(visit: Visit, most: int = _PICTURES, href: str = "") -> Galle
     return Gallery("Worlds", pictures, empty=empty, href=href if steps else "", steps=None if href else steps)
 
 
-def worlds_page(visit: Visit) -> Page:
+def worlds_page(visit: RequestContext) -> Page:
     """Returns the pictures of all worlds."""
     return Page("Worlds", blocks=(worlds_gallery(visit),))
 
 
-def world_page(visit: Visit, generation: str, name: str) -> Page:
+def world_page(visit: RequestContext, generation: str, name: str) -> Page:
     """Returns the page of a world.
 
     Raises:
@@ -62,7 +77,7 @@ def world_page(visit: Visit, generation: str, name: str) -> Page:
     return Page(name, "World", trail=trail, blocks=tuple(blocks))
 
 
-def generations_page(visit: Visit) -> Page:
+def generations_page(visit: RequestContext) -> Page:
     """Returns the list of generation jobs."""
     shown, steps = step_of(visit, newest_jobs(visit, _GENERATION), "/generations")
     rows = tuple(
@@ -81,7 +96,7 @@ def generations_page(visit: Visit) -> Page:
     return Page("Generation jobs", blocks=(table,))
 
 
-def generation_page(visit: Visit, name: str) -> Page:
+def generation_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of a generation job: its worlds, and the sheet that shows them.
 
     Raises:
@@ -114,7 +129,7 @@ def generation_page(visit: Visit, name: str) -> Page:
     return Page(name, "World generation job", record.status, why, trail, blocks=tuple(blocks), is_going=going)
 
 
-def exports_page(visit: Visit) -> Page:
+def exports_page(visit: RequestContext) -> Page:
     """Returns the list of export jobs."""
     shown, steps = step_of(visit, newest_jobs(visit, _EXPORT), "/exports")
     rows = tuple(
@@ -132,7 +147,7 @@ def exports_page(visit: Visit) -> Page:
     return Page("Export jobs", blocks=(Table("Export jobs", columns, rows, "None yet.", steps=steps),))
 
 
-def export_page(visit: Visit, name: str) -> Page:
+def export_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of an export job.
 
     Raises:
@@ -160,7 +175,7 @@ def export_page(visit: Visit, name: str) -> Page:
     return Page(name, "World export job", record.status, why, trail, blocks=(facts, table), is_going=going)
 
 
-def templates_page(visit: Visit) -> Page:
+def templates_page(visit: RequestContext) -> Page:
     """Returns the list of templates: those that somebody named, and the bodies that jobs have used."""
 
     def name_of(key: str) -> str:
@@ -180,7 +195,7 @@ def templates_page(visit: Visit) -> Page:
     return Page("Templates", blocks=(templates, bodies))
 
 
-def template_page(visit: Visit, name: str) -> Page:
+def template_page(visit: RequestContext, name: str) -> Page:
     """Returns the page of a template: its body.
 
     Raises:
@@ -241,7 +256,7 @@ def _rooms(world: World) -> Table:
     return Table("Rooms", ("Room", "Type", "Area", "Free floor", "Reached", "Pieces"), rows)
 
 
-def _origin(visit: Visit, world: World, record: JobRecord | None) -> Facts:
+def _origin(visit: RequestContext, world: World, record: JobRecord | None) -> Facts:
     path = f"{world.generation}/{world.name}"
     rows = [
         ("generation job", Cell(record.id, address(_GENERATION, record.id))) if record else None,
@@ -255,7 +270,7 @@ def _origin(visit: Visit, world: World, record: JobRecord | None) -> Facts:
     return Facts("Where it is from", tuple(row for row in rows if row))
 
 
-def _world_of(visit: Visit, key: str) -> str:
+def _world_of(visit: RequestContext, key: str) -> str:
     path, dot, ending = key.removeprefix("worlds/").rpartition(".")
     is_world = ending == "json" and path.count("/") == 1 and visit.may_read(visit.arn("world", path))
     return path if dot and is_world else ""
@@ -286,7 +301,7 @@ def _place(record: JobRecord) -> str:
     return "/".join(str(fields[name]) for name in ("s3Bucket", "s3Prefix") if fields.get(name))
 
 
-def _failures(visit: Visit, record: JobRecord) -> tuple[tuple[Cell, ...], ...]:
+def _failures(visit: RequestContext, record: JobRecord) -> tuple[tuple[Cell, ...], ...]:
     found = record.detail.get("failures")
     given: Mapping[str, JsonValue] = found if isinstance(found, dict) else {}
     return tuple(

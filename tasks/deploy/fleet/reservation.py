@@ -1,16 +1,16 @@
-"""A fleet taken for a deployment job before anybody works on the job: from then on it is that job's alone.
+"""A fleet is taken for one deployment job; fleets and robots that no job has are deleted.
 
-The job is in the queue before its fleet is taken, and recorded after: a fleet whose job has no record yet is busy while
-the job is queued, and free if its gateway died before it recorded anything and nobody queues it any more.
+A fleet is taken before anybody works on the job: from then on it is that job's alone. A deleted robot goes on running
+what it runs.
 """
 
 from specs.base import Fault
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
 from specs.job_kinds import JobKind
-from tasks.deploy.fleet.fleets import read_fleet
-from tasks.storage.base.encoding import encode_document
-from tasks.storage.base.keys import fleet_key
-from tasks.storage.base.store import Store
+from tasks.deploy.fleet.fleet_registry import deregister_robot, members, read_fleet, read_robot, robot_name
+from tasks.deploy.fleet.states import FleetRecord
+from tasks.storage.base.keys import fleet_key, robot_record_key
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import is_terminal, read
 
@@ -58,3 +58,47 @@ def has_ended(store: Store, deployment: str) -> bool:
         return is_terminal(read(store, _KIND, deployment))
     except ResourceNotFound:
         return not is_queued(store, _KIND, deployment)
+
+
+def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
+    """Returns the names of the robots that are in no fleet now, because theirs was deleted.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        ConcurrentDeployment: A deployment to it is under way.
+    """
+    fleet = _mark_deleted(store, reference)
+    left = tuple(robot.name for robot in members(store, fleet.name))
+    for robot in left:
+        deregister_robot(store, robot)
+    store.delete(fleet_key(fleet.name))
+    return left
+
+
+def _mark_deleted(store: Store, reference: str) -> FleetRecord:
+    """Marks a fleet as deleted, and returns it; no deployment to it can begin any more."""
+    while True:
+        fleet, etag = read_fleet(store, reference, deleted=True)
+        if fleet.deployment and not has_ended(store, fleet.deployment):
+            allowed = "a fleet without an active deployment; cancel it, or wait"
+            raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+        try:
+            store.replace(fleet_key(fleet.name), encode_document(fleet.model_copy(update={"deleted": True})), etag)
+        except ObjectConflict:
+            continue
+        return fleet
+
+
+def delete_robot(store: Store, reference: str) -> str:
+    """Returns the name of the robot that was deleted, also in the middle of a deployment; there it will not answer.
+
+    Raises:
+        ResourceNotFound: No such robot.
+    """
+    name = robot_name(reference)
+    key = robot_record_key(name)
+    if not store.exists(key):  # it is not read: a damaged record is deleted like any other
+        read_robot(store, name)
+    # Its desired state stays: a robot refuses a sequence that is lower than one it had, and may come back by this name.
+    store.delete(key)
+    return name

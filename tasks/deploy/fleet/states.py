@@ -1,17 +1,20 @@
 """The objects that the store holds for fleets, robots and roll-outs; each object has one writer.
 
-The controller of a deployment writes ``desired``, only the robot writes ``reported``, and everything else about a
-roll-out is computed from the two.
+A listing reads them one by one: a damaged record is logged once, and left out.
 """
 
-from typing import Annotated, Literal
+import logging
+from functools import lru_cache
+from typing import Annotated, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from specs.base import Spec
+from specs.errors import ObjectNotFound, ObjectTooBig
 from specs.field_types import Architecture, S3Object
 from specs.robomaker.deployment import DeploymentLaunchConfig, RobotDeploymentStep, RobotStatus
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
+from tasks.storage.base.store import Store
 
 MOST_SEQUENCE = 1 << 53
 """Milliseconds until the year 287,396; every JSON parser keeps whole numbers up to here as they are."""
@@ -74,7 +77,7 @@ class Desired(Spec):
     Attributes:
         deployment: The job that wants it.
         sequence: When it was asked for in milliseconds since 1970, or one more than the desired state before it, if
-            that is more (`tasks.deploy.rollout.robot_requests`); a robot never goes back.
+            that is more (`tasks.deploy.rollout.controller`); a robot never goes back.
         epoch: Of the controller's claim on the job.
         digest: Of the bundle.
         environment: All variables that the application and its scripts get, tags included.
@@ -83,7 +86,7 @@ class Desired(Spec):
         issued_at_s: When it was asked for, by the controller's clock; seconds since 1970.
         expires_at_s: Until when a robot that verifies may begin with it; 0 where nothing is signed.
         condition_sha256: Of the condition's bytes when this was signed, or empty.
-        signature: The deployer's, under everything else (`tasks.deploy.trust.signature`).
+        signature: The deployer's, under everything else (`tasks.deploy.trust.signed_fleets`).
     """
 
     robot: _Name
@@ -195,4 +198,46 @@ def _progress(answer: Reported, status: RobotStatus, desired: Desired) -> RobotP
         failure_reason=answer.failure_reason,
         started_at_s=desired.issued_at_s,
         finished_at_s=answer.finished_at_s,
+    )
+
+
+_LOG = logging.getLogger(__name__)
+_MOST_BYTES = 1 << 20
+_NOUNS = {FleetRecord: "fleet", RobotRecord: "robot"}
+FleetOrRobot = TypeVar("FleetOrRobot", FleetRecord, RobotRecord)
+
+
+def read_listed(store: Store, key: str, kind: type[FleetOrRobot], name: str) -> FleetOrRobot | None:
+    """Returns the record under a key that a listing gave; None if it is gone, or is not what Simyard writes there.
+
+    Args:
+        store: Where it is.
+        key: Its key.
+        kind: What it is the record of.
+        name: What the key calls the fleet or robot.
+    """
+    try:
+        stored = store.get(key, _MOST_BYTES)
+    except ObjectNotFound:  # deleted since it was listed
+        return None
+    except ObjectTooBig as exc:
+        _warn_of_record(_NOUNS[kind], name, "", str(exc))
+        return None
+    try:
+        record = kind.model_validate_json(stored.body)
+    except ValidationError as exc:
+        reason = exc.errors(include_url=False, include_input=False)[0]["msg"]
+        _warn_of_record(_NOUNS[kind], name, stored.etag, f"{store.url}: {key}: {reason}")
+        return None
+    if record.name != name:
+        _warn_of_record(_NOUNS[kind], name, stored.etag, f"{store.url}: {key} is the record of {record.name!r}")
+        return None
+    return record
+
+
+@lru_cache(maxsize=4096)
+def _warn_of_record(noun: str, name: str, etag: str, what: str) -> None:
+    """Logs, once, that a record is not what Simyard writes."""
+    _LOG.warning(
+        "%s %s is left out, its record cannot be read (%s): %s; delete it to make it anew", noun, name, etag, what
     )

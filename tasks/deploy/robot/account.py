@@ -1,19 +1,23 @@
-"""The account under which a robot's programs run, so that they cannot read their agent's environment and memory.
+"""Accounts on a robot: that of its programs, and the rights in the store of an agent that is not the store's owner.
 
-An agent may hold the store's credentials in its environment, and a process may read that of another of the same
-account (proc(5), /proc/pid/environ). So an agent of root runs programs under an account of their own. Any other agent
-cannot do that; it makes itself undumpable instead (prctl(2), PR_SET_DUMPABLE), whereupon only root reads it.
+A robot's programs run under an account of their own, so that they cannot read their agent's environment and memory. An
+agent of another account needs rights in a store that is a folder; docs/operate/robot.md lists them.
 """
 
 import ctypes
 import os
 import pwd
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from specs.base import Fault
 from specs.errors import DocumentError
+from tasks.storage.backends.local import LOCKS, LocalStore
+from tasks.storage.base.keys import STORE, reported_key
+from tasks.storage.base.local_files import lone_writer, missing_right
+from tasks.storage.base.store import Store
 
 _SET_DUMPABLE = 4
 _ROOT = 0
@@ -131,3 +135,38 @@ def _can_enter(account: Account, folder: Path) -> bool:
 
 def _refused(user: str, allowed: str) -> DocumentError:
     return DocumentError([Fault(path="--user", value=repr(user), allowed=allowed)], source="agent")
+
+
+_ANY = ".any"
+REMEDY = "docs/operate/robot.md says what an agent of another account needs"
+
+
+def missing_rights(store: Store, robot: str) -> Iterator[str]:
+    """Yields what this account lacks to be the agent of a robot, each with the command that gives it.
+
+    Nothing of a robot that is not registered yet, and of a store that is no folder: only a request tells there.
+    """
+    if isinstance(store, LocalStore):
+        written = [folder / _ANY for folder in _written(store, robot) if _is_there(folder)]
+        lacks = [missing_right(store.root / STORE, replaced=False), *map(missing_right, written)]
+        yield from dict.fromkeys(filter(None, lacks))
+
+
+def silence_note(store: Store, robot: str) -> str:
+    """Returns who alone may write where a robot reports, if that may be why nothing is heard of it; else nothing."""
+    if not isinstance(store, LocalStore):
+        return ""
+    owners = {folder: lone_writer(folder) for folder in _written(store, robot)}
+    told = " and ".join(f"only {owner} may write in {folder}" for folder, owner in owners.items() if owner)
+    return f"{told}: {REMEDY}" if told else ""
+
+
+def _written(store: LocalStore, robot: str) -> tuple[Path, Path]:
+    return (store.root / reported_key(robot)).parent, store.root / LOCKS
+
+
+def _is_there(folder: Path) -> bool:
+    try:
+        return folder.exists()
+    except PermissionError:
+        return True

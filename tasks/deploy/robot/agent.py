@@ -16,20 +16,16 @@ from importlib import import_module
 from pathlib import Path
 
 from specs.errors import StoreError
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.fleet.store_rights import REMEDY, missing_rights
-from tasks.deploy.robot.account import chosen_account, hide_memory, make_home
+from tasks.deploy.robot.account import REMEDY, chosen_account, hide_memory, make_home, missing_rights
 from tasks.deploy.robot.disk import Disk, lock_folder
 from tasks.deploy.robot.launch import LaunchPlace
-from tasks.deploy.robot.processes import reap_orphans
+from tasks.deploy.robot.processes import Stop, StopRequested, adopt_orphans, reap_orphans
 from tasks.deploy.robot.reported_state import Outage, Reporter
-from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.robot.sweep import adopt_orphans
 from tasks.deploy.robot.update import Check, RobotUpdater
 from tasks.progress.log_lines import chosen_log_format, log_in_chosen_format
-from tasks.storage.base.key_rules import checked_name
-from tasks.storage.base.keys import robot_record_key
+from tasks.storage.base.keys import checked_name, robot_record_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
 

@@ -23,7 +23,7 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.storage.base.atomic_file import make_folder, settle_names, whole_file
+from tasks.storage.base.local_files import make_folder, settle_names, whole_file
 
 _LOG = logging.getLogger(__name__)
 LOCK = "agent.lock"

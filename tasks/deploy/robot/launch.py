@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.bundle.launched_file import names_ros_launch
 from specs.errors import BundleRefused, LaunchRefused
+from specs.launched_file import names_ros_launch
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.account import Account, let_add_files
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import StepFailed
-from tasks.deploy.robot.processes import RunningProgram, start, wait
-from tasks.deploy.robot.shutdown import Stop
+from tasks.deploy.robot.processes import RunningProgram, Stop, start, wait
 from tasks.ros.launch.robot_command import RobotRos, launch_command, make_python, own_variables, robot_ros
 from tasks.storage.archives import safe_parts
 

@@ -10,9 +10,8 @@ from specs.errors import StoreError
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import reported_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 
 _LOG = logging.getLogger(__name__)
 _AGAIN_S = 600.0

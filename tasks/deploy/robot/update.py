@@ -1,28 +1,62 @@
 """One robot's update, step by step, and its return to the old version (docs/reference/robomaker.md, section 8).
 
-The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is cut
-short is begun again from the first step at the next start; each step finds what the last attempt finished. RoboMaker
-stops the old application before the download; here it runs until the first script, so that a slow network costs no
-uptime.
+Before the download a condition is asked: a script of the owner's that decides on each robot whether it downloads.
 """
 
+import hashlib
 import logging
 import time
 from collections.abc import Callable
 from uuid import uuid4
 
-from specs.errors import StoreError, TrustRefused
+from specs.errors import DocumentError, StoreError, TrustRefused
+from specs.field_types import S3Object
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
-from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.condition import ask_condition
+from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle
-from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_script
-from tasks.deploy.robot.processes import end_all, reap_orphans
+from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle, retry
+from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_program, run_script
+from tasks.deploy.robot.processes import StopRequested, end_all, reap_orphans
 from tasks.deploy.robot.reported_state import Attempt, Reporter, one_line
-from tasks.deploy.robot.shutdown import StopRequested
 from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
+
+
+def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition: S3Object, patience: Patience) -> None:
+    """Runs the condition; returns when it allows the download.
+
+    Args:
+        store: Where buckets are.
+        place: Where programs run.
+        desired: What the robot shall run.
+        condition: The script.
+        patience: What goes on meanwhile.
+
+    Raises:
+        StepFailed: It exits with another code than 0, is not there, or is not the one with the ETag.
+        StopRequested: The agent has to end.
+    """
+    script = place.disk.downloads / f"{desired.sequence:06d}-condition"
+
+    def download() -> None:
+        stored = open_bucket(store, condition.bucket).get(condition.key, MOST_CONDITION_BYTES)
+        if condition.etag and condition.etag.strip('"') != stored.etag.strip('"'):
+            raise StepFailed("EtagMismatch", f"{condition.key} has ETag {stored.etag}, not {condition.etag}")
+        if desired.condition_sha256 not in {"", hashlib.sha256(stored.body).hexdigest()}:
+            raise StepFailed("EtagMismatch", f"{condition.key} was changed after the deployment was signed")
+        script.write_bytes(stored.body)
+
+    try:
+        retry(download, desired, patience)
+    except DocumentError as exc:
+        raise StepFailed("DownloadConditionFailed", str(exc)) from exc
+    script.chmod(0o755)  # for the account that programs run under
+    try:
+        run_program(place, desired, script, "condition", "DownloadConditionFailed")
+    finally:
+        script.unlink()
+
 
 _LOG = logging.getLogger(__name__)
 

@@ -6,24 +6,27 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
-from specs.base import Fault
-from specs.digest import canonical_document
+from specs.base import Fault, canonical_document
 from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.fleets import fleet_name, read_fleet
+from tasks.deploy.fleet.fleet_registry import fleet_name, read_fleet
 from tasks.deploy.fleet.reservation import require_free
 from tasks.deploy.rollout.controller import ControllerPace, control_rollout
-from tasks.deploy.rollout.job_end import close_abandoned_job
 from tasks.deploy.rollout.observation import progress_document
-from tasks.deploy.rollout.resolved_request import check_request, plan_deployment
+from tasks.deploy.rollout.operator_commands import close_abandoned_job
+from tasks.deploy.rollout.resolved_request import (
+    check_request,
+    latest_deployment,
+    plan_deployment,
+    plan_sync,
+    sync_request,
+)
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
-from tasks.deploy.rollout.sync import latest_deployment, plan_sync, sync_request
-from tasks.deploy.trust.trust_record import Admission, Signer, check_recorded_plan, vouch_for_plan
-from tasks.storage.base.encoding import encode_document
+from tasks.deploy.trust.trust_record import Admission, Signer, check_recorded_plan, sign_plan
 from tasks.storage.base.keys import claim_key, fleet_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, submit
@@ -162,7 +165,7 @@ def _run(
         with robots() if robots else nullcontext(()) as own:
             plan = plan or work.plan()
             _check_fleet(plan, fleet)
-            detail = vouch_for_plan(signer, _admission(work, plan, job, own or ()), plan.model_dump(mode="json"))
+            detail = sign_plan(signer, _admission(work, plan, job, own or ()), plan.model_dump(mode="json"))
             if (lacking := plan.lacking()) and _recorded_plan(known) is None:
                 detail = {**detail, "progress": progress_document(lacking)}
             status = "Preparing" if known is None or known.status == "Pending" else "InProgress"

@@ -1,12 +1,20 @@
-"""Private keys in a folder of their own: one file each, readable by its owner alone, and never inside the store."""
+"""Private keys in a folder of their own: one file each, readable by its owner alone, and never inside the store.
+
+Names of python-tuf and securesystemslib are imported here once for all.
+"""
 
 import fcntl
 import os
 import shlex
 import stat
+import sys
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
 from pathlib import Path
+from threading import get_ident
+from types import ModuleType
 from typing import Annotated, Literal, TypeVar, get_args
 from urllib.parse import unquote
 from uuid import uuid4
@@ -17,10 +25,93 @@ from pydantic import Field, ValidationError
 
 from specs.base import Fault, Spec
 from specs.errors import DocumentError
-from tasks.deploy.trust.tuf_names import CryptoSigner
-from tasks.storage.base.atomic_file import flush_to_disk, settle_names
+from tasks.storage.base.local_files import flush_to_disk, settle_names
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
+
+_CLOUD = "boto3"
+
+
+class _NoCloud(MetaPathFinder):
+    """Says to one thread that the client is not installed."""
+
+    def __init__(self) -> None:
+        self._thread = get_ident()
+
+    def find_spec(
+        self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname == _CLOUD and get_ident() == self._thread:
+            raise ModuleNotFoundError(fullname, name=fullname)
+        return None
+
+
+@contextmanager
+def _without_cloud() -> Generator[None]:
+    finder = _NoCloud()
+    sys.meta_path.insert(0, finder)
+    try:
+        yield
+    finally:
+        sys.meta_path.remove(finder)
+
+
+with _without_cloud():
+    from securesystemslib import signer as _signer
+    from tuf.api import metadata as _metadata
+    from tuf.api.exceptions import (
+        BadVersionNumberError,
+        DownloadError,
+        DownloadHTTPError,
+        DownloadLengthMismatchError,
+        ExpiredMetadataError,
+        LengthOrHashMismatchError,
+        RepositoryError,
+        UnsignedMetadataError,
+    )
+    from tuf.api.metadata import Metadata
+    from tuf.api.serialization import DeserializationError
+    from tuf.ngclient import FetcherInterface, Updater, UpdaterConfig
+
+CryptoSigner = _signer.CryptoSigner  # pyright: ignore[reportPrivateImportUsage] - documented
+Key = _signer.Key  # pyright: ignore[reportPrivateImportUsage] - documented
+RawSignature = _signer.Signature  # pyright: ignore[reportPrivateImportUsage] - documented
+DelegatedRole = _metadata.DelegatedRole  # pyright: ignore[reportPrivateImportUsage] - documented
+Delegations = _metadata.Delegations  # pyright: ignore[reportPrivateImportUsage] - documented
+MetaFile = _metadata.MetaFile  # pyright: ignore[reportPrivateImportUsage] - documented
+Root = _metadata.Root  # pyright: ignore[reportPrivateImportUsage] - documented
+Snapshot = _metadata.Snapshot  # pyright: ignore[reportPrivateImportUsage] - documented
+TargetFile = _metadata.TargetFile  # pyright: ignore[reportPrivateImportUsage] - documented
+Targets = _metadata.Targets  # pyright: ignore[reportPrivateImportUsage] - documented
+Timestamp = _metadata.Timestamp  # pyright: ignore[reportPrivateImportUsage] - documented
+
+__all__ = [
+    "BadVersionNumberError",
+    "CryptoSigner",
+    "DelegatedRole",
+    "Delegations",
+    "DeserializationError",
+    "DownloadError",
+    "DownloadHTTPError",
+    "DownloadLengthMismatchError",
+    "ExpiredMetadataError",
+    "FetcherInterface",
+    "Key",
+    "LengthOrHashMismatchError",
+    "MetaFile",
+    "Metadata",
+    "RawSignature",
+    "RepositoryError",
+    "Root",
+    "Snapshot",
+    "TargetFile",
+    "Targets",
+    "Timestamp",
+    "UnsignedMetadataError",
+    "Updater",
+    "UpdaterConfig",
+]
+
 
 Role = Literal["root", "targets", "deployer", "snapshot", "timestamp"]
 ROLES: tuple[Role, ...] = get_args(Role)

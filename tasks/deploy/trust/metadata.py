@@ -13,8 +13,7 @@ from functools import partial
 from typing import TypeVar
 
 from specs.errors import ObjectNotFound, ObjectTooBig, TrustRefused
-from tasks.deploy.trust.keyring import Role
-from tasks.deploy.trust.tuf_names import (
+from tasks.deploy.trust.keyring import (
     CryptoSigner,
     DelegatedRole,
     Delegations,
@@ -22,6 +21,7 @@ from tasks.deploy.trust.tuf_names import (
     Metadata,
     MetaFile,
     RepositoryError,
+    Role,
     Root,
     Snapshot,
     TargetFile,

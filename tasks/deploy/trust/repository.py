@@ -1,35 +1,236 @@
 """The work of the owner of the keys: make keys, renew the metadata, replace a key, put back what was replaced.
 
-One process at a time works on a repository: a lock on the folder of keys, and a claim in the store. Every change is
-written so that robots can verify what is there at every moment, also when the writer is killed between any two writes.
+The metadata is written in an order in which robots can verify it at every moment. The owner keeps a copy of the newest
+in the folder of keys: what the store shows must not be older.
 """
 
 import logging
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
 from uuid import uuid4
 
-from specs.errors import TrustRefused
-from tasks.deploy.trust.kept_metadata import KIND, check_version, finish, keep, remember
-from tasks.deploy.trust.keyring import ROLES, Keyring, Role, SignerNotes, keyring
+from specs.errors import ObjectExists, ObjectNotFound, ObjectTooBig, TrustRefused
+from tasks.deploy.trust.keyring import (
+    ROLES,
+    CryptoSigner,
+    DeserializationError,
+    KeptMetadata,
+    Keyring,
+    Metadata,
+    MetaFile,
+    Role,
+    Root,
+    SignerNotes,
+    Snapshot,
+    Targets,
+    Timestamp,
+    keyring,
+    refused_keys,
+)
 from tasks.deploy.trust.metadata import (
+    MOST_METADATA_BYTES,
     REPOSITORY_FIELD,
+    Part,
     Published,
     delegate,
+    part_name,
     read_published,
     read_root,
+    repository_of,
 )
-from tasks.deploy.trust.metadata_writer import LIFETIMES, Pen, write, write_root
-from tasks.deploy.trust.tuf_names import CryptoSigner, Metadata, MetaFile, Root, Snapshot, Targets, Timestamp
-from tasks.deploy.trust.vouched_fleets import VouchedFleets, write_fleets
+from tasks.deploy.trust.signed_fleets import SignedFleets, write_fleets
 from tasks.storage.base.keys import claim_key, trust_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, hold_claim
 from tasks.storage.store_url import store_id
+
+KIND = "trust"
+"""Of the claim on a repository."""
+_NEWEST = part_name("timestamp", 0)
+
+
+def keep(ring: Keyring, version: int, parts: Mapping[str, bytes], *, settled: bool) -> None:
+    """Keeps a state, by file name; ``settled`` says whether it is in the store already."""
+    texts = {name: body.decode() for name, body in parts.items()}
+    ring.keep(KeptMetadata(version=version, parts=texts, settled=settled))
+
+
+def remember(ring: Keyring, state: Published) -> None:
+    """Keeps the newest state that was seen in the store, so that nothing older is built upon."""
+    version, notes, kept = state.timestamp.signed.version, ring.notes, ring.kept
+    if kept is None or kept.version < version or not kept.settled:
+        keep(ring, version, dict(state.bodies.values()), settled=True)
+    if notes and notes.timestamp < version:
+        ring.save_notes(notes.model_copy(update={"timestamp": version}))
+
+
+def check_version(store: Store, ring: Keyring, notes: SignerNotes, state: Published) -> None:
+    """Does nothing for a state that is not older than what these keys have seen.
+
+    Raises:
+        TrustRefused: It is.
+    """
+    kept, version = ring.kept, state.timestamp.signed.version
+    newest = max(notes.timestamp, kept.version - (not kept.settled) if kept else 0)
+    if version < newest:
+        what = f"{store.url}/trust/{notes.repository} went back to version {version}, after {newest}"
+        back = "then write back what these keys signed last: simyard fleet keys restore"
+        raise TrustRefused(f"{what}; find out who writes to the store; {back}")
+
+
+def finish(store: Store, ring: Keyring, notes: SignerNotes) -> None:
+    """Writes what a writer that was killed had signed and may not have written; else an older state would count."""
+    kept = ring.kept
+    if kept and not kept.settled and _version_in(store, notes) == kept.version - 1:
+        put_back(store, notes, kept)
+
+
+def put_back(store: Store, notes: SignerNotes, kept: KeptMetadata) -> None:
+    """Writes a kept state into the store; what makes the rest of it count comes last."""
+    for name in sorted(kept.parts, key=lambda name: name == _NEWEST):
+        store.put(trust_key(notes.repository, name), kept.parts[name].encode())
+
+
+def restore_metadata(store: Store, ring: Keyring) -> int:
+    """Writes back the newest metadata that was signed with these keys, and returns the version of its timestamp.
+
+    Raises:
+        DocumentError: There are no keys, or they are for another store.
+        TrustRefused: Newer metadata is known, or is in the store.
+        StoreError: The store fails.
+    """
+    with ring.alone():
+        (notes, root), kept = ring.known_for(store), ring.kept
+        if kept is None:
+            raise refused_keys(ring.folder, "keys that have signed something in this folder")
+        with hold_claim(store, claim_key(KIND, notes.repository)):
+            newest = read_root(root)
+            store.put(trust_key(notes.repository, part_name("root", newest.signed.version)), root)
+            with suppress(TrustRefused):  # of what cannot be verified, no version counts
+                if read_published(store, newest).timestamp.signed.version > kept.version:
+                    raise refused_keys(ring.folder, f"the keys that signed last; version {kept.version} was theirs")
+            put_back(store, notes, kept)
+            remember(ring, read_published(store, newest))
+        return kept.version
+
+
+def _version_in(store: Store, notes: SignerNotes) -> int:
+    """Returns the version of the timestamp in the store, which nobody has verified yet; 0 for none."""
+    try:
+        body = store.get(trust_key(notes.repository, _NEWEST), MOST_METADATA_BYTES).body
+        return Metadata[Timestamp].from_bytes(body).signed.version
+    except (ObjectNotFound, ObjectTooBig, DeserializationError):
+        return 0
+
+
+# How long a stolen key, or a store that shows nothing new, can go unnoticed at most; each has its own cost of renewal.
+LIFETIMES: Mapping[Role, timedelta] = {
+    "root": timedelta(days=730),
+    "targets": timedelta(days=365),
+    "deployer": timedelta(days=90),
+    "snapshot": timedelta(days=30),
+    "timestamp": timedelta(days=1),
+}
+Signers = Mapping[Role, Sequence[CryptoSigner]]
+
+
+@dataclass(frozen=True)
+class MetadataWriter:
+    """What a writer of metadata has.
+
+    Attributes:
+        signers: Who signs each of the parts that are written, one or more.
+        now: The signer's clock.
+        lifetimes: How long each part is accepted.
+        claim: This process's claim on the repository.
+        keep: Keeps the new state, by file name, with its version, before it counts.
+    """
+
+    signers: Signers
+    now: datetime
+    lifetimes: Mapping[Role, timedelta]
+    claim: Claim
+    keep: Callable[[int, Mapping[str, bytes]], None]
+
+
+def write(store: Store, state: Published, changed: Sequence[Role], pen: MetadataWriter) -> None:
+    """Writes the changed parts under new versions, then what refers to them; the last write makes all of it count.
+
+    Args:
+        store: Where to.
+        state: The state; its parts get their versions, dates and signatures here.
+        changed: Those of ``targets``, ``deployer`` and ``snapshot`` that have to be written; the snapshot always is
+            with one of the others.
+        pen: What it is written with.
+
+    Raises:
+        TrustRefused: Another process has taken the repository over, or a part is larger than robots read.
+        StoreError: The store fails.
+    """
+    snapshot, timestamp = state.snapshot.signed, state.timestamp.signed
+    for role in changed:
+        if role != "snapshot":
+            snapshot.meta[f"{role}.json"] = _write_next(store, state, role, pen)
+    if changed:
+        timestamp.snapshot_meta = _write_next(store, state, "snapshot", pen)
+    timestamp.version += 1
+    body = _sign(state.timestamp, "timestamp", pen)
+    if pen.claim.lost:
+        raise TrustRefused("another process has taken over the signing; try again")
+    state.bodies["timestamp"] = (part_name("timestamp", timestamp.version), body)
+    pen.keep(timestamp.version, dict(state.bodies.values()))
+    store.put(trust_key(state.repository, "timestamp.json"), body)
+
+
+def write_root(store: Store, root: Metadata[Root], signers: Sequence[CryptoSigner], now: datetime) -> bytes:
+    """Returns the bytes of the next root metadata, signed by all the signers and written; it counts at once.
+
+    Args:
+        store: Where to.
+        root: The metadata, under its new version; gets its date and signatures here.
+        signers: Who signs it.
+        now: The signer's clock.
+
+    Raises:
+        TrustRefused: There is another one under the version.
+    """
+    body = _signed(root, signers, now + LIFETIMES["root"])
+    name = part_name("root", root.signed.version)
+    try:
+        store.create(trust_key(repository_of(root), name), body)
+    except ObjectExists as exc:
+        raise TrustRefused(f"another process wrote {name} meanwhile; try again") from exc
+    return body
+
+
+def _write_next(store: Store, state: Published, role: Role, pen: MetadataWriter) -> MetaFile:
+    metadata = state.part(role)
+    metadata.signed.version += 1
+    body = _sign(metadata, role, pen)
+    name = part_name(role, metadata.signed.version)
+    if len(body) > MOST_METADATA_BYTES:
+        what = f"{name} would have {len(body)} bytes, and robots read {MOST_METADATA_BYTES} at most"
+        raise TrustRefused(f"{what}: divide the robots among several stores, each with its keys")
+    store.put(trust_key(state.repository, name), body)
+    state.bodies[role] = (name, body)
+    return MetaFile.from_data(metadata.signed.version, body, ["sha256"])
+
+
+def _sign(metadata: Part, role: Role, pen: MetadataWriter) -> bytes:
+    return _signed(metadata, pen.signers[role], pen.now + pen.lifetimes[role])
+
+
+def _signed(metadata: Part, signers: Sequence[CryptoSigner], expires: datetime) -> bytes:
+    metadata.signed.expires = expires.replace(microsecond=0)
+    metadata.signatures.clear()
+    for signer in signers:
+        metadata.sign(signer, append=True)
+    return metadata.to_bytes()
+
 
 _LOG = logging.getLogger(__name__)
 Clock = Callable[[], datetime]
@@ -117,7 +318,7 @@ class Session:
             signers[role] = [self.ring.get(role, self.state.keyids(role))]
             if role in more:
                 signers[role].append(more[role])
-        pen = Pen(signers, self.now, self.lifetimes, self.claim, partial(keep, self.ring, settled=False))
+        pen = MetadataWriter(signers, self.now, self.lifetimes, self.claim, partial(keep, self.ring, settled=False))
         write(self.store, self.state, changed, pen)
         remember(self.ring, self.state)
 
@@ -195,7 +396,7 @@ def rotate_key(session: Session, role: Role) -> None:
     elif role == "deployer":
         session.ring.get("targets", session.state.keyids("targets"))
         delegate(session.state.targets.signed, session.ring.create("deployer"))
-        write_fleets(session.state.deployer.signed, VouchedFleets())
+        write_fleets(session.state.deployer.signed, SignedFleets())
         session.commit(["targets", "deployer"])
     else:
         _rotate_top(session, role)
@@ -255,7 +456,7 @@ def _publish_first(
     state.snapshot.signed.meta = {"targets.json": MetaFile(), "deployer.json": MetaFile()}
     deployer = ring.create("deployer")
     delegate(state.targets.signed, deployer)
-    write_fleets(state.deployer.signed, VouchedFleets())
+    write_fleets(state.deployer.signed, SignedFleets())
     session = Session(store, ring, state, now, claim)
     session.commit(["targets", "deployer"])
     ring.keep_only("deployer", [deployer.public_key.keyid])

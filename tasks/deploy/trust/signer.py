@@ -14,7 +14,7 @@ from securesystemslib.exceptions import UnverifiedSignatureError, VerificationEr
 from specs.errors import DocumentError, TrustRefused
 from specs.field_types import S3Object
 from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Signature
-from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, Keyring, Role, keyring
+from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, CryptoSigner, Keyring, RawSignature, Role, keyring
 from tasks.deploy.trust.metadata import bundle_target, list_bundle
 from tasks.deploy.trust.repository import (
     Clock,
@@ -26,14 +26,11 @@ from tasks.deploy.trust.repository import (
     renew_metadata,
     utc_now,
 )
-from tasks.deploy.trust.signature import sign_desired, verify
-from tasks.deploy.trust.trust_choice import chosen_keys, condition_fault, trust_faults
-from tasks.deploy.trust.trust_record import Admission
-from tasks.deploy.trust.tuf_names import CryptoSigner, RawSignature
-from tasks.deploy.trust.vouched_fleets import VouchedFleets, read_fleets, write_fleets
+from tasks.deploy.trust.signed_fleets import SignedFleets, read_fleets, sign_desired, verify_desired, write_fleets
+from tasks.deploy.trust.trust_record import Admission, chosen_keys, condition_fault, trust_faults
 from tasks.storage.archives import digest_of
-from tasks.storage.base.cache_folder import cache_folder
 from tasks.storage.base.keys import bundle_key
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import store_id
@@ -113,9 +110,9 @@ class DeploymentSigner:
         """
         self.fleets().require_in_force(fleet, deployment)
 
-    def fleets(self) -> VouchedFleets:
+    def fleets(self) -> SignedFleets:
         """Returns what is signed of fleets now."""
-        return read_fleets(look_at_repository(self._store, self._ring).deployer.signed) or VouchedFleets()
+        return read_fleets(look_at_repository(self._store, self._ring).deployer.signed) or SignedFleets()
 
     def withdraw(self, deployment: str) -> int | None:
         """Has robots accept a deployment no more; those that have begun with it go on.
@@ -131,7 +128,7 @@ class DeploymentSigner:
                 session.commit(["deployer"])
             return after.ends_s(deployment)
 
-    def vouch(self, change: Callable[[VouchedFleets], VouchedFleets]) -> None:
+    def vouch(self, change: Callable[[SignedFleets], SignedFleets]) -> None:
         """Signs a change of who belongs to which fleet; writes nothing for none."""
         with self._open() as session:
             before = _fleets(session)
@@ -167,7 +164,7 @@ class DeploymentSigner:
         """Returns whether the deployer has signed a desired state as it stands; what a replaced key signed is not."""
         key = self._deployer.public_key
         try:
-            verify(desired, {key.keyid: key})
+            verify_desired(desired, {key.keyid: key})
         except TrustRefused:
             return False
         return True
@@ -259,9 +256,9 @@ def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: 
     return open_signer(store, keys) if keys else local_signer(store)
 
 
-def _fleets(session: Session) -> VouchedFleets:
+def _fleets(session: Session) -> SignedFleets:
     """Returns what is signed of fleets, and will be replaced now."""
-    found = read_fleets(session.state.deployer.signed) or VouchedFleets()
+    found = read_fleets(session.state.deployer.signed) or SignedFleets()
     return found.replacing(session.state.expires("timestamp").timestamp())
 
 

@@ -1,20 +1,68 @@
-"""The trust in a deployment's record, and the signature under its plan. Imports nothing heavy.
+"""Decides whether a deployment is signed, and with which keys; its record says so, and the signer signs its plan.
 
-The plan is read again when a controller takes over, and when a fleet is synced. Whoever can write to the store could
-change it between, and have the deployer's key sign the change.
+Imports nothing heavy.
 """
 
 import logging
+import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from pydantic import JsonValue
 
-from specs.digest import canonical_json
+from specs.base import Fault, canonical_json
 from specs.errors import TrustRefused
+from specs.field_types import S3Object
 from tasks.deploy.fleet.states import Desired, Signature
 from tasks.storage.jobs.records import JobRecord
+
+KEYS_VARIABLE = "SIMYARD_KEYS"
+UNSIGNED_ALARM = (
+    "UNSIGNED: nobody's key vouches for this deployment; whoever can write to the store could have made it."
+)
+
+
+def chosen_keys() -> Path | None:
+    """Returns the folder that SIMYARD_KEYS names, or None."""
+    chosen = os.environ.get(KEYS_VARIABLE)
+    return Path(chosen).expanduser().absolute() if chosen else None
+
+
+def trust_faults(*, trust: str, local: bool) -> list[Fault]:
+    """Returns why a deployment could not be signed.
+
+    Args:
+        trust: What the document says, signed or unsigned.
+        local: Whether the robots are agents of this machine, for which keys are made.
+    """
+    keys = chosen_keys()
+    if trust == "unsigned" or (local and keys is None):
+        return []
+    if keys is None:
+        allowed = f"keys: simyard fleet keys init --keys DIR, then {KEYS_VARIABLE}=DIR; or trust: unsigned"
+        return [Fault(path="deployment.trust", value=trust, allowed=allowed)]
+    if not (keys / "root.json").is_file():
+        allowed = "a folder that simyard fleet keys init --keys DIR made"
+        return [Fault(path=KEYS_VARIABLE, value=str(keys), allowed=allowed)]
+    return []
+
+
+def condition_fault(condition: S3Object, etag: str) -> Fault | None:
+    """Returns why keys do not vouch for a download condition: a script that robots run, and no gate has seen.
+
+    Args:
+        condition: As the document names it.
+        etag: What lies there now.
+    """
+    named = (condition.etag or "").strip('"')
+    if named == etag.strip('"'):
+        return None
+    what = f"{condition.bucket}/{condition.key}"
+    allowed = f"the ETag of the script that you mean, since robots run it; {what} has {etag.strip(chr(34))!r} now"
+    return Fault(path="deploymentConfig.downloadConditionFile.etag", value=repr(condition.etag), allowed=allowed)
+
 
 _LOG = logging.getLogger(__name__)
 UNSIGNED = "unsigned"
@@ -82,7 +130,7 @@ class Signer(Protocol):
         ...
 
 
-def vouch_for_plan(signer: Signer | None, wanted: Admission, plan: dict[str, JsonValue]) -> dict[str, JsonValue]:
+def sign_plan(signer: Signer | None, wanted: Admission, plan: dict[str, JsonValue]) -> dict[str, JsonValue]:
     """Returns what a job's record holds of a plan, once robots will accept its bundles.
 
     Args:

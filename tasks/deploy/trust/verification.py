@@ -13,16 +13,7 @@ from typing import TypeGuard
 
 from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.trust.keyring import Role
-from tasks.deploy.trust.metadata import (
-    MOST_METADATA_BYTES,
-    bundle_target,
-    deployer_role,
-    read_root,
-    repository_of,
-)
-from tasks.deploy.trust.signature import verify
-from tasks.deploy.trust.tuf_names import (
+from tasks.deploy.trust.keyring import (
     BadVersionNumberError,
     DownloadError,
     DownloadHTTPError,
@@ -32,13 +23,21 @@ from tasks.deploy.trust.tuf_names import (
     LengthOrHashMismatchError,
     Metadata,
     RepositoryError,
+    Role,
     Targets,
     UnsignedMetadataError,
     Updater,
     UpdaterConfig,
 )
-from tasks.deploy.trust.vouched_fleets import read_fleets
-from tasks.storage.base.atomic_file import make_folder, settle_names
+from tasks.deploy.trust.metadata import (
+    MOST_METADATA_BYTES,
+    bundle_target,
+    deployer_role,
+    read_root,
+    repository_of,
+)
+from tasks.deploy.trust.signed_fleets import read_fleets, verify_desired
+from tasks.storage.base.local_files import make_folder, settle_names
 from tasks.storage.base.store import Store
 
 _ASK_THE_OWNER = "find out who writes to the store"
@@ -92,7 +91,7 @@ class Verifier:
         updater.refresh()
         targets = self._verified("targets")
         keys = targets.delegations.keys if targets.delegations else {}
-        verify(desired, {keyid: keys[keyid] for keyid in deployer_role(targets).keyids})
+        verify_desired(desired, {keyid: keys[keyid] for keyid in deployer_role(targets).keyids})
         if desired.expires_at_s <= self._now_s():
             raise TrustRefused(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
         found = updater.get_targetinfo(bundle_target(desired.digest))

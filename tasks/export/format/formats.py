@@ -10,12 +10,11 @@ from importlib.util import find_spec
 from pathlib import PurePosixPath
 from typing import NamedTuple
 
-from specs.base import Fault
+from specs.base import Fault, canonical_document, canonical_json
 from specs.data.world import World
-from specs.digest import canonical_document, canonical_json
 from specs.errors import DocumentError
 from specs.pipeline.world_sections import WorldFormat
-from tasks.storage.base.key_rules import checked_name
+from tasks.storage.base.keys import checked_name
 
 SOURCE_FOLDER = "workspace_src/src"
 Writer = Callable[[World], Mapping[str, bytes]]

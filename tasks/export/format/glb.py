@@ -16,9 +16,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from specs.data.world import Color, Finish, Solid, World
-from tasks.export.surface.sheets import Covering, finish_key, sheets
+from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
 from tasks.export.surface.textures import texture_of
-from tasks.export.surface.window_boxes import window_parts
 
 GLB_FILE = "world.glb"
 CYLINDER_SIDES = 32

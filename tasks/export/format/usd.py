@@ -13,9 +13,8 @@ import math
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, Vt
 
 from specs.data.world import Color, Door, Finish, Solid, World
-from tasks.export.surface.sheets import Covering, finish_key, sheets
+from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
 from tasks.export.surface.textures import texture_of
-from tasks.export.surface.window_boxes import window_parts
 
 USD_FILE = "world.usda"
 TEXTURE_FOLDER = "textures"

@@ -5,11 +5,17 @@ from itertools import islice
 from xml.etree import ElementTree as ET
 
 from specs.data.world import Certificate, Rectangle, World
-from tasks.export.drawing.door_symbols import draw_doors, draw_passages, draw_windows
-from tasks.export.drawing.floor_patterns import area_m2, floor_color
-from tasks.export.drawing.floor_plan import PLAN_STYLE
-from tasks.export.drawing.furniture_outlines import lowest_first, piece_box, solid_style
-from tasks.export.drawing.legend import draw_scale_bar
+from tasks.export.drawing.building_plan import (
+    START_RADIUS_M,
+    area_m2,
+    draw_doors,
+    draw_passages,
+    draw_walls,
+    draw_windows,
+    floor_color,
+)
+from tasks.export.drawing.floor_plan import PLAN_STYLE, draw_scale_bar
+from tasks.export.drawing.furniture_drawing import lowest_first, piece_box, solid_style
 from tasks.export.drawing.plan_page import (
     PageBox,
     PageScale,
@@ -20,7 +26,6 @@ from tasks.export.drawing.plan_page import (
     rectangle,
     text_width,
 )
-from tasks.export.drawing.wall_section import START_RADIUS_M, draw_walls
 
 MOST_WORLDS = 60
 _PLAN_SIDE = 236.0  # page units of the longest side of the largest plan

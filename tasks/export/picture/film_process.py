@@ -14,10 +14,8 @@ import mujoco
 import numpy as np
 
 from tasks.export.format.mjcf import world_spec
-from tasks.export.picture.cutaway import cut_open
-from tasks.export.picture.film import FilmScene
-from tasks.export.picture.render import READY, Pixels
-from tasks.export.picture.render_process import CUT_M, gl_that_works, lit_model, render, views, whole_view
+from tasks.export.picture.render_process import CUT_M, cut_open, gl_that_works, lit_model, render, views, whole_view
+from tasks.export.picture.renderer import READY, FilmScene, Pixels
 
 _HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
 _AWAY_M = -1e3

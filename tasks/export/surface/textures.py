@@ -1,12 +1,9 @@
-"""A finish as a picture that repeats: the same pixels for the same finish, on any machine.
+"""A finish as a picture that repeats, the same pixels for the same finish on any machine; and pictures as PNG files.
 
-How the surfaces of finishes are divided, drawn by NumPy: planks, tiles, bricks and what else there is.
-
-Every pattern is an array of shares: 0 shows the finish's colour, 1 its accent, what lies outside is lighter or darker
-than both. All arrays repeat seamlessly, and are drawn with exact arithmetic only (no sines, no exponentials), so that
-they are the same on any machine.
+PNG (W3C recommendation, third edition) as Simyard writes it: 8 bits a sample, one filter for all rows.
 """
 
+import struct
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +13,39 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from specs.data.world import Color, Finish, Pattern
-from tasks.export.surface.png import encode_indexed
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_TRUE_COLOUR, _INDEXED = 2, 3
+_BITS = 8
+_UP = 2  # each row as its difference from the one above: rows of a picture resemble each other
+
+
+def encode_rgb(pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
+    """Returns a picture, its first row the upper one, as a PNG file."""
+    above = np.zeros_like(pixels)
+    above[1:] = pixels[:-1]
+    # uint8 wraps around, as the filter wants it.
+    return _file(pixels, _TRUE_COLOUR, (pixels - above).reshape(len(pixels), -1), _UP)
+
+
+def encode_indexed(pixels: UInt8[np.ndarray, "rows columns"], palette: UInt8[np.ndarray, "colours 3"]) -> bytes:
+    """Returns a picture of at most 256 colours, each pixel an index into the palette, as a PNG file."""
+    return _file(pixels, _INDEXED, pixels, 0, _chunk(b"PLTE", palette.tobytes()))
+
+
+def _file(
+    picture: np.ndarray, color_type: int, samples: UInt8[np.ndarray, "rows bytes"], row_filter: int, extra: bytes = b""
+) -> bytes:
+    rows, columns = picture.shape[:2]
+    header = struct.pack(">IIBBBBB", columns, rows, _BITS, color_type, 0, 0, 0)
+    filtered = np.insert(samples, 0, row_filter, axis=1)
+    body = _chunk(b"IDAT", zlib.compress(filtered.tobytes(), 6))
+    return _SIGNATURE + _chunk(b"IHDR", header) + extra + body + _chunk(b"IEND", b"")
+
+
+def _chunk(kind: bytes, body: bytes) -> bytes:
+    return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
 
 Shares = Float[np.ndarray, "rows columns"]
 Draw = Callable[[np.random.Generator, tuple[int, int], tuple[int, int]], Shares]

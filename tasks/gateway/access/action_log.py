@@ -1,12 +1,8 @@
-"""Who did what over HTTP: a line for each call that changes something, and for those that are refused.
-
-A store cannot append, so a gateway writes its file of the hour whole each time, under a name that no other process
-has, and begins another one before that gets dear. A line is in the store before its call is answered. Calls that are
-answered at once share a write.
-"""
+"""Who did what over HTTP: a line for each call that changes something, and for those that are refused."""
 
 import json
 import logging
+import re
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
@@ -15,6 +11,9 @@ from typing import NamedTuple
 from uuid import uuid4
 
 from specs.errors import ObjectNotFound, StoreError
+from tasks.gateway.access.guard import Call
+from tasks.gateway.access.rights import request_arns
+from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.base.keys import actions_key, actions_prefix
 from tasks.storage.base.store import Store
 
@@ -170,3 +169,52 @@ def actions(store: Store, days: int, now_s: float) -> Iterator[str]:
 
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
+
+
+_DENIED = "AccessDeniedException"
+_SAID_KEY = re.compile(r"Credential=([A-Za-z0-9]{1,64})/")
+
+
+def record_call(log: ActionLog, call: Call, shown_arn: Callable[[str], str] = str) -> None:
+    """Records a call that changes something or was refused; called before it is answered.
+
+    Args:
+        log: Where.
+        call: What was asked and answered.
+        shown_arn: Returns an ARN as clients see it: what a request named has Simyard's own form by now.
+
+    Raises:
+        StoreError: The store did not take the line.
+    """
+    refused = call.caller is None or call.answer.error == _DENIED or (not call.operation and call.answer.status == 403)
+    if refused:
+        log.record_refusal(_action(call, shown_arn))
+    elif call.operation is not None and call.operation.right != "read":
+        log.record(_action(call, shown_arn))
+
+
+def _action(call: Call, shown_arn: Callable[[str], str]) -> Action:
+    request, answer, caller = call.request, call.answer, call.caller
+    return Action(
+        request=request.id,
+        key=caller.key if caller else _said_key(request),
+        name=caller.name if caller else "",
+        client=request.client,
+        operation=call.operation.name if call.operation else f"{request.method} {request.raw_path}",
+        arns=tuple(map(shown_arn, (*(request_arns(call.document) if call.document else ()), *_made(answer)))),
+        status=answer.status,
+        outcome=answer.error or ("done" if answer.status < 400 else "refused"),
+    )
+
+
+def _said_key(request: HttpRequest) -> str:
+    said = _SAID_KEY.search(next((value for name, value in request.headers if name == "authorization"), ""))
+    return said[1] if said else ""
+
+
+def _made(answer: HttpAnswer) -> tuple[str, ...]:
+    """Returns the ARN of what a call made."""
+    if answer.status >= 400 or not answer.content_type.startswith("application/json"):
+        return ()
+    made = json.loads(answer.body or b"{}").get("arn")
+    return (made,) if isinstance(made, str) else ()

@@ -11,9 +11,9 @@ from typing import NamedTuple
 from specs.arn import ResourceKind, parse_reference, resource_kind
 from specs.base import Spec
 from specs.errors import AccessRefused
-from specs.interface.operations import Operation
-from tasks.gateway.access.access_key import AccessKey, KeyRight
-from tasks.gateway.document_arns import with_arns
+from specs.robomaker.operations import Operation
+from tasks.gateway.access.access_keys import AccessKey, KeyRight
+from tasks.gateway.rest_json import with_arns
 
 FleetOf = Callable[[ResourceKind, str], str]
 """The fleet that a robot is in, or that a deployment is of; empty if there is none."""

@@ -1,19 +1,19 @@
 """Renders pages as HTML that runs nothing and asks nobody else; whatever stands on them is escaped.
 
-The names, tags, reasons and documents in a store may be written by anybody. Each page has its style in itself, and the
-policy that comes with it (`tasks.gateway.page.headers`) allows that style by its digest, and no script.
+Headers tell a browser what to refuse: for Simyard's own pages, and for what strangers have put into a store.
 """
 
 import base64
 import functools
 import hashlib
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Any, cast
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from specs.artifact_text import xml_text
+from specs.untrusted_text import xml_text
 from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table, Text, tone_of
 
 RELOAD_S = 5
@@ -128,3 +128,51 @@ def _templates() -> Environment:
 def _fit(value: object) -> object:
     """Returns a text with a sign in the place of what turns the text around it, or what HTML cannot hold."""
     return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+_ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Robots-Tag": "noindex",
+}
+_STRANGERS = "sandbox allow-downloads; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
+
+
+def own_headers(*, is_secure: bool) -> Mapping[str, str]:
+    """Returns the headers of a page that Simyard makes: its own style, its own pictures, and nothing else.
+
+    Args:
+        is_secure: Whether the browser came by TLS, and shall always do so.
+    """
+    # With "no-referrer" a browser would send the form without its origin, which the form's answer looks at.
+    policy = f"default-src 'none'; style-src '{style_digest()}'; img-src 'self' data:; form-action 'self'; {_NOWHERE}"
+    return {
+        **_ALWAYS,
+        "Content-Security-Policy": policy,
+        "Referrer-Policy": "same-origin",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
+        "Cache-Control": "no-store",
+        **({"Strict-Transport-Security": "max-age=31536000"} if is_secure else {}),
+    }
+
+
+def strangers_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, str]:
+    """Returns the headers of what lies in a store: a browser gives it no script, no session and no address.
+
+    ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no
+    page that has both.
+
+    Args:
+        keep_s: How long the browser may keep it.
+        file_name: What it is saved as; empty for what is shown.
+    """
+    return {
+        **_ALWAYS,
+        "Content-Security-Policy": f"{_STRANGERS}; form-action 'none'; {_NOWHERE}",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": f"private, max-age={keep_s}" if keep_s else "no-store",
+        **({"Content-Disposition": f'attachment; filename="{file_name}"'} if file_name else {}),
+    }

@@ -8,10 +8,8 @@ from typing import Literal
 from specs.base import Fault, Spec
 from specs.data.run_report import StageName, StageReport, Verdict
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.rate_text import in_worlds
-from tasks.results.statistics.simultaneous import IntervalFamily
-from tasks.results.statistics.worlds_like_these import WorldsLikeThese
+from tasks.results.statistics.intervals import Interval, IntervalFamily, in_worlds
+from tasks.results.statistics.over_worlds import WorldsLikeThese
 
 FORMAT = "simyard-run/1"
 Answer = Literal["PASSED", "NOT PASSED", "INCONCLUSIVE", "FAILED", "REFUSED"]

@@ -17,9 +17,8 @@ from tasks.results.ci.full_report import (
     ReasonCount,
     WorldReport,
 )
-from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.simultaneous import IntervalFamily
-from tasks.results.statistics.worlds_like_these import WorldsLikeThese, worlds_like_these
+from tasks.results.statistics.intervals import Interval, IntervalFamily, wilson
+from tasks.results.statistics.over_worlds import WorldsLikeThese, worlds_like_these
 
 MOST_GROUPS = 5_000
 """More are counted and not listed: what shows a JUnit file reads some 10 MB and no more."""

@@ -9,12 +9,11 @@ from collections.abc import Iterable, Iterator
 from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
-from specs.artifact_text import xml_text
 from specs.data.run_report import StageReport
+from specs.untrusted_text import xml_text
 from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure, WorldReport
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.statistics.rate_text import in_worlds, percent, percent_range
-from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.intervals import IntervalFamily, in_worlds, percent, percent_range
 
 Kind = Literal["failure", "error", "skipped"]
 _LONGEST = 1_000

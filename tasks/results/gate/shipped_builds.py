@@ -1,25 +1,29 @@
-"""What a run ships: which builds of which version, and that an episode drove each, or the document names it.
+"""What a run ships: which builds of which version, with which variables, and that episodes drove them so.
 
 A version may have a bundle for each architecture, and whoever can write to the store may add one, or say that a robot
 has another architecture. So it does not matter which robots there are: each build of the version was driven, or the
 document names its digest and the build that was driven in its place.
+
+Episodes give a robot application all variables of its request, those of the scenario among them, and those of the
+matrix. Which of them it reads, only the application knows. So all count: what passed at half speed ships at half speed.
+Robots get each variable, with a value that episodes had, all of them together; or the document says which do not, and
+why.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from pydantic import Field
 
 from specs.base import Fault, Spec
 from specs.field_types import Architecture
-from specs.pipeline.simulation_section import Deployment
-from specs.pipeline.untested_parts import UntestedBuild
+from specs.pipeline.simulation_section import Deployment, UntestedBuild
 from specs.robomaker.bundle import Version
 
 if TYPE_CHECKING:
     from tasks.results.gate.evidence import Evidence
 
-_PATH = "deployment.untestedBuilds"
+_BUILDS = "deployment.untestedBuilds"
 
 
 class ShippedBuild(Spec):
@@ -98,13 +102,13 @@ def build_faults(version: Version, named: Mapping[Architecture, UntestedBuild], 
     what = f"{version.name} version {version.number}"
     has = f"of {what}: {', '.join(version.digests)}" if version.builds else f"none: {what} has one bundle for all"
     others = [each for each in named if each not in version.digests]
-    return [*faults, *(Fault(path=_PATH, value=each, allowed=f"an architecture {has}") for each in others)]
+    return [*faults, *(Fault(path=_BUILDS, value=each, allowed=f"an architecture {has}") for each in others)]
 
 
 def _build_faults(
     version: Version, architecture: Architecture, digest: str, named: UntestedBuild | None, tested: Sequence[str]
 ) -> Iterator[Fault]:
-    what, place = f"{version.name} version {version.number}", f"{_PATH}.{architecture}"
+    what, place = f"{version.name} version {version.number}", f"{_BUILDS}.{architecture}"
     if architecture in tested:
         if named:
             yield Fault(path=place, value=named.digest, allowed="no entry: the batch drives exactly this build")
@@ -112,10 +116,10 @@ def _build_faults(
         value = f"the build of {what} for {architecture}, {digest}, which no episode drives"
         allowed = (
             f"a build that the batch drives, by a request whose robotApplications have architecture: {architecture}; "
-            f"or {_PATH}: {{{architecture}: {{testedAs: {' or '.join(tested)}, digest: ...}}}}, with the digest that "
+            f"or {_BUILDS}: {{{architecture}: {{testedAs: {' or '.join(tested)}, digest: ...}}}}, with the digest that "
             "simyard app publish printed; or a version without it"
         )
-        yield Fault(path=_PATH, value=value, allowed=allowed)
+        yield Fault(path=_BUILDS, value=value, allowed=allowed)
     elif named.digest != digest:
         allowed = f"the build of {what} for {architecture}, which is {digest} in the store; ask who published it"
         yield Fault(path=f"{place}.digest", value=named.digest, allowed=allowed)
@@ -188,3 +192,57 @@ def unjudged_lines(ships: Shipment, driven: Collection[str]) -> Iterator[str]:
     for build in ships.builds:
         simulated = "simulated" if build.digest in driven else "not simulated, and no gate asks"
         yield f"{ships.application} version {ships.version} for {build.architecture}, {build.digest[:12]}: {simulated}"
+
+
+Driven = Mapping[str, Sequence[str]]
+"""The values that each variable took in some episodes that drove every combination of them."""
+
+_VARIABLES = "deployment.deploymentApplicationConfigs[0].launchConfig.environmentVariables"
+_UNTESTED = "deployment.untestedVariables"
+_VALUES_SHOWN = 8
+
+
+def variable_faults(
+    given: Mapping[str, str], driven: Iterable[Sequence[Driven]], named: Mapping[str, str]
+) -> list[Fault]:
+    """Returns a fault for each variable that differs and is not named, and for each that is named without need.
+
+    Compared is with those episodes of each build that differ least.
+
+    Args:
+        given: The variables of the deployment's launch configuration.
+        driven: What the episodes of each build that is deployed had.
+        named: Why a variable differs, by name, as the document says.
+    """
+    nearest = _nearest(given, driven, named)
+    differing = {name for had in nearest for name in _differing(given, had)} if nearest else set(named)
+    unnamed = {name: [value for had in nearest for value in had.get(name, ())] for name in differing - named.keys()}
+    return [
+        *(_variable_fault(name, given.get(name), list(dict.fromkeys(unnamed[name]))) for name in sorted(unnamed)),
+        *(
+            Fault(path=f"{_UNTESTED}.{name}", value=repr(reason), allowed="no entry: robots get it as episodes do")
+            for name, reason in named.items()
+            if name not in differing
+        ),
+    ]
+
+
+def differing_names(given: Mapping[str, str], driven: Iterable[Sequence[Driven]]) -> list[str]:
+    """Returns the variables that differ from what episodes had; arguments as there."""
+    return sorted({name for had in _nearest(given, driven, ()) for name in _differing(given, had)})
+
+
+def _nearest(given: Mapping[str, str], driven: Iterable[Sequence[Driven]], named: Iterable[str]) -> list[Driven]:
+    expected = set(named)
+    return [min(each, key=lambda had: len(_differing(given, had) ^ expected)) for each in driven if each]
+
+
+def _differing(given: Mapping[str, str], had: Driven) -> set[str]:
+    return {name for name in {*given, *had} if given.get(name) not in had.get(name, ())}
+
+
+def _variable_fault(name: str, given: str | None, values: Sequence[str]) -> Fault:
+    shown = ", ".join(map(repr, values[:_VALUES_SHOWN])) + (", ..." if len(values) > _VALUES_SHOWN else "")
+    allowed = f"a value that simulationBatch drives: {shown}" if values else "not set: simulationBatch does not set it"
+    value = "not set" if given is None else repr(given)
+    return Fault(path=f"{_VARIABLES}.{name}", value=value, allowed=f"{allowed}; or {_UNTESTED}.{name}, with the reason")

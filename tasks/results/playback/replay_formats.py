@@ -5,8 +5,8 @@ from importlib.util import find_spec
 from typing import Literal
 
 from specs.base import Fault
-from specs.data.bag_format import BagFormat
 from specs.errors import DocumentError
+from specs.field_types import BagFormat
 
 Extra = Literal["mcap", "ros", "video"]
 _MODULES: Mapping[Extra, tuple[str, ...]] = {

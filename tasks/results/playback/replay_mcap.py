@@ -1,31 +1,255 @@
 """Writes an episode as an MCAP file that Foxglove opens: frames, poses, scans, the scene, and the controls.
 
-Its times are simulated ones from 0. Needs the extra ``mcap``.
+Foxglove knows a schema by its name (docs.foxglove.dev, message schemas); other readers read the JSON schema, which has
+the fields that are written here. Times are simulated ones from 0. Needs the extra ``mcap``.
 """
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 from mcap.writer import CompressionType, Writer
 from pydantic import JsonValue
 
-from specs.data.world import World
-from tasks.results.playback.foxglove import (
-    LIDAR_FRAME,
-    ROBOT_FRAME,
-    SCHEMAS,
-    STEP,
-    WORLD_FRAME,
-    Message,
-    nanoseconds_of,
-    pose,
-    quaternion,
-    scene,
-    time_of,
-    vector,
-)
+from specs.data.world import Color, Solid, World
 from tasks.results.playback.playback import Playback
+
+WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
+Message = dict[str, JsonValue]
+_ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
+_GOAL, _WAY = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0)
+_GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
+_KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+_LINE_STRIP = 0
+
+
+def time_of(time_s: float) -> Message:
+    """Returns a time as Foxglove has it: seconds and nanoseconds."""
+    nanoseconds = nanoseconds_of(time_s)
+    return {"sec": nanoseconds // 1_000_000_000, "nsec": nanoseconds % 1_000_000_000}
+
+
+def nanoseconds_of(time_s: float) -> int:
+    """Returns a time in whole nanoseconds, those of a microsecond."""
+    return round(time_s * 1e6) * 1000
+
+
+def vector(x: float, y: float, z: float) -> Message:
+    """Returns a point or a size."""
+    return {"x": float(x), "y": float(y), "z": float(z)}
+
+
+def quaternion(yaw_rad: float) -> Message:
+    """Returns a turn about z as a quaternion."""
+    return {"x": 0.0, "y": 0.0, "z": math.sin(yaw_rad / 2), "w": math.cos(yaw_rad / 2)}
+
+
+def pose(x: float, y: float, z: float = 0.0, yaw_rad: float = 0.0) -> Message:
+    """Returns a pose upright above the floor.
+
+    Args:
+        x: Position, m.
+        y: Position, m.
+        z: Height, m.
+        yaw_rad: Heading, counter-clockwise from +x.
+    """
+    return {"position": vector(x, y, z), "orientation": quaternion(yaw_rad)}
+
+
+def scene(world: World, playback: Playback) -> Message:
+    """Returns the scene: floors, each solid, the goals, the whole way, and the robot, which moves with its frame."""
+    entities = [_floors(world), *_furnished(world), _goals(playback), _way(playback), _robot(playback)]
+    return {"deletions": [], "entities": cast("JsonValue", entities)}
+
+
+def _entity(name: str, frame: str = WORLD_FRAME, **primitives: Sequence[Message]) -> Message:
+    filled: Message = {kind: cast("JsonValue", [*primitives.get(kind, ())]) for kind in _KINDS}
+    return {
+        "timestamp": time_of(0.0),
+        "frame_id": frame,
+        "id": name,
+        "lifetime": time_of(0.0),
+        "frame_locked": True,
+        "metadata": [],
+        **filled,
+    }
+
+
+def _furnished(world: World) -> list[Message]:
+    """Returns an entity for the walls and one for each piece, so that each can be hidden by itself."""
+    walls = (*world.walls, *(door.leaf for door in world.doors))
+    named = [("walls", walls), *((piece.name, piece.solids) for piece in world.furniture)]
+    return [
+        _entity(
+            name,
+            cubes=[_solid(each) for each in parts if each.shape == "box"],
+            cylinders=[_solid(each) for each in parts if each.shape == "cylinder"],
+        )
+        for name, parts in named
+    ]
+
+
+def _solid(solid: Solid) -> Message:
+    half_x, half_y, half_z = solid.half_extents_m
+    shape: Message = {
+        "pose": pose(*solid.center_m, solid.yaw_rad),
+        "size": vector(2 * half_x, 2 * half_y, 2 * half_z),
+        "color": _color(solid.color),
+    }
+    return shape if solid.shape == "box" else {**shape, "bottom_scale": 1.0, "top_scale": 1.0}
+
+
+def _floors(world: World) -> Message:
+    cubes: list[Message] = []
+    for room in world.rooms:
+        area = room.floor
+        center = ((area.x_min_m + area.x_max_m) / 2, (area.y_min_m + area.y_max_m) / 2)
+        size = vector(area.x_max_m - area.x_min_m, area.y_max_m - area.y_min_m, _THIN_M)
+        cubes.append({"pose": pose(*center, -_GROUND_M), "size": size, "color": _color(room.flooring.color)})
+    return _entity("floors", cubes=cubes)
+
+
+def _goals(playback: Playback) -> Message:
+    across = 2 * (playback.arrived_m or _GOAL_M)
+    spots: list[Message] = [
+        {
+            "pose": pose(x, y, _THIN_M),
+            "size": vector(across, across, _THIN_M),
+            "bottom_scale": 1.0,
+            "top_scale": 1.0,
+            "color": _color(_GOAL, 0.5),
+        }
+        for x, y in playback.goals_m.tolist()
+    ]
+    return _entity("goals", cylinders=spots)
+
+
+def _way(playback: Playback) -> Message:
+    line: Message = {
+        "type": _LINE_STRIP,
+        "pose": pose(0.0, 0.0, 2 * _THIN_M),
+        "thickness": 2 * _THIN_M,
+        "scale_invariant": False,
+        "points": cast("JsonValue", [vector(x, y, 0.0) for x, y in playback.pose[:, :2].tolist()]),
+        "color": _color(_WAY, 0.7),
+        "colors": [],
+        "indices": [],
+    }
+    return _entity("way", lines=[line])
+
+
+def _robot(playback: Playback) -> Message:
+    (low, high), across = playback.heights_m, 2 * playback.radius_m
+    hull: Message = {
+        "pose": pose(0.0, 0.0, (low + high) / 2),
+        "size": vector(across, across, high - low),
+        "bottom_scale": 1.0,
+        "top_scale": 1.0,
+        "color": _color(_ROBOT),
+    }
+    nose: Message = {
+        "pose": pose(0.0, 0.0, high + _THIN_M),
+        "shaft_length": 0.6 * playback.radius_m,
+        "shaft_diameter": 0.1 * playback.radius_m,
+        "head_length": 0.4 * playback.radius_m,
+        "head_diameter": 0.3 * playback.radius_m,
+        "color": _color(_NOSE),
+    }
+    return _entity("robot", ROBOT_FRAME, cylinders=[hull], arrows=[nose])
+
+
+def _color(color: Color, alpha: float = 1.0) -> Message:
+    red, green, blue = color
+    return {"r": red, "g": green, "b": blue, "a": alpha}
+
+
+Schema = dict[str, JsonValue]
+
+_NUMBER: Schema = {"type": "number"}
+_TEXT: Schema = {"type": "string"}
+_WHOLE: Schema = {"type": "integer"}
+_FLAG: Schema = {"type": "boolean"}
+
+
+def _object(**fields: Schema) -> Schema:
+    return {"type": "object", "properties": cast("JsonValue", fields), "required": cast("JsonValue", [*fields])}
+
+
+def _list(item: Schema) -> Schema:
+    return {"type": "array", "items": item}
+
+
+_TIME = _object(sec=_WHOLE, nsec=_WHOLE)
+_VECTOR = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER)
+_QUATERNION = _object(x=_NUMBER, y=_NUMBER, z=_NUMBER, w=_NUMBER)
+_POSE = _object(position=_VECTOR, orientation=_QUATERNION)
+_COLOR = _object(r=_NUMBER, g=_NUMBER, b=_NUMBER, a=_NUMBER)
+_CUBE = _object(pose=_POSE, size=_VECTOR, color=_COLOR)
+_SPHERE = _object(pose=_POSE, size=_VECTOR, color=_COLOR)
+_CYLINDER = _object(pose=_POSE, size=_VECTOR, bottom_scale=_NUMBER, top_scale=_NUMBER, color=_COLOR)
+_ARROW = _object(
+    pose=_POSE,
+    shaft_length=_NUMBER,
+    shaft_diameter=_NUMBER,
+    head_length=_NUMBER,
+    head_diameter=_NUMBER,
+    color=_COLOR,
+)
+_LINE = _object(
+    type=_WHOLE,
+    pose=_POSE,
+    thickness=_NUMBER,
+    scale_invariant=_FLAG,
+    points=_list(_VECTOR),
+    color=_COLOR,
+    colors=_list(_COLOR),
+    indices=_list(_WHOLE),
+)
+_ENTITY = _object(
+    timestamp=_TIME,
+    frame_id=_TEXT,
+    id=_TEXT,
+    lifetime=_TIME,
+    frame_locked=_FLAG,
+    metadata=_list(_object(key=_TEXT, value=_TEXT)),
+    arrows=_list(_ARROW),
+    cubes=_list(_CUBE),
+    spheres=_list(_SPHERE),
+    cylinders=_list(_CYLINDER),
+    lines=_list(_LINE),
+    triangles=_list(_object()),
+    texts=_list(_object()),
+    models=_list(_object()),
+)
+
+STEP = "simyard.Step"
+SCHEMAS: Mapping[str, Schema] = {
+    "foxglove.FrameTransform": _object(
+        timestamp=_TIME, parent_frame_id=_TEXT, child_frame_id=_TEXT, translation=_VECTOR, rotation=_QUATERNION
+    ),
+    "foxglove.PoseInFrame": _object(timestamp=_TIME, frame_id=_TEXT, pose=_POSE),
+    "foxglove.LaserScan": _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        pose=_POSE,
+        start_angle=_NUMBER,
+        end_angle=_NUMBER,
+        ranges=_list(_NUMBER),
+        intensities=_list(_NUMBER),
+    ),
+    "foxglove.SceneUpdate": _object(deletions=_list(_object()), entities=_list(_ENTITY)),
+    STEP: _object(
+        timestamp=_TIME,
+        goal_index=_WHOLE,
+        impulse_ns=_NUMBER,
+        velocity_m_s=_list(_NUMBER),
+        control=_list(_NUMBER),
+    ),
+}
+"""By name; ``title`` is added when they are written."""
+
 
 TOPICS = {
     "/tf": "foxglove.FrameTransform",

@@ -5,12 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from specs.data.world import World
 from tasks.results.playback.playback import Playback
 from tasks.ros.bag.message_log import MessageLog
-from tasks.ros.bag.track import Lidar, Track
-from tasks.ros.bag.track_log import track_log
+from tasks.ros.bag.track_log import Lidar, Track, track_log
 
 Twists = Callable[[np.ndarray, np.ndarray], np.ndarray]
 

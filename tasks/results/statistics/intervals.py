@@ -1,11 +1,20 @@
-"""Confidence intervals of shares, of differences of shares, and of quantiles; the distributions are scipy's.
+"""Confidence intervals of shares, of differences of shares and of quantiles, and how they are written in words.
 
-All intervals are two-sided. scipy takes a second to import, and most commands judge nothing, so that it is imported
-where it is needed.
+All intervals are two-sided; the distributions are scipy's. scipy takes a second to import, and most commands judge
+nothing, so that it is imported where it is needed.
+
+A rate that was measured in eight worlds is the rate in these eight, with other seeds. What it is in worlds like them is
+another question, with a wider interval (`tasks.results.statistics.over_worlds`). Wherever an interval stands, a phrase
+of this module says which one it is.
 """
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
 
 from specs.base import Spec
 
@@ -142,3 +151,211 @@ def _score(gains: int, losses: int, n: int, difference: float) -> float:
     if above == 0.0:
         return 0.0
     return above / math.sqrt(variance) if variance > 0.0 else math.copysign(math.inf, above)
+
+
+def wilson_bounds(
+    successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."], confidence: float
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Returns the lower and upper bounds of many shares at once, as `wilson` has them; it needs no scipy.
+
+    Args:
+        successes: Each 0 to ``n``.
+        n: How many were counted, 1 at least.
+        confidence: Coverage, between 0 and 1.
+    """
+    z = NormalDist().inv_cdf((1.0 + confidence) / 2.0)
+    middle = (successes + z * z / 2.0) / (n + z * z)
+    half = z / (n + z * z) * np.sqrt(successes * (n - successes) / n + z * z / 4.0)
+    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+
+
+class IntervalFamily(Spec):
+    """How many intervals a page shows or selects from, and how sure all of them together are.
+
+    Attributes:
+        size: How many there are; those of groups that are left out because others are worse count, too.
+        confidence: How often all of them hold, between 0 and 1.
+    """
+
+    size: int
+    confidence: float
+
+    @property
+    def each(self) -> float:
+        """The confidence of each interval, such that all hold together (Dunn 1961, JASA 56:52)."""
+        return 1.0 - (1.0 - self.confidence) / max(1, self.size)
+
+    def interval(self, successes: int, n: int) -> Interval:
+        """Returns the interval of one group's share.
+
+        Args:
+            successes: 0 to ``n``.
+            n: How many were counted; none says nothing, so the interval is then 0 to 1.
+
+        Raises:
+            ValueError: The numbers are not such.
+        """
+        return clopper_pearson(successes, n, self.each)
+
+    def sentence(self, of: str = "reports") -> str:
+        """Returns how many intervals there are and what that means; empty of none.
+
+        Args:
+            of: What there are many of, if all is done again, such as ``reports``.
+        """
+        sure = f"{100 * self.confidence:g}\u00a0% of such {of}"
+        if self.size < 2:
+            return f"1 interval of a group; it holds in {sure}" if self.size else ""
+        return f"{self.size:,} intervals of groups; all {self.size:,} hold together in {sure}"
+
+
+def clopper_pearson(successes: int, n: int, confidence: float) -> Interval:
+    """Returns the two-sided exact interval of a share (Clopper and Pearson 1934, Biometrika 26:404).
+
+    It covers at least as often as asked for, whatever the share, and also where chances differ within a group, as they
+    do between worlds: sums of unlike chances scatter less than those of equal ones (Hoeffding 1956, Annals of
+    Mathematical Statistics 27:713).
+
+    Args:
+        successes: 0 to ``n``.
+        n: How many were counted; none says nothing, so the interval is then 0 to 1.
+        confidence: Coverage, between 0 and 1.
+
+    Raises:
+        ValueError: The numbers are not such.
+    """
+    if not (0 <= successes <= n and 0.0 < confidence < 1.0):
+        raise ValueError(f"{successes} successes of {n} with confidence {confidence}: 0 <= successes <= n, 0 < c < 1")
+    return Interval(
+        lower=_exact_lower(successes, n, confidence), upper=1.0 - _exact_lower(n - successes, n, confidence)
+    )
+
+
+def _exact_lower(successes: int, n: int, confidence: float) -> float:
+    if not successes:
+        return 0.0
+    from scipy.special import betaincinv  # noqa: PLC0415 - most commands judge nothing
+
+    bound = float(betaincinv(successes, n - successes + 1, (1.0 - confidence) / 2.0))
+    return math.floor(bound * 1e9) / 1e9
+
+
+class Stratum(NamedTuple):
+    """Some of a batch's episodes, of which a few were looked at.
+
+    Attributes:
+        episodes: How many there are, or an estimate of it.
+        effective: To how many equally weighted ones those come that were looked at; above 0.
+        rate: The share of them that shows something, weighted, 0-1.
+    """
+
+    episodes: float
+    effective: float
+    rate: float
+
+
+def stratum_interval(stratum: Stratum, confidence: float) -> Interval:
+    """Returns the two-sided interval of a stratum's share.
+
+    The exact interval of Clopper and Pearson 1934 (Biometrika 26:404), whose bounds are quantiles of beta
+    distributions, with the effective number of lanes (Korn and Graubard 1998, Survey Methodology 24:193). It covers at
+    least as often as stated where the weights are equal.
+
+    Args:
+        stratum: What was seen.
+        confidence: Coverage, between 0 and 1.
+
+    Raises:
+        ValueError: The numbers are not such.
+    """
+    _, effective, rate = stratum
+    if not (effective > 0.0 and 0.0 <= rate <= 1.0 and 0.0 < confidence < 1.0):
+        raise ValueError(f"{stratum} with confidence {confidence}: effective > 0, 0 <= rate <= 1, 0 < c < 1")
+    from scipy.stats import beta  # noqa: PLC0415
+
+    tail, seen = (1.0 - confidence) / 2.0, rate * effective
+    lower = float(beta.ppf(tail, seen, effective - seen + 1.0)) if seen > 0.0 else 0.0
+    upper = float(beta.ppf(1.0 - tail, seen + 1.0, effective - seen)) if seen < effective else 1.0
+    return Interval(lower=lower, upper=upper)
+
+
+def total_rate(strata: Sequence[Stratum]) -> float:
+    """Returns the share over all strata, each weighted by its episodes; 0 of none."""
+    episodes = sum(each.episodes for each in strata)
+    return sum(each.episodes * each.rate for each in strata) / episodes if episodes else 0.0
+
+
+def total_interval(strata: Sequence[Stratum], confidence: float) -> Interval:
+    """Returns the two-sided interval of the share over all strata.
+
+    The distances of the strata's bounds from their estimates are independent, so their squares add up (Zou and Donner
+    2008, Statistics in Medicine 27:1693, section 2).
+
+    Args:
+        strata: What was seen; of none nothing is known.
+        confidence: Coverage, between 0 and 1.
+    """
+    episodes = sum(each.episodes for each in strata)
+    if not episodes:
+        return Interval(lower=0.0, upper=1.0)
+    rate, below, above = total_rate(strata), 0.0, 0.0
+    for each in strata:
+        share, bounds = each.episodes / episodes, stratum_interval(each, confidence)
+        below += (share * (each.rate - bounds.lower)) ** 2
+        above += (share * (bounds.upper - each.rate)) ** 2
+    return Interval(lower=max(0.0, rate - math.sqrt(below)), upper=min(1.0, rate + math.sqrt(above)))
+
+
+def lanes_needed(at_most: float, confidence: float) -> int:
+    """Returns how many lanes show that a share is small enough, if none of them shows anything.
+
+    Of n lanes without one the upper bound of Clopper and Pearson is 1 - ((1 - confidence) / 2)^(1 / n).
+
+    Args:
+        at_most: The most that the share may be, between 0 and 1.
+        confidence: Coverage of the two-sided interval, between 0 and 1.
+    """
+    return math.ceil(math.log((1.0 - confidence) / 2.0) / math.log1p(-at_most) - 1e-9)
+
+
+def less_lost(kept: float, lower: float, lost: float, lost_upper: float) -> float:
+    """Returns the lower bound of a share of which a part may not be what it seems.
+
+    The share is ``kept`` times ``1 - lost``; both were estimated apart, so the distances of their bounds add up as
+    squares (Zou and Donner 2008, section 2).
+
+    Args:
+        kept: The share as it was seen, 0-1.
+        lower: The lower bound of its interval.
+        lost: The part of it that is not what it seems, as it was seen, 0-1.
+        lost_upper: The upper bound of that.
+    """
+    distance = math.hypot(max(0.0, kept - lower), kept * (lost_upper - lost))
+    return max(0.0, min(lower, kept * (1.0 - lost) - distance))
+
+
+def in_worlds(worlds: int, *, like_these: bool = False) -> str:
+    """Returns where a rate holds, such as ``in these 8 worlds``.
+
+    Args:
+        worlds: How many worlds its episodes were in.
+        like_these: Whether its interval is of worlds like these, and not of these alone.
+    """
+    if worlds < 1:
+        return "in no world"
+    if like_these:
+        return f"in worlds like {'this 1' if worlds == 1 else f'these {worlds:,}'}"
+    return "in this 1 world" if worlds == 1 else f"in these {worlds:,} worlds"
+
+
+def percent(share: float) -> str:
+    """Returns a share as text; what is not quite everything or nothing is never rounded to it."""
+    shown = round(100.0 * share, 1)
+    if shown in (0.0, 100.0) and share not in (0.0, 1.0):
+        return ">\u00a099.9\u00a0%" if shown else "<\u00a00.1\u00a0%"
+    return f"{shown:.1f}\u00a0%"
+
+
+def percent_range(interval: Interval) -> str:
+    """Returns an interval as text, rounded outwards, so that no bound is printed on the wrong side of a bar."""
+    return f"{math.floor(1000 * interval.lower) / 10:.1f} to {math.ceil(1000 * interval.upper) / 10:.1f}\u00a0%"

@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Int
 
 from specs.base import Spec
-from specs.data.cells import Cells, distinct
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
-from specs.data.episode_columns import EpisodeColumns, RequestColumns
+from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct
 
 if TYPE_CHECKING:
     import pyarrow as pa  # a run's report reads figures, and must not wait for Arrow

@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from jaxtyping import Bool, Float, Int
 
 from specs.data.result_columns import MEASURES
-from tasks.results.tables.tables import extended_schemas
+from tasks.results.tables.episode_tables import extended_schemas
 
 SUCCESS, COLLISION = "success", "collision"
 NOT_SET = "(not set)"

@@ -1,7 +1,10 @@
 """Writes Parquet files whose bytes depend on the rows and the metadata alone, however the rows came."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -120,3 +123,41 @@ def write_parquet(table: pa.Table, path: Path, metadata: Mapping[str, str] | Non
 
 def _text(metadata: Mapping[bytes, bytes] | None) -> dict[str, str]:
     return {key.decode(): value.decode() for key, value in (metadata or {}).items()}
+
+
+# One is written while one waits; more would only hold memory.
+_TABLES = 2
+
+
+@contextmanager
+def parquet_thread(file: ParquetFile) -> Generator[Callable[[pa.Table], None]]:
+    """Gives what appends rows to a file, in their order, and returns before they are written.
+
+    At the end of the ``with`` block all are, or the thread's error is raised; of a block that fails no more are. Who
+    appends waits while two tables are not written yet.
+
+    Args:
+        file: Nobody else writes to it inside the block.
+
+    Raises:
+        OSError: The file could not be written: out of the append that comes next but one at the latest.
+    """
+    thread = ThreadPoolExecutor(1)
+    begun: deque[Future[None]] = deque()
+
+    def add(table: pa.Table) -> None:
+        while len(begun) >= _TABLES:
+            begun.popleft().result()
+        begun.append(thread.submit(_write, file, table))
+
+    try:
+        yield add
+        while begun:
+            begun.popleft().result()
+    finally:
+        thread.shutdown(cancel_futures=True)
+
+
+def _write(file: ParquetFile, table: pa.Table) -> None:
+    file.add(table)
+    file.hash()

@@ -1,8 +1,8 @@
-"""Writes recordings as Parquet: a file a chunk, a row a sample (docs/reference/recordings-schema.md).
+"""Writes what a chunk of episodes leaves besides its rows: recordings as Parquet, and what applications printed.
 
-A file a chunk and not an episode: 100,000 episodes would be 100,000 objects, each with a footer larger than what most
-episodes leave. Rows stand in the order of episodes and time, and every row group says which episodes it holds, so that
-a reader fetches one episode without the others.
+Recordings have a row a sample (docs/reference/recordings-schema.md). A chunk has one file: 100,000 episodes would be as
+many objects, each with a footer larger than what most episodes leave. Rows stand in the order of episodes and time, and
+every row group says which episodes it holds, so that a reader fetches one episode without the others.
 """
 
 import tempfile
@@ -13,10 +13,9 @@ import numpy as np
 import pyarrow as pa
 
 from specs.field_types import OutputLocation
+from tasks.results.tables.episode_tables import described_field
 from tasks.results.tables.parquet import ParquetFile
-from tasks.results.tables.tables import described_field
-from tasks.storage.base.key_rules import checked_name
-from tasks.storage.base.keys import output_key
+from tasks.storage.base.keys import checked_name, output_key
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 
@@ -115,3 +114,21 @@ def _lists(values: np.ndarray, there: np.ndarray) -> pa.Array:
     ends = np.cumsum(there * values.shape[1])
     offsets = np.concatenate([[0], ends]).astype(np.int32)
     return pa.ListArray.from_arrays(pa.array(offsets), _real(values[there].reshape(-1)), type=_REALS)
+
+
+OUTPUT_FOLDER = "output"
+
+
+def write_output(store_url: str, location: OutputLocation, batch_id: str, number: int, text: str) -> None:
+    """Writes what applications printed while a chunk was simulated, over what an earlier attempt at it printed.
+
+    Args:
+        store_url: The store that the output location's bucket belongs to.
+        location: The batch's output location.
+        batch_id: The batch.
+        number: The chunk's number.
+        text: What was printed.
+    """
+    bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
+    key = output_key(location.s3Prefix, f"{OUTPUT_FOLDER}/{checked_name(batch_id, 'batch')}/{number:06d}.txt")
+    bucket.put(key, text.encode())

@@ -1,21 +1,215 @@
-"""A ROS 1 graph of one episode: master, parameters and the robot's node in this process, without ROS."""
+"""One episode's ROS 1 graph: a master, the robot's node, its topics and services, on one event loop."""
 
 import asyncio
+import os
 import socket
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 
-from tasks.ros.graph.master import Master
-from tasks.ros.graph.method import Dispatch
+from tasks.ros.graph import graph_limits as limits
+from tasks.ros.graph.event_loop import HOST, Connection, EventLoop
+from tasks.ros.graph.master import (
+    KEY,
+    LIST,
+    TEXT,
+    TOPIC,
+    VALUE,
+    Dispatch,
+    Master,
+    Method,
+    Outcome,
+    Registrations,
+    Served,
+)
 from tasks.ros.graph.parameter_tree import ParameterTree
-from tasks.ros.graph.publication import ROBOT, Publications, Subscriber, Topic
-from tasks.ros.graph.registrations import Registrations, Served
-from tasks.ros.graph.robot_service import SERVICES, RobotServices
-from tasks.ros.graph.ros1_node import RobotNode
-from tasks.ros.graph.subscription import Source, Subscriptions
-from tasks.ros.graph.wire.channel import HOST, Wire
-from tasks.ros.graph.wire.http import HttpConnection
-from tasks.ros.graph.wire.node_call import NodeCalls
-from tasks.ros.graph.wire.xml_rpc import Value
+from tasks.ros.graph.topic import (
+    ROBOT,
+    HeaderError,
+    Publications,
+    Source,
+    Subscriber,
+    Subscriptions,
+    Topic,
+    take_header,
+    write_header,
+)
+from tasks.ros.graph.xml_rpc import HttpConnection, NodeCalls, Value
+from tasks.ros.message.definition import ANY, digest
+from tasks.ros.message.ros_messages import (
+    REQUEST_BYTES,
+    frame_message,
+    joined_tags,
+    read_keys,
+    read_tags,
+    write_outcome,
+    write_tags,
+)
+
+_LENGTH = struct.Struct("<I")
+SERVICES: Mapping[str, str] = {
+    "/robomaker/job/add_tags": "robomaker_simulation_msgs/AddTags",
+    "/robomaker/job/cancel": "robomaker_simulation_msgs/Cancel",
+    "/robomaker/job/list_tags": "robomaker_simulation_msgs/ListTags",
+    "/robomaker/job/remove_tags": "robomaker_simulation_msgs/RemoveTags",
+}
+"""Types by name."""
+
+
+class RobotServices:
+    """Answers requests to the robot's services.
+
+    Attributes:
+        tags: What the application gave.
+        cancelled: Whether it asked for the end of its job.
+    """
+
+    def __init__(self) -> None:
+        self.tags: dict[str, str] = {}
+        self.cancelled = False
+        self._functions: dict[str, Callable[[bytes], bytes]] = {
+            "/robomaker/job/add_tags": self._add_tags,
+            "/robomaker/job/cancel": self._cancel,
+            "/robomaker/job/list_tags": self._list_tags,
+            "/robomaker/job/remove_tags": self._remove_tags,
+        }
+
+    def connect(self, channel: Connection, fields: Mapping[str, str]) -> None:
+        """Answers a client's header, and its requests from now on."""
+        service = fields.get("service", "")
+        kind = SERVICES.get(service)
+        if kind is None:
+            fault = f"the robot has no service {service[:200]!r}"
+        elif fields.get("md5sum") not in (ANY, digest(kind)):
+            fault = f"{service} is {kind} with md5sum {digest(kind)}, not {fields.get('md5sum', '')[:40]!r}"
+        else:
+            fault = ""
+        if kind is None or fault:
+            channel.send(write_header({"error": fault}))
+            channel.finish()
+            return
+        answer = {
+            "callerid": ROBOT,
+            "md5sum": digest(kind),
+            "request_type": f"{kind}Request",
+            "response_type": f"{kind}Response",
+            "type": kind,
+        }
+        channel.send(write_header(answer))
+        if fields.get("probe") == "1":
+            channel.finish()
+            return
+        kept = fields.get("persistent", "0").lower() in ("1", "true")
+        channel.use(lambda: self._take(channel, service, kept=kept), lambda: None)
+        self._take(channel, service, kept=kept)
+
+    def _take(self, channel: Connection, service: str, *, kept: bool) -> None:
+        incoming = channel.incoming
+        while not channel.closed and len(incoming) >= 4:
+            (length,) = _LENGTH.unpack_from(incoming)
+            if length > REQUEST_BYTES:
+                fault = f"{service}: a request of {length} bytes, {REQUEST_BYTES} are taken"
+                channel.send(b"\0" + frame_message(fault.encode()))
+                channel.finish()
+                return
+            if len(incoming) < 4 + length:
+                return
+            request = bytes(incoming[4 : 4 + length])
+            del incoming[: 4 + length]
+            channel.send(self._answer(service, request))
+            if not kept:
+                channel.finish()
+                return
+
+    def _answer(self, service: str, request: bytes) -> bytes:
+        """Returns the response after a 1, or a text after a 0 if the request cannot be read."""
+        try:
+            return b"\1" + frame_message(self._functions[service](request))
+        except ValueError as exc:
+            return b"\0" + frame_message(f"{service}: {exc}".encode())
+
+    def _add_tags(self, request: bytes) -> bytes:
+        given = read_tags(request)
+        try:
+            self.tags = joined_tags(self.tags, given)
+        except ValueError as exc:
+            return write_outcome(success=False, message=str(exc))
+        return write_outcome(success=True, message="")
+
+    def _remove_tags(self, request: bytes) -> bytes:
+        for key in read_keys(request):
+            self.tags.pop(key, None)
+        return write_outcome(success=True, message="")
+
+    def _list_tags(self, _: bytes) -> bytes:
+        return write_outcome(success=True, message="") + write_tags(self.tags)
+
+    def _cancel(self, _: bytes) -> bytes:
+        self.cancelled = True
+        return write_outcome(success=True, message="")
+
+
+class RobotNode:
+    """The node that publishes what the robot senses, and subscribes to its commands.
+
+    Attributes:
+        port: Of its TCPROS connections.
+    """
+
+    def __init__(
+        self, wire: EventLoop, publications: Publications, subscriptions: Subscriptions, services: RobotServices
+    ) -> None:
+        self._wire, self._services = wire, services
+        self._publications, self._subscriptions = publications, subscriptions
+        self.port = wire.listen(self._accept)
+
+    def methods(self, master_uri: str) -> Mapping[str, Method]:
+        """Returns the slave API by its methods' names."""
+        return {
+            "requestTopic": Method(self._request_topic, (TOPIC, LIST)),
+            "publisherUpdate": Method(lambda *_: (1, "", 0), (TOPIC, LIST)),
+            "paramUpdate": Method(lambda *_: (1, "", 0), (KEY, VALUE)),
+            "getBusInfo": Method(lambda _: (1, "", self._connections())),
+            "getBusStats": Method(lambda _: (1, "", [[], [], []])),
+            "getMasterUri": Method(lambda _: (1, "", master_uri)),
+            "getPid": Method(lambda _: (1, "", os.getpid())),
+            "getPublications": Method(lambda _: (1, "", _types([*self._publications.topics.values()]))),
+            "getSubscriptions": Method(lambda _: (1, "", _types([*self._subscriptions.topics.values()]))),
+            "shutdown": Method(lambda *_: (-1, "the robot's node ends with its episode", 0), (TEXT,), optional=1),
+        }
+
+    def _request_topic(self, _: str, topic: str, protocols: list[Value]) -> Outcome:
+        if topic not in self._publications.topics:
+            return 0, f"the robot does not publish {topic}", 0
+        if not any(isinstance(each, list) and each[:1] == ["TCPROS"] for each in protocols):
+            return 0, f"{topic} is there over TCPROS", 0
+        return 1, "", ["TCPROS", HOST, self.port]
+
+    def _connections(self) -> Value:
+        ends = [(each.node, "o", topic) for topic, nodes in self._publications.outgoing.items() for each in nodes]
+        ends += [(each.node, "i", each.topic) for each in self._subscriptions.incoming]
+        return [[number, node, way, "TCPROS", topic, True] for number, (node, way, topic) in enumerate(ends)]
+
+    def _accept(self, sock: socket.socket) -> None:
+        channel = self._wire.channel(sock, lambda: self._take(channel), lambda: None)
+        channel.limit_time(limits.REQUEST_S)
+
+    def _take(self, channel: Connection) -> None:
+        """Reads the header that a connection begins with: it is for a service or a topic."""
+        try:
+            fields = take_header(channel.incoming)
+        except HeaderError as exc:
+            channel.send(write_header({"error": str(exc)}))
+            channel.finish()
+            return
+        if fields is None:
+            return
+        channel.limit_time(None)
+        chosen = self._services if "service" in fields else self._publications
+        chosen.connect(channel, fields)
+
+
+def _types(topics: Sequence[Topic]) -> Value:
+    return [[topic.name, topic.kind] for topic in topics]
 
 
 class Graph:
@@ -41,7 +235,7 @@ class Graph:
         subscribes: Sequence[Topic],
         new_socket: Callable[[], socket.socket] = socket.socket,
     ) -> None:
-        self._wire = Wire(loop, new_socket)
+        self._wire = EventLoop(loop, new_socket)
         self._tables = Registrations()
         self.parameters = ParameterTree()
         self.services = RobotServices()

@@ -1,25 +1,367 @@
-"""The ROS 1 master of an episode: registrations, look-ups and parameters (wiki.ros.org/ROS/Master_API)."""
+"""The ROS 1 master of an episode: its methods, registrations, look-ups and parameters (wiki.ros.org/ROS/Master_API).
 
-from collections.abc import Callable, Mapping
+A method answers ``[code, message, value]``: 1 for done, 0 for failed, -1 for a fault of the caller
+(wiki.ros.org/ROS/Master_API, wiki.ros.org/ROS/Slave_API).
+"""
 
-from tasks.ros.graph.method import (
-    KEY,
-    NAME,
-    NODE_URI,
-    SEARCHED,
-    SERVICE,
-    SERVICE_URI,
-    TEXT,
-    TOPIC,
-    TYPE,
-    VALUE,
-    Method,
-    Outcome,
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, cast
+
+from tasks.ros.graph import graph_limits as limits
+from tasks.ros.graph.parameter_tree import (
+    GraphNameError,
+    ParameterError,
+    ParameterTree,
+    change_for,
+    check_name,
+    resolve,
 )
-from tasks.ros.graph.parameter_tree import ParameterTree, change_for
-from tasks.ros.graph.registrations import Registrations, Table
-from tasks.ros.graph.wire.node_call import NodeCalls
-from tasks.ros.graph.wire.xml_rpc import Value
+from tasks.ros.graph.xml_rpc import (
+    NodeCalls,
+    Reply,
+    Value,
+    XmlRpcError,
+    node_port,
+    read,
+    weight,
+    write_answer,
+    write_fault,
+)
+
+ANY_TYPE = "*"
+
+
+class RegistrationError(ValueError):
+    """One registration more than an episode may have."""
+
+
+class Served(NamedTuple):
+    """Who provides a service, and where.
+
+    Attributes:
+        node: Its name.
+        uri: ``rosrpc://HOST:PORT``.
+    """
+
+    node: str
+    uri: str
+
+
+class Table:
+    """Nodes and their addresses by what they are registered for."""
+
+    def __init__(self) -> None:
+        self._nodes: dict[str, dict[str, str]] = {}
+
+    def __iter__(self) -> Iterator[str]:
+        """Yields what somebody is registered for."""
+        return iter(self._nodes)
+
+    def of(self, key: str) -> dict[str, str]:
+        """Returns the addresses of the nodes registered for a topic or parameter, by their names: a copy."""
+        return dict(self._nodes.get(key, ()))
+
+    def state(self) -> list[tuple[str, list[str]]]:
+        """Returns the names of the nodes registered for each topic."""
+        return [(key, list(nodes)) for key, nodes in self._nodes.items()]
+
+    def add(self, key: str, node: str, uri: str) -> bool:
+        """Registers a node; returns whether it was not registered before."""
+        nodes = self._nodes.setdefault(key, {})
+        new = node not in nodes
+        nodes[node] = uri
+        return new
+
+    def remove(self, key: str, node: str, uri: str | None = None) -> bool:
+        """Takes a registration back; returns whether there was one, at that address if it is named."""
+        nodes = self._nodes.get(key, {})
+        if node not in nodes or uri not in (None, nodes[node]):
+            return False
+        del nodes[node]
+        if not nodes:
+            del self._nodes[key]
+        return True
+
+    def remove_node(self, node: str) -> list[str]:
+        """Takes all registrations of a node back; returns what they were for."""
+        return [key for key in list(self._nodes) if self.remove(key, node)]
+
+
+class Registrations:
+    """All tables of an episode.
+
+    Attributes:
+        publishers, subscribers: By topic.
+        followers: By parameter.
+        services: By name.
+        types: Of topics.
+        changes: Grows with every registration.
+    """
+
+    def __init__(self) -> None:
+        self.publishers, self.subscribers, self.followers = Table(), Table(), Table()
+        self.services: dict[str, Served] = {}
+        self.types: dict[str, str] = {}
+        self.changes = 0
+        self._uris: dict[str, str] = {}
+        self._replaced: dict[str, str] = {}
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def nodes(self) -> dict[str, str]:
+        """Returns the addresses of all nodes, by their names."""
+        return self._uris
+
+    def enter(self, node: str, uri: str) -> str | None:
+        """Notes a node's address.
+
+        Returns:
+            The address of an older node of the same name, whose registrations are gone now; None if there is none.
+
+        Raises:
+            RegistrationError: If there are as many registrations as there may be, or another node took this one's
+                place: it may still call before it has ended, and would end the new one in its turn.
+        """
+        if self._replaced.get(node) == uri:
+            raise RegistrationError(f"a new node has the same name, {node}")
+        if self._counts.total() >= limits.REGISTRATIONS:
+            raise RegistrationError(f"an episode has at most {limits.REGISTRATIONS} registrations")
+        old = self._uris.get(node)
+        if old is None and len(self._uris) > limits.NODES:
+            raise RegistrationError(f"an episode has at most {limits.NODES} nodes")
+        self.changes += 1
+        self._uris[node] = uri
+        if old in (None, uri):
+            return None
+        if len(self._replaced) >= limits.NODES:
+            del self._replaced[next(iter(self._replaced))]
+        self._replaced[node] = old
+        return old
+
+    def leave(self, node: str) -> list[str]:
+        """Takes all registrations of a node back; returns the topics that it published."""
+        topics = self.publishers.remove_node(node)
+        for topic in [*topics, *self.subscribers.remove_node(node)]:
+            self._forget_type(topic)
+        self.followers.remove_node(node)
+        self.services = {name: each for name, each in self.services.items() if each.node != node}
+        self._counts.pop(node, None)
+        self.changes += 1
+        return topics
+
+    def add(self, table: Table, key: str, node: str) -> None:
+        """Registers a node that has entered."""
+        self._counts[node] += table.add(key, node, self._uris[node])
+
+    def remove(self, table: Table, key: str, node: str, uri: str) -> bool:
+        """Takes a registration back; a node that has none left is gone."""
+        removed = table.remove(key, node, uri)
+        self._count_down(node, removed=removed)
+        self._forget_type(key)
+        return removed
+
+    def serve(self, service: str, node: str, uri: str) -> None:
+        """Registers the provider of a service, in the place of another one."""
+        old = self.services.get(service)
+        if old is not None:
+            self._count_down(old.node, removed=True, stays=node)
+        self.services[service] = Served(node, uri)
+        self._counts[node] += 1
+
+    def withdraw(self, service: str, node: str, uri: str) -> bool:
+        """Takes a service back, if it is still the node's."""
+        removed = self.services.get(service) == Served(node, uri)
+        if removed:
+            del self.services[service]
+        self._count_down(node, removed=removed)
+        return removed
+
+    def type_topic(self, topic: str, kind: str, *, publisher: bool) -> None:
+        """Notes a topic's type as ROS's own master does: the last publisher's counts, before any subscriber's."""
+        new = topic not in self.types
+        if (publisher and (new or kind != ANY_TYPE)) or (new and kind != ANY_TYPE):
+            self.types[topic] = kind
+
+    def _forget_type(self, topic: str) -> None:
+        if not self.publishers.of(topic) and not self.subscribers.of(topic):
+            self.types.pop(topic, None)
+
+    def _count_down(self, node: str, *, removed: bool, stays: str = "") -> None:
+        self.changes += 1
+        self._counts[node] -= removed
+        if self._counts[node] <= 0:
+            del self._counts[node]
+            if node != stays:
+                self._uris.pop(node, None)
+
+
+Outcome = tuple[int, str, Value]
+_MULTICALL = "system.multicall"
+
+
+class Kind(NamedTuple):
+    """What an argument is.
+
+    Attributes:
+        what: For messages.
+        check: Returns it as the method takes it; gets the caller's name too.
+    """
+
+    what: str
+    check: Callable[[Value, str, str], Value]
+
+
+class Method(NamedTuple):
+    """A method of an API, the caller's name first.
+
+    Attributes:
+        function: Returns the outcome.
+        kinds: Of the arguments after the caller's name.
+        optional: How many of the last ones may be left out.
+    """
+
+    function: Callable[..., Outcome]
+    kinds: tuple[Kind, ...] = ()
+    optional: int = 0
+
+
+def _name(value: Value, caller: str, what: str) -> str:
+    return resolve(check_name(value, what), caller)
+
+
+def _topic(value: Value, caller: str, what: str) -> str:
+    name = _name(value, caller, what)
+    if name == "/":
+        raise GraphNameError(f"{what} cannot be /")
+    return name
+
+
+def _type(value: Value, _: str, what: str) -> str:
+    kind = check_name(value, what)
+    if kind != "*" and kind.count("/") != 1:
+        raise GraphNameError(f"{what} {kind[:80]!r}: a type is package/Name, or *")
+    return kind
+
+
+def _node_uri(value: Value, _: str, what: str) -> str:
+    uri = _text(value, "", what)
+    node_port(uri)
+    return uri
+
+
+def _service_uri(value: Value, _: str, what: str) -> str:
+    uri = _text(value, "", what)
+    if not uri.startswith("rosrpc://"):
+        raise GraphNameError(f"{what} {uri[:80]!r}: a service's address is rosrpc://HOST:PORT")
+    return uri
+
+
+def _text(value: Value, _: str, what: str) -> str:
+    if not isinstance(value, str) or len(value) > limits.NAME_CHARACTERS:
+        raise GraphNameError(f"{what} must be a text of at most {limits.NAME_CHARACTERS} characters")
+    return value
+
+
+def _list(value: Value, _: str, what: str) -> Value:
+    if not isinstance(value, list):
+        raise GraphNameError(f"{what} must be a list")
+    return value
+
+
+def _relative_name(value: Value, _: str, what: str) -> str:
+    name = check_name(value, what)
+    if name.startswith("~"):
+        raise GraphNameError(f"{what} {name[:80]!r}: a search takes no private name")
+    return name
+
+
+def _anything(value: Value, _: str, what: str) -> Value:
+    if value is None:
+        raise GraphNameError(f"{what} is missing")
+    return value
+
+
+TOPIC, SERVICE, NAME = Kind("topic", _topic), Kind("service", _topic), Kind("name", _name)
+KEY, SEARCHED = Kind("parameter", _name), Kind("parameter", _relative_name)
+TYPE, LIST, VALUE = Kind("type", _type), Kind("list", _list), Kind("value", _anything)
+NODE_URI, SERVICE_URI = Kind("node's address", _node_uri), Kind("service's address", _service_uri)
+TEXT = Kind("text", _text)
+
+
+class Dispatch:
+    """Answers calls with the methods of an API.
+
+    Args:
+        methods: By their names.
+        hold: Called with the topics that a call's node publishes from now on, and with what sends the answer.
+    """
+
+    def __init__(
+        self, methods: Mapping[str, Method], hold: Callable[[frozenset[str], Callable[[], None]], None]
+    ) -> None:
+        self._methods, self._hold = methods, hold
+
+    def answer(self, body: bytes, reply: Reply) -> None:
+        """Answers the XML of a call, now or when the robot is connected."""
+        try:
+            arguments, method = read(body)
+            calls = _multicall(arguments) if method == _MULTICALL else [(method, arguments)]
+            found = self._call_all(calls)
+        except XmlRpcError as exc:
+            reply(write_fault(str(exc)))
+            return
+        # Each answer of a multicall is a list of one.
+        data = write_answer([[each] for each in found] if method == _MULTICALL else found[0])
+        topics = frozenset(
+            resolve(str(each[1]), str(each[0])) for name, each in calls if name == "registerPublisher" and len(each) > 1
+        )
+        self._hold(topics, lambda: reply(data))
+
+    def _call_all(self, calls: list[tuple[str | None, tuple[Value, ...]]]) -> list[Value]:
+        found: list[Value] = []
+        size = 0
+        for each in calls:
+            code, message, value = self._call(*each)
+            found.append([code, message, value])
+            size += weight(value)
+            if size > limits.PARAMETER_BYTES + limits.BODY_BYTES:
+                raise XmlRpcError("an answer of more bytes than all parameters have")
+        return found
+
+    def _call(self, name: str | None, arguments: tuple[Value, ...]) -> Outcome:
+        method = self._methods.get(name or "")
+        if method is None:
+            return -1, f"no method {name!r:.80}", 0
+        try:
+            return method.function(*_checked(method, arguments))
+        except (GraphNameError, ParameterError, RegistrationError, ValueError) as exc:
+            return -1, str(exc), 0
+
+
+def _checked(method: Method, arguments: tuple[Value, ...]) -> list[Value]:
+    most = len(method.kinds) + 1
+    if not most - method.optional <= len(arguments) <= most:
+        raise GraphNameError(f"{len(arguments)} arguments: {most} are taken, the caller's name first")
+    caller, *rest = arguments
+    if not isinstance(caller, str) or len(caller) > limits.NAME_CHARACTERS:
+        raise GraphNameError("the caller's name must be a text")
+    return [caller, *(kind.check(value, caller, kind.what) for kind, value in zip(method.kinds, rest, strict=False))]
+
+
+def _multicall(arguments: tuple[Value, ...]) -> list[tuple[str | None, tuple[Value, ...]]]:
+    calls: Any = arguments[0] if len(arguments) == 1 else None
+    if not isinstance(calls, list) or len(cast("list[Value]", calls)) > limits.CALLS:
+        raise XmlRpcError(f"system.multicall takes one list of at most {limits.CALLS} calls")
+    found: list[tuple[str | None, tuple[Value, ...]]] = []
+    for each in cast("list[Value]", calls):
+        match each:
+            case {"methodName": str(name), "params": list(params)} if name != _MULTICALL:
+                found.append((name, tuple(params)))
+            case _:
+                raise XmlRpcError("a call within system.multicall is {methodName, params}")
+    return found
+
 
 NAME_OF_MASTER = "/master"
 

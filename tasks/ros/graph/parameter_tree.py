@@ -1,11 +1,62 @@
-"""The parameter server's tree: values by absolute names; a namespace is a mapping (wiki.ros.org/Parameter%20Server)."""
+"""Names of ROS 1's graph, and an episode's parameters by such names.
+
+The rules are those of wiki.ros.org/Names and wiki.ros.org/Parameter%20Server.
+"""
 
 import copy
+import re
 from collections.abc import Iterator
 
-from tasks.ros.graph.graph_name import split
-from tasks.ros.graph.wire import graph_limits as limits
-from tasks.ros.graph.wire.xml_rpc import Value, XmlRpcError, weight
+from tasks.ros.graph import graph_limits as limits
+from tasks.ros.graph.xml_rpc import Value, XmlRpcError, weight
+
+# As ROS's own master, which takes names with a dash though the rules have none; but nothing that splits a line.
+_REFUSED = re.compile(r"[:\s\x00-\x1f\x7f]")
+
+
+class GraphNameError(ValueError):
+    """A name that a graph does not take."""
+
+
+def check_name(name: object, what: str) -> str:
+    """Returns the name.
+
+    Args:
+        name: As a node sent it.
+        what: What it names, for the message.
+
+    Raises:
+        GraphNameError: If it is no text, empty, too long, or has a colon, a space or a control character.
+    """
+    if not isinstance(name, str) or not name:
+        raise GraphNameError(f"{what} must be a text that is not empty")
+    if len(name) > limits.NAME_CHARACTERS:
+        raise GraphNameError(f"{what} has {len(name)} characters: {limits.NAME_CHARACTERS} are taken")
+    if _REFUSED.search(name):
+        raise GraphNameError(f"{what} {name[:80]!r}: a name has no colon, space or control character")
+    return name
+
+
+def resolve(name: str, node: str) -> str:
+    """Returns the absolute name that a node means by a name.
+
+    Args:
+        name: ``/absolute``, ``relative`` or ``~private``; slashes at its end or in a row mean nothing.
+        node: The absolute name of the node.
+    """
+    if name.startswith("/"):
+        parts = split(name)
+    elif name.startswith("~"):
+        parts = [*split(node), *split(name[1:])]
+    else:
+        parts = [*split(node)[:-1], *split(name)]
+    return "/" + "/".join(parts)
+
+
+def split(name: str) -> list[str]:
+    """Returns the parts of a name."""
+    return [part for part in name.split("/") if part]
+
 
 Change = tuple[str, Value]
 """A name with a slash at its end, as ROS's own master writes it; the new value, or an empty mapping if deleted."""

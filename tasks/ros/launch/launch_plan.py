@@ -1,6 +1,21 @@
-"""What a launch file starts: its nodes with their commands, and its parameters."""
+"""What a launch file of ROS 1 starts: roslaunch's own code resolves it to a plan of nodes with their environment."""
 
-from typing import Any, NamedTuple
+import base64
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+from xmlrpc.client import Binary
+
+from specs.errors import LaunchRefused
+from specs.launched_file import bundle_files, workspace_variables
+from tasks.ros.launch.packages import RosInstallation, ros_installation
 
 
 class NodePlan(NamedTuple):
@@ -45,3 +60,311 @@ class LaunchPlan(NamedTuple):
     file: str
     nodes: tuple[NodePlan, ...]
     parameters: dict[str, Any]
+
+
+_MEMORY_BYTES = 4 << 30
+# Of each file that it writes, what it prints among them.
+_WRITTEN_BYTES = 64 << 20
+_LAST_BYTES = 4000
+
+
+def read_apart(command: Sequence[str], environment: Mapping[str, str], folder: Path, text: str, limit_s: float) -> str:
+    """Returns the last line that a program prints.
+
+    Args:
+        command: Of the program.
+        environment: All that it has.
+        folder: Where it runs, and may write.
+        text: What it reads.
+        limit_s: How long it may take.
+
+    Raises:
+        LaunchRefused: It cannot be started, takes too long, fails, or prints nothing; says why.
+    """
+    with tempfile.TemporaryFile(dir=folder) as out, tempfile.TemporaryFile(dir=folder) as errors:
+        try:
+            process = subprocess.Popen(  # noqa: S603 - a program of Simyard's own
+                [*_limits(), *command],
+                env=environment,
+                cwd=folder,
+                stdin=subprocess.PIPE,
+                stdout=out,
+                stderr=errors,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as exc:
+            raise LaunchRefused(f"it cannot be started: {exc}") from exc
+        if _status(process, text, limit_s):
+            said = _last_bytes(errors).splitlines() or ["it says nothing"]
+            raise LaunchRefused(f"it fails: {said[-1][:1000]}")
+        out.seek(0)
+        lines = out.read().decode("utf-8", "replace").splitlines()
+    if not lines:
+        raise LaunchRefused("it ends without an answer")
+    return lines[-1]
+
+
+def _status(process: "subprocess.Popen[bytes]", text: str, limit_s: float) -> int:
+    """Returns how a program ended that is given a text; all that it leaves in its session is ended."""
+    try:
+        process.communicate(text.encode(), timeout=limit_s)
+    except subprocess.TimeoutExpired as exc:
+        raise LaunchRefused(f"reading it takes longer than {limit_s:g} s") from exc
+    finally:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    return process.returncode
+
+
+def _limits() -> tuple[str, ...]:
+    program = shutil.which("prlimit")
+    if program is None:
+        return ()
+    return (program, f"--as={_MEMORY_BYTES}", f"--fsize={_WRITTEN_BYTES}", "--core=0:0", "--")
+
+
+def _last_bytes(file: IO[bytes]) -> str:
+    file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST_BYTES))
+    return file.read().decode("utf-8", "replace").strip()
+
+
+# One thread each: many lanes share the machine's cores, and sums of floats keep their order.
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_WRITTEN = ("tmp", "log", "bin")
+
+
+def node_environment(
+    installation: RosInstallation, bundle: Path, master_uri: str, home: Path, variables: Mapping[str, str]
+) -> dict[str, str]:
+    """Returns the whole environment of a node: nothing of this process's own is in it.
+
+    Args:
+        installation: The ROS that runs the node.
+        bundle: Folder that holds the ROS packages.
+        master_uri: Address of the episode's master.
+        home: The episode's folder; see ``make_home``.
+        variables: The episode's own; what ROS and lock-step need goes before them.
+    """
+    ros = installation.environment()
+    return {
+        **variables,
+        **ros,
+        "PATH": f"{home / 'bin'}:{ros['PATH']}",
+        **workspace_variables(bundle, bundle_files(bundle), ros),
+        "ROS_MASTER_URI": master_uri,
+        # All of an episode lies on one loopback device, and no name has to be looked up.
+        "ROS_IP": "127.0.0.1",
+        **episode_environment(home),
+    }
+
+
+def episode_environment(home: Path) -> dict[str, str]:
+    """Returns what the processes of ROS 1 and of ROS 2 alike find in their environment.
+
+    Args:
+        home: The episode's folder; by its name in ``ROS_HOME`` they are found again.
+    """
+    return {
+        "LANG": "C.UTF-8",
+        "HOME": str(home),
+        "TMPDIR": str(home / "tmp"),
+        "ROS_HOME": str(home),
+        "ROS_LOG_DIR": str(home / "log"),
+        # A node's output is read as it comes, and its sets have one order in each episode.
+        "PYTHONUNBUFFERED": "1",
+        "PYTHONHASHSEED": "0",
+        # Bundles are shared by episodes, and may be read-only.
+        "PYTHONDONTWRITEBYTECODE": "1",
+        **dict.fromkeys(_ONE_THREAD, "1"),
+    }
+
+
+def make_home(home: Path, installation: RosInstallation) -> Path:
+    """Makes the folder that an episode's nodes may write to, and returns it.
+
+    A ``python`` lies in its ``bin``: scripts from before Noetic ask for it, and Debian has none.
+    """
+    for name in _WRITTEN:
+        (home / name).mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(FileExistsError):
+        (home / "bin/python").symlink_to(installation.python)
+    return home
+
+
+PROGRAM = r'''
+import base64, json, os, sys
+import rospkg, roslaunch.config, roslaunch.core, roslaunch.node_args, roslaunch.xmlloader, xmlrpc.client
+
+
+class Refused(Exception):
+    pass
+
+
+def launch_file(package, name):
+    """Finds a launch file as roslaunch does: its path in the package, its launch folder, anywhere below."""
+    try:
+        folder = rospkg.RosPack(rospkg.get_ros_paths()).get_path(package)
+    except rospkg.ResourceNotFound:
+        raise Refused("there is no ROS package %r in the bundle or in ROS" % package)
+    for path in (os.path.join(folder, name), os.path.join(folder, "launch", name)):
+        if os.path.isfile(path):
+            return path
+    found = [
+        os.path.join(root, each) for root, folders, files in sorted(os.walk(folder)) for each in files if each == name
+    ]
+    if len(found) > 1:
+        raise Refused("%s has more than one %s: %s" % (package, name, ", ".join(sorted(found))))
+    if not found:
+        raise Refused("the package %s has no launch file %r" % (package, name))
+    return found[0]
+
+
+def node(each, machine):
+    # The resolved command holds the names that $(anon ...) stands for.
+    command = roslaunch.node_args.create_local_process_args(each, machine)
+    folder = ""
+    if each.cwd == "node":
+        prefix = len(each.launch_prefix.split()) if each.launch_prefix else 0
+        folder = os.path.dirname(command[prefix])
+    return {
+        "name": each.namespace + each.name, "package": each.package, "kind": each.type, "command": command,
+        "environment": [[str(name), str(value)] for name, value in each.env_args], "namespace": each.namespace,
+        "cwd": folder, "required": bool(each.required), "respawn": bool(each.respawn),
+    }
+
+
+def binary(value):
+    if isinstance(value, xmlrpc.client.Binary):
+        return {"binary": base64.b64encode(value.data).decode()}
+    raise Refused("a parameter is a %s, which no ROS parameter can be" % type(value).__name__)
+
+
+def resolved(package, name):
+    config, path = roslaunch.config.ROSLaunchConfig(), launch_file(package, name)
+    loader = roslaunch.xmlloader.XmlLoader()
+    # load_config_default sets it, and reads roscore.xml, of which nothing is started here.
+    loader.ignore_unset_args = False
+    loader.load(path, config, argv=[], verbose=False)
+    if config.config_errors:
+        raise Refused("; ".join(config.config_errors))
+    commands = [each for each in getattr(config, "executables", []) if each is not None]
+    if commands:
+        raise Refused("<rosparam> with command dump or delete is not done: a new parameter server has nothing yet")
+    for each in config.nodes:
+        if each.machine_name:
+            given = config.machines.get(each.machine_name)
+            if given is None:
+                raise Refused("node %s names the machine %r, which is not declared" % (each.name, each.machine_name))
+            if given.address not in ("localhost", "127.0.0.1", "::1"):
+                raise Refused(
+                    "node %s is for the machine %s: all nodes of an episode run on one machine; "
+                    "take the attribute machine away" % (each.name, given.address)
+                )
+    local = roslaunch.core.local_machine()
+    return {
+        "file": path, "nodes": [node(each, local) for each in config.nodes],
+        "parameters": {key: param.value for key, param in config.params.items()},
+    }
+
+
+def answer(package, name, environment):
+    os.environ.clear()
+    os.environ.update(environment)
+    try:
+        return json.dumps(resolved(package, name), default=binary)
+    except Exception as exc:
+        # What roslaunch raises has no common root below Exception.
+        text = " ".join(str(exc).split()) or type(exc).__name__
+        package, paths, _ = text.partition(" ROS path [0]=")
+        if paths:
+            text = "there is no ROS package %r in the bundle or in ROS: put it into the bundle, or install it" % package
+        return json.dumps({"refused": text.replace(os.environ.get("ROS_PACKAGE_PATH", "").split(":")[0] + "/", "")})
+
+
+answers = [answer(sys.argv[1], sys.argv[2], each) for each in json.load(sys.stdin)]
+sys.stdout.write("\n" + json.dumps(answers))
+'''
+
+
+_LIMIT_S = 60.0
+
+
+class LaunchSource(NamedTuple):
+    """What decides what a launch file starts, besides the environment.
+
+    Attributes:
+        bundle: Folder that holds the ROS packages.
+        package: The launch configuration's packageName.
+        launch_file: Its launchFile.
+    """
+
+    bundle: Path
+    package: str
+    launch_file: str
+
+
+def resolve(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
+    """Returns for each environment what a launch file starts, or why roslaunch refuses it.
+
+    Args:
+        source: The launch file.
+        environments: Episodes' environment variables, which ``$(env)`` and ``$(optenv)`` read.
+
+    Raises:
+        LaunchRefused: ROS is not here, or roslaunch does not answer.
+    """
+    installation = ros_installation()
+    if installation.missing:
+        raise LaunchRefused(installation.missing)
+    keys = [tuple(sorted(each.items())) for each in environments]
+    distinct = list(dict.fromkeys(keys))
+    with tempfile.TemporaryDirectory(prefix="simyard-launch-") as folder:
+        home = make_home(Path(folder), installation)
+        uri = "http://127.0.0.1:11311/"
+        asked = [node_environment(installation, source.bundle, uri, home, dict(key)) for key in distinct]
+        answers = _answers(installation, source, home, asked)
+    found = {key: _plan(source, answer) for key, answer in zip(distinct, answers, strict=True)}
+    return [found[key] for key in keys]
+
+
+def _answers(
+    installation: RosInstallation, source: LaunchSource, home: Path, environments: list[dict[str, str]]
+) -> list[str]:
+    """Returns what roslaunch answers: imported once, it is asked for all environments."""
+    command, where = [str(installation.python), "-c", PROGRAM, source.package, source.launch_file], _name(source)
+    own = node_environment(installation, source.bundle, "", home, {})
+    try:
+        answer = read_apart(command, own, home, json.dumps(environments), _LIMIT_S + len(environments))
+        return json.loads(answer)
+    except LaunchRefused as exc:
+        raise LaunchRefused(f"{where}: roslaunch: {exc}") from exc
+    except ValueError as exc:
+        raise LaunchRefused(f"{where}: roslaunch answers what is no list of nodes") from exc
+
+
+def _plan(source: LaunchSource, text: str) -> LaunchPlan | LaunchRefused:
+    answer = json.loads(text)
+    if "refused" in answer:
+        return LaunchRefused(f"{_name(source)}: {answer['refused']}")
+    nodes = tuple(_node(each) for each in answer["nodes"])
+    if not nodes:
+        return LaunchRefused(f"{_name(source)}: it starts no node")
+    return LaunchPlan(answer["file"], nodes, {key: _value(value) for key, value in answer["parameters"].items()})
+
+
+def _name(source: LaunchSource) -> str:
+    return f"{source.package} {source.launch_file}"
+
+
+def _node(answer: dict[str, Any]) -> NodePlan:
+    answer["command"] = tuple(answer["command"])
+    answer["environment"] = tuple((name, value) for name, value in answer["environment"])
+    return NodePlan(**answer)
+
+
+def _value(value: Any) -> Any:  # noqa: ANN401 - what XML-RPC takes
+    """Returns a parameter as XML-RPC takes it: bytes of a file are Binary again."""
+    if isinstance(value, dict) and set(value) == {"binary"}:
+        return Binary(base64.b64decode(value["binary"]))
+    return value

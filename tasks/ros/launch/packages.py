@@ -1,13 +1,120 @@
-"""What a bundle's packages need of ROS and is not there."""
+"""Where ROS 1 is on this machine, and which packages a bundle and ROS bring: their folders and executables."""
 
+import functools
+import json
+import os
 import re
+import shutil
+import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 from xml.etree import ElementTree
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.installation import RosInstallation, ros_installation
+
+ROS_PYTHON = "SIMYARD_ROS_PYTHON"
+_PROBE_S = 30.0
+_DEBIAN_ROS = "python3-roslaunch python3-rospy python3-roslib ros-core"
+# Runs in a Python that may be ROS's own.
+_PROBE = """
+import json, sys
+import rosgraph, roslaunch, roslib, rospkg
+version = rospkg.RosPack(rospkg.get_ros_paths()).get_manifest("roslaunch").version
+print(json.dumps({"python": sys.version.split()[0], "version": version}))
+"""
+
+
+class RosInstallation(NamedTuple):
+    """ROS 1 as it is found here.
+
+    Attributes:
+        python: ROS's own Python, which is seldom Simyard's.
+        prefix: Where ROS lies: ``/opt/ros/noetic``, or ``/usr`` for Debian's.
+        distribution: Such as ``noetic``.
+        version: Of roslaunch.
+        missing: Why ROS cannot be used, and what to do; empty where it can.
+    """
+
+    python: Path
+    prefix: Path
+    distribution: str
+    version: str
+    missing: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Returns the same for a person."""
+        if self.missing:
+            return self.missing
+        return f"ROS 1 {self.distribution} below {self.prefix} (roslaunch {self.version}, {self.python})"
+
+    def environment(self) -> dict[str, str]:
+        """Returns what ROS's own set-up files would set, as far as programs need it."""
+        own = {
+            "PATH": f"{self.prefix}/bin:/usr/bin:/bin:/usr/sbin:/sbin",
+            "ROS_PACKAGE_PATH": str(self.prefix / "share"),
+            "ROS_DISTRO": self.distribution,
+            "ROS_VERSION": "1",
+            "ROS_PYTHON_VERSION": "3",
+            "PYTHONPATH": "",
+        }
+        if self.prefix != Path("/usr"):
+            own["ROS_ROOT"] = str(self.prefix / "share/ros")
+            own["ROS_ETC_DIR"] = str(self.prefix / "etc/ros")
+            own["CMAKE_PREFIX_PATH"] = str(self.prefix)
+            own["LD_LIBRARY_PATH"] = str(self.prefix / "lib")
+            own["PYTHONPATH"] = str(self.prefix / "lib/python3/dist-packages")
+        return own
+
+
+def ros_installation() -> RosInstallation:
+    """Returns the ROS 1 of this machine, or why there is none.
+
+    ``SIMYARD_ROS_PYTHON`` names the Python to use; else ``ROS_ROOT``, ``/opt/ros/noetic`` and Debian's own packages
+    below ``/usr`` are tried in this order.
+    """
+    return _found(os.environ.get(ROS_PYTHON, ""), os.environ.get("ROS_ROOT", ""))
+
+
+@functools.cache
+def _found(chosen: str, ros_root: str) -> RosInstallation:
+    tried: list[RosInstallation] = []
+    for prefix in _prefixes(ros_root):
+        tried.append(_asked(Path(chosen) if chosen else Path("/usr/bin/python3"), prefix))
+        if not tried[-1].missing:
+            return tried[-1]
+    return tried[-1]
+
+
+def _prefixes(ros_root: str) -> list[Path]:
+    """Returns where ROS may lie; Debian's below /usr is always the last."""
+    own = Path(ros_root).parent.parent if ros_root else None
+    places = [own, Path("/opt/ros/noetic"), Path("/usr")]
+    return list(dict.fromkeys(place for place in places if place and (place == Path("/usr") or place.is_dir())))
+
+
+def _asked(python: Path, prefix: Path) -> RosInstallation:
+    """Returns what a Python says of the ROS below a folder."""
+    installation = RosInstallation(python, prefix, "noetic", "")
+    program = shutil.which(str(python))
+    if program is None:
+        return installation._replace(
+            missing=f"{python} is not there: set {ROS_PYTHON} to the Python that has roslaunch"
+        )
+    environment = {**installation.environment(), "LANG": "C.UTF-8", "HOME": "/nonexistent"}
+    try:
+        done = subprocess.run(  # noqa: S603 - a Python that the machine's owner chose
+            [program, "-c", _PROBE], env=environment, capture_output=True, text=True, timeout=_PROBE_S, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as exc:
+        return installation._replace(missing=f"{python} does not answer: {exc}")
+    if done.returncode:
+        why = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        remedy = f"install ROS 1 Noetic (Debian 12: apt-get install {_DEBIAN_ROS}) or set {ROS_PYTHON}"
+        return installation._replace(missing=f"ROS 1 is not there for {python}: {why}; {remedy}")
+    return installation._replace(version=json.loads(done.stdout)["version"])
+
 
 _NEEDS = ("exec_depend", "run_depend", "depend")
 _DEBIAN_INFO = Path("/var/lib/dpkg/info")
@@ -16,7 +123,7 @@ _MOST_BYTES = 1 << 20
 # Of packages of ROS and of the system (REP 127, Debian policy 5.6.1): no pattern of files, and no way to a folder.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
 # Debian splits what ROS has in one package; for others a rule gives the name.
-_DEBIAN = {
+_DEBIAN_PACKAGES = {
     "roscpp": "libroscpp-dev",
     "topic_tools": "libtopic-tools-dev",
     "tf": "python3-tf",
@@ -144,5 +251,5 @@ def _debian_name(installation: RosInstallation, name: str) -> str:
     if installation.prefix != Path("/usr"):
         return f"ros-{installation.distribution}-{dashed}"
     if name.endswith(("_msgs", "_srvs")):
-        return _DEBIAN.get(name, f"python3-{dashed}")
-    return _DEBIAN.get(name, dashed if dashed.startswith(("python3-", "lib")) else f"ros-{dashed}")
+        return _DEBIAN_PACKAGES.get(name, f"python3-{dashed}")
+    return _DEBIAN_PACKAGES.get(name, dashed if dashed.startswith(("python3-", "lib")) else f"ros-{dashed}")

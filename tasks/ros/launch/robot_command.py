@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.bundle.launched_file import bundle_files, is_ros2, ros_launch_file
-from specs.bundle.ros_workspace import workspace_variables
 from specs.errors import LaunchRefused
+from specs.launched_file import bundle_files, is_ros2, ros_launch_file, workspace_variables
 
 OWN_VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME", "ROS_DISTRO", "ROS_DOMAIN_ID", "RMW_IMPLEMENTATION")
 """What a robot's owner sets for the agent, and applications of ROS get, too: where the master and the network are."""

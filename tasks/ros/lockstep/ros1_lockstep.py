@@ -7,23 +7,16 @@ from typing import Self
 
 from specs.errors import LaunchRefused
 from tasks.ros.graph.graph import Graph
-from tasks.ros.launch.installation import ros_installation
-from tasks.ros.launch.launch_plan import LaunchPlan
-from tasks.ros.launch.node_environment import make_home, node_environment
-from tasks.ros.launch.resolve import LaunchSource, resolve
-from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, make_home, node_environment, resolve
+from tasks.ros.launch.packages import ros_installation
 from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Launch, Sensed, Tally
-from tasks.ros.lockstep.poll_audit import PollAudit
-from tasks.ros.lockstep.quiet import QuietJudge
-from tasks.ros.lockstep.readiness import Readiness
-from tasks.ros.lockstep.ros_lane import RosLane, Writer
-from tasks.ros.lockstep.sensor_message import CLOCK, Moment, SensorMessages
-from tasks.ros.lockstep.settle import Patience, Settling
-from tasks.ros.message.motion_message import clock
-from tasks.ros.message.stamp import stamp
-from tasks.ros.process.application import Application, end_all, end_strays
+from tasks.ros.lockstep.idle_detector import IdleDetector
+from tasks.ros.lockstep.robot_topics import CLOCK, Moment, SensorMessages
+from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
+from tasks.ros.lockstep.step_driver import Patience, PollAudit, Readiness, StepDriver
+from tasks.ros.message.ros_messages import clock, stamp
+from tasks.ros.process.application_processes import Application, ProcessTracker, end_all, end_strays
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
-from tasks.ros.process.lineage import Lineage
 from tasks.ros.process.network import Networks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
 
@@ -63,9 +56,9 @@ class Ros1Lockstep:
         self._limits = limits or LaneLimits()
         self._messages = SensorMessages(base, control_s)
         self._pump, self._networks = EventPump(), Networks(launch.home)
-        self._lineage = Lineage()
+        self._lineage = ProcessTracker()
         self._patience = patience or Patience()
-        self._settling = Settling(self._pump, self._patience, self._end)
+        self._settling = StepDriver(self._pump, self._patience, self._end)
         self._audit = PollAudit(self._pump)
         self._lanes: dict[int, RosLane] = {}
         self._failures: dict[int, str] = {}
@@ -181,7 +174,7 @@ class Ros1Lockstep:
             network.close()
             raise
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
-        judge = QuietJudge(Application(home, self._lineage, self._limits), graph, self._patience.nap_s)
+        judge = IdleDetector(Application(home, self._lineage, self._limits), graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(judge, network, self._pump, latched)
         variables = self._launch.environment[number]
         environment = node_environment(installation, self._launch.bundle, graph.uri, home, variables)

@@ -1,22 +1,189 @@
 """ROS 2 applications in lock-step with their episodes: a DDS domain, a robot and processes for each lane."""
 
+import os
 import socket
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
-from tasks.ros.launch.node_environment import episode_environment
-from tasks.ros.launch.resolve import LaunchSource
-from tasks.ros.lockstep.dds_graph import DdsGraph
-from tasks.ros.lockstep.quiet import QuietJudge
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
+from tasks.ros.lockstep.idle_detector import IdleDetector
+from tasks.ros.lockstep.robot_topics import STATIC
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
-from tasks.ros.lockstep.sensor_message import STATIC
-from tasks.ros.process.application import Application
+from tasks.ros.process.application_processes import Application
 from tasks.ros.process.network import Network
-from tasks.ros.ros2.domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.launch_file.resolve_description import resolve_description
-from tasks.ros.ros2.launch_file.ros2_installation import ros2_installation
+from tasks.ros.process.thread_watch import Rest, ThreadWatch
+from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
+from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
+from tasks.ros.ros2.ros2_node import Matches, RobotNode
+
+_LENGTH_BYTES = 4
+# Connections seldom change, and asking for all of them costs as much as a message.
+_MATCHES_S = 0.02
+
+
+class DomainThreads(ThreadWatch):
+    """The threads of this process that receive for one domain: a command that they hold has not come yet.
+
+    Args:
+        threads: Their numbers.
+    """
+
+    def __init__(self, threads: frozenset[int]) -> None:
+        super().__init__()
+        self._own = threads
+        self.refresh([os.getpid()])
+
+    def refresh(self, pids: Iterable[int]) -> None:
+        """Looks again which of them there are."""
+        super().refresh(pids)
+        for tid in [tid for tid in self._threads if tid not in self._own]:
+            self._forget(tid)
+
+
+class TopicChannel(NamedTuple):
+    """All readers of a topic at once."""
+
+    robot: RobotNode
+    topic: str
+
+    def send(self, frame: bytes) -> None:
+        """Publishes a message, given in ROS 1's form with its length before it."""
+        self.robot.send(self.topic, frame[_LENGTH_BYTES:])
+
+
+class TopicReaders(NamedTuple):
+    """The nodes that read a topic: DDS has no order among them."""
+
+    node: str
+    channel: TopicChannel
+
+
+class Commanders(NamedTuple):
+    """The nodes that write commands; the socket is one on which nothing ever comes."""
+
+    sock: socket.socket
+
+
+class DdsGraph:
+    """One episode's nodes as the robot sees them.
+
+    Args:
+        domain: The episode's.
+        topics: What the robot publishes: types of ROS 2 by topic.
+        command: The topic that it takes commands from.
+        distribution: The release of ROS 2 that is spoken to.
+        processes: How many processes with nodes of ROS 2 there will be, and their names.
+    """
+
+    def __init__(
+        self,
+        domain: EpisodeDomain,
+        topics: Mapping[str, str],
+        command: str,
+        distribution: str,
+        processes: tuple[int, frozenset[str]],
+    ) -> None:
+        self._robot = RobotNode(domain, topics, command, distribution)
+        self._watch = DomainThreads(self._robot.threads)
+        self._command, (self._expected, self._names) = command, processes
+        self._quiet, self._other = socket.socketpair()
+        self._channels = {name: [TopicReaders("", TopicChannel(self._robot, name))] for name in topics}
+        self._matches, self._matched_s = Matches({}, 0, 0, 0), 0.0
+        self._changes = self._served = 0
+        self._closed = False
+
+    @property
+    def busy(self) -> bool:
+        """Returns whether a message is under way: not acknowledged, or in the hands of this process's threads."""
+        return not self._closed and (not self._robot.acknowledged() or self._watch.look() is not Rest.ASLEEP)
+
+    @property
+    def served(self) -> int:
+        """Returns a number that grows with every call of a service; those that have come are answered first."""
+        if not self._closed:
+            self._served += self._robot.serve()
+        return self._served
+
+    @property
+    def changes(self) -> int:
+        """Returns a number that grows when nodes connect or go."""
+        now_s = time.perf_counter()
+        if not self._closed and now_s - self._matched_s > _MATCHES_S:
+            before, self._matches, self._matched_s = self._matches, self._robot.matches(), now_s
+            self._changes += before != self._matches
+        return self._changes
+
+    @property
+    def failure(self) -> str:
+        """Returns why the episode cannot go on: DDS gives no reason."""
+        return ""
+
+    @property
+    def outgoing(self) -> Mapping[str, list[TopicReaders]]:
+        """Returns who is connected to the robot's topics."""
+        readers = self._matches.readers
+        return {topic: each if readers.get(topic) else [] for topic, each in self._channels.items()}
+
+    @property
+    def incoming(self) -> list[Commanders]:
+        """Returns whose commands the robot is connected to."""
+        return [Commanders(self._quiet)] if self._matches.commanders else []
+
+    @property
+    def tags(self) -> dict[str, str]:
+        """Returns what the application gave to ``/robomaker/job/add_tags``."""
+        return self._robot.tags
+
+    @property
+    def cancelled(self) -> bool:
+        """Returns whether the application called ``/robomaker/job/cancel``."""
+        return self._robot.cancelled
+
+    def publish(self, topic: str, data: bytes) -> bool:
+        """Publishes a message; returns whether anybody reads it."""
+        self._robot.send(topic, data)
+        return bool(self._matches.readers.get(topic))
+
+    def keep(self, topic: str, data: bytes) -> None:
+        """Keeps a latched message for who comes; DDS does so with what is sent, if it is sent to somebody."""
+        if not self._matches.readers.get(topic):
+            self._robot.send(topic, data)
+
+    def take(self) -> list[tuple[str, bytes]]:
+        """Returns the commands that have come since the last call, in the order that they came in."""
+        return [] if self._closed else [(self._command, each) for each in self._robot.take_commands()]
+
+    def nodes(self) -> frozenset[str]:
+        """Returns the nodes' names: nobody registers in ROS 2, and ``unconnected`` says how many are missing."""
+        return self._names
+
+    def publishers(self, topic: str) -> frozenset[str]:
+        """Returns names of nodes that publish commands; DDS knows how many, not which."""
+        return self._names if topic == self._command and self._matches.commanders else frozenset()
+
+    def unconnected(self) -> list[str]:
+        """Returns what keeps the episode from its beginning, for a person."""
+        found: list[str] = []
+        if self._matches.others < self._expected:
+            found.append(f"{self._matches.others} of {self._expected} processes with nodes are in the DDS domain")
+        if self._matches.refused:
+            found.append(f"a node publishes {self._command} best effort: the robot hears who is reliable")
+        return found
+
+    def close(self) -> None:
+        """Takes the robot out of its domain; a second time does nothing."""
+        if self._closed:
+            return
+        self._closed = True
+        self._watch.close()
+        self._channels = {}
+        self._robot.close()
+        self._quiet.close()
+        self._other.close()
+
 
 _FOLDERS = ("tmp", "log")
 _ROS_ARGUMENTS = "--ros-args"
@@ -53,7 +220,7 @@ class Ros2Lockstep(Ros1Lockstep):
         domain, distribution = self._domains[number], ros2_installation().distribution
         graph = DdsGraph(domain, topics, self._messages.commands.name, distribution, (processes, names))
         application = Application(home, self._lineage, self._limits)
-        judge = QuietJudge(application, graph, self._patience.nap_s)
+        judge = IdleDetector(application, graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(judge, Network(socket.socket, ()), self._pump, latched)
         environment = {
             **self._launch.environment[number],

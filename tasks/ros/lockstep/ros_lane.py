@@ -1,17 +1,64 @@
 """One episode in lock-step: its graph, its application, what is still to be sent to it, and what came of it."""
 
+import asyncio
+import contextlib
 import math
+import select
+import selectors
+import socket
 from collections import deque
 from collections.abc import Callable
 
-from tasks.ros.graph.graph_side import Listener
-from tasks.ros.lockstep.event_pump import EventPump
-from tasks.ros.lockstep.exchange import Command, Tally
-from tasks.ros.lockstep.quiet import QuietJudge
-from tasks.ros.lockstep.sensor_message import CLOCK
-from tasks.ros.message.motion_message import read_twist
-from tasks.ros.message.stamp import frame_message
+from tasks.ros.lockstep.exchange import Command, Listener, Tally
+from tasks.ros.lockstep.idle_detector import IdleDetector
+from tasks.ros.lockstep.robot_topics import CLOCK
+from tasks.ros.message.ros_messages import frame_message, read_twist
 from tasks.ros.process.network import Network
+
+_TURNS = 1000
+
+
+class EventPump:
+    """An event loop that runs only when it is asked to, so that nothing happens behind the back of whoever asks.
+
+    Attributes:
+        loop: Serves the graphs.
+    """
+
+    def __init__(self) -> None:
+        # Both descriptors are made before any lane has its own: select() takes none above 1023, and it alone naps for
+        # less than a millisecond.
+        selector = selectors.EpollSelector()
+        self.loop = asyncio.SelectorEventLoop(selector)
+        self._requests = selector.fileno()
+        self._commands = select.epoll()
+
+    def watch(self, sock: socket.socket) -> None:
+        """Lets naps end when a command comes."""
+        with contextlib.suppress(FileExistsError):
+            self._commands.register(sock, select.EPOLLIN)
+
+    def serve(self) -> None:
+        """Answers all requests that have come, and those that come meanwhile."""
+        for _ in range(_TURNS):
+            if not select.select([self._requests], [], [], 0.0)[0]:
+                return
+            self.turn()
+
+    def turn(self) -> None:
+        """Runs the loop once: what has come, and what is due."""
+        self.loop.call_soon(self.loop.stop)
+        self.loop.run_forever()
+
+    def nap(self, seconds: float) -> bool:
+        """Waits until a request or a command comes, or the time is over; returns whether a command came."""
+        return self._commands in select.select([self._requests, self._commands], [], [], max(seconds, 0.0))[0]
+
+    def close(self) -> None:
+        """Closes the loop."""
+        self._commands.close()
+        self.loop.close()
+
 
 # A node that sends more in one control step does not answer what it senses.
 _COMMANDS_A_STEP = 1000
@@ -48,7 +95,7 @@ class RosLane:
         nap_s: How long to wait after a look that found it awake.
     """
 
-    def __init__(self, judge: QuietJudge, network: Network, pump: EventPump, latched: frozenset[str]) -> None:
+    def __init__(self, judge: IdleDetector, network: Network, pump: EventPump, latched: frozenset[str]) -> None:
         self.judge, self.network = judge, network
         self.graph, self.application = judge.graph, judge.application
         self.failure, self.command, self.commanded_ns = "", Command(), -math.inf

@@ -1,8 +1,6 @@
 """Whether the threads of some processes are all asleep, by what the kernel tells of them (proc_pid_stat(5)).
 
-One look reads each thread's state, then how long and how often it was run so far. All are asleep at one and the same
-moment if a look finds each asleep and run no more than at the look before: such a thread slept from its first reading
-to its second, and these stretches overlap. A thread that is woken but waits for a core reads as running.
+A thread of roscpp, which has all timers of its process, waits for simulated time alone; it is known by its memory.
 """
 
 import contextlib
@@ -14,6 +12,53 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tasks.ros.process.lane_limits import NO_ROOM
+
+_LIBRARY = "/libroscpp.so"
+_FIELDS = 5
+_TRIES = 20
+
+
+class _Mapping(NamedTuple):
+    first: int
+    end: int
+    written: bool
+    path: str
+
+
+def keeps_timers(pid: int, tid: int) -> bool:
+    """Returns whether a thread is roscpp's for timers; False where the kernel does not tell."""
+    with contextlib.suppress(OSError, ValueError):
+        mappings = _mappings(Path(f"/proc/{pid}/maps").read_text())
+        for _ in range(_TRIES):
+            # "running", or a number, then what it was called with: to wait, first of all the address.
+            words = Path(f"/proc/{pid}/task/{tid}/syscall").read_text().split()
+            if len(words) > 1:
+                return _variable_of_roscpp(int(words[1], 16), mappings)
+    return False
+
+
+def _mappings(text: str) -> list[_Mapping]:
+    found: list[_Mapping] = []
+    for line in text.splitlines():
+        words = line.split(maxsplit=_FIELDS)
+        first, end = (int(word, 16) for word in words[0].split("-"))
+        found.append(_Mapping(first, end, "w" in words[1], words[_FIELDS] if len(words) > _FIELDS else ""))
+    return found
+
+
+def _variable_of_roscpp(address: int, mappings: list[_Mapping]) -> bool:
+    """Returns whether a variable of the library lies there; those that begin as zero follow it without a name."""
+    end = 0
+    for each in mappings:
+        of_library = _LIBRARY in each.path or (not each.path and each.first == end)
+        if each.written and of_library:
+            end = each.end
+            if each.first <= address < each.end:
+                return True
+        else:
+            end = each.end if of_library and _LIBRARY in each.path else 0
+    return False
+
 
 _STATE_BYTES = 64
 _RUNS_BYTES = 64

@@ -1,23 +1,209 @@
-"""A node of ROS 2 on plain DDS: a participant, readers and writers by ROS 2's names, what it tells of itself."""
+"""A node of ROS 2 on plain DDS: types, qualities of service, readers, writers, services, what it tells of itself."""
 
+import functools
 import os
-from collections.abc import Callable, Sequence
-from typing import cast
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import new_class
+from typing import Any, NamedTuple, cast
 from uuid import UUID
 
+import numpy as np
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
 from cyclonedds.core import DDSException, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import IdlStruct, annotations, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import FieldDesc
 
-from tasks.ros.ros2 import entities_info
-from tasks.ros.ros2.domain import EpisodeDomain
-from tasks.ros.ros2.entities_info import NodeEntities, entities_cdr
-from tasks.ros.ros2.interface_types import DEFAULT_DISTRIBUTION, topic_name, user_data
-from tasks.ros.ros2.qos_profiles import ENTITIES, Profile, dds_qos
-from tasks.ros.ros2.wire_types import WireBytes, wire_type
+from tasks.ros.ros2.dds_domain import EpisodeDomain
+from tasks.ros.ros2.interface_types import (
+    DEFAULT_DISTRIBUTION,
+    dds_type_name,
+    reply_name,
+    request_name,
+    topic_name,
+    type_store,
+    user_data,
+)
+
+_BASE: Mapping[str, Any] = {
+    "bool": bool,
+    "byte": types.byte,
+    "int8": types.int8,
+    "uint8": types.uint8,
+    "int16": types.int16,
+    "uint16": types.uint16,
+    "int32": types.int32,
+    "uint32": types.uint32,
+    "int64": types.int64,
+    "uint64": types.uint64,
+    "float32": types.float32,
+    "float64": types.float64,
+    "string": str,
+}
+# IDL knows no empty structure: rosidl gives one a member of this name.
+_NO_FIELDS: list[tuple[str, FieldDesc]] = [("structure_needs_at_least_one_member", (Nodetype.BASE, ("uint8", 0)))]
+# What rmw_cyclonedds puts before a request and its reply, to tell whose they are.
+_SERVICE_HEADER: Mapping[str, Any] = {"guid": types.uint64, "sequence": types.int64}
+
+
+class WireBytes(IdlStruct):
+    """A sample that is its bytes already: the encapsulation header, then CDR."""
+
+    def __init__(self, cdr: bytes) -> None:
+        self.cdr = cdr
+
+    def serialize(self, buffer: object = None, endianness: object = None, use_version_2: object = None) -> bytes:  # noqa: ARG002 - cyclonedds names them
+        """Returns the bytes as they are, whatever cyclonedds asks for."""
+        return self.cdr
+
+    @classmethod
+    def deserialize(cls, data: bytes, has_header: object = True, use_version_2: object = None) -> "WireBytes":  # noqa: ARG003, FBT002
+        """Returns a sample that keeps the bytes as they came."""
+        return cls(bytes(data))
+
+
+@functools.cache
+def structure(kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: bool = False) -> type[IdlStruct]:
+    """Returns a type that cyclonedds itself writes and reads.
+
+    Args:
+        kind: The type, such as ``sensor_msgs/msg/LaserScan``.
+        distribution: The release of ROS 2 whose definition it is.
+        service: Put rmw_cyclonedds's header of requests and replies before the fields.
+    """
+    forms = type_store(distribution).fielddefs[kind][1] or _NO_FIELDS
+    annotated = {name: _python_type(form, distribution) for name, form in forms}
+    typename = dds_type_name(kind).replace("::", ".")
+    name = typename.rpartition(".")[2]
+    fields = {**_SERVICE_HEADER, **annotated} if service else annotated
+    body = {"__annotations__": fields, "__module__": __name__, "__qualname__": name}
+    # The metaclass takes the type's name on the wire when the class is made.
+    made = new_class(name, (IdlStruct,), {"typename": typename}, lambda space: space.update(body))
+    return annotations.final(dataclass(cast("type[IdlStruct]", made)))
+
+
+@functools.cache
+def wire_type(kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: bool = False) -> type[WireBytes]:
+    """Returns the same type, its samples as bytes."""
+    whole = structure(kind, distribution, service=service)
+    made = new_class(whole.__name__, (WireBytes,), {"typename": whole.__idl_typename__})
+    made.__idl__ = whole.__idl__
+    return cast("type[WireBytes]", made)
+
+
+def _python_type(form: FieldDesc, distribution: str) -> Any:  # noqa: ANN401 - whatever cyclonedds takes for a field
+    node, detail = form
+    if node == Nodetype.BASE:
+        return _BASE[cast("tuple[str, int]", detail)[0]]
+    if node == Nodetype.NAME:
+        return structure(cast("str", detail), distribution)
+    element, count = cast("tuple[FieldDesc, int]", detail)
+    inner = _python_type(element, distribution)
+    return types.array[inner, count] if node == Nodetype.ARRAY else types.sequence[inner]
+
+
+class Profile(NamedTuple):
+    """A profile of ROS 2.
+
+    Attributes:
+        depth: How many samples are kept.
+        reliable: Lost samples are sent again.
+        latched: Who comes late gets what was sent before (transient local).
+    """
+
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+
+
+DEFAULT = Profile()
+SENSOR_DATA = Profile(depth=5, reliable=False)
+CLOCK = Profile(depth=1, reliable=False)
+TRANSFORMS = Profile(depth=100)
+STATIC_TRANSFORMS = Profile(depth=1, latched=True)
+MAP = Profile(depth=1, latched=True)
+SERVICES = Profile()
+ENTITIES = Profile(depth=1, latched=True)
+
+
+def dds_qos(profile: Profile, user_data: bytes) -> Qos:
+    """Returns a profile as DDS has it; samples in XCDR1, which is all that ROS 2 writes.
+
+    Args:
+        profile: The profile.
+        user_data: What the reader or writer says of itself.
+    """
+    forever, policies = duration(infinite=True), Policy.Durability
+    own = [
+        Policy.Reliability.Reliable(forever) if profile.reliable else Policy.Reliability.BestEffort,
+        policies.TransientLocal if profile.latched else policies.Volatile,
+        Policy.History.KeepLast(profile.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.WriterDataLifecycle(autodispose=False),
+        Policy.Liveliness.Automatic(forever),
+        Policy.Userdata(user_data),
+    ]
+    if profile.latched:
+        kept = Policy.History.KeepLast(profile.depth)
+        own.append(Policy.DurabilityService(0, kept, -1, -1, -1))
+    return Qos(*own)
+
+
+TOPIC = "ros_discovery_info"
+KIND = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_GID, _NODE = "rmw_dds_common/msg/Gid", "rmw_dds_common/msg/NodeEntitiesInfo"
+
+
+class NodeEntities(NamedTuple):
+    """A node: its name, its namespace, and its readers and writers.
+
+    Attributes:
+        readers, writers: DDS's GUIDs, as 16 bytes of a UUID.
+    """
+
+    namespace: str
+    name: str
+    readers: Sequence[UUID]
+    writers: Sequence[UUID]
+
+
+def entities_cdr(participant: UUID, nodes: Sequence[NodeEntities], distribution: str = DEFAULT_DISTRIBUTION) -> bytes:
+    """Returns the message of a participant's nodes, as CDR.
+
+    Args:
+        participant: The participant's GUID.
+        nodes: Its nodes.
+        distribution: The release of ROS 2 that is spoken to; a Gid of Humble has 24 bytes, later ones have 16.
+    """
+    store = type_store(distribution)
+    message = store.types[KIND](
+        gid=_gid(participant, distribution),
+        node_entities_info_seq=[_node(each, distribution) for each in nodes],
+    )
+    return bytes(store.serialize_cdr(message, KIND))
+
+
+def _node(node: NodeEntities, distribution: str) -> Any:  # noqa: ANN401 - a class that rosbags makes
+    return type_store(distribution).types[_NODE](
+        node_namespace=node.namespace,
+        node_name=node.name,
+        reader_gid_seq=[_gid(each, distribution) for each in node.readers],
+        writer_gid_seq=[_gid(each, distribution) for each in node.writers],
+    )
+
+
+def _gid(guid: UUID, distribution: str) -> Any:  # noqa: ANN401 - a class that rosbags makes
+    store = type_store(distribution)
+    (_, (_, (_, count))) = store.fielddefs[_GID][1][0]
+    return store.types[_GID](data=np.frombuffer(guid.bytes.ljust(int(count), b"\0"), np.uint8))
+
 
 _MANY = 1024
 
@@ -113,7 +299,7 @@ class DdsNode:
         self._known: set[UUID] = set()
         self._writers: list[Writer] = []
         self._readers: list[Reader] = []
-        self._told = Writer(self, entities_info.TOPIC, entities_info.KIND, ENTITIES, "", service=False)
+        self._told = Writer(self, TOPIC, KIND, ENTITIES, "", service=False)
 
     def publisher(self, topic: str, kind: str, profile: Profile) -> Writer:
         """Returns a publisher of a ROS topic such as ``/scan``."""
@@ -154,3 +340,36 @@ class DdsNode:
 
 def _threads() -> frozenset[int]:
     return frozenset(int(each) for each in os.listdir("/proc/self/task"))  # noqa: PTH208 - numbers, not paths
+
+
+_ENCAPSULATION_BYTES = 4
+# The client's identity, 8 bytes, and the number of its request, 8 bytes.
+_HEADER_BYTES = 16
+_IDENTITY_BYTES = 16
+
+
+class ServiceServer:
+    """Answers requests.
+
+    Args:
+        node: Whose service it is.
+        service: Its name, such as ``/robomaker/job/cancel``.
+        kind: Its type, such as ``robomaker_simulation_msgs/srv/Cancel``.
+        answer: From a request's CDR to its reply's, each with an encapsulation header.
+    """
+
+    def __init__(self, node: DdsNode, service: str, kind: str, answer: Callable[[bytes], bytes]) -> None:
+        identity = ".".join(f"{each:x}" for each in secrets.token_bytes(_IDENTITY_BYTES))
+        own, self._answer = f"serviceid={identity};", answer
+        self._requests = node.reader(request_name(service), f"{kind}_Request", SERVICES, own, service=True)
+        self._replies = node.writer(reply_name(service), f"{kind}_Response", SERVICES, own, service=True)
+
+    def serve(self) -> int:
+        """Answers what has come; returns how many requests that were."""
+        requests = self._requests.take()
+        for each in requests:
+            begin, end = _ENCAPSULATION_BYTES, _ENCAPSULATION_BYTES + _HEADER_BYTES
+            # The header's 16 bytes leave the alignment of what follows as it is.
+            reply = self._answer(each[:begin] + each[end:])
+            self._replies.write(reply[:begin] + each[begin:end] + reply[begin:])
+        return len(requests)

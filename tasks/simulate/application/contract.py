@@ -1,7 +1,8 @@
 """The contract between applications and engines: all tuples that they hand each other (docs/guide/applications.md).
 
 Bundles import nothing from here when they run: what they receive are these tuples, and what they return needs only
-the attributes named here.
+the attributes named here. The last ones are between engines and lanes alone: a robot's mechanical state, and what the
+physics of a control step did to it.
 """
 
 from collections.abc import Mapping
@@ -11,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64, Int
 
-from specs.data.outcome_reasons import REASON_CODES, OutcomeReason
+from specs.data.outcomes import REASON_CODES, OutcomeReason
 from specs.data.world import World
 
 # Whatever a bundle keeps from one control step to the next: a pytree of arrays.
@@ -82,7 +83,7 @@ class Observation(NamedTuple):
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
-    Beside these functions it may have sensors, as in ``tasks.simulate.sensor``: ``lidar``, ``odometry``,
+    Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``,
     ``bumper``.
     """
 
@@ -177,3 +178,47 @@ class Scenario(Protocol):
 
 REASONS: tuple[OutcomeReason, ...] = REASON_CODES
 TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")
+
+
+class Body(NamedTuple):
+    """The robot's mechanical state, and what the solver starts from.
+
+    Attributes:
+        qpos: Pose of its base: (x m, y m, yaw rad).
+        qvel: How that moves along the world's axes.
+        warmstart: The last accelerations; an engine that keeps its own state has none.
+        joints: Of a robot that is more than a planar base; None for the others.
+    """
+
+    qpos: Float[jax.Array, "3"]
+    qvel: Float[jax.Array, "3"]
+    act: Float[jax.Array, "activations"]
+    warmstart: Float[jax.Array, "speeds"]
+    joints: Joints | None = None
+
+
+class Work(NamedTuple):
+    """What a control step's physics did.
+
+    Attributes:
+        impulse_ns: How much contacts pushed the robot in the plane, whichever way.
+        push_ns: The same as a vector along the world's axes: where it was pushed to, pushes against each other apart.
+        energy_j: What its actuators spent.
+    """
+
+    impulse_ns: Float[jax.Array, ""]
+    push_ns: Float[jax.Array, "2"]
+    energy_j: Float[jax.Array, ""]
+
+
+class Motion(NamedTuple):
+    """What an engine makes of a control step.
+
+    Attributes:
+        body: The robot at the step's end.
+        clearance_m: From its hull to the nearest solid then, seen from above; below 0 where they overlap.
+    """
+
+    body: Body
+    work: Work
+    clearance_m: Float[jax.Array, ""]

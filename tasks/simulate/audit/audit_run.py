@@ -1,7 +1,8 @@
 """Audits a batch after its last chunk. What goes wrong in the audit is written into its report.
 
-It depends on the batch alone, so that an audit whose process died is simply made again. One that keeps killing its
-process, for want of memory, is given up: the batch would never end.
+The sample goes to the process that simulates, the report comes back. It depends on the batch alone, so that an audit
+whose process died is simply made again. One that keeps killing its process, for want of memory, is given up: the batch
+would never end.
 """
 
 import hashlib
@@ -9,24 +10,74 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from pydantic import JsonValue
 
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
+from specs.data.world import World
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
-from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit.audit_apart import audit_apart
+from tasks.simulate.application.bundle_code import BundleCrash, crash_code
 from tasks.simulate.audit.audit_report import AuditReport, not_run
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import batch_mounts, load_worlds
 from tasks.simulate.batch.chunk_store import counted_chunk
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.batch.prepared_chunks import batch_mounts, load_worlds
-from tasks.simulate.engine.engines import ENGINES
-from tasks.simulate.process.simulator import SimulatorEnded
-from tasks.storage.base.encoding import decode_document, encode_document
+from tasks.simulate.engines.engine_table import ENGINES
+from tasks.simulate.sandbox.process_pool import ask_exclusive
+from tasks.simulate.sandbox.protocol import Answer, Audited, AuditedEpisode, AuditWork, Crashed, NoMemory, Progress
+from tasks.simulate.sandbox.simulator import Simulator, SimulatorEnded
 from tasks.storage.base.keys import output_key, result_key
+from tasks.storage.base.store import decode_document, encode_document
 from tasks.storage.buckets import open_bucket
+
+
+def ask_audit(
+    sample: Sequence[SampledEpisode],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+    drawn: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> AuditReport:
+    """Returns what driving a sample again shows, as ``audit_drive.audit``, which takes the same.
+
+    Raises:
+        BundleCrash: An application that made rows before now fails.
+        MemoryError: There is not enough memory for so many lanes.
+        SimulatorEnded: The process ended over it.
+        ValidationError: It answered with no report.
+    """
+
+    def hear(answer: Answer, _: tuple[np.ndarray, ...]) -> None:
+        if isinstance(answer, Progress):
+            progress(answer.done)
+
+    def question(process: Simulator) -> AuditWork:
+        used = dict.fromkeys(each.request.world for each in sample)
+        return AuditWork(
+            sample=tuple(AuditedEpisode(request=each.request, row=each.row, weight=each.weight) for each in sample),
+            worlds=process.sent_worlds({name: worlds[name] for name in used}),
+            bundles={digest: str(folder) for digest, folder in bundles.items()},
+            lanes=lanes,
+            engine=engine,
+            drawn=drawn,
+        )
+
+    last, _ = ask_exclusive(bundles, question, hear)
+    match last:
+        case Audited() as audited:
+            return AuditReport.model_validate_json(audited.report)
+        case Crashed() as crashed:
+            raise BundleCrash(crash_code(crashed.code), crashed.reason)
+        case NoMemory() as lack:
+            raise MemoryError(lack.text)
+        case other:
+            raise SimulatorEnded(f"it answered {other.kind!r} to an audit", None, "", killed="limit")
+
 
 logger = logging.getLogger(__name__)
 AUDIT_FILE = "audit.json"
@@ -36,7 +87,7 @@ _MOST_ATTEMPTS = 4
 # (docs/decisions/0034-stages-at-a-time.md), and is worth idle lanes that take less. With 256 lanes, of which 32 are
 # audited, that is so up to 248 simulated seconds of `planar`, and up to 14 of `mujoco`.
 _PROGRAM_S = 5.0
-Progress = Callable[[int], None]
+AuditProgress = Callable[[int], None]
 
 
 class _Begun(Spec):
@@ -46,7 +97,7 @@ class _Begun(Spec):
 
 
 def write_audit(
-    batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: Progress = lambda _: None
+    batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: AuditProgress = lambda _: None
 ) -> dict[str, JsonValue]:
     """Returns what a batch's record says of its audit.
 
@@ -87,7 +138,7 @@ def _said(report: AuditReport) -> dict[str, JsonValue]:
     return {"audit": report.model_dump(mode="json"), "sha256s": digests}
 
 
-def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) -> AuditReport:
+def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: AuditProgress) -> AuditReport:
     found = draw_sample(
         batch.layout,
         lambda number: counted_chunk(batch.store, batch.id, number, batch.voucher) or (),
@@ -106,7 +157,7 @@ def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: Progress) 
 
     def drive(lanes: int) -> AuditReport:
         engine, drawn = batch.plan.engine, len(found)
-        return audit_apart(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=drawn, progress=progress)
+        return ask_audit(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=drawn, progress=progress)
 
     try:
         return _driven_fitting(batch, sample, drive)

@@ -12,8 +12,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
-from tasks.simulate.batch.stop import was_left_out
-from tasks.simulate.plan.layout import Layout
+from tasks.simulate.batch.batch_record import was_left_out
+from tasks.simulate.plan.episode_layout import Layout
 
 Rows = Callable[[int], Sequence[EpisodeResult]]
 # Draws a number from 0 to below another one; the text says what for.

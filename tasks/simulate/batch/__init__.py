@@ -1,1 +1,1 @@
-"""A batch as a job: chunks committed, cancelled, restarted, described. Audit, replay and flows may import it."""
+"""A batch as a job: chunks committed, cancelled, restarted, described, listed. Audit, replay, flows may import it."""

@@ -1,24 +1,97 @@
 """The chunks of a batch in the store: when each was begun, and its committed results.
 
-A chunk says what vouches for its results (``tasks.storage.jobs.voucher``), so that nothing is counted that somebody
-else has written there. One that this owner cannot vouch for is simulated anew and compared.
+A chunk begins with what vouches for all that follows (``tasks.storage.jobs.authenticator``), so that nothing is counted that
+somebody else has written there: columns, or in one of an older version rows of JSON
+(docs/decisions/0040-results-as-columns.md). One that this owner cannot vouch for is simulated anew and compared.
+
+NumPy is imported when a chunk is read or written: who lists jobs does neither.
 """
+# ruff: noqa: PLC0415 - see above
 
 import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from pydantic import TypeAdapter
+
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.errors import ObjectExists, ObjectNotFound, StageFailed
-from tasks.simulate.chunk.chunk_bytes import is_vouched, results_in, vouched_bytes
-from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import chunk_key, chunk_start_key, chunks_prefix
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.jobs.authenticator import MAC_LENGTH, BatchAuthenticator
 
-if TYPE_CHECKING:  # lists ask which chunks there are, and need no NumPy
+if TYPE_CHECKING:
     from specs.data.episode_columns import EpisodeColumns
+
+_ROWS_TYPE = TypeAdapter(list[EpisodeResult])
+_MAC_BEGIN, _COLUMNS = b'{"mac":"', b'"}\n'
+_ROWS_MIDDLE, _ROWS_END = b'","rows":', b"}"
+
+
+def vouched_bytes(
+    results: "Sequence[EpisodeResult] | EpisodeColumns", number: int, voucher: BatchAuthenticator
+) -> bytes:
+    """Returns a chunk's bytes; of equal results the same.
+
+    Args:
+        results: Of its episodes.
+        number: The chunk's.
+        voucher: Vouches for them.
+    """
+    from specs.data.column_bytes import encode_columns
+    from specs.data.episode_columns import EpisodeColumns
+
+    body = encode_columns(EpisodeColumns.of(results))
+    return b"".join([_MAC_BEGIN, voucher.mac(_columns_name(number), body).encode(), _COLUMNS, body])
+
+
+def results_in(body: bytes) -> "EpisodeColumns":
+    """Returns the results in a chunk, whoever wrote them.
+
+    Raises:
+        ValueError: There are none.
+    """
+    from specs.data.column_bytes import decode_columns
+    from specs.data.episode_columns import EpisodeColumns
+
+    mac, columns = _split(body, _COLUMNS)
+    if mac is not None:
+        return decode_columns(columns)
+    try:
+        return EpisodeColumns.of(_ROWS_TYPE.validate_json(_json_rows(body)[1]))
+    except OverflowError as exc:
+        raise ValueError("a number beyond 64 bits") from exc
+
+
+def is_vouched(body: bytes, number: int, voucher: BatchAuthenticator) -> bool:
+    """Returns whether an owner vouches for a chunk's bytes, under its number."""
+    mac, columns = _split(body, _COLUMNS)
+    if mac is not None:
+        return voucher.vouches(mac, _columns_name(number), columns)
+    mac, rows = _json_rows(body)
+    return voucher.vouches(mac, f"chunk {number}", rows)
+
+
+def _json_rows(body: bytes) -> tuple[str, bytes]:
+    """Returns what vouches for the rows of an older version, and their bytes; for the oldest nothing does."""
+    mac, rows = _split(body, _ROWS_MIDDLE)
+    if mac is None or not rows.endswith(_ROWS_END):
+        return "", body
+    return mac, rows[: -len(_ROWS_END)]
+
+
+def _split(body: bytes, middle: bytes) -> tuple[str | None, bytes]:
+    """Returns what vouches for what stands behind some bytes, and that; None if it does not stand there."""
+    place = len(_MAC_BEGIN) + MAC_LENGTH
+    if not body.startswith(_MAC_BEGIN) or body[place : place + len(middle)] != middle:
+        return None, body
+    return body[len(_MAC_BEGIN) : place].decode(errors="replace"), body[place + len(middle) :]
+
+
+def _columns_name(number: int) -> str:
+    return f"columns of chunk {number}"
+
 
 _BEGUN = ".started"
 _ROWS_SHOWN = 3
@@ -103,7 +176,11 @@ class StoredChunk(NamedTuple):
 
 
 def commit(
-    store: Store, batch: str, number: int, results: "Sequence[EpisodeResult] | EpisodeColumns", voucher: Voucher
+    store: Store,
+    batch: str,
+    number: int,
+    results: "Sequence[EpisodeResult] | EpisodeColumns",
+    voucher: BatchAuthenticator,
 ) -> "EpisodeColumns":
     """Returns what is committed of a chunk from now on: these results, or those of another process that was faster.
 
@@ -119,7 +196,7 @@ def commit(
     Raises:
         StageFailed: There are other results, which nobody vouches for.
     """
-    from specs.data.episode_columns import EpisodeColumns  # noqa: PLC0415 - it needs NumPy
+    from specs.data.episode_columns import EpisodeColumns
 
     columns = EpisodeColumns.of(results)
     body = vouched_bytes(columns, number, voucher)
@@ -135,7 +212,9 @@ def commit(
     return columns
 
 
-def commit_missing(store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: Voucher) -> None:
+def commit_missing(
+    store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: BatchAuthenticator
+) -> None:
     """Commits a chunk if nobody else has: for a batch that was stopped, whose results are not judged."""
     try:
         store.create(chunk_key(batch, number), vouched_bytes(results, number, voucher))
@@ -143,7 +222,7 @@ def commit_missing(store: Store, batch: str, number: int, results: Sequence[Epis
         return
 
 
-def stored_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> StoredChunk | None:
+def stored_chunk(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> StoredChunk | None:
     """Returns a chunk that was committed, and whether its owner vouches for it; None if there is none."""
     try:
         body = store.get(chunk_key(batch, number)).body
@@ -155,7 +234,7 @@ def stored_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> Sto
         return StoredChunk(None, vouched=False)
 
 
-def counted_columns(store: Store, batch: str, number: int, voucher: Voucher) -> "EpisodeColumns | None":
+def counted_columns(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> "EpisodeColumns | None":
     """Returns the results of a chunk to be counted, or None if it is not committed.
 
     Raises:
@@ -168,7 +247,7 @@ def counted_columns(store: Store, batch: str, number: int, voucher: Voucher) -> 
     return found.results if found else None
 
 
-def counted_chunk(store: Store, batch: str, number: int, voucher: Voucher) -> list[EpisodeResult] | None:
+def counted_chunk(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> list[EpisodeResult] | None:
     """Returns what `counted_columns` does, as rows."""
     return _rows(counted_columns(store, batch, number, voucher))
 

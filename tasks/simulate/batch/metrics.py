@@ -11,7 +11,7 @@ from specs.arn import resource_kind, resource_name
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ, PHYSICS_HZ
 from specs.job_kinds import JobKind
-from tasks.simulate.chunk.timings import ChunkTiming
+from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
 

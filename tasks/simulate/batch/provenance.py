@@ -16,13 +16,13 @@ from pathlib import Path
 from pydantic import JsonValue
 from pydantic_core import to_json
 
-from specs.digest import canonical_json
-from tasks.simulate.batch.job import GOING, KIND, OpenBatch
+from specs.base import canonical_json
+from tasks.simulate.batch.batch_record import GOING, KIND, OpenBatch
 from tasks.simulate.devices import device_count, device_kind, prepare_devices
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.process.confinement import confinement
+from tasks.simulate.sandbox.confinement import confinement
+from tasks.storage.jobs.authenticator import BatchAuthenticator, has_owner_key
 from tasks.storage.jobs.records import JobRecord, advance
-from tasks.storage.jobs.voucher import Voucher, has_owner_key
 
 _PROCESSORS = Path("/proc/cpuinfo")
 _NAME = "model name"
@@ -98,7 +98,7 @@ def seal(batch: OpenBatch, detail: Mapping[str, JsonValue]) -> dict[str, JsonVal
     return {_SEAL: batch.voucher.mac(_WHAT, _body(detail))}
 
 
-def is_sealed(record: JobRecord, voucher: Voucher) -> bool:
+def is_sealed(record: JobRecord, voucher: BatchAuthenticator) -> bool:
     """Returns whether the owner vouches for a record's facts, and for its plan, which the voucher is made of."""
     mac = record.detail.get(_SEAL)
     return record.status == "Completed" and isinstance(mac, str) and voucher.vouches(mac, _WHAT, _body(record.detail))

@@ -10,9 +10,8 @@ import numpy as np
 from specs.data.episode import EpisodeResult, unfinished_result
 from specs.data.episode_columns import EpisodeColumns, RequestColumns
 from specs.errors import ObjectNotFound
+from tasks.simulate.batch.batch_record import STOP_CODES, OpenBatch, StopCode, canceled_jobs, canceled_row
 from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_columns, counted_columns
-from tasks.simulate.batch.job import OpenBatch, canceled_jobs
-from tasks.simulate.batch.stop import STOP_CODES, StopCode, canceled_row
 from tasks.simulate.plan.request_columns import request_columns
 
 # Some 40 MB if all of them failed and left long trajectories; as many as a row group of a table.

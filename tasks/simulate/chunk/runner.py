@@ -16,7 +16,7 @@ from tasks.simulate.plan.chunks import Chunk, ProgramKey
 
 if TYPE_CHECKING:
     from specs.data.episode_columns import EpisodeColumns
-    from tasks.simulate.chunk.under_way import ChunksUnderWay
+    from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline
 
 
 def simulate_columns(
@@ -30,7 +30,7 @@ def simulate_columns(
     progress: Callable[[int], None] = lambda _: None,
     recorder: SampleRecorder | None = None,
     timed_as: ProgramKey | None = None,
-    under_way: "ChunksUnderWay | None" = None,
+    under_way: "ChunkPipeline | None" = None,
     ahead: Sequence[Chunk] = (),
 ) -> "EpisodeColumns":
     """Returns the results of a chunk's episodes as columns, in request order.
@@ -43,7 +43,7 @@ def simulate_columns(
         worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
         bundles: Unpacked folders of the chunk's applications, by digest.
         lanes: How many lanes every chunk of the batch is padded to.
-        engine: ``auto``, or the engine that must run them (``tasks.simulate.engine.choice``).
+        engine: ``auto``, or the engine that must run them (``tasks.simulate.engines.engine_table``).
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
@@ -56,7 +56,7 @@ def simulate_columns(
     """
     prepare_devices()
     with contextlib.redirect_stdout(io.StringIO()):  # MJX prints that its optional Warp backend is missing
-        from tasks.simulate.chunk.episodes import simulate_episodes  # noqa: PLC0415 - JAX reads its settings when imported
+        from tasks.simulate.chunk.chunk_simulation import simulate_episodes  # noqa: PLC0415 - JAX reads its settings when imported
 
     return simulate_episodes(
         chunk,

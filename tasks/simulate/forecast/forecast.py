@@ -1,37 +1,146 @@
-"""The forecast of a batch: its engines, chunks, time and memory, in general found without importing JAX."""
+"""The forecast of a batch: its engines, chunks, time and memory, in general found without importing JAX.
+
+The choice of a robot's engine is kept in the user's cache folder, because to make it anew imports MuJoCo. What is
+remembered is good for the same bundle and the same code. Nothing of it is ever part of a result: a batch that runs
+chooses anew. A folder that cannot be written to is as good as no memory at all.
+
+What ROS nodes cost was measured with rospy nodes that answer each scan on two cores: 375 control steps a second with
+one lane, 740 in all with 8, 620 with 32; 1.3, 2.3 and 6.5 s until they are ready; 32 to 42 MB a process. A node in C++
+takes 2 MB.
+"""
 
 import functools
-from collections.abc import Mapping, Sequence
+import hashlib
+import logging
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Literal
 
+from pydantic import ValidationError
+
 from specs.base import Spec
-from specs.bundle.launched_file import policy_file
-from specs.data.engine_name import EngineName
 from specs.data.episode import CONTROL_HZ, PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
-from tasks.simulate.chunk.timings import recall_engine_timings, recall_timings
+from specs.field_types import EngineName
+from specs.launched_file import policy_file
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.chunk.byproducts import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
-from tasks.simulate.engine.choice import EngineChoice
-from tasks.simulate.engine.engines import ENGINES, REFERENCE
-from tasks.simulate.forecast.cost import (
+from tasks.simulate.engines.engine_table import ENGINES, REFERENCE, EngineChoice, choose_engine
+from tasks.simulate.forecast.batch_timing import (
     Span,
     Speed,
     compiling_s,
     driving_s,
     memory_bytes,
     probed_speed,
+    recall_batches,
     remembered_speed,
+    remembered_wall_s,
 )
-from tasks.simulate.forecast.node_cost import nodes_s
-from tasks.simulate.forecast.remembered_engine import recall_choice
-from tasks.simulate.forecast.run_memory import recall_batches, remembered_wall_s
-from tasks.simulate.host.controller_kind import ControllerKind, controller_kind
-from tasks.simulate.host.policy.policy_check import check_policy
+from tasks.simulate.host.declaration import ControllerKind, controller_kind
+from tasks.simulate.host.policy_check import check_policy
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
-from tasks.simulate.plan.layout import Layout
-from tasks.simulate.refusal import RobotRefused
-from tasks.storage.base.cache_folder import cache_folder
+from tasks.simulate.plan.episode_layout import Layout
+from tasks.storage.base.local_files import cache_folder, whole_file
+
+# Of a lane alone, and of each of many that share the cores.
+_STEP_S, _LANE_STEP_S = 2.7e-3, 1.5e-3
+_MEASURED_CORES = 2
+_READY_S, _LANE_READY_S = 1.2, 0.17
+_NODE_BYTES = 42_000_000
+# Nodes that wait for single messages take 10 times as long; in C++ they take half.
+_LOW, _HIGH = 0.2, 1.5
+
+
+def node_bytes() -> int:
+    """Returns the memory of a Python node, as far as it shares none with others."""
+    return _NODE_BYTES
+
+
+def nodes_pace(lanes: int, nodes: int) -> Span:
+    """Returns how many control steps a second all lanes go in all, with so many nodes each."""
+    expected = lanes / _step_s(lanes, nodes)
+    return Span(low=_LOW * expected, high=_HIGH * expected)
+
+
+def nodes_s(episodes: int, lanes: int, steps: int, nodes: int = 1) -> Span:
+    """Returns the wall seconds that nodes add to a batch of so many episodes of so many control steps at most."""
+    chunks = -(-episodes // lanes)
+    ready_s = chunks * (_READY_S + _LANE_READY_S * min(lanes, episodes) * nodes)
+    drive_s = chunks * steps * _step_s(min(lanes, episodes), nodes)
+    return Span(low=0.3 * (ready_s + drive_s), high=ready_s / _LOW + drive_s / _LOW)
+
+
+def _step_s(lanes: int, nodes: int) -> float:
+    slower = max(1.0, _MEASURED_CORES / (os.cpu_count() or 1))
+    return max(_STEP_S, _LANE_STEP_S * lanes * nodes * slower)
+
+
+logger = logging.getLogger(__name__)
+_CODE = Path(__file__).parents[1]
+
+
+class EngineAnswer(Spec):
+    """The engine of a robot application, or why there is none.
+
+    Attributes:
+        choice: None if no engine takes the robot.
+        refusal: Why none does, with the remedies; or empty.
+    """
+
+    choice: EngineChoice | None
+    refusal: str = ""
+
+
+def recall_choice(asked: str, digest: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineAnswer:
+    """Returns which engine runs a robot application.
+
+    Args:
+        asked: ``auto``, or the engine that it must be.
+        digest: Of its bundle, which holds all that ``robot.xml`` refers to.
+        robot: Its ``robot.xml``.
+        controller: How it is driven.
+        device: What JAX will run on.
+    """
+    path = _choice_file([asked, digest, device, controller, *_contents((robot,)), *_code()])
+    try:
+        return EngineAnswer.model_validate_json(path.read_bytes())
+    except (OSError, ValidationError):
+        answer = _chosen(asked, robot, controller, device)
+    try:
+        with whole_file(path) as file:
+            file.write(answer.model_dump_json().encode())
+    except OSError as exc:
+        logger.debug("the engine is not remembered: %s", exc)
+    return answer
+
+
+def _chosen(asked: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineAnswer:
+    try:
+        return EngineAnswer(choice=choose_engine(asked, robot, controller, device))
+    except RobotRefused as refused:
+        return EngineAnswer(choice=None, refusal=str(refused))
+
+
+def _contents(files: Sequence[Path]) -> Iterator[str]:
+    for file in files:
+        yield hashlib.sha256(file.read_bytes()).hexdigest() if file.is_file() else ""
+
+
+def _code() -> Iterator[str]:
+    """Yields what changes when an engine does: MuJoCo's version, and the size and age of each module here."""
+    yield version("mujoco")
+    for module in sorted(_CODE.rglob("*.py")):
+        stat = module.stat()
+        yield f"{module.relative_to(_CODE)} {stat.st_size} {stat.st_mtime_ns}"
+
+
+def _choice_file(parts: Sequence[str]) -> Path:
+    return cache_folder() / "engines" / f"{hashlib.sha256(repr(parts).encode()).hexdigest()}.json"
+
 
 Basis = Literal["this very program", "other programs", "nothing"]
 # From what is known best.
@@ -207,8 +316,7 @@ def _robot(
 
 def _policy_refusal(folder: Path, launch: ApplicationLaunch) -> str:
     """Returns why a policy cannot drive its robot; empty if it can."""
-    from tasks.simulate.host.policy.control_range import control_range  # noqa: PLC0415 - it imports MuJoCo
-    from tasks.simulate.host.policy.lane_network import require_onnxruntime  # noqa: PLC0415 - likewise NumPy
+    from tasks.simulate.host.policy_network import control_range, require_onnxruntime  # noqa: PLC0415 - it imports MuJoCo
 
     try:
         require_onnxruntime()

@@ -1,8 +1,10 @@
-"""The interface of controllers that run on the host: all lanes' observations in, all lanes' controls out.
+"""The interface of controllers that run on the host, and the table of their kinds.
 
-Between two control steps of the compiled functions the run stops, asks these, and goes on. In the compiled functions a
-stand-in has the controller's place.
+All lanes' observations go in, all lanes' controls come out. Between two control steps of the compiled functions the run
+stops, asks these, and goes on. In the compiled functions a stand-in has the controller's place. A record of the table
+says how an application of that kind is loaded; what loads it is imported then.
 """
+# ruff: noqa: PLC0415 - what a kind needs is imported when an application of that kind is loaded
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,10 +17,35 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from specs.data.episode import ApplicationLaunch
+from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.host.controller_kind import ControllerKind
+from tasks.simulate.host.declaration import ControllerKind
 from tasks.simulate.lane.staging import Lane
-from tasks.simulate.sensor.sensors import SENSORS, Sensors
+from tasks.simulate.sensors.sensor_table import SENSORS, Sensors
+
+_ROBOT: CrashCode = "RobotApplicationCrash"
+# Floats and integers: what a person writes in Python for a number.
+_REAL_KINDS = "fiu"
+
+
+def real_control(doing: str, control: object, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
+    """Returns a control as an array.
+
+    Args:
+        doing: Which function returned it, for a person.
+        control: Whatever it returned.
+        shape: That it must have.
+
+    Raises:
+        BundleCrash: It is no array of real numbers, or has another shape.
+    """
+    array = call_bundle(_ROBOT, doing, np.asarray, control)
+    if array.dtype.kind not in _REAL_KINDS:
+        raise BundleCrash(_ROBOT, f"{doing}: control of {array.dtype}, not of real numbers")
+    if array.shape != shape:
+        shown = f"({shape[0]},)" if len(shape) == 1 else str(shape)
+        raise BundleCrash(_ROBOT, f"{doing}: control of shape {array.shape}, not {shown}")
+    return array.astype(np.float32)
 
 
 class HostControllers(Protocol):
@@ -118,3 +145,42 @@ class StandIn:
     def step(self, state: tuple[()], observation: object) -> tuple[tuple[()], Float[jax.Array, "actuators"]]:  # noqa: ARG002 - as every controller is called
         """Returns no state, and no control to speak of."""
         return state, jnp.zeros(self._actuators)
+
+
+def _plain(bundle: HostBundle) -> HostApplication:
+    from tasks.simulate.host.python_controllers import plain_application
+
+    return plain_application(bundle)
+
+
+def _batched(bundle: HostBundle) -> HostApplication:
+    from tasks.simulate.host.python_controllers import batched_application
+
+    return batched_application(bundle)
+
+
+def _onnx(bundle: HostBundle) -> HostApplication:
+    from tasks.simulate.host.onnx_policy import onnx_application
+
+    return onnx_application(bundle)
+
+
+def _ros(bundle: HostBundle) -> HostApplication:
+    from tasks.simulate.host.ros_controllers import ros1_lockstep, ros_application
+
+    return ros_application(bundle, "ros", ros1_lockstep)
+
+
+def _ros2(bundle: HostBundle) -> HostApplication:
+    from tasks.simulate.host.ros_controllers import ros2_lockstep, ros_application
+
+    return ros_application(bundle, "ros2", ros2_lockstep)
+
+
+HOST_KINDS: Mapping[ControllerKind, Callable[[HostBundle], HostApplication]] = {
+    "plain": _plain,
+    "batched": _batched,
+    "onnx": _onnx,
+    "ros": _ros,
+    "ros2": _ros2,
+}

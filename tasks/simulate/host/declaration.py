@@ -1,10 +1,16 @@
-"""Reads what a bundle declares in a YAML file: all that is wrong with it is told at once.
+"""What a robot application's bundle declares, read from its files, so that planning runs no code of it.
 
-Nothing else in it is run or followed: a file of few bytes that would take hours to read is refused.
+Which kind of controller it launches, and how many lanes of that kind this machine holds at once. A YAML file is read
+such that all that is wrong with it is said at once; nothing in it is run or followed, and a file of few bytes that
+would take hours to read is refused.
 """
 
+import ast
+import os
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -12,7 +18,140 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from specs.base import Spec
-from tasks.simulate.refusal import RobotRefused
+from specs.bundle_files import ROS_FILE, RosRobot
+from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, policy_file, ros_launch_file
+from tasks.ros.ros2.dds_domain import DOMAINS
+from tasks.simulate.application.mjcf_check import RobotRefused
+
+ControllerKind = Literal["jax", "plain", "batched", "onnx", "ros", "ros2"]
+_JAX = "jax"
+_BATCHED = "controllers"
+_MODULES_KNOWN = 64
+
+
+def controller_kind(folder: Path, launch: ApplicationLaunch) -> ControllerKind:
+    """Returns how a robot application is driven.
+
+    Args:
+        folder: Where the bundle is unpacked.
+        launch: Its launch configuration.
+    """
+    if launch_path(folder, launch) is not None:
+        return "ros2" if is_ros2(launch.launch_file) else "ros"
+    module = module_path(folder, launch)
+    if not module.is_file() and policy_path(folder, launch).is_file():
+        return "onnx"
+    return _python_kind(module)
+
+
+def launch_path(folder: Path, launch: ApplicationLaunch) -> Path | None:
+    """Returns the ROS launch file that a launch configuration names; None if it names none that the bundle has."""
+    if not names_ros_launch(launch.launch_file):
+        return None
+    found = ros_launch_file(bundle_files(folder), launch.package, launch.launch_file)
+    return None if found is None else folder / found
+
+
+def module_path(folder: Path, launch: ApplicationLaunch) -> Path:
+    """Returns where a bundle has the Python module that is launched."""
+    return folder / module_file(launch.package, launch.launch_file)
+
+
+def policy_path(folder: Path, launch: ApplicationLaunch) -> Path:
+    """Returns where a bundle has the ONNX policy that is launched in place of a module."""
+    return folder / policy_file(launch.package, launch.launch_file)
+
+
+def _python_kind(module: Path) -> ControllerKind:
+    """Returns ``plain`` or ``batched`` for a module that says ``jax = False``, else ``jax``."""
+    try:
+        found = module.stat()
+    except OSError:
+        return "jax"
+    return _parsed_kind(module, (found.st_ino, found.st_size, found.st_mtime_ns))
+
+
+@lru_cache(maxsize=_MODULES_KNOWN)
+def _parsed_kind(module: Path, _state: tuple[int, ...]) -> ControllerKind:
+    """Returns the kind of a module as it is now; each chunk of a batch asks for it, and parsing takes its time."""
+    try:
+        statements = ast.parse(module.read_bytes()).body
+    except (OSError, SyntaxError, ValueError):
+        return "jax"  # what is wrong with it is told when it is imported
+    if not any(map(_says_no_jax, statements)):
+        return "jax"
+    defined = {each.name for each in statements if isinstance(each, ast.FunctionDef)}
+    return "batched" if _BATCHED in defined else "plain"
+
+
+def _says_no_jax(statement: ast.stmt) -> bool:
+    return (
+        isinstance(statement, ast.Assign)
+        and [target.id for target in statement.targets if isinstance(target, ast.Name)] == [_JAX]
+        and isinstance(statement.value, ast.Constant)
+        and statement.value.value is False
+    )
+
+
+# A program's lanes are whole vectors of eight: fewer at once save nothing but memory.
+FEWEST_LANES = 8
+_WITH_PROCESSES: frozenset[ControllerKind] = frozenset({"ros", "ros2"})
+# Of an application of three or four nodes; one in Python takes 30 to 40 MB by itself.
+_LANE_BYTES = 128 << 20
+# More at once are not done sooner, and come to rest later after each stage of a control step.
+_LANES_A_CORE = 16
+# Each lane of ROS 2 has a DDS domain of its own; whole vectors of them.
+_DOMAIN_LANES = len(DOMAINS) // FEWEST_LANES * FEWEST_LANES
+# The rest is for what simulates, and for whoever else works here.
+_SHARE = 0.6
+
+
+def most_lanes(requests: Sequence[EpisodeRequest], bundles: Mapping[str, Path]) -> int | None:
+    """Returns how many of some episodes this machine simulates at once; None where only arrays count.
+
+    No result depends on it: a lane has the same row whichever lanes run beside it.
+
+    Args:
+        requests: The episodes.
+        bundles: Unpacked folders of their applications, by digest.
+    """
+    robots = [request.robot for request in requests if request.robot.digest in bundles]
+    launches = {(robot.digest, robot.package, robot.launch_file): robot for robot in robots}
+    kinds = {controller_kind(bundles[robot.digest], robot) for robot in launches.values()}
+    if not kinds & _WITH_PROCESSES:
+        return None
+    by_memory, by_cores = int(_SHARE * available_bytes() / _LANE_BYTES), _LANES_A_CORE * len(os.sched_getaffinity(0))
+    return max(FEWEST_LANES, min(by_memory, by_cores, _DOMAIN_LANES if "ros2" in kinds else by_cores))
+
+
+def available_bytes(root: Path = Path("/")) -> int:
+    """Returns the memory that is free for new processes, of the machine and of the container that this one runs in.
+
+    Args:
+        root: Of the files that tell.
+    """
+    machine = _fields(root / "proc/meminfo").get("MemAvailable", 0) << 10
+    limit, used = (_number(root / "sys/fs/cgroup" / name) for name in ("memory.max", "memory.current"))
+    return max(0, machine if limit is None or used is None else min(machine, limit - used))
+
+
+def _fields(path: Path) -> dict[str, int]:
+    try:
+        lines = path.read_text().splitlines()
+    except OSError:
+        return {}
+    pairs = (line.split() for line in lines)
+    return {pair[0].rstrip(":"): int(pair[1]) for pair in pairs if len(pair) > 1 and pair[1].isdecimal()}
+
+
+def _number(path: Path) -> int | None:
+    try:
+        text = path.read_text().strip()
+    except OSError:
+        return None
+    return int(text) if text.isdecimal() else None
+
 
 _MOST_BYTES = 64 << 10
 _MOST_LEVELS = 16
@@ -101,3 +240,15 @@ def _require_plain(text: bytes, name: str) -> None:
 def _short(value: object) -> str:
     shown = repr(value)
     return shown if len(shown) <= _SHOWN else f"{shown[:_SHOWN]}..."
+
+
+def read_ros_robot(folder: Path) -> RosRobot:
+    """Returns what a bundle declares of its ROS robot; the defaults of one that declares nothing.
+
+    Args:
+        folder: Where the bundle is unpacked.
+
+    Raises:
+        RobotRefused: The file is no YAML, or says what it must not.
+    """
+    return read_declaration(folder / ROS_FILE, ROS_FILE, RosRobot) or RosRobot()

@@ -6,14 +6,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
-from tasks.simulate.application.contract import FloorMap, State
-from tasks.simulate.application.motion import Body
-from tasks.simulate.lane.calls import Applications, Numbers
-from tasks.simulate.sensor.noise import Seed
-from tasks.simulate.sensor.sensor import Memory
-from tasks.simulate.sensor.sensors import begin_sensors
-from tasks.simulate.surroundings.lidar import Boxes, Cylinders
-from tasks.simulate.surroundings.silhouettes import Silhouettes
+from tasks.simulate.application.contract import Body, FloorMap, State
+from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders, LidarOutlines
+from tasks.simulate.lane.chunk_applications import Applications, Numbers
+from tasks.simulate.sensors.sensor import Memory, Seed
+from tasks.simulate.sensors.sensor_table import begin_sensors
 
 NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH = 0, 1, 2
 
@@ -25,7 +22,7 @@ class LaneInputs(NamedTuple):
         boxes, cylinders: Obstacles in the hull's band of heights.
         seen: What crosses the lidar's plane.
         given: What the scenario's ``place`` gave besides start and goals.
-        seed: The episode's, as ``tasks.simulate.sensor.noise.seed_words``.
+        seed: The episode's, as ``tasks.simulate.sensors.sensor.seed_words``.
         last_step: Control steps until time is up.
         alive: False for a lane that only fills the chunk.
         near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
@@ -33,7 +30,7 @@ class LaneInputs(NamedTuple):
 
     boxes: Boxes
     cylinders: Cylinders
-    seen: Silhouettes
+    seen: LidarOutlines
     floor: FloorMap
     start: Float[jax.Array, "3"]
     goals_m: Float[jax.Array, "goals 2"]
@@ -45,7 +42,7 @@ class LaneInputs(NamedTuple):
     near: Any = None
 
 
-class Tally(NamedTuple):
+class EpisodeTotals(NamedTuple):
     """What is summed up over an episode; fields as in EpisodeResult."""
 
     path_length_m: Float[jax.Array, ""]
@@ -61,7 +58,7 @@ class LaneState(NamedTuple):
     """What changes: the robot, both applications' states, and how the episode stands.
 
     Attributes:
-        sensed: What the sensors remember, by name (``tasks.simulate.sensor``).
+        sensed: What the sensors remember, by name (``tasks.simulate.sensors``).
         goal_steps: After how many control steps each goal was reached; 0 for one that was not.
         metrics: What the scenario measures by itself, by name.
     """
@@ -71,7 +68,7 @@ class LaneState(NamedTuple):
     controller: State
     scenario: State
     metrics: dict[str, Float[jax.Array, ""]]
-    tally: Tally
+    tally: EpisodeTotals
     step: Int[jax.Array, ""]
     goal_index: Int[jax.Array, ""]
     goal_steps: Int[jax.Array, "goals"]
@@ -123,7 +120,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,
         metrics=applications.metrics(inputs.numbers, scenario),
-        tally=Tally(zero, none, jnp.zeros((), bool), zero, zero, jnp.full((), jnp.inf), zero),
+        tally=EpisodeTotals(zero, none, jnp.zeros((), bool), zero, zero, jnp.full((), jnp.inf), zero),
         step=none,
         goal_index=none,
         goal_steps=jnp.zeros(inputs.goals_m.shape[0], jnp.int32),

@@ -1,20 +1,222 @@
 """Records what lanes do: samples while they run, given out for the episodes that are kept.
 
-A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it moved,
-the scan it saw then, the control that was decided on it, and what contacts pushed the robot with until the next sample.
-The last sample of an episode is the state in which it ended.
+A recorder keeps samples of each slice of control steps, and how lanes end, in memory up to a size, beyond it in one
+unnamed file. The run asks which episodes are recorded, and the process that simulates sends no others.
 """
 
+import tempfile
+import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import Protocol
+from typing import IO, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 
+from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
-from tasks.simulate.lane.overflow import Kept, Overflow
-from tasks.simulate.lane.samples import Ends, SliceSamples, Steps, sample_stride, slice_samples
+
+
+class RecordingChoice(Spec):
+    """Which of some episodes are recorded, if they come to an end.
+
+    Attributes:
+        always: Indices of those that are, however they end.
+        failed: Whether others are that fail.
+    """
+
+    always: tuple[int, ...] = ()
+    failed: bool = False
+
+    def chosen(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        """Returns which of these episodes are recorded."""
+        chosen = np.isin(rows.index, self.always)
+        if self.failed:
+            chosen |= rows.says("status", "Failed") | rows.says("outcome", "Failed")
+        return chosen & ~rows.says("status", "Canceled")
+
+
+# Of the control rate; at less, an episode of two weeks would have two samples.
+_LEAST_RATE = 1e-8
+
+
+class Steps(Protocol):
+    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.StepRecord``."""
+
+    @property
+    def pose(self) -> object:
+        """Returns poses at the steps' ends."""
+        ...
+
+    @property
+    def velocity(self) -> object:
+        """Returns velocities at the steps' ends."""
+        ...
+
+    @property
+    def goal_index(self) -> object:
+        """Returns goals to go to at the steps' ends."""
+        ...
+
+    @property
+    def control(self) -> object:
+        """Returns controls during the steps."""
+        ...
+
+    @property
+    def ranges_m(self) -> object:
+        """Returns scans at the steps' beginnings."""
+        ...
+
+    @property
+    def impulse_ns(self) -> object:
+        """Returns contact impulses during the steps."""
+        ...
+
+
+class Ends(NamedTuple):
+    """How the lanes ended, for lanes in their order.
+
+    Attributes:
+        steps: Control steps that were done.
+        crashed: Whether a step after those was begun, and went wrong.
+        goals_m: Where each lane's robot should go, in order; its last goal again where other lanes have more.
+        lidars: Each robot's lidar: where it is mounted (x m, y m, yaw rad), the height of its plane and its range (m),
+            the direction of its first ray and the turn from one to the next (rad).
+    """
+
+    steps: Int[np.ndarray, "lanes"]
+    crashed: Bool[np.ndarray, "lanes"]
+    start: Float[np.ndarray, "lanes 3"]
+    pose: Float[np.ndarray, "lanes 3"]
+    velocity: Float[np.ndarray, "lanes 3"]
+    goal_index: Int[np.ndarray, "lanes"]
+    goals_m: Float[np.ndarray, "lanes goals 2"]
+    lidars: Float[np.ndarray, "lanes 7"]
+
+
+class SliceSamples(NamedTuple):
+    """What is kept of a slice of control steps, lanes first.
+
+    Attributes:
+        steps: How many control steps the slice has.
+        pose, velocity, goal_index: At the ends of the steps before which a sample is due.
+        control, ranges_m: Of the steps for which a sample is due.
+        last_control, last_ranges_m: Of each lane's last step in the slice.
+        impulse_ns: Of every step.
+    """
+
+    steps: int
+    pose: np.ndarray
+    velocity: np.ndarray
+    goal_index: np.ndarray
+    control: np.ndarray
+    ranges_m: np.ndarray
+    last_control: np.ndarray
+    last_ranges_m: np.ndarray
+    impulse_ns: np.ndarray
+
+
+def sample_stride(rate_hz: float, control_s: float) -> int:
+    """Returns how many control steps lie between samples at a rate, made a whole fraction of the control rate."""
+    return max(1, round(1.0 / max(rate_hz * control_s, _LEAST_RATE)))
+
+
+def slice_samples(
+    slice_: Steps, steps: Int[np.ndarray, "lanes"], *, lanes: int, before: int, stride: int
+) -> SliceSamples:
+    """Returns what is kept of a slice.
+
+    Args:
+        slice_: Its control steps.
+        steps: How many control steps each lane has done by its end.
+        lanes: How many lanes hold episodes.
+        before: Control steps of the slices before.
+        stride: Control steps from a sample to the next.
+    """
+    impulse = np.asarray(slice_.impulse_ns)[:lanes]
+    length = impulse.shape[1]
+    numbers = np.arange(before, before + length)
+    begun, ended = np.flatnonzero(numbers % stride == 0), np.flatnonzero((numbers + 1) % stride == 0)
+    # Where a lane came to its end, wherever in the slice: what it had decided when it crashed.
+    last = np.clip(steps[:lanes] - before, 0, length - 1)
+    control, ranges_m = np.asarray(slice_.control)[:lanes], np.asarray(slice_.ranges_m)[:lanes]
+    every = np.arange(lanes)
+    return SliceSamples(
+        steps=length,
+        pose=np.asarray(slice_.pose)[:lanes, ended],
+        velocity=np.asarray(slice_.velocity)[:lanes, ended],
+        goal_index=np.asarray(slice_.goal_index)[:lanes, ended],
+        control=control[:, begun],
+        ranges_m=ranges_m[:, begun],
+        last_control=control[every, last],
+        last_ranges_m=ranges_m[every, last],
+        impulse_ns=impulse.astype(np.float32),
+    )
+
+
+class Kept(NamedTuple):
+    """An array that was kept.
+
+    Attributes:
+        array: The array, if it is in memory.
+        offset: Where it begins in the file, if it is there.
+    """
+
+    array: np.ndarray | None
+    dtype: np.dtype
+    shape: tuple[int, ...]
+    offset: int = 0
+
+    @property
+    def row_bytes(self) -> int:
+        """Returns the bytes of one entry along its first axis."""
+        return int(np.prod(self.shape[1:], dtype=np.int64)) * self.dtype.itemsize
+
+
+class Overflow:
+    """Keeps arrays."""
+
+    def __init__(self, memory_bytes: int) -> None:
+        """Begins with none.
+
+        Args:
+            memory_bytes: How much may stay in memory.
+        """
+        self._left_bytes = memory_bytes
+        self._file: IO[bytes] | None = None
+        self._written_bytes = 0
+        self._mapped: np.ndarray | None = None
+
+    def keep(self, array: np.ndarray) -> Kept:
+        """Returns what to ask for the array with later."""
+        whole = np.ascontiguousarray(array)
+        if whole.nbytes <= self._left_bytes:
+            self._left_bytes -= whole.nbytes
+            return Kept(whole, whole.dtype, whole.shape)
+        self._left_bytes = 0  # what comes later is not put before it
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="simyard-recording-")  # noqa: SIM115 - closed with this
+            weakref.finalize(self, self._file.close)
+        offset = self._written_bytes
+        self._file.write(whole.data if whole.size else b"")
+        self._written_bytes += whole.nbytes
+        self._mapped = None
+        return Kept(None, whole.dtype, whole.shape, offset)
+
+    def get(self, kept: Kept) -> np.ndarray:
+        """Returns an array that was kept; it must not be written to."""
+        if kept.array is not None:
+            return kept.array
+        count = int(np.prod(kept.shape, dtype=np.int64))
+        if not count or self._file is None:
+            return np.empty(kept.shape, kept.dtype)
+        if self._mapped is None:
+            self._file.flush()
+            self._mapped = np.memmap(self._file, np.uint8, "r")
+        held = self._mapped[kept.offset : kept.offset + count * kept.dtype.itemsize]
+        return held.view(kept.dtype).reshape(kept.shape)
+
 
 Columns = Mapping[str, np.ndarray]
 Rows = Sequence[EpisodeResult] | EpisodeColumns

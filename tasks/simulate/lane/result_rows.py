@@ -6,16 +6,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float32, Float64, Int
 
-from specs.data.cells import Cells, label_cells
 from specs.data.episode import CONTROL_HZ, CONTROL_S, WITHDRAWN, EpisodeRequest, EpisodeResult, unfinished_result
-from specs.data.episode_columns import EpisodeColumns
-from specs.data.field_cells import RESULT_KINDS, field_cells
-from tasks.simulate.application.code import CrashCode
+from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, field_cells, label_cells
+from tasks.simulate.application.bundle_code import CrashCode
 from tasks.simulate.application.contract import REASONS
+from tasks.simulate.geometry.rooms import Visit, visits
 from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
-from tasks.simulate.sensor.odometry import ODOMETRY
-from tasks.simulate.surroundings.rooms import Visit, visits
+from tasks.simulate.sensors.odometry import ODOMETRY
 
 # One pose in half a simulated second is kept of a failed episode.
 POSE_STEPS = CONTROL_HZ // 2

@@ -11,16 +11,16 @@ from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
-from tasks.simulate.application.code import BundleCrash, call_bundle
+from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
-from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.lidar_scan import LidarOutlines
+from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
+from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.lane_state import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
-from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
-from tasks.simulate.sensor.noise import seed_words
-from tasks.simulate.surroundings.silhouettes import Silhouettes
-from tasks.simulate.surroundings.stages import Stage
-from tasks.simulate.surroundings.ways.shortest_path import Ways, shortest_paths_m
+from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
+from tasks.simulate.sensors.sensor import seed_words
 
 # Episodes that differ in a swept value alone have the same task, and are chunks apart. A hundred bytes or two each.
 _TASKS_KNOWN = 1 << 16
@@ -36,13 +36,13 @@ class Lane(NamedTuple):
     """
 
     request: EpisodeRequest
-    stage: Stage
+    stage: WorldArrays
     placement: Placement
     shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
 
 
-def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Stage, hull: Hull) -> Placement:
+def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: WorldArrays, hull: Hull) -> Placement:
     """Returns where an episode starts and which goals it has, drawn by its seed.
 
     Args:
@@ -135,7 +135,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     return LaneInputs(
         boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
         cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
-        seen=Silhouettes(*(_canonical(each) for each in zip(*(lane.stage.seen for lane in filled), strict=True))),
+        seen=LidarOutlines(*(_canonical(each) for each in zip(*(lane.stage.seen for lane in filled), strict=True))),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([filled_up(lane.placement.goals_m, most_goals) for lane in filled]),

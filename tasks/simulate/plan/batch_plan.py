@@ -6,12 +6,12 @@ from typing import Literal
 from pydantic import Field
 
 from specs.base import Spec
-from specs.data.bag_format import BagFormat
 from specs.data.episode import ApplicationLaunch
+from specs.field_types import BagFormat
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
 from specs.robomaker.bundle import ApplicationKind
 from specs.robomaker.simulation import FailureBehavior
-from tasks.simulate.data.sources import PinnedSource
+from tasks.simulate.data.data_sources import PinnedSource
 
 # A CPU gains nothing from more lanes (docs/reference/physics.md, section 4: flat from 256 on), and a chunk that is lost
 # costs what it took.
@@ -27,7 +27,7 @@ class JobTemplate(Spec):
 
     Attributes:
         environment: The launch configurations' variables; the robot's win over the scenario's. Those of data sources
-            are ``data:<digest>`` (``tasks.simulate.data.sources``), and folders only where an episode is simulated.
+            are ``data:<digest>`` (``data_sources``), and folders only where an episode is simulated.
         duration_s: Simulated seconds at most.
         worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
         record: Whether its episodes are recorded whatever comes of them.
@@ -46,7 +46,7 @@ class BatchPlan(Spec):
     """A batch, resolved: the same plan always gives the same rows.
 
     It grows with the requests, worlds, seeds and values of a document, never with their product: what is multiplied
-    out is computed by ``tasks.simulate.plan.layout``.
+    out is computed by ``tasks.simulate.plan.episode_layout``.
 
     Attributes:
         worlds: ``<generation>/<world>`` of each world of the matrix.
@@ -131,7 +131,7 @@ def lane_count(max_concurrency: int | None, episodes_in_all: int) -> int:
 
     It depends on the document alone and never on the machine, so that chunks, and with them results, are the same
     everywhere; a machine that has too little memory for so many runs a chunk in parts
-    (`tasks.simulate.chunk.memory_fit`).
+    (`tasks.simulate.sandbox.sandbox_client`).
     ``maxConcurrency`` is the number, as it was the number of RoboMaker's active jobs; a small batch is rounded up to a
     multiple of 16 so that it shares its compilation with others.
     """

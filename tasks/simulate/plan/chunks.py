@@ -1,10 +1,7 @@
 """Groups episodes into chunks: a chunk runs as the lanes of one compiled program.
 
-A chunk is the unit of work, of resume and of progress. How requests fall into chunks depends on the requests and the
-lane count alone, so that a resumed batch has the chunks of the unbroken one.
-
-A batch that may be ended early takes its episodes in a drawn order, so that any beginning of it stands for the whole.
-The order follows from the batch's plan alone and from no library's release.
+The variables that RoboMaker set in each job say which job it is (docs/reference/robomaker.md, section 9); no program
+depends on them.
 """
 
 import hashlib
@@ -12,9 +9,34 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+from specs.arn import ArnForm, arn
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
-from tasks.simulate.plan.job_variables import without_job_variables
+
+JOB_ID = "AWS_ROBOMAKER_SIMULATION_JOB_ID"
+JOB_ARN = "AWS_ROBOMAKER_SIMULATION_JOB_ARN"
+RUN_ID = "AWS_ROBOMAKER_SIMULATION_RUN_ID"
+_NAMES = frozenset({JOB_ID, JOB_ARN, RUN_ID})
+
+
+def job_variables(form: ArnForm, batch: str, index: int) -> dict[str, str]:
+    """Returns the variables of one job.
+
+    Args:
+        form: Of the ARNs that clients see.
+        batch: Its batch's id.
+        index: Its episode's.
+    """
+    path = f"{batch}/{index}"
+    own = form.robomakers(arn("simulation-job", form.store_id, path))
+    run = hashlib.sha256(path.encode()).hexdigest()[:16]
+    return {JOB_ID: own.rpartition("/")[2], JOB_ARN: own, RUN_ID: f"run-{run}"}
+
+
+def without_job_variables(environment: Mapping[str, str]) -> dict[str, str]:
+    """Returns an environment without what tells one job from another."""
+    return {name: value for name, value in environment.items() if name not in _NAMES}
+
 
 ProgramKey = tuple[str, ...]
 # 1.25 simulated seconds: how often the host looks whether all lanes are done, or whether it shall stop.

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from specs.data.cells import Cells, distinct
-from specs.data.episode_columns import RequestColumns
-from tasks.simulate.plan.layout import Layout
+from specs.data.episode_columns import Cells, RequestColumns, distinct
+from tasks.simulate.plan.episode_layout import Layout
 
 
 def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:

@@ -10,12 +10,11 @@ from jaxtyping import Int
 from specs.data.episode import CONTROL_S, EpisodeRequest, failed_result
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
-from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk, run_ready
-from tasks.simulate.lane.recording import Columns, Recorder, Rows
-from tasks.simulate.lane.samples import Ends, Steps
-from tasks.simulate.replay.driven_again import DrivenAgain, Setting
-from tasks.simulate.sensor.lidar import ray_angles
+from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
+from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
+from tasks.simulate.replay.replay_result import ReplayResult, Setting
+from tasks.simulate.sensors.lidar import ray_angles
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
 
@@ -50,7 +49,7 @@ class _AlsoAt(Recorder):
         self._other.end(ends, rows)
 
 
-def drive_again(
+def drive_replay(
     request: EpisodeRequest,
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
@@ -58,7 +57,7 @@ def drive_again(
     lanes: int,
     engine: str,
     rate_hz: float,
-) -> DrivenAgain:
+) -> ReplayResult:
     """Returns an episode driven to its end, alone in a program of its batch's layout.
 
     Args:
@@ -72,7 +71,7 @@ def drive_again(
     try:
         ready = ready_chunk([request], worlds, bundles, lanes=lanes, engine=engine)
     except BundleCrash as crash:
-        return DrivenAgain(failed_result(request.index, crash.failure))
+        return ReplayResult(failed_result(request.index, crash.failure))
     host = ready.run.host if ready.run else None
     if isinstance(host, _Talks):
         host.keep_traffic()
@@ -80,9 +79,9 @@ def drive_again(
     steps = _AlsoAt(_EVERY_STEP_HZ, samples)
     (row,) = run_ready(ready, lambda: False, lambda _: None, steps)
     if not ready.lanes:
-        return DrivenAgain(row)
+        return ReplayResult(row)
     traffic = host.traffic if isinstance(host, _Talks) else None
-    return DrivenAgain(row, _setting(ready), _only(steps), _only(samples), traffic)
+    return ReplayResult(row, _setting(ready), _only(steps), _only(samples), traffic)
 
 
 def _only(recorder: Recorder) -> Columns:

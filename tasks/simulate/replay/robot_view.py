@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle.ros_robot import RosRobot
-from tasks.simulate.host.drive.twist import twist_map
-from tasks.simulate.host.ros_declaration import read_ros_robot
-from tasks.simulate.refusal import RobotRefused
+from specs.bundle_files import RosRobot
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.host.declaration import read_ros_robot
+from tasks.simulate.host.twist_drive import twist_map
 
 _ROBOTS_KEPT = 8
 

@@ -9,10 +9,9 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Bool, Float32, Int
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.engine.lane_transfer import LaneTransfer
-from tasks.simulate.sensor.noise import seed_words
-from tasks.simulate.training.training_program import TrainingProgram
-from tasks.simulate.training.vector_program import PackedTraining, Renewal, Standing
+from tasks.simulate.engines.program import LaneTransfer
+from tasks.simulate.sensors.sensor import seed_words
+from tasks.simulate.training.training_program import PackedTraining, Renewal, Standing, TrainingProgram
 
 # A reward and two flags, and how the episode stands, go before what is seen.
 _GIVEN, _FIRST = 3, 12

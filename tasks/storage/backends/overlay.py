@@ -8,7 +8,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
-from tasks.storage.base.atomic_file import whole_file
+from tasks.storage.base.local_files import whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, Store, StoredObject
 
 

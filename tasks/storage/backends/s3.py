@@ -7,8 +7,10 @@ and then refused, because its own first copy is there: the mark tells that copy 
 
 import hashlib
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import datetime
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import NoReturn, cast
 from uuid import uuid4
@@ -23,13 +25,74 @@ from specs.errors import (
     StoreUnreachable,
 )
 from tasks.storage.backends.s3_access import access_to
-from tasks.storage.backends.s3_client import PART_BYTES, Answer, S3Client, is_etag_of
-from tasks.storage.backends.s3_errors import FAULTS, s3_error
-from tasks.storage.backends.s3_objects import entry_of, list_objects, list_uploads, object_mark, server_now_s
-from tasks.storage.base.atomic_file import whole_file
-from tasks.storage.base.disk_space import room_in
-from tasks.storage.base.key_rules import checked_key
+from tasks.storage.backends.s3_client import FAULTS, PART_BYTES, Answer, S3Client, is_etag_of, s3_error
+from tasks.storage.base.keys import checked_key
+from tasks.storage.base.local_files import room_in, whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
+
+
+def list_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> Iterator[Entry]:
+    """Yields the objects below a folder as the server lists them, a thousand in a request.
+
+    Args:
+        client: Talks to the server.
+        bucket: Whose objects.
+        prefix: Of the store, which its keys do not begin with.
+        folder: The prefix with what follows it.
+    """
+    page: dict[str, object] = {}
+    while True:
+        answer = client.call("list_objects_v2", Bucket=bucket, Prefix=folder, **page)
+        for found in cast("list[Answer]", answer.get("Contents", [])):
+            yield entry_of(cast("str", found["Key"]).removeprefix(prefix), found, "Size")
+        if not answer.get("IsTruncated"):
+            return
+        page = {"ContinuationToken": answer["NextContinuationToken"]}
+
+
+def list_uploads(client: S3Client, bucket: str, prefix: str, folder: str) -> list[Entry]:
+    """Returns the uploads in parts that have not come to their end; sizes would cost a request each, and are 0.
+
+    Args:
+        client: The connection.
+        bucket: The bucket.
+        prefix: The store's place in the bucket.
+        folder: The folder of the store that is listed.
+    """
+    found: list[Entry] = []
+    page: dict[str, object] = {}
+    while True:
+        answer = client.call("list_multipart_uploads", Bucket=bucket, Prefix=folder, **page)
+        for upload in cast("list[Answer]", answer.get("Uploads", [])):
+            key = cast("str", upload["Key"])
+            if key.startswith(folder):  # some servers list more than they are asked for
+                began_s = _second(upload["Initiated"])
+                found.append(Entry(key.removeprefix(prefix), 0, began_s, cast("str", upload["UploadId"])))
+        if not answer.get("IsTruncated"):
+            return sorted(found, key=lambda entry: (entry.key, entry.mark))
+        page = {"KeyMarker": answer["NextKeyMarker"], "UploadIdMarker": answer["NextUploadIdMarker"]}
+
+
+def entry_of(key: str, answer: Answer, size_field: str) -> Entry:
+    """Returns an object from what the server tells of it in a listing, or when it is asked for it alone."""
+    return Entry(key, cast("int", answer[size_field]), _second(answer["LastModified"]), object_mark(answer))
+
+
+def object_mark(answer: Answer) -> str:
+    """Returns an object's ETag and the second of its last write, the same from a listing and from asking for it."""
+    return f"{answer['ETag']}-{_second(answer['LastModified']):.0f}"
+
+
+def server_now_s(client: S3Client, bucket: str, prefix: str) -> float:
+    """Returns the time by the server's clock, in whole seconds, from the head of an answer."""
+    answer = client.call("list_objects_v2", Bucket=bucket, Prefix=prefix, MaxKeys=1)
+    headers = cast("Mapping[str, Mapping[str, str]]", answer["ResponseMetadata"])["HTTPHeaders"]
+    return parsedate_to_datetime(headers["date"]).timestamp()
+
+
+def _second(time: object) -> float:
+    return float(int(cast("datetime", time).timestamp()))
+
 
 _MARK = "simyard-write"
 _ATTEMPTS = 5

@@ -8,25 +8,80 @@ taking raises the epoch by one.
 A holder that was paused may wake up after it was replaced: it must look at ``Claim.lost`` before it acts, and what it
 writes must be harmless anyway (created once, or compared and swapped).
 
-A claim may also be released on behalf of a holder that shows no life (tasks.storage.jobs.claim_state), so that nobody
-has to watch it again. A holder that was only paused takes it back with its next heartbeat, unless another one was
-faster.
+A claim may also be released on behalf of a holder that shows no life (``ClaimWatch``), so that nobody has to watch it
+again. A holder that was only paused takes it back with its next heartbeat, unless another one was faster.
 """
 
 import logging
+import os
 import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from contextvars import copy_context
 from functools import partial
+from pathlib import Path
 from uuid import uuid4
 
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
-from tasks.storage.base.encoding import decode_document, encode_document
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, this_process
+from tasks.storage.base.store import Store, decode_document, encode_document
+
+_PROC = Path("/proc")
+_ENDED_STATES = frozenset("ZX")
+
+
+class ProcessIdentity(Spec):
+    """One process, never mistaken for a later one that was given the same number.
+
+    Attributes:
+        host: The running kernel and the space in which ``pid`` counts (containers have their own); empty where the
+            system does not tell.
+        pid: The process's number.
+        started: When it started, in the kernel's ticks since boot; empty where the system does not tell.
+    """
+
+    host: str
+    pid: int
+    started: str
+
+
+def this_process() -> ProcessIdentity:
+    """Returns the identity of the calling process."""
+    return process_of(os.getpid())
+
+
+def process_of(pid: int) -> ProcessIdentity:
+    """Returns the identity of the process that has the number now; one that has ended has no start."""
+    state = _state_and_start(pid)
+    return ProcessIdentity(host=_host(), pid=pid, started=state[1] if state else "")
+
+
+def is_known_dead(process: ProcessIdentity) -> bool:
+    """Returns whether the process certainly runs no more; False for one on another host, of which nothing is known."""
+    if not process.started or not process.host or process.host != _host():
+        return False
+    state = _state_and_start(process.pid)
+    return state is None or state[1] != process.started or state[0] in _ENDED_STATES
+
+
+def _host() -> str:
+    try:
+        boot = (_PROC / "sys/kernel/random/boot_id").read_text().strip()
+        space = (_PROC / "self/ns/pid").readlink()
+    except OSError:
+        return ""
+    return f"{boot} {space}"
+
+
+def _state_and_start(pid: int) -> tuple[str, str] | None:
+    # proc(5): the name in brackets may hold anything; state is the field behind it, the start time the 20th.
+    try:
+        fields = (_PROC / str(pid) / "stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return None
+    return fields[0], fields[19]
+
 
 _LOG = logging.getLogger(__name__)
 _LONGEST_POLL_S = 0.2
@@ -231,3 +286,55 @@ def _write_first(store: Store, key: str, record: ClaimRecord, etag: str | None) 
 def _new_record(epoch: int, ttl_s: float) -> ClaimRecord:
     owner = uuid4().hex
     return ClaimRecord(owner=owner, process=this_process(), epoch=epoch, beat=0, ttl_s=ttl_s, released=False)
+
+
+class ClaimWatch:
+    """Looks at a claim again and again; its holder is gone when nobody has renewed it for the time it is good for.
+
+    Args:
+        store: Where the claim lies.
+        key: See ``tasks.storage.base.keys.claim_key``.
+        now_s: A clock that never goes back.
+    """
+
+    def __init__(self, store: Store, key: str, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._store = store
+        self._key = key
+        self._now_s = now_s
+        self._seen = ""
+        self._found: ClaimRecord | None = None
+        self._since_s = 0.0
+        self._writes = 0
+
+    @property
+    def renewed(self) -> bool:
+        """Whether somebody was seen to write it: its holder lives, or another one took it."""
+        return self._writes > 1
+
+    def is_left(self) -> bool:
+        """Returns whether nobody works on it as far as can be told from what was seen until now."""
+        try:
+            stored = self._store.get(self._key)
+        except ObjectNotFound:
+            self._found = None
+            return True
+        if stored.etag != self._seen:
+            self._seen, self._since_s = stored.etag, self._now_s()
+            self._writes += 1
+        found = self._found = decode_document(ClaimRecord, stored, self._store, self._key)
+        return found.released or self._now_s() - self._since_s >= found.ttl_s or is_known_dead(found.process)
+
+    def release(self) -> bool:
+        """Returns whether the claim is free now, having released it on behalf of a holder that left it.
+
+        Only exactly what was seen is written over, so that a holder which renews it at the same moment keeps it; one
+        that was paused takes it back when it wakes up, and is first, or finds itself replaced.
+        """
+        if self._found is None or self._found.released:
+            return True
+        try:
+            body = encode_document(self._found.model_copy(update={"released": True}))
+            self._seen = self._store.replace(self._key, body, self._seen)
+        except (ObjectConflict, ObjectNotFound):
+            return False
+        return True

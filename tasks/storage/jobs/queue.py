@@ -15,9 +15,8 @@ from pydantic import Field, JsonValue
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreAway, StoreError
 from specs.job_kinds import JobKind
-from tasks.storage.base.encoding import decode_document, encode_document
 from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
-from tasks.storage.base.store import Entry, Store
+from tasks.storage.base.store import Entry, Store, decode_document, encode_document
 
 _LOG = logging.getLogger(__name__)
 

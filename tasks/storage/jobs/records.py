@@ -2,14 +2,21 @@
 
 The token is recorded before the job, and the job's id is made from kind and token, so that a process that dies between
 the two leaves nothing that the next one does not complete. Between the two the job is marked as open, so that lists
-find it (tasks.storage.jobs.lines).
+find it (tasks.storage.jobs.index_segments).
+
+A listener hears of each change of a job's status: a context variable, so that no function needs a parameter. It hears
+of what is in the store already, from the process that changed it, so that a change is announced once at most however
+often a job is killed and continued.
 """
 
 import hashlib
 import json
+import logging
 import time
-from collections.abc import Collection, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from itertools import islice
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -17,6 +24,7 @@ from pydantic import JsonValue
 from specs.arn import RUN_KIND, absence, arn
 from specs.base import Fault, Spec
 from specs.errors import (
+    DocumentError,
     IdempotentParameterMismatch,
     ObjectConflict,
     ObjectExists,
@@ -26,14 +34,126 @@ from specs.errors import (
 )
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.robomaker.failure_codes import JobFailureCode, require_code_of
-from tasks.storage.base.encoding import decode_document, encode_document
-from tasks.storage.base.keys import job_key, jobs_prefix, token_key
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.job_token import JobToken, token_mismatch
-from tasks.storage.jobs.lines.marks import mark_of, mark_open, unmark
-from tasks.storage.jobs.request_changes import changes_text
-from tasks.storage.jobs.transitions import Transition, announce_transition
+from tasks.storage.base.keys import claim_key, job_key, jobs_prefix, token_key
+from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.jobs.claim import hold_claim_unless_alive
+from tasks.storage.jobs.index_segments import mark_of, mark_open, unmark
 from tasks.storage.store_url import store_id
+
+
+class JobToken(Spec):
+    """A token, and which job it made of which request.
+
+    Attributes:
+        request_digest: SHA-256 of the request's canonical JSON.
+        id: The job's.
+    """
+
+    token: str
+    request_digest: str
+    id: str
+
+
+def token_mismatch(kind: JobKind, known: JobToken, digest: str, changes: str) -> IdempotentParameterMismatch:
+    """Returns the refusal of a token that came before with another request.
+
+    Args:
+        kind: The kind of job.
+        known: What the token stands for.
+        digest: Of the request that comes now.
+        changes: What differs; empty where the first request is not known any more.
+    """
+    what = f": {changes}" if changes else ""
+    digests = f"request {known.request_digest}, now {digest}"
+    allowed = f"came before with another request ({known.id}){what}; send the same one, or another token ({digests})"
+    return IdempotentParameterMismatch(
+        [Fault(path="clientRequestToken", value=repr(known.token), allowed=allowed)], source=kind
+    )
+
+
+_SHOWN = 3
+_VALUE_CHARACTERS = 40
+_NOTHING = "nothing"
+
+
+def changes_text(before: JsonValue, after: JsonValue) -> str:
+    """Returns the first fields that differ, each with both values, in one line."""
+    found = list(islice(_changes(before, after, ""), _SHOWN + 1))
+    return ", ".join(found[:_SHOWN]) + (", ..." if len(found) > _SHOWN else "")
+
+
+def _changes(before: JsonValue, after: JsonValue, path: str) -> Iterator[str]:
+    if isinstance(before, dict) and isinstance(after, dict):
+        for key in sorted(before.keys() | after.keys()):
+            yield from _changes(before.get(key), after.get(key), f"{path}.{key}" if path else key)
+    elif isinstance(before, list) and isinstance(after, list) and len(before) == len(after):
+        for place, (old, new) in enumerate(zip(before, after, strict=True)):
+            yield from _changes(old, new, f"{path}[{place}]")
+    elif before != after:
+        yield f"{path} was {_value(before)} and is {_value(after)}"
+
+
+def _value(value: JsonValue) -> str:
+    if value is None:
+        return _NOTHING
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    text = repr(value)
+    return text if len(text) <= _VALUE_CHARACTERS else f"{text[:_VALUE_CHARACTERS]}..."
+
+
+logger = logging.getLogger(__name__)
+
+
+class Transition(NamedTuple):
+    """A job's change from one status to another.
+
+    Attributes:
+        kind: Of the job, such as ``simulation-job-batch``.
+        arn: The job's.
+        was: Its status before.
+        status: Its status now.
+        failure_code: RoboMaker's failure code, or empty.
+        failure_reason: For a person, or empty.
+        flow: The flow that a run is of: ``pipeline``, or a stage that runs alone; empty for any other job.
+    """
+
+    kind: JobKind
+    arn: str
+    was: str
+    status: str
+    failure_code: str
+    failure_reason: str
+    flow: str = ""
+
+
+Listener = Callable[[Transition], None]
+
+
+def _nobody(transition: Transition) -> None:
+    """Drops what is told: nobody listens."""
+
+
+_listener: ContextVar[Listener] = ContextVar("simyard_transition_listener", default=_nobody)
+
+
+@contextmanager
+def listen_to_transitions(listener: Listener) -> Generator[None, None, None]:
+    """Lets the listener hear of transitions inside the ``with`` block; it must not raise."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
+
+
+def announce_transition(transition: Transition) -> None:
+    """Tells the log, and the listener of this context, of a transition that is in the store."""
+    fields = {name: value for name, value in transition._asdict().items() if value}
+    why = [text for text in (transition.failure_code, transition.failure_reason) if text]
+    logger.info("%s", ": ".join([f"{transition.arn} is {transition.status}", *why]), extra={"fields": fields})
+    _listener.get()(transition)
+
 
 TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
 _STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
@@ -297,3 +417,23 @@ def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
         fault = Fault(path=kind, value=repr(wanted), allowed=absence([kind], store.url))
         raise ResourceNotFound([fault], source="store") from exc
     return decode_document(JobRecord, stored, store, key), stored.etag
+
+
+_GOING = frozenset({"Pending", "Running", "Canceling"})
+
+
+def cancel_watched_job(store: Store, kind: JobKind, job: str) -> JobRecord:
+    """Returns the record of a job that is being cancelled, or is Canceled at once where nobody works on it.
+
+    Raises:
+        ResourceNotFound: No such job.
+        DocumentError: It has ended.
+    """
+    record = advance(store, kind, job, "Canceling", only_from=_GOING)
+    if record.status != "Canceling":
+        fault = Fault(path="arn", value=repr(job), allowed=f"a job that is under way; this one is {record.status}")
+        raise DocumentError([fault], source="simyard")
+    with hold_claim_unless_alive(store, claim_key(kind, job)) as claim:
+        if claim is None:
+            return record
+        return advance(store, kind, job, "Canceled", only_from={"Canceling"})

@@ -13,12 +13,11 @@ from typing import Literal
 import numpy as np
 
 from specs.data.world import Color, Door, Passage, Solid
-from tasks.worlds.brief import Brief
 from tasks.worlds.floorplan.floorplan import FloorPlan
-from tasks.worlds.floorplan.passages import HUBS, Gap
+from tasks.worlds.floorplan.passages import HUBS, START_CLEAR_M, Gap
 from tasks.worlds.floorplan.scoring import WALL_M
-from tasks.worlds.floorplan.start import START_CLEAR_M
-from tasks.worlds.geometry.boxes import QUARTER_TURN_RAD, Box, rounded
+from tasks.worlds.geometry import QUARTER_TURN_RAD, Box, rounded
+from tasks.worlds.resolved_template import ResolvedTemplate
 
 LEAF_THICKNESS_M = 0.04
 LEAF_PLAY_M = 0.01
@@ -76,7 +75,7 @@ class Hanging:
         )
 
 
-def build_doors(brief: Brief, plan: FloorPlan, rng: np.random.Generator) -> tuple[Door, ...]:
+def build_doors(brief: ResolvedTemplate, plan: FloorPlan, rng: np.random.Generator) -> tuple[Door, ...]:
     """Returns the doors of one interior as they stand; none for a template whose doorways have no doors.
 
     Args:
@@ -121,7 +120,7 @@ def open_leaves(doors: Sequence[Door], passages: Sequence[Passage]) -> tuple[Sol
 
 
 @lru_cache(maxsize=64)
-def hang_doors(brief: Brief, plan: FloorPlan) -> tuple[Hanging, ...]:
+def hang_doors(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Hanging, ...]:
     """Returns how the doors of a plan hang, one for each doorway; none where the template wants none."""
     if brief.doors is None:
         return ()
@@ -155,7 +154,7 @@ def _way(gap: Gap, number: int, room: int, side: int, end: int) -> Hanging:
     return Hanging(number, room, (hinge[0], hinge[1]), closed, 1 if turn > 0 else -1, length, swing)
 
 
-def _cost(brief: Brief, plan: FloorPlan, way: Hanging, others: Sequence[Hanging]) -> float:
+def _cost(brief: ResolvedTemplate, plan: FloorPlan, way: Hanging, others: Sequence[Hanging]) -> float:
     """Returns what stands against a way to hang a door, given how the others hang."""
     swing, floor = way.swing, plan.floors[way.room]
     start = (max(swing.x_min, -swing.x_max, 0.0), max(swing.y_min, -swing.y_max, 0.0))

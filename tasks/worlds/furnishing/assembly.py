@@ -12,9 +12,8 @@ from specs.data.world import Color, Furniture, Solid
 from tasks.worlds.furnishing.placement import turn_quarters
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import compose
-from tasks.worlds.furniture.furniture_type import TypeName
-from tasks.worlds.furniture.primitives import Paint, Primitive, Size, Style
-from tasks.worlds.geometry.boxes import QUARTER_TURN_RAD, rounded
+from tasks.worlds.furniture.furniture_type import Paint, Primitive, Size, Style, TypeName
+from tasks.worlds.geometry import QUARTER_TURN_RAD, rounded
 
 
 class Palette(NamedTuple):

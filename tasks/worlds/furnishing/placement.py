@@ -1,12 +1,180 @@
-"""Puts a group where it suits it best: on the floor, in nobody's way, and leaving the ways open."""
+"""Puts a group where it suits it best: on the floor, in nobody's way, and leaving the ways open for a robot."""
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 
-from tasks.worlds.furnishing.groups.group import FurnitureGroup
-from tasks.worlds.furnishing.room_access import robot_gets_around
+from tasks.worlds.furnishing.groups import FurnitureGroup
+from tasks.worlds.furnishing.intervals import Spot, find_spots
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
-from tasks.worlds.furnishing.spots import Spot, find_spots
-from tasks.worlds.furnishing.suitability import placement_cost
+from tasks.worlds.geometry import Box, flood
+
+_CELL_M = 0.1
+# What the clearance grid takes from a way at most: see GRID_SLACK there, and half of its cell.
+_PLAY_M = 0.09
+_CONNECTED = 0.78
+
+
+def robot_gets_around(
+    floor: Box, bodies: Sequence[Box], entries: Sequence[tuple[float, float]], radius_m: float
+) -> bool:
+    """Returns whether a robot gets around in a room.
+
+    Args:
+        floor: The room's floor.
+        bodies: What stands on it.
+        entries: Where a robot stands that has just come in, or starts.
+        radius_m: The robot's radius.
+    """
+    room = floor.grown(-radius_m - _PLAY_M)
+    rows, columns = int(room.width / _CELL_M) + 1, int(room.height / _CELL_M) + 1
+    if min(rows, columns) < 2:
+        return not bodies
+    starts = _row_starts(rows, columns)
+    free = starts[rows] * ((1 << columns) - 1)
+    for body in bodies:
+        free &= ~_covered(body, room, radius_m + _PLAY_M, rows, columns)
+    if not entries:
+        return _has_large_part(free, columns + 1)
+    cells = [_cell(room, entry, rows, columns) for entry in entries]
+    if not all(free & cell for cell in cells):
+        return False
+    part = flood(cells[0], free, columns + 1)
+    return all(part & cell for cell in cells) and part.bit_count() >= _CONNECTED * free.bit_count()
+
+
+@lru_cache(maxsize=256)
+def _row_starts(rows: int, columns: int) -> tuple[int, ...]:
+    """Returns the first cells of so many rows, for 0 to ``rows``; rows are a cell further apart than they are long."""
+    starts = [0]
+    for row in range(rows):
+        starts.append(starts[-1] | 1 << row * (columns + 1))
+    return tuple(starts)
+
+
+def _covered(body: Box, room: Box, by_m: float, rows: int, columns: int) -> int:
+    """Returns the cells from which a robot would touch a body.
+
+    Args:
+        body: The body.
+        room: Where the robot's middle may be.
+        by_m: How near it may come to the body.
+        rows: How many cells there are along x.
+        columns: How many cells there are along y.
+    """
+    x_min, y_min, x_max, y_max = body
+    low_x = max(int((x_min - by_m - room.x_min) / _CELL_M) + 1, 0)
+    high_x = min(max(int((x_max + by_m - room.x_min) / _CELL_M) + 1, 0), rows)
+    low_y = max(int((y_min - by_m - room.y_min) / _CELL_M) + 1, 0)
+    high_y = min(max(int((y_max + by_m - room.y_min) / _CELL_M) + 1, 0), columns)
+    if high_x <= low_x or high_y <= low_y:
+        return 0
+    block = _row_starts(rows, columns)[high_x - low_x] * ((1 << high_y - low_y) - 1)
+    return block << low_x * (columns + 1) + low_y
+
+
+def _cell(room: Box, point: tuple[float, float], rows: int, columns: int) -> int:
+    x = min(max(round((point[0] - room.x_min) / _CELL_M), 0), rows - 1)
+    y = min(max(round((point[1] - room.y_min) / _CELL_M), 0), columns - 1)
+    return 1 << x * (columns + 1) + y
+
+
+def _has_large_part(free: int, row: int) -> bool:
+    """Returns whether nearly all free cells hang together."""
+    wanted, left = _CONNECTED * free.bit_count(), free
+    while left and left.bit_count() >= wanted:
+        part = flood(left & -left, left, row)
+        if part.bit_count() >= wanted:
+            return True
+        left &= ~part
+    return False
+
+
+# What standing in the middle of a room costs, where that is no hall: there people do so.
+_FREE_STANDING_COST, _IN_HALLS = 1.5, 0.1
+_HALL_M2 = 80.0
+_CORNERLESS_COST = 3.0
+_TURNED_AWAY_COST = 4.0
+
+
+def placement_cost(
+    rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup, spots: Sequence[Spot]
+) -> list[float]:
+    """Returns how little each place suits a group.
+
+    Args:
+        rng: Decides between places that suit alike.
+        scene: The room.
+        group: What is to be placed.
+        spots: The places.
+    """
+    taste = group.taste
+    chances = rng.random(len(spots)).tolist()
+    cost = [taste.chance * chance + taste.middle * spot.aside for chance, spot in zip(chances, spots, strict=True)]
+    if len(scene.lines) > 4:
+        away = _FREE_STANDING_COST if scene.floor.area < _HALL_M2 else _IN_HALLS
+        cost = [each if spot.at_wall else each + away for each, spot in zip(cost, spots, strict=True)]
+    if len(group.members) > len(group.needed):
+        worth = [0.0 if member.needed else member.worth for member in group.members]
+        cost = [each - _worth(worth, spot) for each, spot in zip(cost, spots, strict=True)]
+    if taste.corner:
+        cost = [each - taste.corner * spot.held for each, spot in zip(cost, spots, strict=True)]
+    if group.anchor == "corner":
+        cost = [each + _CORNERLESS_COST * (spot.held < 0.99) for each, spot in zip(cost, spots, strict=True)]
+    if taste.window and scene.sills:
+        cost = [each - taste.window * _below_windows(scene, spot) for each, spot in zip(cost, spots, strict=True)]
+    if taste.away and scene.keep_clear:
+        ways = [box.center for box in scene.keep_clear]
+        cost = [each + taste.away / (0.5 + _distance(spot, ways)) for each, spot in zip(cost, spots, strict=True)]
+    company = _company_cost(scene, group, spots)
+    return [each + more for each, more in zip(cost, company, strict=True)] if company else cost
+
+
+def _worth(worth: list[float], spot: Spot) -> float:
+    total = 0.0
+    for free, each in zip(spot.free, worth, strict=True):
+        if free:
+            total += each
+    return total
+
+
+def _company_cost(scene: RoomScene, group: FurnitureGroup, spots: Sequence[Spot]) -> list[float]:
+    """Returns what each place costs for what stands near it and across from it; nothing where that does not matter."""
+    taste, cost = group.taste, [0.0] * len(spots)
+    near = [piece.center for piece in scene.pieces if piece.type in taste.near] if taste.near else []
+    same = [piece.center for piece in scene.pieces if piece.type == group.members[0].kind] if taste.apart else []
+    facing = next((piece for piece in scene.pieces if piece.type == taste.facing), None) if taste.facing else None
+    if near:
+        cost = [0.5 * _distance(spot, near) for spot in spots]
+    if same:
+        cost = [each + 2.0 / (0.5 + _distance(spot, same)) for each, spot in zip(cost, spots, strict=True)]
+    if facing:
+        cost = [each + _facing_cost(facing, spot) for each, spot in zip(cost, spots, strict=True)]
+    return cost if near or same or facing else []
+
+
+def _below_windows(scene: RoomScene, spot: Spot) -> float:
+    """Returns how well a place lies below a window, 0-1."""
+    along = spot.center[spot.quarter % 2]
+    return max(
+        (max(1.0 - abs(along - sill.middle), 0.0) for sill in scene.sills if sill.quarter == spot.quarter), default=0.0
+    )
+
+
+def _distance(spot: Spot, points: Sequence[tuple[float, float]]) -> float:
+    """Returns how far a place is from the nearest of the points."""
+    x, y = spot.center
+    return math.sqrt(min([(x - px) * (x - px) + (y - py) * (y - py) for px, py in points]))
+
+
+def _facing_cost(piece: Piece, spot: Spot) -> float:
+    """Returns how far a place is from being across from a piece: in line, and turned to it."""
+    axis = piece.quarter % 2
+    turned_away = _TURNED_AWAY_COST * (spot.quarter != (piece.quarter + 2) % 4)
+    return abs(spot.center[axis] - piece.center[axis]) + turned_away
+
 
 _CAREFUL_TRIES = 4
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from tasks.worlds.floorplan.floorplan import START_CLEAR_M
-from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furniture.furniture_type import TypeName
-from tasks.worlds.furniture.primitives import Size
-from tasks.worlds.geometry.boxes import EPSILON_M, Box
+from tasks.worlds.floorplan.floorplan import START_CLEAR_M, Pane
+from tasks.worlds.furniture.furniture_type import Size, TypeName
+from tasks.worlds.geometry import EPSILON_M, Box
 
 _WINDOW_DEPTH_M = 0.6
 # Rooms at least this deep have lines in their middle, so far from each other at least, along which things stand back
@@ -40,7 +38,7 @@ class Piece(NamedTuple):
     covers_m2: float = 0.0
 
 
-class BackLine(NamedTuple):
+class WallLine(NamedTuple):
     """Where backs stand: facing ``quarter``, at a coordinate across, from one along to another.
 
     Attributes:
@@ -64,10 +62,10 @@ class BackLine(NamedTuple):
     right: float
 
 
-def _line(quarter: int, at: float, start: float, end: float, *, wall: bool) -> BackLine:
+def _line(quarter: int, at: float, start: float, end: float, *, wall: bool) -> WallLine:
     ahead = 1.0 if quarter < 2 else -1.0
     left, right = (wall * (1.0 if side * ahead > 0 else _WRONG_CORNER) for side in (1, -1))
-    return BackLine(quarter, at, start, end, wall, quarter % 2, 1.0 if quarter in {0, 3} else -1.0, ahead, left, right)
+    return WallLine(quarter, at, start, end, wall, quarter % 2, 1.0 if quarter in {0, 3} else -1.0, ahead, left, right)
 
 
 LineBox = tuple[float, float, float, float]
@@ -159,7 +157,7 @@ class RoomScene:
     floor: Box
     keep_clear: tuple[Box, ...]
     way_m: float
-    lines: tuple[BackLine, ...]
+    lines: tuple[WallLine, ...]
     sills: tuple[Sill, ...] = ()
     entries: tuple[tuple[float, float], ...] = ()
     holds_start: bool = True
@@ -255,7 +253,7 @@ def way_width(radius_m: float) -> float:
     return round(2 * (radius_m + 0.11), 2)
 
 
-def _walls(floor: Box) -> tuple[BackLine, ...]:
+def _walls(floor: Box) -> tuple[WallLine, ...]:
     # The back stands at the south, east, north or west wall for 0, 1, 2 or 3 quarter turns.
     return (
         _line(0, floor.y_min, floor.x_min, floor.x_max, wall=True),
@@ -265,7 +263,7 @@ def _walls(floor: Box) -> tuple[BackLine, ...]:
     )
 
 
-def _spines(floor: Box, way_m: float) -> tuple[BackLine, ...]:
+def _spines(floor: Box, way_m: float) -> tuple[WallLine, ...]:
     """Returns the lines in the middle of a large room, along its longer side; both faces of each."""
     wide = floor.width >= floor.height
     across, along = (floor.height, floor.width) if wide else (floor.width, floor.height)
@@ -276,7 +274,7 @@ def _spines(floor: Box, way_m: float) -> tuple[BackLine, ...]:
         return ()
     runs = max(1, round(length / (_SPINE_M + margin)))
     run = (length - (runs - 1) * margin) / runs
-    lines: list[BackLine] = []
+    lines: list[WallLine] = []
     for bay in range(1, bays):
         at = round(base + across * bay / bays, 2)
         starts = [round(first + margin + n * (run + margin), 2) for n in range(runs)]

@@ -1,30 +1,28 @@
 """Bathroom furniture: toilets, washbasins, showers, baths and laundry machines."""
 
 from tasks.worlds.furniture.furniture_type import (
-    HALLS,
-    FurnitureType,
-    Taste,
-    Variant,
-    essential,
-    likely,
-    occasional,
-    one_size,
-)
-from tasks.worlds.furniture.primitives import (
     DARK,
     FRONT,
     GLASS,
+    HALLS,
     PORCELAIN,
     SCREEN,
     STEEL,
     WATER,
     WHITE,
     WORKTOP,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
+    essential,
     fronts,
+    likely,
+    occasional,
+    one_size,
     post,
     shade,
 )

@@ -1,18 +1,24 @@
 """Beds and floor lamps."""
 
-from tasks.worlds.furniture.furniture_type import FurnitureType, Taste, Variant, essential, likely, occasional, one_size
-from tasks.worlds.furniture.primitives import (
+from tasks.worlds.furniture.furniture_type import (
     CUSHION,
     DARK,
     FABRIC,
     LINEN,
     WHITE,
     WOOD,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
+    essential,
     legs,
+    likely,
+    occasional,
+    one_size,
     post,
     shade,
 )

@@ -1,15 +1,6 @@
 """Cabinets: chests, nightstands, sideboards, bars, corner cabinets and media units."""
 
 from tasks.worlds.furniture.furniture_type import (
-    FurnitureType,
-    Taste,
-    essential,
-    likely,
-    occasional,
-    one_size,
-    usual_and_long,
-)
-from tasks.worlds.furniture.primitives import (
     BOTTLE,
     CUSHION,
     DARK,
@@ -18,15 +9,22 @@ from tasks.worlds.furniture.primitives import (
     SPIRIT,
     STEEL,
     WOOD,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
     block,
     cabinet_body,
+    essential,
     front_face,
     fronts,
+    likely,
+    occasional,
+    one_size,
     post,
     shade,
+    usual_and_long,
 )
 
 

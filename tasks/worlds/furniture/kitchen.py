@@ -1,22 +1,28 @@
 """Kitchen units in modules of 0.6 m under one worktop at 0.9 m (EN 1116), and islands."""
 
-from tasks.worlds.furniture.furniture_type import HALLS, FurnitureType, Taste, Variant, essential, likely, occasional
-from tasks.worlds.furniture.primitives import (
+from tasks.worlds.furniture.furniture_type import (
     BASKET,
     DARK,
     FRONT,
+    HALLS,
     IRON,
     SCREEN,
     STEEL,
     WHITE,
     WOOD,
     WORKTOP,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
+    essential,
     fronts,
     legs,
+    likely,
+    occasional,
     post,
     shade,
 )

@@ -3,30 +3,28 @@
 import math
 
 from tasks.worlds.furniture.furniture_type import (
-    FurnitureType,
-    Taste,
-    Variant,
-    essential,
-    likely,
-    occasional,
-    one_size,
-    usual_and_long,
-)
-from tasks.worlds.furniture.primitives import (
     BASKET,
     CUSHION,
     DARK,
     FABRIC,
     STEEL,
     WOOD,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
+    essential,
     legs,
+    likely,
+    occasional,
+    one_size,
     post,
     runners,
     shade,
+    usual_and_long,
 )
 
 _CHAIR_SEAT_M = 0.46  # EN 1335-1 and Neufert: seats of 0.42 to 0.48 m

@@ -1,29 +1,27 @@
 """Shelves and high storage: wardrobes, larders, open shelving and bookcases."""
 
 from tasks.worlds.furniture.furniture_type import (
-    FurnitureType,
-    Taste,
-    Variant,
-    essential,
-    likely,
-    occasional,
-    usual_and_long,
-)
-from tasks.worlds.furniture.primitives import (
     BASKET,
     BOARD_M,
     STEEL,
     WHITE,
     WOOD,
+    FurnitureType,
     Paint,
     Primitive,
     Range,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
     cabinet_body,
+    essential,
     fronts,
+    likely,
+    occasional,
     shade,
+    usual_and_long,
 )
 
 _BOOKS = (Paint("", (0.48, 0.2, 0.17)), Paint("", (0.2, 0.3, 0.42)), Paint("", (0.82, 0.72, 0.5)))

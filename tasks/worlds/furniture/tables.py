@@ -1,33 +1,31 @@
 """Tables, desks and serving carts."""
 
 from tasks.worlds.furniture.furniture_type import (
-    HALLS,
-    FurnitureType,
-    Taste,
-    Variant,
-    essential,
-    likely,
-    occasional,
-    one_size,
-    usual_and_long,
-)
-from tasks.worlds.furniture.primitives import (
     BOTTLE,
     CUSHION,
     DARK,
     FRONT,
+    HALLS,
     SCREEN,
     SPIRIT,
     STEEL,
     WOOD,
+    FurnitureType,
     Primitive,
     Size,
     Style,
+    Taste,
+    Variant,
     block,
+    essential,
     fronts,
     legs,
+    likely,
+    occasional,
+    one_size,
     post,
     shade,
+    usual_and_long,
 )
 
 DESK_TOP_M = 0.74

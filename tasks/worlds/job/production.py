@@ -21,8 +21,8 @@ from specs.errors import SimyardError
 from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 from specs.template.body import TemplateBody
 from tasks.storage.worlds import encode_world
+from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.generate import generate_world
-from tasks.worlds.rejection import WorldRejected
 
 # A worker takes about a second to start, in which one process makes about as many worlds.
 _WORLDS_A_WORKER = 100

@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import dijkstra
 from applications.courier.courier.go_to_goal import Kept, controller
 from applications.courier.courier.planning import RADIUS_M, Ways, cell_of, cell_weight, point_ahead, ways_to_goals
 from tasks.simulate.application.contract import FloorMap, Observation
-from tasks.simulate.engine.mjx.model import load_robot
-from tasks.simulate.surroundings.floor_map import floor_map
-from tasks.simulate.surroundings.obstacles import obstacles
+from tasks.simulate.engines.mjx.mjx_robot import load_robot
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.world_arrays import floor_map
 from tests.applications.builtin.drives import COURIER, DELIVERY, drive
 from tests.factories.simulations import COURIER as COURIER_DIGEST
 from tests.factories.simulations import FOLDERS, cluttered

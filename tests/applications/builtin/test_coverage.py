@@ -12,8 +12,8 @@ from applications.coverage.coverage.sight import MOST_SQUARES, packed, sights, s
 from applications.coverage.coverage.tour import shortened, viewpoints
 from specs.data.world import World
 from tasks.simulate.application.contract import REASONS, HostMap, Truth
-from tasks.simulate.surroundings.floor_map import floor_map
-from tasks.simulate.surroundings.obstacles import obstacles
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.world_arrays import floor_map
 from tests.applications.builtin.drives import COURIER, COVERAGE, drive
 from tests.factories.simulations import cluttered, hall, pen
 

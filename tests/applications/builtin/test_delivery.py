@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
 from specs.data.world import Rectangle, World
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
-from tasks.simulate.surroundings.floor_map import floor_map
-from tasks.simulate.surroundings.obstacles import obstacles
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.world_arrays import floor_map
 from tests.factories.simulations import cell_of, cluttered, pen
 
 RADIUS_M = 0.18

@@ -6,10 +6,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from flows.document.references import pins
+from flows.pipeline.references import pins
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.engines.engine_table import choose_engine
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import DELIVERY, FOLDERS, REPOSITORY, SCENARIO, cluttered, simulate_lanes

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from flows.document.references import pins
+from flows.pipeline.references import pins
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import REPOSITORY

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.engines.engine_table import choose_engine
 from tests.repository import ROOT
 
 GUIDE = (ROOT / "docs" / "guide" / "robots.md").read_text()

@@ -8,8 +8,8 @@ import pytest
 from applications.wanderer.wanderer.gaps import along_wall, between, free_ways_m, towards
 from applications.wanderer.wanderer.wander import HALF_TRACK_M, RADIUS_M, Lidar, controller
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.engine.mjx.model import load_robot
-from tasks.simulate.engine.planar.model import planar_robot
+from tasks.simulate.engines.mjx.mjx_robot import load_robot
+from tasks.simulate.engines.planar.planar_robot import planar_robot
 from tests.applications.builtin.drives import APPLICATIONS, COVERAGE, DELIVERY, WANDERER, drive
 from tests.factories.simulations import cluttered
 

@@ -11,9 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tasks.gateway.access.access_key import AccessKey
-from tasks.gateway.access.key_file import add_key, first_key
-from tasks.gateway.messages import HttpRequest
+from tasks.gateway.access.access_keys import AccessKey, add_key, first_key
+from tasks.gateway.rest_json import HttpRequest
 from tests.gateway.signed_requests import signed_request
 from tests.integration.runs import own_cache
 from tests.repository import ROOT

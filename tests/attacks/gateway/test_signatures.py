@@ -8,9 +8,9 @@ from urllib.parse import quote
 
 import pytest
 
+from tasks.gateway.access.access_keys import revoke_key
 from tasks.gateway.access.action_log import actions
-from tasks.gateway.access.key_file import revoke_key
-from tasks.gateway.messages import HttpRequest
+from tasks.gateway.rest_json import HttpRequest
 from tasks.storage.store_url import open_store
 from tests.attacks.gateway.served import NOBODY, Served, served
 from tests.gateway.signed_requests import changed, header

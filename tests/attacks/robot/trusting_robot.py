@@ -14,7 +14,7 @@ from pathlib import Path
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.processes import end_all
-from tasks.storage.base.encoding import encode_document
+from tasks.storage.base.store import encode_document
 from tests.attacks.conftest import Owner, Writer
 from tests.attacks.robot.verifying_robot import STAYS_UP, eventually, start_agent
 from tests.deploy.yard import marked_by

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tasks.applications.pack import pack
+from tasks.applications.registry import pack
 from tests.attacks.conftest import Owner, Writer
 from tests.repository import ROOT
 

@@ -18,8 +18,8 @@ import pytest
 from specs.data.column_bytes import encode_columns
 from specs.data.episode import EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
-from tasks.simulate.chunk.chunk_bytes import results_in
-from tasks.storage.jobs.voucher import MAC_LENGTH
+from tasks.simulate.batch.chunk_store import results_in
+from tasks.storage.jobs.authenticator import MAC_LENGTH
 from tests.attacks.conftest import Owner, Writer
 from tests.integration.runs import small_document, write_document
 

@@ -15,7 +15,7 @@ from websockets.exceptions import InvalidHandshake
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from tasks.server.password import authorization
+from tasks.server.health import authorization
 from tests.attacks.conftest import Owner
 from tests.integration.runs import small_document, write_document
 from tests.servers.eventually import eventually

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from specs.terminal_text import terminal_text
+from specs.untrusted_text import terminal_text
 from tests.attacks.conftest import Owner, Writer
 from tests.repository import ROOT
 

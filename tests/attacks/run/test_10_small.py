@@ -11,7 +11,7 @@ import urllib.request
 
 import pytest
 
-from tasks.server.password import authorization
+from tasks.server.health import authorization
 from tests.attacks.conftest import Owner
 from tests.repository import ROOT
 

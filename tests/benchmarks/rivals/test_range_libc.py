@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.rivals.range_libc import occupied
-from tasks.simulate.surroundings.obstacles import Obstacles
+from tasks.simulate.geometry.obstacles import Obstacles
 
 TURNED = (1.0, 0.0, 0.5, 0.3, 0.1, 0.5, 0.0, 1.0)  # x, y, z, half extents, cosine and sine of a quarter turn
 POST = (-1.0, -1.0, 0.5, 0.2, 0.5)

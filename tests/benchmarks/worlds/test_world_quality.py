@@ -16,8 +16,8 @@ from benchmarks.worlds.world_quality_tables import FREE_FLOOR, SHAPES, quality_t
 from benchmarks.worlds.world_templates import read_template
 from specs.data.world import World
 from specs.template.body import TemplateBody
+from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.generate import generate_world
-from tasks.worlds.rejection import WorldRejected
 
 HOUSE = read_template("one-bedroom-house")
 

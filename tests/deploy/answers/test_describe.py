@@ -1,7 +1,11 @@
-from tasks.deploy.answers.describe import describe_deployment_job, describe_fleet, describe_robot
-from tasks.deploy.answers.list_pages import list_fleets, list_robots
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
+from tasks.deploy.fleet_descriptions import (
+    describe_deployment_job,
+    describe_fleet,
+    describe_robot,
+    list_fleets,
+    list_robots,
+)
 from tasks.storage.base.keys import job_key, reported_key
 from tasks.storage.base.store import Store
 from tests.deploy.puppets import PuppetRobots, run

@@ -3,10 +3,9 @@
 import pytest
 
 from specs.errors import DocumentError
-from specs.robomaker.deployment import ListDeploymentJobsRequest
-from specs.robomaker.fleet import ListFleetsRequest, ListRobotsRequest
-from tasks.deploy.answers.list_pages import list_deployment_jobs_page, list_fleets_page, list_robots_page
-from tasks.deploy.fleet.fleets import create_fleet
+from specs.robomaker.deployment import ListDeploymentJobsRequest, ListFleetsRequest, ListRobotsRequest
+from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.fleet_descriptions import list_deployment_jobs_page, list_fleets_page, list_robots_page
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.row_summary import deployment_sentence, robot_rows
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.trust.trust_choice import UNSIGNED_ALARM
+from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.fleet_descriptions import deployment_sentence, describe_deployment_job, robot_rows
+from tasks.deploy.trust.trust_record import UNSIGNED_ALARM
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.puppets import PuppetRobots, run

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tasks.deploy.answers.describe import describe_deployment_job
+from tasks.deploy.fleet_descriptions import describe_deployment_job
 from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import desired_key, reported_key

@@ -3,11 +3,9 @@
 import pytest
 
 from specs.errors import ResourceNotFound
-from tasks.deploy.answers.describe import describe_fleet
-from tasks.deploy.answers.list_pages import list_fleets, list_robots
-from tasks.deploy.fleet.deletion import delete_fleet, delete_robot
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, read_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_robot, register_robot
+from tasks.deploy.fleet.reservation import delete_fleet, delete_robot
+from tasks.deploy.fleet_descriptions import describe_fleet, list_fleets, list_robots
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import fleet_key, robot_record_key
 from tests.deploy.puppets import PuppetRobots, run

@@ -3,11 +3,19 @@
 import pytest
 
 from specs.errors import ConcurrentDeployment, ResourceNotFound, StageFailed
-from tasks.deploy.fleet.deletion import delete_fleet, delete_robot
-from tasks.deploy.fleet.fleets import create_fleet, fleets, read_fleet
-from tasks.deploy.fleet.robots import create_robot, read_desired, read_robot, register_robot, robots
-from tasks.storage.base.encoding import encode_document
+from tasks.deploy.fleet.fleet_registry import (
+    create_fleet,
+    create_robot,
+    fleets,
+    read_desired,
+    read_fleet,
+    read_robot,
+    register_robot,
+    robots,
+)
+from tasks.deploy.fleet.reservation import delete_fleet, delete_robot
 from tasks.storage.base.keys import fleet_key
+from tasks.storage.base.store import encode_document
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
@@ -66,7 +74,7 @@ def test_a_deletion_that_was_killed_halfway_is_finished_by_the_next(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("tasks.deploy.fleet.deletion.deregister_robot", killed)
+        patch.setattr("tasks.deploy.fleet.reservation.deregister_robot", killed)
         with pytest.raises(KeyboardInterrupt):
             delete_fleet(yard.store, FLEET)
     assert fleets(yard.store) == []

@@ -5,22 +5,23 @@ import pytest
 
 from specs.errors import DocumentError, ResourceNotFound, StoreError
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.fleets import create_fleet, fleets, read_fleet
-from tasks.deploy.fleet.robots import (
+from tasks.deploy.fleet.fleet_registry import (
+    create_fleet,
     create_robot,
     deregister_robot,
+    fleets,
     members,
     read_desired,
+    read_fleet,
     read_reported,
     read_robot,
     register_robot,
     robots,
 )
 from tasks.deploy.fleet.states import Desired, Reported
-from tasks.deploy.rollout.robot_requests import ask_robot
-from tasks.storage.base.encoding import encode_document
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key, reported_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 
 
 def _desired(deployment: str, epoch: int = 1) -> Desired:

@@ -4,15 +4,15 @@ import os
 import subprocess
 import sys
 
-from tasks.deploy.fleet.robots import create_robot
-from tasks.deploy.fleet.store_rights import missing_rights, silence_note
+from tasks.deploy.fleet.fleet_registry import create_robot
+from tasks.deploy.robot.account import missing_rights, silence_note
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
 from tests.storage.two_accounts import as_two_accounts
 
 AS_NOBODY = """
 import os, sys
-from tasks.deploy.fleet.store_rights import missing_rights
+from tasks.deploy.robot.account import missing_rights
 from tasks.storage.store_url import connect
 store = connect(sys.argv[1])
 os.setgroups([])

@@ -10,7 +10,7 @@ import subprocess
 from importlib import metadata
 from pathlib import Path
 
-from tasks.deploy.kit.wheel import agent_requirements
+from tasks.deploy.kit.robot_kit import agent_requirements
 
 _NAME = re.compile(r"[A-Za-z0-9._-]+")
 _UNIT = "etc/systemd/system/simyard-agent@.service"

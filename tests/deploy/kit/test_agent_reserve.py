@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import StageFailed
-from tasks.deploy.kit.agent_reserve import agent_reserve
-from tasks.deploy.kit.local_agents import local_agents
+from tasks.deploy.kit.local_agents import agent_reserve, local_agents
 from tasks.deploy.robot.agent import RESERVE
 from tasks.storage.base.store import Store
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill
@@ -20,7 +19,7 @@ NAMES = ("couriers-1", "couriers-2")
 PARENT = """
 import sys, time
 from pathlib import Path
-from tasks.deploy.kit.agent_reserve import agent_reserve
+from tasks.deploy.kit.local_agents import agent_reserve
 from tasks.storage.store_url import open_store
 with agent_reserve(open_store(sys.argv[1]), ["couriers-1"], Path(sys.argv[2]), signed=False) as begin:
     begin()

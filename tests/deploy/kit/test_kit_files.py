@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import DocumentError
-from tasks.deploy.kit.kit_files import write_kit
-from tasks.deploy.kit.wheel import wheel_name
+from tasks.deploy.kit.robot_kit import wheel_name, write_kit
 from tests.deploy.kit.robot_image import command, install
 from tests.servers.tools import need_tool
 

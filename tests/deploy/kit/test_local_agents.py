@@ -18,13 +18,12 @@ import pytest
 
 from specs.errors import BundleRefused, ConcurrentDeployment
 from specs.robomaker.bundle import Application, Version
-from tasks.deploy.answers.describe import describe_deployment_job, describe_fleet, describe_robot
-from tasks.deploy.fleet.robots import create_robot, members, read_desired, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, members, read_desired, register_robot
+from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet, describe_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import application_key, bundle_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill, programs_of, wait_for_report
 

@@ -6,8 +6,7 @@ from io import BytesIO
 
 import pytest
 
-from tasks.deploy.kit.closure import agent_sources, third_party
-from tasks.deploy.kit.wheel import agent_requirements, agent_wheel, wheel_name
+from tasks.deploy.kit.robot_kit import agent_requirements, agent_sources, agent_wheel, third_party, wheel_name
 
 # What a distribution is imported as, where that is not its name.
 HEAVY = ("jax", "prefect", "numpy", "mujoco", "scipy", "pyarrow")

@@ -8,10 +8,10 @@ from multiprocessing.context import ForkServerProcess
 import pytest
 
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.robot_requests import ask_robot
 from tasks.storage.jobs.records import records
 from tests.deploy.one_robot import desired
 from tests.deploy.promises.figures import Figures, kind, sizes

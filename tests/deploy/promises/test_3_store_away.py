@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, read_desired, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_desired, register_robot
 from tasks.deploy.robot.processes import end_all
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.store import Store

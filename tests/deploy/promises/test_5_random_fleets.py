@@ -11,7 +11,7 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.observation import phases, recorded_progress
 from tasks.deploy.rollout.resolved_request import bounds_for
-from tasks.deploy.rollout.waves import Phase
+from tasks.deploy.rollout.rollout_plan import Phase
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.store import Store
 from tests.deploy.promises.figures import Figures, kind, sizes

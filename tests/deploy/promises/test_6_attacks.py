@@ -9,10 +9,10 @@ import pytest
 
 from specs.errors import StoreError
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.trust.keyring import ROLES
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import bundle_key, desired_key
+from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import GOOD, NAME
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.trust.attacks.test_attacks import (

@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.deploy.rollout.robot_requests import ask_robot
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.archives import digest_of, install
 from tasks.storage.base.keys import bundle_key
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted

@@ -14,12 +14,12 @@ import pytest
 from specs.errors import DocumentError
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.agent import Poll, _lock_folder_alone, main
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.rollout.robot_requests import ask_robot
+from tasks.deploy.robot.processes import Stop, StopRequested
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import desired

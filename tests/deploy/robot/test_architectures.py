@@ -12,15 +12,13 @@ from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.bucket_sources import create_application, create_version
-from tasks.applications.pack import pack
-from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.robots import create_robot, members, read_desired, register_robot
+from tasks.applications.registry import pack, publish_bundle
+from tasks.deploy.fleet.fleet_registry import create_robot, members, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.resolved_request import preflight
+from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, preflight
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
-from tasks.deploy.rollout.sync import latest_deployment, plan_sync
 from tasks.deploy.trust.trust_record import Admission
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Reported
 from tests.deploy.one_robot import GOOD, NAME, OneRobot
 from tests.deploy.yard import eventually

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import ObjectNotFound, ObjectTooBig, StoreDamaged, StoreFull, StoreUnreachable
-from tasks.deploy.robot.download import download
+from tasks.deploy.robot.install import download
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect
 from tests.servers.faulty_proxy import FaultyProxy, faulty_proxy

@@ -3,7 +3,7 @@ from typing import cast
 
 import pytest
 
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.robot.reported_state import Attempt, Reporter
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import NAME, desired

@@ -4,7 +4,7 @@ import logging
 
 import pytest
 
-from tasks.deploy.fleet.robots import create_robot
+from tasks.deploy.fleet.fleet_registry import create_robot
 from tasks.deploy.robot.agent import _warn_if_unknown
 from tasks.storage.base.store import Store
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from specs.errors import StoreUnreachable
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.robot.disk import Disk, RobotState
 from tasks.deploy.robot.launch import LaunchPlace
+from tasks.deploy.robot.processes import Stop, StopRequested
 from tasks.deploy.robot.reported_state import Reporter
-from tasks.deploy.robot.shutdown import Stop, StopRequested
 from tasks.deploy.robot.update import RobotUpdater
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store

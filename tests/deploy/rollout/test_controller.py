@@ -14,7 +14,7 @@ import pytest
 from specs.errors import StageFailed, StoreUnreachable
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig
-from tasks.deploy.fleet.robots import create_robot, read_desired, read_reported, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, read_reported, register_robot
 from tasks.deploy.rollout.controller import ControllerPace
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import reported_key

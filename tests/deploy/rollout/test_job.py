@@ -8,15 +8,12 @@ import pytest
 
 from specs.errors import ConcurrentDeployment, DocumentError, IdempotentParameterMismatch, ResourceNotFound, StageFailed
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.answers.list_pages import list_deployment_jobs
-from tasks.deploy.fleet.fleets import read_fleet
-from tasks.deploy.fleet.robots import create_robot, members, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, members, read_fleet, register_robot
+from tasks.deploy.fleet_descriptions import describe_deployment_job, list_deployment_jobs
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, fleet_key
-from tasks.storage.jobs.claim import ClaimRecord, hold_claim
-from tasks.storage.jobs.holder import ProcessIdentity
+from tasks.storage.base.store import encode_document
+from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim
 from tasks.storage.jobs.records import job_id, read, records, submit
 from tasks.storage.store_url import open_store
 from tests.deploy.puppets import PuppetRobots, run

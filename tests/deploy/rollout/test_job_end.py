@@ -6,10 +6,10 @@ import pytest
 from pydantic import JsonValue
 
 from specs.errors import StoreError
-from tasks.deploy.fleet.robots import NOTHING_ASKED, read_desired
+from tasks.deploy.fleet.fleet_registry import NOTHING_ASKED, read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.rollout.job_end import close_abandoned_job
-from tasks.deploy.rollout.robot_requests import ask_robot
+from tasks.deploy.rollout.controller import ask_robot
+from tasks.deploy.rollout.operator_commands import close_abandoned_job
 from tasks.storage.base.keys import claim_key, desired_key
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
@@ -108,7 +108,7 @@ def test_who_was_killed_while_closing_leaves_a_job_that_the_next_one_closes(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("tasks.deploy.rollout.job_end.read_desired", killed)
+        patch.setattr("tasks.deploy.rollout.operator_commands.read_desired", killed)
         with pytest.raises(KeyboardInterrupt):
             _closed(yard, record)
     assert read(yard.store, KIND, record.id).status == "InProgress"

@@ -4,12 +4,11 @@ import pytest
 
 from specs.errors import DocumentError, StageFailed
 from specs.job_kinds import JobKind
-from tasks.deploy.fleet.fleets import read_fleet
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired, read_fleet
 from tasks.deploy.rollout import operator_commands
+from tasks.deploy.rollout.controller import withdraw_request, withdrawn_sequence
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.operator_commands import active_deployment, steer
-from tasks.deploy.rollout.robot_requests import withdraw_request, withdrawn_sequence
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
 from tests.deploy.puppets import PuppetRobots, run

@@ -9,8 +9,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.rollout.resolved_request import check_request, plan_deployment, preflight
 from tasks.storage.base.keys import bundle_key
 from tests.deploy.trust.signed_fleet import Owner

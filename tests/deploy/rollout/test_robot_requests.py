@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.fleet.states import MOST_SEQUENCE, Desired, Withdrawn
-from tasks.deploy.rollout.robot_requests import ask_robot
-from tasks.storage.base.encoding import encode_document
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key, reported_key
+from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import GOOD, NAME, desired
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import Yard

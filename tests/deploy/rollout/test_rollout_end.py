@@ -1,10 +1,8 @@
 """What a job's record says of how a roll-out ended."""
 
 from tasks.deploy.fleet.states import RobotProgress
-from tasks.deploy.rollout.observation import count_in_sync
-from tasks.deploy.rollout.rollout_end import rollout_end
-from tasks.deploy.rollout.rollout_plan import RolloutPlan
-from tasks.deploy.rollout.waves import Move
+from tasks.deploy.rollout.observation import count_in_sync, rollout_end
+from tasks.deploy.rollout.rollout_plan import Move, RolloutPlan
 
 WHY = "run.sh exited with 1 within 1 s, and has to stay up; its output is in logs/000001-launch.log"
 SEEN = {

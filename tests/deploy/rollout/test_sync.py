@@ -4,9 +4,8 @@ import pytest
 
 from specs.errors import IdempotentParameterMismatch, ResourceNotFound
 from specs.pipeline.simulation_section import RollOutRules
-from tasks.deploy.answers.describe import describe_deployment_job, describe_fleet
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
+from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.jobs.records import JobRecord

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.deploy.rollout.waves import Limits, Move, Phase, limits, next_move
+from tasks.deploy.rollout.rollout_plan import Limits, Move, Phase, limits, next_move
 
 
 class SimulatedFleet:

@@ -5,14 +5,14 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.launch import LaunchPlace
+from tasks.deploy.robot.processes import Stop
 from tasks.deploy.robot.reported_state import Reporter
-from tasks.deploy.robot.shutdown import Stop
 from tasks.deploy.robot.update import RobotUpdater
-from tasks.deploy.rollout.robot_requests import ask_robot
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.deploy.trust.keyring import Keyring, Role
 from tasks.deploy.trust.repository import init_keys, open_repository, renew_metadata, rotate_key
 from tasks.deploy.trust.signer import DeploymentSigner

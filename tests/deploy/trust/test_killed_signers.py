@@ -12,9 +12,8 @@ import pytest
 from specs.errors import TrustRefused
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.trust import keyring
-from tasks.deploy.trust.kept_metadata import restore_metadata
 from tasks.deploy.trust.keyring import ROLES
-from tasks.deploy.trust.repository import init_keys
+from tasks.deploy.trust.repository import init_keys, restore_metadata
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD

@@ -6,7 +6,7 @@ import pytest
 
 from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.trust.verification import Verifier
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import UNBOUNDED, Store, StoredObject

@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from specs.errors import DocumentError, TrustRefused
 from tasks.deploy.trust.keyring import ROLES, Role
-from tasks.deploy.trust.metadata_writer import LIFETIMES
-from tasks.deploy.trust.repository import init_keys, open_repository
+from tasks.deploy.trust.repository import LIFETIMES, init_keys, open_repository
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD, desired

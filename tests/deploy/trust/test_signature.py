@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from specs.errors import TrustRefused
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import Desired, Signature
-from tasks.deploy.trust.signature import payload, sign_desired, verify
-from tasks.deploy.trust.tuf_names import CryptoSigner
+from tasks.deploy.trust.keyring import CryptoSigner
+from tasks.deploy.trust.signed_fleets import payload, sign_desired, verify_desired
 
 _TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 _NAMES = st.from_regex(r"[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,7}", fullmatch=True)
@@ -46,7 +46,7 @@ _KEYS = {_SIGNER.public_key.keyid: _SIGNER.public_key}
 def test_what_was_signed_is_verified_also_after_a_way_through_the_store(desired: Desired) -> None:
     stored = sign_desired(desired, _SIGNER).model_dump_json()
 
-    verify(Desired.model_validate_json(stored), _KEYS)
+    verify_desired(Desired.model_validate_json(stored), _KEYS)
 
 
 @given(_DESIRED, _DESIRED)
@@ -57,7 +57,7 @@ def test_a_signature_fits_one_desired_state_alone(one: Desired, other: Desired) 
         assert payload(one) == payload(other)
     else:
         with pytest.raises(TrustRefused, match="changed after it was signed"):
-            verify(other.model_copy(update={"signature": signature}), _KEYS)
+            verify_desired(other.model_copy(update={"signature": signature}), _KEYS)
 
 
 @given(_DESIRED, st.data())
@@ -68,7 +68,7 @@ def test_one_field_of_another_is_found_out(desired: Desired, data: st.DataObject
 
     if getattr(other, field) != getattr(desired, field):
         with pytest.raises(TrustRefused):
-            verify(changed, _KEYS)
+            verify_desired(changed, _KEYS)
 
 
 def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
@@ -78,16 +78,16 @@ def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
     disguised = Signature(keyid=_SIGNER.public_key.keyid, value=evil.signature.value)
 
     with pytest.raises(TrustRefused, match="not the deployer's key"):
-        verify(evil, _KEYS)
+        verify_desired(evil, _KEYS)
     with pytest.raises(TrustRefused, match="changed after it was signed"):
-        verify(evil.model_copy(update={"signature": disguised}), _KEYS)
+        verify_desired(evil.model_copy(update={"signature": disguised}), _KEYS)
 
 
 def test_numbers_that_json_does_not_have_were_never_signed() -> None:
     evil = sign_desired(_example(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
 
     with pytest.raises(TrustRefused, match="cannot have been signed"):
-        verify(evil, _KEYS)
+        verify_desired(evil, _KEYS)
 
 
 def _example() -> Desired:

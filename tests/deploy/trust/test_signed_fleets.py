@@ -13,13 +13,12 @@ import pytest
 
 from specs.errors import DocumentError, TrustRefused
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, read_desired, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.robot.agent import main
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.sync import plan_sync
+from tasks.deploy.rollout.resolved_request import plan_sync
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, local_signer
 from tasks.deploy.trust.trust_record import is_unsigned
 from tasks.storage.base.keys import job_key

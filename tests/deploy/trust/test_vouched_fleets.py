@@ -6,19 +6,19 @@ from hypothesis import strategies as st
 
 from specs.errors import TrustRefused
 from tasks.deploy.fleet.states import Desired
+from tasks.deploy.trust.keyring import TargetFile, Targets
 from tasks.deploy.trust.metadata import MOST_METADATA_BYTES
-from tasks.deploy.trust.tuf_names import TargetFile, Targets
-from tasks.deploy.trust.vouched_fleets import (
+from tasks.deploy.trust.signed_fleets import (
     FIELD,
     MOST_IN_FORCE,
     MOST_REMEMBERED,
-    VouchedFleets,
+    SignedFleets,
     read_fleets,
     write_fleets,
 )
 
 _DIGEST, _OTHER = "a" * 64, "b" * 64
-_BEGUN = VouchedFleets().enlisted("couriers", ["r1", "r2"]).begun("couriers", "dep-1", [_DIGEST])
+_BEGUN = SignedFleets().enlisted("couriers", ["r1", "r2"]).begun("couriers", "dep-1", [_DIGEST])
 
 
 def _desired(robot: str = "r1", deployment: str = "dep-1", digest: str = _DIGEST) -> Desired:
@@ -56,9 +56,7 @@ def test_what_is_in_force_for_the_robots_fleet_is_accepted() -> None:
         (_BEGUN.dissolved("couriers"), _desired(), "'r1' is in no fleet"),
     ],
 )
-def test_what_is_not_in_force_for_the_robots_fleet_is_refused(
-    fleets: VouchedFleets, wanted: Desired, says: str
-) -> None:
+def test_what_is_not_in_force_for_the_robots_fleet_is_refused(fleets: SignedFleets, wanted: Desired, says: str) -> None:
     with pytest.raises(TrustRefused, match=says):
         fleets.admit(wanted)
 
@@ -155,7 +153,7 @@ _STEP = st.tuples(
 
 @given(st.lists(_STEP, max_size=20))
 def test_whatever_is_withdrawn_stays_so(steps: list[tuple[str, str, str]]) -> None:
-    fleets, gone = VouchedFleets().enlisted("couriers", ["r1"]), set[tuple[str, str]]()
+    fleets, gone = SignedFleets().enlisted("couriers", ["r1"]), set[tuple[str, str]]()
     for step, fleet, deployment in steps:
         before = {name: list(each.deployments) for name, each in fleets.fleets.items()}
         try:
@@ -168,7 +166,7 @@ def test_whatever_is_withdrawn_stays_so(steps: list[tuple[str, str, str]]) -> No
         assert len({name for name, known in fleets.fleets.items() if known.deployments}) <= 2
 
 
-def _take(fleets: VouchedFleets, step: str, fleet: str, deployment: str) -> VouchedFleets:
+def _take(fleets: SignedFleets, step: str, fleet: str, deployment: str) -> SignedFleets:
     if step == "begin":
         return fleets.begun(fleet, deployment, [_DIGEST])
     if step == "follow":

@@ -4,11 +4,10 @@ import pytest
 
 from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.robots import create_robot, read_reported, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, read_reported, register_robot
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.operator_commands import steer, withdraw_canceled
-from tasks.deploy.trust.kept_metadata import restore_metadata
-from tasks.deploy.trust.repository import open_repository, renew_metadata
+from tasks.deploy.trust.repository import open_repository, renew_metadata, restore_metadata
 from tasks.storage.base.keys import fleet_key, robot_record_key
 from tasks.storage.jobs.records import JobRecord, job_id
 from tests.deploy.one_robot import GOOD, NAME, desired

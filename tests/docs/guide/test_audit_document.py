@@ -8,21 +8,22 @@ import pytest
 import yaml
 
 from specs.pipeline.simulation_section import AUDITED_LANES, MAX_AUDITED_LANES, Audit
-from tasks.results.gate.engine_doubt import DOUBT_CHANCE
-from tasks.results.statistics.strata import lanes_needed
+from tasks.results.gate.gate_verdict import DOUBT_CHANCE
+from tasks.results.statistics.intervals import lanes_needed
 from tasks.simulate.audit.audit_drive import DISTURBANCES_M
-from tasks.simulate.audit.audit_estimate import FlipShare
-from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
-from tasks.simulate.audit.audit_sample import FAILED_ONE_IN
-from tasks.simulate.audit.audit_verdict import (
+from tasks.simulate.audit.audit_report import (
     APART_LIMIT_M,
     CALM_M,
     CHANCE,
     FAILED_FLIP_LIMIT,
     FLIP_LIMIT,
     PARTED_LIMIT,
+    AuditReport,
+    AuditVerdict,
+    FlipShare,
     exceeds,
 )
+from tasks.simulate.audit.audit_sample import FAILED_ONE_IN
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/audit.md").read_text()

@@ -14,8 +14,7 @@ from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
 from tasks.results.gate.missing_data import codes_line, rows_of_guide
 from tasks.results.statistics.intervals import quantile_ranks
-from tasks.results.statistics.power.paired import pair_needs
-from tasks.results.statistics.power.shares import quantile_needs, share_needs
+from tasks.results.statistics.power import pair_needs, quantile_needs, share_needs
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/gate.md").read_text()

@@ -12,8 +12,8 @@ import pytest
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.result_columns import SCHEMA_VERSION
 from tasks.results.statistics.intervals import wilson
+from tasks.results.tables.episode_tables import failures_table, results_table
 from tasks.results.tables.parquet import write_parquet
-from tasks.results.tables.tables import failures_table, results_table
 from tasks.storage.store_url import connect
 from tests.factories.episodes import canceled, collided, crashed, passed, request
 from tests.repository import ROOT

@@ -10,7 +10,7 @@ from specs.pipeline.document import PipelineSpec
 from specs.robomaker.simulation import SimulationJobBatchStatus, SimulationJobErrorCode
 from specs.robomaker.simulation_descriptions import SimulationJobStatus
 from tasks.documents.pipeline_file import read_pipeline
-from tasks.simulate.data.sources import data_variable
+from tasks.simulate.data.data_sources import data_variable
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.planned_batches import put_world

@@ -14,8 +14,7 @@ import pytest
 
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig, DeploymentJobErrorCode
-from tasks.deploy.fleet.fleets import read_fleet
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_fleet, read_reported
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.robot.processes import end_all
-from tasks.deploy.trust.metadata_writer import LIFETIMES
+from tasks.deploy.trust.repository import LIFETIMES
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
 from tests.repository import ROOT

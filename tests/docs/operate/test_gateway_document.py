@@ -13,8 +13,8 @@ import pytest
 
 from flows.gateway.application import MOST_BODY_BYTES
 from specs.arn import KINDS
-from tasks.gateway.access.access_key import RIGHTS
-from tasks.gateway.connection.connections import Bounds
+from tasks.gateway.access.access_keys import RIGHTS
+from tasks.gateway.connections import Bounds
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/gateway.md").read_text()

@@ -9,7 +9,7 @@ import pytest
 
 from specs.job_kinds import JOB_KINDS
 from tasks.housekeeping import object_kinds
-from tasks.housekeeping.cache_garbage import _ENTRIES, unused_entries
+from tasks.housekeeping.machine import _ENTRIES, unused_entries
 from tasks.storage.base.store import Store
 from tests.housekeeping.yard import Yard
 from tests.repository import ROOT

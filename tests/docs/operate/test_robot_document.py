@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.processes import end_all

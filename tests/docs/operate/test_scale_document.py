@@ -7,7 +7,7 @@ from importlib import import_module
 import pytest
 
 from benchmarks.tables import with_tables
-from flows.workers.spread import PieceSize
+from flows.prefect.worker_cluster import PieceSize
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/scale.md").read_text()

@@ -4,7 +4,7 @@ import re
 import signal
 
 from flows.cli.shell import app
-from flows.reaping import reaping
+from flows.prefect.flows import reaping
 from tasks.storage.jobs.records import TERMINAL
 from tests.repository import ROOT
 

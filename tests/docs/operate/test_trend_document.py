@@ -18,13 +18,12 @@ from benchmarks.results.trend import (
     false_alarms,
     seen_by_factors,
 )
+from flows.batch.trend_history import MOST_NIGHTS
 from flows.cli.shell import app
-from flows.run import events
-from flows.trend.history import MOST_NIGHTS
+from flows.prefect import prefect_events
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR
-from tasks.results.trend.page import trend_page
-from tasks.results.trend.series import MOST_SERIES, WHOLE
-from tasks.results.trend.view import MOST_ROWS
+from tasks.results.trend.trend_series import MOST_SERIES, WHOLE
+from tasks.results.trend.trend_view import MOST_ROWS, trend_page
 from tasks.storage.base.store import Store
 from tests.flows.trend.stored_nights import stored_night
 from tests.results.trend.histories import history
@@ -84,10 +83,12 @@ def test_what_it_links_to_is_there():
 
 def test_its_facts_of_an_event_are_those_that_are_sent(monkeypatch: pytest.MonkeyPatch):
     sent: list[tuple[str, dict[str, str]]] = []
-    monkeypatch.setattr(events, "emit_event", lambda event, _resource, payload, **_: sent.append((event, payload)))
+    monkeypatch.setattr(
+        prefect_events, "emit_event", lambda event, _resource, payload, **_: sent.append((event, payload))
+    )
     alarm = next(each for each in view(history(60, drop_at=45)).alarms if each.series == WHOLE)
-    events.announce_alarm(alarm, "file:///trend.html")
-    events.announce_alarm(alarm.model_copy(update={"fell": False}), "file:///trend.html")
+    prefect_events.announce_alarm(alarm, "file:///trend.html")
+    prefect_events.announce_alarm(alarm.model_copy(update={"fell": False}), "file:///trend.html")
     assert [event for event, _ in sent] == ["simyard.trend.Fell", "simyard.trend.Rose"]
     assert [name for name in sent[0][1] if f"`{name}`" not in TEXT] == []
 

@@ -15,8 +15,7 @@ from specs.data.run_report import Verdict
 from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import LogFormat
 from tasks.simulate.batch.metrics import ChunkWork, metric_rows, metrics_of
-from tasks.storage.jobs.records import _STATUSES
-from tasks.storage.jobs.transitions import Transition
+from tasks.storage.jobs.records import _STATUSES, Transition
 from tests.repository import ROOT
 
 SECTION = (ROOT / "docs/operate/operations.md").read_text().split("\n## Watching\n")[1].split("\n## ")[0]

@@ -90,7 +90,7 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
         '._replace(numbers=each.results.numbers("path_length_m") / 2), measure=True),\n',
     )
     made = tree.run(
-        "from tasks.results.tables.tables import results_table\n"
+        "from tasks.results.tables.episode_tables import results_table\n"
         "from specs.pipeline.gate_section import Gate\n"
         "from tests.factories.episodes import passed, request\n"
         "table = results_table('simb-1', [request(0)], [passed(0)])\n"
@@ -103,7 +103,7 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
 
 
 def test_an_outcome_reason_is_one_record(tree: TreeCopy):
-    path = "specs/data/outcome_reasons.py"
+    path = "specs/data/outcomes.py"
     tree.replace(path, '"out of bounds", "crash"]', '"out of bounds", "crash", "overheated"]')
     tree.replace(
         path,
@@ -112,7 +112,7 @@ def test_an_outcome_reason_is_one_record(tree: TreeCopy):
         '    ReasonRecord("overheated", "The motor was too hot.", Mark("hot", "<path/>", *["#ff0000"] * 4)),\n',
     )
     made = tree.run(
-        "from specs.data.outcome_reasons import MARKS, mark_of\n"
+        "from specs.data.outcomes import MARKS, mark_of\n"
         "from tasks.simulate.application.contract import REASONS\n"
         "from tests.factories.episodes import collided\n"
         "from specs.data.episode import EpisodeResult, reason\n"
@@ -162,7 +162,7 @@ def test_a_failure_code_is_one_name(tree: TreeCopy):
     path = "specs/robomaker/failure_codes.py"
     tree.replace(path, '    "AllWorldGenerationFailed",\n', '    "AllWorldGenerationFailed",\n    "RoofOnFire",\n')
     made = tree.run(
-        "from specs.robomaker.world_descriptions import DescribeWorldGenerationJobResponse as Answer\n"
+        "from specs.robomaker.world_jobs import DescribeWorldGenerationJobResponse as Answer\n"
         "from tasks.storage.jobs.records import advance, submit\n"
         "from tasks.storage.store_url import open_store\n"
         "from pathlib import Path\n"
@@ -191,7 +191,7 @@ def test_a_gate_rule_is_a_section_and_a_module(tree: TreeCopy):
         '    speedLimit: SpeedLimit | None = Field(default=None, title="Speed limit")\n',
     )
     tree.write("tasks/results/gate/rules/speed_limit.py", SPEED_LIMIT)
-    gate = "tasks/results/gate/gate.py"
+    gate = "tasks/results/gate/gate_verdict.py"
     tree.add_before(
         gate,
         "from tasks.results.gate.rules.success_rate",
@@ -201,9 +201,9 @@ def test_a_gate_rule_is_a_section_and_a_module(tree: TreeCopy):
     made = tree.run(
         "from flows.preview.gate_plan import PlannedEpisodes\n"
         "from specs.pipeline.gate_section import Gate\n"
-        "from tasks.results.gate.gate import GATE_RULES, columns_needed, count_rows, judge\n"
+        "from tasks.results.gate.gate_verdict import GATE_RULES, columns_needed, count_rows, judge\n"
         "from tasks.results.gate.rules.rule import GateMaterial\n"
-        "from tasks.results.tables.tables import results_table\n"
+        "from tasks.results.tables.episode_tables import results_table\n"
         "from tests.factories.episodes import passed, request\n"
         "gate = Gate.model_validate({'speedLimit': {'atMost': 5.0}})\n"
         "rows = results_table('b', [request(0)], [passed(0)]).select(columns_needed(gate))\n"
@@ -246,12 +246,12 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
         '        "map-survey-job",\n        prefix="msj",\n        part="survey",\n        event="map-survey",\n'
         '        objects=(JobObjects("surveys", ("surveys/{survey}.json",)),),\n    ),\n',
     )
-    commands = "flows/resource/kinds.py"
+    commands = "flows/resources/kinds.py"
     tree.add_before(
         commands,
         "_LOADS: Mapping[ResourceKind, Callable[[], Resource]] = {\n",
         "def _map_survey_job() -> Resource:\n"
-        "    from tasks.storage.jobs.cancellation import cancel_watched_job\n"
+        "    from tasks.storage.jobs.records import cancel_watched_job\n"
         "    from tasks.storage.jobs.records import records\n\n"
         '    kind: JobKind = "map-survey-job"\n'
         "    return Resource(\n"
@@ -262,8 +262,8 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
     tree.add_before(commands, '    "pipeline-run": _pipeline_run', '    "map-survey-job": _map_survey_job,\n')
     made = tree.run(
         "from pathlib import Path\n"
-        "from flows.resource.answers import describe_resource, list_resources\n"
-        "from flows.resource.cancel import cancel_resource\n"
+        "from flows.resources.kinds import describe_resource, list_resources\n"
+        "from flows.resources.kinds import cancel_resource\n"
         "from tasks.housekeeping.object_kinds import kind_of_key\n"
         "from tasks.storage.jobs.records import submit\n"
         "from tasks.storage.store_url import open_store\n"
@@ -282,9 +282,9 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
 @pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
 def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine: str):
     tree.write("tasks/simulate/sensor/imu.py", IMU)
-    table = "tasks/simulate/sensor/sensors.py"
+    table = "tasks/simulate/sensors/sensor_table.py"
     tree.add_before(
-        table, "from tasks.simulate.sensor.lidar import", "from tasks.simulate.sensor.imu import IMU, Imu\n"
+        table, "from tasks.simulate.sensors.lidar import", "from tasks.simulate.sensors.imu import IMU, Imu\n"
     )
     tree.replace(table, "    bumper: Bumper\n", "    bumper: Bumper\n    imu: Imu\n")
     tree.replace(table, "ODOMETRY, BUMPER)", "ODOMETRY, BUMPER, IMU)")
@@ -308,7 +308,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 
-from tasks.simulate.sensor.sensor import Sensor
+from tasks.simulate.sensors.sensor import Sensor
 
 
 class Imu(NamedTuple):
@@ -339,21 +339,21 @@ def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
     tree.write(
         "tasks/simulate/engine/tin/engine.py",
         '"""The tin engine."""\n\nfrom dataclasses import replace\n\n'
-        "from tasks.simulate.engine.planar.engine import planar_mechanics\n\n\n"
+        "from tasks.simulate.engines.planar.planar_engine import planar_mechanics\n\n\n"
         "def tin_mechanics(path):\n    return replace(planar_mechanics(path), engine='tin')\n",
     )
     tree.replace(
-        "specs/data/engine_name.py",
+        "specs/field_types.py",
         'Literal["planar", "mjx", "mujoco"]',
         'Literal["planar", "mjx", "mujoco", "tin"]',
     )
-    engines = "tasks/simulate/engine/engines.py"
+    engines = "tasks/simulate/engines/engine_table.py"
     tree.add_before(
         engines,
         "ENGINES: Mapping[EngineName, Engine] = {\n",
         "def _load_tin(robot, applications, lanes, host):\n"
-        "    from tasks.simulate.engine.compiled_program import compiled_program\n"
-        "    from tasks.simulate.engine.tin.engine import tin_mechanics\n\n"
+        "    from tasks.simulate.engines.compiled_program import compiled_program\n"
+        "    from tasks.simulate.engines.tin.engine import tin_mechanics\n\n"
         "    return compiled_program(tin_mechanics(robot), applications, lanes, host)\n\n\n",
     )
     tree.add_before(

@@ -13,7 +13,7 @@ from typing import get_args
 import pytest
 
 from specs.arn import parse_reference
-from specs.interface.operations import STATUSES, ErrorName
+from specs.robomaker.operations import STATUSES, ErrorName
 from tests.repository import ROOT
 
 PAGE = (ROOT / "docs/reference/http-api.md").read_text()

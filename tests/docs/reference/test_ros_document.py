@@ -4,10 +4,9 @@ import re
 
 import pytest
 
-from specs.bundle.ros_robot import RosTopics
-from tasks.ros.graph import robot_service
-from tasks.ros.graph.wire import graph_limits
-from tasks.ros.message import service_message
+from specs.bundle_files import RosTopics
+from tasks.ros.graph import graph, graph_limits
+from tasks.ros.message import ros_messages
 from tasks.ros.message.definition import MESSAGES
 from tests.repository import ROOT
 
@@ -22,7 +21,7 @@ LIMITS = {
     "nodes of an": graph_limits.NODES,
     "the XML of a call": graph_limits.BODY_BYTES,
     "the header of a request": graph_limits.HEADER_BYTES,
-    "a request to a service": service_message.REQUEST_BYTES,
+    "a request to a service": ros_messages.REQUEST_BYTES,
     "calls within": graph_limits.CALLS,
     "registrations of": graph_limits.REGISTRATIONS,
     "all parameters": graph_limits.PARAMETER_BYTES,
@@ -41,7 +40,7 @@ def test_the_table_has_every_topic_that_a_robot_has_by_default():
         "/tf_static",
     }
     assert {kind for topic, kind in rows.items() if "robomaker" not in topic} <= set(MESSAGES)
-    assert {topic: kind for topic, kind in rows.items() if "robomaker" in topic} == dict(robot_service.SERVICES)
+    assert {topic: kind for topic, kind in rows.items() if "robomaker" in topic} == dict(graph.SERVICES)
 
 
 @pytest.mark.parametrize("what", LIMITS)

@@ -10,12 +10,12 @@ import pyarrow as pa
 import pytest
 import yaml
 
-from specs.data.bag_format import BAG_ENDINGS
 from specs.data.result_columns import SCHEMA_VERSION
+from specs.field_types import BAG_ENDINGS
 from specs.pipeline.simulation_section import Recordings
+from tasks.results.tables.episode_tables import FAILURES, RESULTS, failures_table, results_table
 from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.recordings import recording_table
-from tasks.results.tables.tables import FAILURES, RESULTS, failures_table, results_table
 from tests.factories.episodes import batch, request
 from tests.repository import ROOT
 from tests.ros.bag.tracks import log, with_twist

@@ -10,7 +10,7 @@ from benchmarks.statistics.resampled_worlds import counts, coverage, covered
 from benchmarks.statistics.simulated_worlds import beta
 from benchmarks.statistics.table_file import TABLES
 from benchmarks.tables import markdown, with_tables
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
+from tasks.results.statistics.over_worlds import rate_over_worlds
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/reference/statistics.md").read_text()

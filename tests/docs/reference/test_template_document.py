@@ -15,7 +15,7 @@ from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
 from tasks.documents.parse import parse
 from tasks.documents.source_text import decode_source_text
-from tasks.worlds.certificate.certificate import broken_guarantees
+from tasks.worlds.certificate import broken_guarantees
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tasks.worlds.generate import generate_world
 from tasks.worlds.materials import FLOORINGS, WALLS

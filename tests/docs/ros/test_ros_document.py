@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle.ros_robot import RosFrames, RosRobot, RosTopics
+from specs.bundle_files import RosFrames, RosRobot, RosTopics
 from tasks.ros.launch.robot_command import OWN_VARIABLES
 from tests.repository import ROOT
 

@@ -15,7 +15,7 @@ from specs.pipeline.world_sections import FORMATS, WorldExport
 from specs.robomaker.world_jobs import WorldExportJobErrorCode
 from specs.template.body import template_body
 from tasks.export.format.formats import EXPORT_FORMATS
-from tasks.export.job.zip_archive import write_zip
+from tasks.export.job.world_files import write_zip
 from tasks.worlds.generate import generate_world
 from tests.repository import ROOT
 

@@ -9,10 +9,10 @@ from benchmarks.worlds.world_quality import TEMPLATES
 from benchmarks.worlds.world_templates import SPEED_TEMPLATES
 from specs.data.world import Certificate
 from specs.template.body import template_body
-from tasks.worlds.brief import FREE_FLOOR
-from tasks.worlds.certificate.wishes import AREA_TOLERANCE, ASPECT_TOLERANCE
+from tasks.worlds.certificate import AREA_TOLERANCE, ASPECT_TOLERANCE
 from tasks.worlds.generate import generate_world
 from tasks.worlds.materials import FLOORINGS, WALLS
+from tasks.worlds.resolved_template import FREE_FLOOR
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/worlds.md").read_text()

@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.data.world import Certificate, Wish, World
-from tasks.export.drawing.certificate_panel import MAX_WISHES, certificate_height, draw_certificate, wishes_met
+from tasks.export.drawing.floor_plan import MAX_WISHES, certificate_height, draw_certificate, wishes_met
 from tasks.export.drawing.plan_page import PageBox, text_width
 from tests.export.variants import with_door
 from tests.factories.worlds import apartment

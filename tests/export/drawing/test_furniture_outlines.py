@@ -7,7 +7,7 @@ import pytest
 
 from specs.data.world import Furniture
 from specs.template.interior import ModelType
-from tasks.export.drawing.furniture_outlines import draw_furniture, draw_piece_labels, in_words
+from tasks.export.drawing.furniture_drawing import draw_furniture, draw_piece_labels, in_words
 from tasks.export.drawing.plan_page import PageBox, PageScale
 from tests.factories.worlds import apartment, box
 

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.export.drawing.labels import NAME_SIZE, place_label
+from tasks.export.drawing.building_plan import NAME_SIZE, place_label
 from tasks.export.drawing.plan_page import PageBox
 from tests.factories.worlds import names
 

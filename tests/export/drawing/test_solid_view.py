@@ -5,7 +5,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.data.world import Rectangle, Solid
-from tasks.export.drawing.solid_view import solid_view_svg
+from tasks.export.drawing.furniture_drawing import solid_view_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 RED, BLUE = (0.8, 0.1, 0.1), (0.1, 0.1, 0.8)

@@ -12,10 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from specs.data.world import Solid, World, solids
-from tasks.export.format.mjcf import CEILING, GROUND, MJCF_FILE, OVERVIEW_CAMERA, mjcf_files, world_spec
-from tasks.export.format.mjcf_finishes import FLOOR_LIFT_M
-from tasks.export.surface.sheets import FLOOR_PREFIX, WALLS_PREFIX
-from tasks.export.surface.skins import SKIN_LIFT_M
+from tasks.export.format.mjcf import CEILING, FLOOR_LIFT_M, GROUND, MJCF_FILE, OVERVIEW_CAMERA, mjcf_files, world_spec
+from tasks.export.surface.sheets import FLOOR_PREFIX, SKIN_LIFT_M, WALLS_PREFIX
 from tasks.export.surface.textures import draw_texture
 from tests.export.variants import DOOR, with_door, with_windows
 from tests.factories.worlds import apartment

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.export.format.mjcf import mjcf_files, world_spec
-from tasks.export.format.mjcf_geoms import HINGE_SUFFIX
+from tasks.export.format.mjcf import HINGE_SUFFIX, mjcf_files, world_spec
 from tests.export.variants import DOOR, HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with_door
 
 HINGE = DOOR + HINGE_SUFFIX

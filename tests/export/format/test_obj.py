@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float64
 
-from tasks.export.format.obj import obj
+from tasks.export.format.sdf import obj
 from tasks.export.surface.sheets import FLOOR_PREFIX, Covering, sheets
 from tasks.export.surface.textures import texture_of
 from tests.factories.worlds import apartment

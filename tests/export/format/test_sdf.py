@@ -9,8 +9,7 @@ import pytest
 
 from specs.data.world import Door, World, solids
 from tasks.export.format.ros_packages import package_files
-from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, sdf_files, sdf_name
-from tasks.export.format.sdf_models import numbers
+from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers, sdf_files, sdf_name
 from tests.export.validators import sdf_says
 from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.factories.worlds import apartment

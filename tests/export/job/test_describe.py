@@ -3,7 +3,7 @@
 from pydantic import JsonValue
 
 from specs.base import Spec
-from tasks.export.job.describe import describe_export_job, summarise_export_job
+from tasks.export.job.export_answers import describe_export_job, summarise_export_job
 from tasks.storage.jobs.records import JobRecord
 
 ARN = "arn:simyard:world-export-job:0123456789ab:wej-1"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.digest import canonical_document
+from specs.base import canonical_document
 from specs.errors import (
     BucketNotFound,
     IdempotentParameterMismatch,
@@ -19,7 +19,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.export.job.job import KIND, run_export_job
+from tasks.export.job.export_job import KIND, run_export_job
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -48,7 +48,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Store:
 @pytest.fixture
 def broken(monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
     with monkeypatch.context() as patch:
-        patch.setattr("tasks.export.job.upload._WAITS_S", (0.0, 0.0))
+        patch.setattr("tasks.export.job.export_job._WAITS_S", (0.0, 0.0))
         yield patch
 
 
@@ -202,7 +202,7 @@ def test_a_bucket_that_answers_again_gets_everything(store: Store, broken: pytes
         type(bucket).upload(bucket, key, source)
 
     broken.setattr(bucket, "upload", upload)
-    broken.setattr("tasks.export.job.job.open_bucket", lambda _store, _name: bucket)
+    broken.setattr("tasks.export.job.export_job.open_bucket", lambda _store, _name: bucket)
     assert run(store).status == "Completed"
     assert next(uploads, None) is None
 

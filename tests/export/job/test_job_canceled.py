@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.export.job.job import run_export_job
+from tasks.export.job.export_job import run_export_job
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.export.export_jobs import TOKEN, CancelingBucket, break_bucket, cancel, request, run, store_of_worlds
@@ -38,7 +38,7 @@ def test_a_job_that_is_canceled_among_its_uploads_stops_there_and_leaves_nothing
     store: Store, monkeypatch: pytest.MonkeyPatch, at: int, status: str
 ):
     bucket = CancelingBucket(store, at, status=status)
-    monkeypatch.setattr("tasks.export.job.job.open_bucket", lambda _store, _name: bucket)
+    monkeypatch.setattr("tasks.export.job.export_job.open_bucket", lambda _store, _name: bucket)
     assert run(store).status == "Canceled"
     assert bucket.writes == at
     assert open_bucket(store, "worlds").keys("") == []
@@ -48,7 +48,7 @@ def test_a_canceled_job_ends_canceled_where_nothing_may_be_removed_and_says_so(
     store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ):
     bucket = CancelingBucket(store, 1, removes=False)
-    monkeypatch.setattr("tasks.export.job.job.open_bucket", lambda _store, _name: bucket)
+    monkeypatch.setattr("tasks.export.job.export_job.open_bucket", lambda _store, _name: bucket)
     assert run(store).status == "Canceled"
     assert "no removing" in caplog.text
 

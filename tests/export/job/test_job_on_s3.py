@@ -12,13 +12,13 @@ from zipfile import ZipFile
 import botocore.session
 import pytest
 
+from specs.base import canonical_document, canonical_json
 from specs.data.world import World
-from specs.digest import canonical_document, canonical_json
 from specs.errors import StoreAway
 from specs.pipeline.world_sections import FORMATS, WorldFormat
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest
 from tasks.export.format.formats import format_files
-from tasks.export.job.job import KIND, run_export_job
+from tasks.export.job.export_job import KIND, run_export_job
 from tasks.storage.archives import digest_of
 from tasks.storage.backends.s3_client import S3Client
 from tasks.storage.base.keys import world_key
@@ -94,7 +94,7 @@ def _killed_while_uploading(store_url: str, bucket: str) -> None:
             file.truncate(512 << 20)
         return "not yet"
 
-    with patch("tasks.export.job.job.write_zip", write_big):
+    with patch("tasks.export.job.export_job.write_zip", write_big):
         run(open_store(store_url), bucket)
 
 
@@ -124,7 +124,7 @@ def _export_that_is_cut(
     """Returns the record of an export whose network is gone for good after so many bytes of its zip."""
     with faulty_proxy(seaweed.endpoint) as proxy, patch.context() as cut:
         cut.setenv("AWS_ENDPOINT_URL_S3", proxy.endpoint)
-        cut.setattr("tasks.export.job.upload._WAITS_S", (0.1,))
+        cut.setattr("tasks.export.job.export_job._WAITS_S", (0.1,))
         send = S3Client.send
 
         def send_and_be_cut(self: S3Client, source: Path, bucket: str, key: str) -> None:
@@ -162,7 +162,7 @@ def test_a_server_that_goes_away_between_parts_of_the_upload_shows_nothing(
 
     seaweed.make_bucket("cut-apart")
     with buckets_on_s3.context() as big:
-        big.setattr("tasks.export.job.job.write_zip", write_big)
+        big.setattr("tasks.export.job.export_job.write_zip", write_big)
         record = _export_that_is_cut(file_store, big, seaweed, "cut-apart", after_bytes=72 << 20)
     assert record.status == "Running"
     assert not [key for key in open_bucket(file_store, "cut-apart").keys("") if key.endswith(".zip")]

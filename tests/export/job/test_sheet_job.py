@@ -6,10 +6,10 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from specs.digest import canonical_document, canonical_json
+from specs.base import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.export.job.sheet_job import keep_contact_sheet, sheet_markdown
 from tasks.export.picture.contact_sheet import MOST_WORLDS
+from tasks.export.step import keep_contact_sheet, sheet_markdown
 from tasks.storage.base.keys import contact_sheet_key, world_key
 from tasks.storage.base.store import Store
 from tests.factories.worlds import apartment

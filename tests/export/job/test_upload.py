@@ -14,7 +14,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.export.job.upload import put, upload
+from tasks.export.job.export_job import put, upload
 from tasks.storage.base.store import Store
 
 
@@ -22,7 +22,7 @@ from tasks.storage.base.store import Store
 def waited_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """What was waited between the attempts, without waiting it."""
     waits_s: list[float] = []
-    monkeypatch.setattr("tasks.export.job.upload.time.sleep", waits_s.append)
+    monkeypatch.setattr("tasks.export.job.export_job.time.sleep", waits_s.append)
     return waits_s
 
 

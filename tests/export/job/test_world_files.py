@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from specs.pipeline.world_sections import WorldFormat
-from tasks.export.job.job import run_export_job
+from tasks.export.job.export_job import run_export_job
 from tasks.export.job.world_files import (
     WorldFiles,
     drop_parts,
@@ -74,7 +74,7 @@ def test_what_workers_made_is_not_made_again(store: Store, monkeypatch: pytest.M
 
     def written(*given: object, **named: object) -> None:
         elsewhere(*given, **named)  # pyright: ignore[reportArgumentType, reportCallIssue]
-        monkeypatch.setattr("tasks.export.job.job.world_files", lambda *_: pytest.fail("made again"))
+        monkeypatch.setattr("tasks.export.job.export_job.world_files", lambda *_: pytest.fail("made again"))
 
     record = run_export_job(store, request(), formats=FORMATS, token=TOKEN, progress=lambda *_: None, elsewhere=written)
     assert record.status == "Completed"

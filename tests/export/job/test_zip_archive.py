@@ -11,7 +11,7 @@ import pytest
 from specs.data.world import World
 from specs.errors import DocumentError
 from specs.pipeline.world_sections import FORMATS
-from tasks.export.job.zip_archive import MANIFEST, write_zip
+from tasks.export.job.world_files import MANIFEST, write_zip
 from tests.factories.worlds import apartment
 
 WORLDS = (apartment(name="world-1-1"), apartment(name="world-1-2"))

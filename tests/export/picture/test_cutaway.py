@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.world import World, solids
-from tasks.export.picture.cutaway import cut_open
+from tasks.export.picture.render_process import cut_open
 from tests.export.variants import with_door, with_windows
 from tests.factories.worlds import apartment
 

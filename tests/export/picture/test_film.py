@@ -5,8 +5,7 @@ from collections.abc import Generator
 import numpy as np
 import pytest
 
-from tasks.export.picture.film import FilmScene, Shoot, open_film
-from tasks.export.picture.render import Pixels, open_renderer
+from tasks.export.picture.renderer import FilmScene, Pixels, Shoot, open_film, open_renderer
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 

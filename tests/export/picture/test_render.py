@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import Finish, World
-from tasks.export.picture.render import Pixels, Render, open_renderer, render_png
+from tasks.export.picture.renderer import Pixels, Render, open_renderer, render_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import World
-from tasks.export.picture.render import CAPTION_LINE, open_renderer
-from tasks.export.picture.render_sheet import render_sheet_png
+from tasks.export.picture.renderer import CAPTION_LINE, open_renderer, render_sheet_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.export.surface.png import encode_indexed, encode_rgb
+from tasks.export.surface.textures import encode_indexed, encode_rgb
 from tests.export.png_reader import decoded
 
 

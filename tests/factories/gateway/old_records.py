@@ -1,9 +1,8 @@
 """Records as other versions of Simyard may have left them, which this one does not write."""
 
 from specs.job_kinds import JobKind
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import job_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import read
 
 

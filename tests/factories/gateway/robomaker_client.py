@@ -13,16 +13,13 @@ import botocore.session
 from botocore.awsrequest import AWSPreparedRequest, AWSResponse
 from botocore.config import Config
 
-from flows.gateway.application import Application
-from flows.gateway.calls import Calls, Page, no_page
+from flows.gateway.application import Application, Calls, Page, no_page
 from flows.gateway.gateway import Gateway, Handlers
 from flows.gateway.handlers import HANDLERS
-from specs.interface.operations import Operation, location
-from tasks.gateway.access.guards import LoopbackGuard
-from tasks.gateway.access.page_origin import loopback_hosts
-from tasks.gateway.door import Guard
-from tasks.gateway.messages import HttpAnswer
-from tasks.gateway.sdk.service_model import write_model
+from specs.robomaker.operations import Operation, location
+from tasks.gateway.access.guard import Guard, LoopbackGuard, loopback_hosts
+from tasks.gateway.rest_json import HttpAnswer
+from tasks.gateway.service_model import write_model
 from tasks.storage.base.store import Store
 
 HOST = "127.0.0.1:8600"

@@ -7,12 +7,10 @@ from typing import NamedTuple
 from pydantic import JsonValue
 
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_store import commit
-from tasks.simulate.batch.job import OpenBatch
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import (
     application_key,
     contact_sheet_key,
@@ -21,7 +19,7 @@ from tasks.storage.base.keys import (
     template_key,
     world_key,
 )
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import advance, submit
 from tests.factories.episodes import collided, passed

@@ -10,17 +10,16 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_end import close_if_stopped, with_audit
-from flows.resource.answers import describe_resource, list_resources
-from flows.resource.cancel import cancel_resource
-from flows.stage.batch_stage import run_batch
-from flows.stage.stage_summary import batch_report
+from flows.pipeline.stage_report import batch_report
+from flows.pipeline.stages import run_batch
+from flows.resources.kinds import cancel_resource, describe_resource, list_resources
 from specs.data.episode import EpisodeResult
 from specs.errors import BucketNotFound, DocumentError, StageFailed
 from specs.field_types import OutputLocation
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job
+from tasks.simulate.batch.batch_record import OpenBatch, time_out
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import begin_chunk, committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import OpenBatch, time_out
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
@@ -165,7 +164,7 @@ def test_a_report_that_cannot_be_written_keeps_no_batch_from_its_end(
     def fails(*_: object) -> None:
         raise exc
 
-    monkeypatch.setattr("flows.batch.batch_report.report_page", fails)
+    monkeypatch.setattr("flows.batch.batch_end.report_page", fails)
     cancel_resource(left.store, left.record().arn)
     record = left.record()
     assert record.status == "Canceled"

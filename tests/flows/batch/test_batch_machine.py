@@ -18,12 +18,10 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from flows.batch.batch_end import close_if_stopped, close_with_tables
 from specs.data.episode import EpisodeResult, unfinished_result
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.batch_jobs import Jobs, cancel_batch, cancel_job, describe_batch, describe_job, restart_job
+from tasks.simulate.batch.batch_record import GOING, STOPPING, OpenBatch, complete, time_out
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.describe import describe_batch, describe_job
-from tasks.simulate.batch.job import GOING, STOPPING, OpenBatch, complete, time_out
-from tasks.simulate.batch.job_states import Jobs
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.storage.jobs.records import is_terminal
 from tasks.storage.store_url import open_store

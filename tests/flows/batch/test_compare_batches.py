@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
 from flows.cli.shell import app
 from specs.errors import DocumentError, StageFailed
-from tasks.results.playback.plan_scale import plan_page
-from tasks.simulate.batch.job import OpenBatch
+from tasks.results.playback.plan_drawings import plan_page
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.factories.batches import PENS, closed_batch, pushing_plan, slower_pusher

@@ -6,16 +6,16 @@ from typing import cast
 import pytest
 from pydantic import JsonValue
 
-from flows.batch.early_end import EarlyEnd
-from flows.document.tested_batch import shuffle_if_endable
-from flows.gate.baselines import find_baseline
-from flows.gate.judge import gate_material
+from flows.batch.batch_steps import SequentialStop
+from flows.pipeline.baselines import find_baseline
+from flows.pipeline.run_gate import gate_material
+from flows.pipeline.tested_batch import shuffle_if_endable
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.gate import GateVerdict, judge
-from tasks.simulate.batch.cancel_restart import cancel_job
-from tasks.simulate.batch.commit import ChunkPart, Simulate, run_chunk
-from tasks.simulate.batch.job import OpenBatch
+from tasks.results.gate.gate_verdict import GateVerdict, judge
+from tasks.simulate.batch.batch_jobs import cancel_job
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, run_chunk
 from tasks.storage.base.store import Store
 from tests.factories.episodes import collided, passed
 from tests.factories.judged_batches import courier, delivery
@@ -37,7 +37,7 @@ def started(store: Store, folder: Path, name: str = "tok", gate: Gate = GATE) ->
 
 
 def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, most: int = 99) -> dict[str, JsonValue]:
-    early = EarlyEnd(batch, gate)
+    early = SequentialStop(batch, gate)
     for number in range(batch.layout.chunks):
         if early.ends_before(number):
             return cast("dict[str, JsonValue]", early.detail["stopped_early"])

@@ -6,16 +6,16 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_end import close_with_tables
-from flows.batch.early_end import EarlyEnd
-from flows.document.tested_batch import shuffle_if_endable
-from flows.gate.judge import gate_material
-from flows.stage.stage_summary import batch_report
+from flows.batch.batch_steps import SequentialStop
+from flows.pipeline.run_gate import gate_material
+from flows.pipeline.stage_report import batch_report
+from flows.pipeline.tested_batch import shuffle_if_endable
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.gate import judge
-from tasks.simulate.batch.cancel_restart import cancel_job
-from tasks.simulate.batch.commit import ChunkPart, Simulate, run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete
+from tasks.results.gate.gate_verdict import judge
+from tasks.simulate.batch.batch_jobs import cancel_job
+from tasks.simulate.batch.batch_record import OpenBatch, complete
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, run_chunk
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
 from tests.factories.episodes import collided, passed
@@ -32,7 +32,7 @@ def started(store: Store, gate: Gate = GATE, name: str = "tok") -> OpenBatch:
 
 def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, most: int = 99) -> dict[str, JsonValue]:
     """Drives a batch's chunks as its flow does, until so many were simulated; returns what ended it."""
-    early = EarlyEnd(batch, gate)
+    early = SequentialStop(batch, gate)
     for number in range(batch.layout.chunks):
         if early.ends_before(number):
             return cast("dict[str, JsonValue]", early.detail["stopped_early"])

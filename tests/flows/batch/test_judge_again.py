@@ -10,15 +10,15 @@ from junitparser import JUnitXml
 from pydantic import ValidationError
 from typer.testing import CliRunner
 
-from flows.batch.judge_again import judge_again
-from flows.cli.batch.gate_command import gate as gate_command
-from flows.gate.judge import gate_answer
+from flows.cli.batch_commands import gate as gate_command
+from flows.pipeline.judge_again import judge_again
+from flows.pipeline.run_gate import gate_answer
 from specs.data.episode import EpisodeResult
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Evidence
-from tasks.simulate.batch.commit import ChunkPart, Simulate
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord

@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flows.batch.recorded_episodes import RecordedEpisodes, bags_url, bags_written
-from specs.data.bag_format import BagFormat
+from flows.batch.batch_end import RecordedEpisodes, bags_url, bags_written
 from specs.errors import DocumentError
-from specs.field_types import OutputLocation
+from specs.field_types import BagFormat, OutputLocation
 from specs.pipeline.simulation_section import Recordings
 from tasks.results.playback import replay_formats
-from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.lane.recording import Columns
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket

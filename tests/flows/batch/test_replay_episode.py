@@ -15,20 +15,19 @@ from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
 from flows.batch import replay_episode
-from flows.batch.replay_episode import JobReplay, replay_job
-from flows.batch.replay_files import Wanted, wanted_files, write_files
-from flows.cli.batch.batch_text import replay_answer, show_replay
+from flows.batch.replay_episode import JobReplay, Wanted, replay_job, wanted_files, write_files
+from flows.cli.batch_text import replay_answer, show_replay
 from flows.cli.shell import app
-from simyard.answer.replay import Replay
+from simyard.answer.batch_answers import Replay
 from specs.data.result_columns import REQUESTED
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline.simulation_section import Recordings
 from tasks.housekeeping.object_kinds import kind_of_key
 from tasks.results.playback import replay_formats
-from tasks.results.tables.stored_rows import recorded_samples, stored_rows
-from tasks.simulate.batch.job import KIND, OpenBatch
-from tasks.simulate.data import pinned_worlds
-from tasks.simulate.plan.request import recorded_location
+from tasks.results.tables.result_files import recorded_samples, stored_rows
+from tasks.simulate.batch.batch_record import KIND, OpenBatch
+from tasks.simulate.data import mounts
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import output_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -168,7 +167,7 @@ def test_a_world_that_has_changed_is_refused(batch: OpenBatch):
     key = world_key("hand", "pen-1")
     before = batch.store.get(key).body
     batch.store.put(key, pen(4.5, 9).model_dump_json().encode())
-    pinned_worlds._world.cache_clear()
+    mounts._world.cache_clear()
     with pytest.raises(ResourceNotFound, match="world hand/pen-1 is not what it was"):
         replay_job(batch.store, f"{batch.id}/31")
     batch.store.put(key, before)

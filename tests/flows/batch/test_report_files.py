@@ -8,13 +8,12 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from flows.batch.batch_end import close_with_tables
-from flows.batch.report_files import local_copy, write_report_page
-from flows.cli.batch.batch_commands import report
+from flows.batch.batch_end import close_with_tables, local_copy, write_report_page
+from flows.cli.batch_commands import report
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
-from tasks.results.report.report_job import stored_worlds
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete
+from tasks.results.report.report_page import stored_worlds
+from tasks.simulate.batch.batch_record import OpenBatch, complete
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord

@@ -5,22 +5,20 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flows.batch.regression_case import write_case
 from flows.batch.replay_episode import bundles
-from flows.batch.shrink import ShrunkJob, shrink_job
-from flows.document.references import finder
-from flows.document.tested_batch import batch_plan
+from flows.batch.shrink import ShrunkJob, shrink_job, write_case
+from flows.pipeline.references import finder
+from flows.pipeline.tested_batch import batch_plan
 from specs.data.episode import EpisodeResult, reason
 from specs.errors import DocumentError
 from tasks.documents.pipeline_file import read_pipeline
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.replay.failure_likeness import is_of_same_kind, is_same_failure
-from tasks.simulate.replay.trials import Trial, simulate_trials
+from tasks.simulate.replay.smallest_case import Trial, is_of_same_kind, is_same_failure, simulate_trials
 from tasks.storage.base.keys import world_key
 from tasks.storage.store_url import open_store
 from tasks.storage.worlds import decode_world
-from tasks.worlds.job.world_import import add_world
+from tasks.worlds.job.stored_worlds import add_world
 from tests.factories.batches import PUSHER, closed_batch, pushing_plan, slower_pusher
 
 COLLIDED, SEED = 10, 10

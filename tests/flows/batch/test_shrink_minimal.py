@@ -8,11 +8,10 @@ from specs.data.episode import ApplicationLaunch, reason
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.replay.failure_likeness import is_same_failure
-from tasks.simulate.replay.trials import Trial, simulate_trials
+from tasks.simulate.replay.smallest_case import Trial, is_same_failure, simulate_trials
 from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
-from tasks.worlds.certificate.furniture_removal import keep_furniture
+from tasks.worlds.certificate import keep_furniture
 from tasks.worlds.generate import generate_world
 from tests.factories.batches import closed_batch, pushing_plan
 from tests.repository import ROOT

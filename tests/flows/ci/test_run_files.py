@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from junitparser import JUnitXml
 
-from flows.ci.run_files import (
+from flows.cli.run_command import (
     AskedRun,
     GitHubStep,
     annotations,

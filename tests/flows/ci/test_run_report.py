@@ -7,18 +7,18 @@ from junitparser import JUnitXml
 from pydantic import JsonValue
 from typer.testing import CliRunner
 
-from flows.ci.run_files import AskedRun
-from flows.ci.run_report import batch_counts, report_of_failure, report_of_run, store_option
+from flows.cli.ci_report import batch_counts, report_of_failure, report_of_run, store_option
+from flows.cli.run_command import AskedRun
 from flows.cli.shell import app
-from flows.gate.judge import gate_answer
-from flows.stage.stage_summary import batch_report, gate_report
+from flows.pipeline.run_gate import gate_answer
+from flows.pipeline.stage_report import batch_report, gate_report
 from specs.base import Fault
 from specs.data.episode import EpisodeResult
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, StageFailed
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import read_evidence
-from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.batch.chunk_run import ChunkPart
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import stage_token

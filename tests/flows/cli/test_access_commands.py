@@ -8,7 +8,7 @@ from typer.testing import CliRunner, Result
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.gateway.access.key_file import read_keys
+from tasks.gateway.access.access_keys import read_keys
 
 
 @pytest.fixture

@@ -7,9 +7,8 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.applications.describe import describe_robot_application
-from tasks.applications.pack import pack
-from tasks.applications.registry import resolve
+from tasks.applications.application_answers import describe_robot_application
+from tasks.applications.registry import pack, resolve
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 

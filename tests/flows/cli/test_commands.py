@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from specs.job_kinds import JobKind
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.storage.jobs.records import submit
 from tasks.storage.store_url import open_store
 from tests.factories.planned_batches import begun
@@ -84,7 +84,7 @@ def test_plan_imports_little_once_it_knows_the_robots(tmp_path: Path, monkeypatc
 
 
 def test_the_flows_do_not_import_what_only_some_documents_compute_with():
-    code = "import json, sys, flows.pipeline; print(json.dumps(sorted(sys.modules)))"
+    code = "import json, sys, flows.prefect.flows; print(json.dumps(sorted(sys.modules)))"
     ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     # Not botocore: where boto3 is installed, as for these tests, the library of signed metadata imports it.
     heavy = {"jax", "jaxlib", "mujoco", "scipy", "s3fs", "aiobotocore"}

@@ -7,8 +7,8 @@ from collections.abc import Callable, Generator
 
 import pytest
 
-from flows.cli.exit_codes import run_and_exit
 from flows.cli.shell import app
+from flows.cli.terminal import run_and_exit
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
@@ -89,7 +89,7 @@ def test_an_interrupt_that_became_another_exception_is_still_one(capsys: pytest.
 def test_an_interrupt_that_is_swallowed_ends_the_process_later():
     script = """
 import signal, threading
-from flows.cli.exit_codes import run_and_exit
+from flows.cli.terminal import run_and_exit
 
 def command():
     try:
@@ -133,7 +133,7 @@ exit_codes.run_and_exit(slow_to_leave, grace_s=240.0)
 def test_a_thread_that_never_ends_keeps_no_process_alive():
     script = """
 import threading
-from flows.cli.exit_codes import run_and_end_process
+from flows.cli.terminal import run_and_end_process
 
 run_and_end_process(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
 """

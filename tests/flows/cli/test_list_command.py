@@ -7,8 +7,7 @@ from typer.testing import CliRunner, Result
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun
 

@@ -7,7 +7,7 @@ import pytest
 from rich.live import Live
 from rich.table import Table
 
-from flows.cli.output import TerminalConsole, echo, echo_json, show_rows
+from flows.cli.terminal import TerminalConsole, echo, echo_json, show_rows
 
 HOSTILE = "\x1b[2J\x9b31mno camera at [/dev/video0] [bold]\u202e\r:boom:"
 SHOWN = "[2J31mno camera at [/dev/video0] [bold]:boom:"

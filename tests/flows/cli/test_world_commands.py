@@ -18,12 +18,12 @@ from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
 from tasks.documents.template_source import find_template
-from tasks.export.picture.render import NO_GL, open_renderer
+from tasks.export.picture.renderer import NO_GL, open_renderer
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, submit
 from tasks.storage.store_url import open_store
-from tasks.worlds.job.job import KIND, run_generation_job
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.floorplan.search import WorldRejected
+from tasks.worlds.job.generation_job import KIND, run_generation_job
 from tests.export.png_reader import SIGNATURE
 from tests.factories.worlds import apartment
 from tests.repository import ROOT

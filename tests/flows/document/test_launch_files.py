@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 
-from flows.document.launch_files import check_launch_files, unchecked_references
-from flows.document.own_bundles import check_own_bundles
+from flows.pipeline.bundle_checks import check_launch_files, check_own_bundles, unchecked_references
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
-from tasks.simulate.plan.resolve import plan_batch
+from tasks.simulate.plan.plan_batch import plan_batch
 from tests.repository import ROOT
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.document.own_bundles import check_own_bundles
-from flows.document.references import pins
+from flows.pipeline.bundle_checks import check_own_bundles
+from flows.pipeline.references import pins
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.base.store import Store

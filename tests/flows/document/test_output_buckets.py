@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.document.output_buckets import new_bucket_lines
+from flows.pipeline.references import new_bucket_lines
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket

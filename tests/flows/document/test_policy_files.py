@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.document.policy_files import check_policies
+from flows.pipeline.bundle_checks import check_policies
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tests.factories.policies import DECLARED, bundle, network, weights

@@ -6,22 +6,20 @@ from typing import Any
 
 import pytest
 
-from flows.document import references
-from flows.document.references import deployed_version, finder, numbered_finder, pins
-from flows.document.tested_batch import batch_plan, tested_bundles
+from flows.pipeline import references
+from flows.pipeline.references import deployed_version, finder, numbered_finder, pins
+from flows.pipeline.tested_batch import batch_plan, tested_bundles
 from flows.preview.plan import plan_lines
-from specs.digest import canonical_document, canonical_json
+from specs.base import canonical_document, canonical_json
 from specs.errors import DocumentError, ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ApplicationKind, Version
 from tasks.applications.bucket_sources import create_application, create_version
-from tasks.applications.pack import pack
-from tasks.applications.registry import applications, publish_bundle, resolve
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
-from tasks.simulate.plan.layout import Layout
-from tasks.simulate.plan.resolve import output_location
+from tasks.applications.registry import applications, pack, publish_bundle, resolve
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
+from tasks.simulate.plan.episode_layout import Layout
+from tasks.simulate.plan.plan_batch import output_location
 from tasks.storage.base.keys import bundle_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.document.references import pins
-from flows.document.robot_files import check_robot_files
+from flows.pipeline.bundle_checks import check_robot_files
+from flows.pipeline.references import pins
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.store_url import open_store

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from flows.document.references import pinned_shipment, pins
+from flows.pipeline.references import pinned_shipment, pins
 from flows.preview.plan import plan_lines
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec

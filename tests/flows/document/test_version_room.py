@@ -7,8 +7,8 @@ from pydantic import JsonValue
 from typer.testing import CliRunner
 
 from flows.cli.shell import app
-from flows.document import version_room
-from flows.document.version_room import free_versions, publish_brought, version_lines
+from flows.pipeline import version_retention
+from flows.pipeline.version_retention import free_versions, publish_brought, version_lines
 from specs.errors import LimitExceeded
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Version
@@ -123,15 +123,15 @@ def test_the_last_two_deployments_of_a_fleet_make_no_room(full: Store):
 def test_a_run_makes_room_again_where_another_one_took_the_room_that_it_saw(
     full: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    look = version_room.free_versions
+    look = version_retention.free_versions
 
     def look_slowly(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec) -> list[Version]:
         seen = look(store, kind, name, spec)
-        monkeypatch.setattr(version_room, "free_versions", look)
+        monkeypatch.setattr(version_retention, "free_versions", look)
         assert publish_brought(full, ROBOT, "tugger", _edit(tmp_path / "other", 98), PLAIN).number == 41
         return seen
 
-    monkeypatch.setattr(version_room, "free_versions", look_slowly)
+    monkeypatch.setattr(version_retention, "free_versions", look_slowly)
     assert _change_again(full, tmp_path) == 42
     assert _numbers(full) == list(range(3, 43))
 

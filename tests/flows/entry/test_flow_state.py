@@ -7,8 +7,8 @@ from prefect.client.schemas.objects import State
 from prefect.states import Cancelled
 from pydantic import JsonValue
 
-from flows.entry.flow_state import completed_job, completed_reaping, completed_run
-from flows.resource.abandoned_jobs import ReapedJob
+from flows.prefect.flow_calls import completed_job, completed_reaping, completed_run
+from flows.resources.abandoned_jobs import ReapedJob
 from specs.data.run_report import PipelineReport, StageName, StageReport
 from specs.errors import PipelineNotPassed
 from specs.job_kinds import JobKind

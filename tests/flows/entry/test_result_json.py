@@ -6,8 +6,8 @@ import pytest
 from prefect._internal.result_records import ResultRecord, ResultRecordMetadata
 from prefect.serializers import JSONSerializer
 
-from flows.entry.result_json import result_serializer
-from flows.resource.abandoned_jobs import ReapedJob
+from flows.prefect.flow_calls import result_serializer
+from flows.resources.abandoned_jobs import ReapedJob
 from specs.base import Fault
 from specs.data.run_report import PipelineReport, StageReport
 from specs.errors import (

@@ -1,6 +1,6 @@
 """Worlds are the same if all that is in them is, whatever their generation is called."""
 
-from flows.gate.equal_worlds import told_apart, world_identities
+from flows.batch.world_identity import world_differences, world_identities
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.batches import put_worlds
@@ -25,9 +25,9 @@ def test_a_world_that_is_not_what_it_was_is_told_by_what_it_was(file_store: Stor
 
 
 def test_worlds_of_one_generation_are_told_apart_by_their_names_and_none_is_read(file_store: Store):
-    assert told_apart(file_store, {"one/a": "a" * 64, "one/b": "b" * 64}) == {}
+    assert world_differences(file_store, {"one/a": "a" * 64, "one/b": "b" * 64}) == {}
 
 
 def test_a_world_that_was_generated_twice_is_one(file_store: Store):
     digests = put_worlds(file_store, {"one/a": pen(4.5, 0), "two/a": pen(4.5, 0)})
-    assert len(set(told_apart(file_store, digests).values())) == 1
+    assert len(set(world_differences(file_store, digests).values())) == 1

@@ -6,22 +6,22 @@ from typing import cast
 
 import pytest
 
-from flows.document.tested_batch import candidates
-from flows.gate.baselines import NoBaseline, find_baseline
-from flows.gate.judge import BatchJudgement, gate_answer, gate_material, read_baseline, tested_facts
+from flows.pipeline.baselines import NoBaseline, find_baseline
+from flows.pipeline.run_gate import BatchJudgement, gate_answer, gate_material, read_baseline, tested_facts
+from flows.pipeline.tested_batch import candidates
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate, NoWorseThan
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from tasks.results.gate.evidence import Baseline, read_evidence
-from tasks.results.gate.gate import judge
-from tasks.simulate.batch.commit import ChunkPart
-from tasks.simulate.batch.job import plan_of
+from tasks.results.gate.gate_verdict import judge
+from tasks.simulate.batch.batch_record import plan_of
+from tasks.simulate.batch.chunk_run import ChunkPart
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
-from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.job.generation_job import run_generation_job
 from tests.factories.episodes import collided, passed
 from tests.factories.judged_batches import courier, delivery, ended, run_of
 from tests.factories.planned_batches import mixed

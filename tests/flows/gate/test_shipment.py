@@ -7,15 +7,14 @@ from typing import cast
 
 import pytest
 
-from flows.gate.judge import gate_answer, read_gate_answer
-from flows.gate.shipment import evidence_changes, shippable, withdraw_deployment
-from flows.recount.recount import Asked
-from flows.stage.stages import deploy, judge_batch_stage
+from flows.pipeline.pipeline_run import deploy, judge_batch_stage
+from flows.pipeline.recount import ParsedRun
+from flows.pipeline.run_gate import evidence_changes, gate_answer, read_gate_answer, shippable, withdraw_deployment
 from specs.data.run_report import StageReport
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import read_evidence
 from tasks.results.gate.shipped_builds import shipment_of
-from tasks.simulate.batch.job import plan_of
+from tasks.simulate.batch.batch_record import plan_of
 from tasks.storage.base.keys import application_key, bundle_key, result_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, job_id, read, submit
@@ -30,8 +29,10 @@ class Shop:
     """A run whose gate has passed, and a deployment that only notes that it was asked for."""
 
     def __init__(self, store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("flows.stage.stages.deployment_sync", self._ship)
-        monkeypatch.setattr("flows.stage.stages.recount_changes", lambda *_: [])  # these rows were not simulated
+        monkeypatch.setattr("flows.pipeline.pipeline_run.deployment_sync", self._ship)
+        monkeypatch.setattr(
+            "flows.pipeline.pipeline_run.recount_changes", lambda *_: []
+        )  # these rows were not simulated
         self.shipped: list[dict[str, str]] = []
         self.store, self.robot = store, courier(store, folder, "one")
         self.batch = ended(store, self.robot, scenario=delivery(store, folder))
@@ -39,7 +40,7 @@ class Shop:
         (self.gate,) = judge_batch_stage(PIPELINE, self.batch, store, self.run)
 
     def deploy(self) -> StageReport:
-        (report,) = deploy(Asked(PIPELINE, ".", {}, []), self.batch, self.store, self.run)
+        (report,) = deploy(ParsedRun(PIPELINE, ".", {}, []), self.batch, self.store, self.run)
         return report
 
     def key(self, url: str) -> str:
@@ -110,7 +111,7 @@ def test_a_build_that_was_added_since_the_run_began_is_refused(shop: Shop):
     application = json.loads(shop.store.get(key).body)
     application["versions"][0]["builds"] = added
     shop.store.put(key, json.dumps(application).encode())
-    (report,) = deploy(Asked(PIPELINE, ".", {}, [], settled), shop.batch, shop.store, shop.run)
+    (report,) = deploy(ParsedRun(PIPELINE, ".", {}, [], settled), shop.batch, shop.store, shop.run)
     assert (report.status, shop.shipped) == ("Refused", [])
     assert f"courier version 1 for ARM64 is {'f' * 64} now; when the run began it was not there" in report.summary
 

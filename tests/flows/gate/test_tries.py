@@ -7,13 +7,20 @@ from typing import Any, cast
 
 import pytest
 
-from flows.gate.judge import GateAnswer, gate_answer, read_gate_answer
-from flows.gate.tries import episodes_name, ledger_of, note_try, tries_before
+from flows.pipeline.run_gate import (
+    GateAnswer,
+    attempts_before,
+    attempts_name,
+    episodes_name,
+    gate_answer,
+    note_attempt,
+    read_gate_answer,
+)
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import read_evidence
-from tasks.simulate.batch.commit import ChunkPart, Simulate
-from tasks.simulate.batch.job import plan_of
+from tasks.simulate.batch.batch_record import plan_of
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
 from tests.factories.episodes import collided, passed
@@ -100,7 +107,9 @@ def test_a_run_that_goes_on_says_what_it_said(nights: Nights, monkeypatch: pytes
     first = gate_answer(GATE, batch, nights.store, run)
     nights.run("tue", 100)
     assert gate_answer(GATE, batch, nights.store, run) == first
-    monkeypatch.setattr("flows.gate.judge._is_vouched", lambda *_: False)  # as on a machine without the owner's key
+    monkeypatch.setattr(
+        "flows.pipeline.run_gate._is_authentic", lambda *_: False
+    )  # as on a machine without the owner's key
     assert gate_answer(GATE, batch, nights.store, run) == first
     advance(nights.store, "pipeline-run", run.id, "Completed")
     assert read_gate_answer(nights.store, run) == first
@@ -123,11 +132,11 @@ class CountedStore:
 
 def test_a_hundred_tries_are_counted_with_one_listing_and_no_record_is_opened(nights: Nights):
     batch, counted = nights.batch("mon"), CountedStore(nights.store)
-    ledger, store = ledger_of(run_of(nights.store), GATE, batch, ""), cast("Store", counted)
+    ledger, store = attempts_name(run_of(nights.store), GATE, batch, ""), cast("Store", counted)
     for number in range(100):
-        note_try(nights.store, ledger, f"{number:032x}", "simb-0")
-    assert tries_before(store, ledger, lambda: episodes_name(store, plan_of(batch))) == 100
+        note_attempt(nights.store, ledger, f"{number:032x}", "simb-0")
+    assert attempts_before(store, ledger, lambda: episodes_name(store, plan_of(batch))) == 100
     assert counted.calls == {"keys": 1, "get": len(plan_of(batch).worlds_used())}
     counted.calls.clear()
-    assert tries_before(store, "0" * 32, lambda: episodes_name(store, plan_of(batch))) == 0
+    assert attempts_before(store, "0" * 32, lambda: episodes_name(store, plan_of(batch))) == 0
     assert counted.calls == {"keys": 1}

@@ -2,16 +2,14 @@
 
 import json
 
-from flows.gateway.calls import Calls, no_page
+from flows.gateway.application import Calls, no_page
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.errors import StoreError
-from specs.interface.operations import OPERATIONS
-from tasks.deploy.fleet.fleets import fleets
-from tasks.gateway.access.guards import LoopbackGuard
-from tasks.gateway.access.page_origin import loopback_hosts
-from tasks.gateway.door import Call
-from tasks.gateway.messages import HttpAnswer, HttpRequest
+from specs.robomaker.operations import OPERATIONS
+from tasks.deploy.fleet.fleet_registry import fleets
+from tasks.gateway.access.guard import Call, LoopbackGuard, loopback_hosts
+from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.base.store import Store
 from tests.factories.gateway.robomaker_client import HOST
 

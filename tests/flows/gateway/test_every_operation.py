@@ -9,12 +9,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from specs.arn import KINDS, ArnForm, ResourceKind, arn
-from specs.interface.operations import OPERATIONS, STATUSES
-from specs.interface.shapes import shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
-from tasks.gateway.document_arns import with_arns
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
+from tasks.gateway.rest_json import with_arns
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import job_id
 from tasks.storage.store_url import open_store, store_id

@@ -1,5 +1,5 @@
 from flows.gateway.handlers import HANDLERS
-from specs.interface.operations import OPERATIONS
+from specs.robomaker.operations import OPERATIONS
 
 
 def test_every_operation_has_its_handler():

@@ -9,10 +9,10 @@ import pytest
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.errors import DocumentError
-from specs.interface.shapes import shapes
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import close_batch, open_batch
-from tasks.simulate.batch.job_states import Jobs
+from specs.robomaker.operations import shapes
+from tasks.simulate.batch.batch_jobs import Jobs
+from tasks.simulate.batch.batch_record import close_batch, open_batch
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.factories.planned_batches import begun, mixed, plan, request
@@ -114,6 +114,6 @@ def test_jobs_of_an_ended_batch_are_the_same_from_its_line_as_from_its_chunks(fi
 
 def test_the_calls_need_neither_prefect_nor_arrays() -> None:
     heavy = ("prefect", "jax", "mujoco", "pyarrow", "numpy")
-    code = f"import sys, flows.gateway.lists; print([each for each in {heavy!r} if each in sys.modules])"
+    code = f"import sys, flows.gateway.handlers; print([each for each in {heavy!r} if each in sys.modules])"
     answer = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
     assert answer.stdout == "[]\n"

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from flows.gateway.gateway import Gateway
 from specs.base import Spec
-from specs.interface.operations import OPERATIONS
-from specs.interface.shapes import shapes
-from specs.robomaker.tags import ListTagsForResourceRequest
-from tasks.gateway.messages import HttpAnswer
+from specs.robomaker.operations import OPERATIONS, shapes
+from specs.robomaker.shared_operations import ListTagsForResourceRequest
+from tasks.gateway.rest_json import HttpAnswer
 from tasks.storage.store_url import open_store
 from tests.factories.gateway.robomaker_client import HOST, Send, running_application
 

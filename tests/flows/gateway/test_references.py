@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.gateway.references import ROBOMAKER_KINDS, path_of, referenced
+from flows.gateway.gateway import ROBOMAKER_KINDS, path_of, referenced
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.base.store import Store
 

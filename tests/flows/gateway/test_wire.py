@@ -13,9 +13,8 @@ from hypothesis import strategies as st
 from flows.gateway.gateway import Gateway
 from specs.arn import ArnForm
 from specs.base import Spec
-from specs.interface.operations import OPERATIONS
-from specs.interface.shapes import shapes
-from tasks.gateway.document_arns import with_arns
+from specs.robomaker.operations import OPERATIONS, shapes
+from tasks.gateway.rest_json import with_arns
 from tasks.storage.store_url import open_store, store_id
 from tests.factories.gateway.robomaker_client import client_of, running_application
 from tests.factories.strategies import shape

@@ -12,10 +12,8 @@ from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary
 from prefect.utilities.callables import parameter_schema
 from prefect.utilities.schema_tools.validation import ValidationError, validate
 
-from flows.parameter.document_parameter import with_document
-from flows.pipeline import pipeline
-from flows.simulation_batch import simulation_batch
-from flows.world_generation import world_generation
+from flows.prefect.flows import pipeline, simulation_batch, world_generation
+from flows.prefect.parameters import with_document
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.world_sections import WorldGeneration

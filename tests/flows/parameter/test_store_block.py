@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.parameter.store_block import store_at
+from flows.prefect.parameters import store_at
 from specs.errors import DocumentError
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.preview.baseline_plan import GateBasis, gate_basis
+from flows.preview.gate_plan import GateBasis, gate_basis
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.storage.base.store import Store
 from tests.factories.judged_batches import courier, delivery, ended

@@ -2,9 +2,8 @@
 
 import pytest
 
-from flows.preview.furniture_catalogue import KINDS, furniture_kinds, furniture_picture
-from tasks.worlds.furnishing.programme import PROGRAMMES
-from tasks.worlds.furniture.catalogue import CATALOGUE
+from flows.preview.world_preview import FURNITURE_KINDS, furniture_kinds, furniture_picture
+from tasks.worlds.furniture.catalogue import CATALOGUE, ROOM_DEFAULTS
 from tasks.worlds.generate import generate_world
 from tests.worlds.templates import furniture, room, template
 
@@ -12,13 +11,13 @@ BY_NAME = {each.kind: each for each in furniture_kinds()}
 
 
 def test_every_kind_is_listed_once():
-    assert list(BY_NAME) == list(KINDS)
-    assert set(KINDS) == set(CATALOGUE)
+    assert list(BY_NAME) == list(FURNITURE_KINDS)
+    assert set(FURNITURE_KINDS) == set(CATALOGUE)
 
 
 def test_rooms_are_those_of_the_programmes():
     for kind, listed in BY_NAME.items():
-        for name, programme in PROGRAMMES.items():
+        for name, programme in ROOM_DEFAULTS.items():
             assert (name in listed.essential) == any(kind in choice for choice in programme.essential)
             assert (name in listed.likely) == (kind in programme.likely and name not in listed.essential)
 
@@ -35,6 +34,6 @@ def test_what_stands_in_worlds_is_within_the_sizes(kind: str):
 
 
 def test_a_picture_is_small_and_the_same_each_time():
-    drawn = [furniture_picture(kind) for kind in KINDS]
+    drawn = [furniture_picture(kind) for kind in FURNITURE_KINDS]
     assert max(map(len, drawn)) < 6_000
-    assert drawn == [furniture_picture(kind) for kind in KINDS]
+    assert drawn == [furniture_picture(kind) for kind in FURNITURE_KINDS]

@@ -1,7 +1,6 @@
 """`simyard plan` says what each rule of a gate needs, and whether the batch has it."""
 
-from flows.preview.baseline_plan import GateBasis
-from flows.preview.gate_plan import gate_lines
+from flows.preview.gate_plan import GateBasis, gate_lines
 from specs.pipeline.gate_section import Gate
 
 

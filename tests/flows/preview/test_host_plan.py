@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from flows.preview.host_plan import HostPlan, host_failures, host_faults, host_lines
-from tasks.ros.launch.resolve import LaunchSource
-from tasks.simulate.forecast.node_cost import nodes_pace, nodes_s
-from tasks.simulate.process import launch_check
-from tasks.simulate.process.confinement import Confinement
-from tasks.simulate.process.launch_check import LaunchReport, check_launch_file
+from flows.preview.plan import HostPlan, host_failures, host_faults, host_lines
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.forecast.forecast import nodes_pace, nodes_s
+from tasks.simulate.sandbox import launch_check
+from tasks.simulate.sandbox.confinement import Confinement
+from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tests.ros.conftest import ros
 
 __all__ = ["ros"]

@@ -11,8 +11,7 @@ from flows.preview.plan import plan_lines
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.results.playback import replay_formats
 from tasks.storage.base.store import Store

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.preview.world_advice import SeenSpread, seen_spread, world_lines
+from flows.preview.plan import SeenSpread, seen_spread, world_lines
 from specs.pipeline.gate_section import Gate
 from tasks.results.tables.history_rows import Cell
 from tasks.storage.base.store import Store
@@ -51,8 +51,8 @@ def test_the_spread_of_earlier_batches_is_that_of_their_worlds(file_store: Store
     submit(file_store, "pipeline-run", {}, "run")
     cells = tuple(Cell(f"g/{world}", "b", (), passed, 8) for world, passed in enumerate([8, 8, 8, 0]))
     night = SimpleNamespace(cells=cells, request="r", begun_at_s=1.0)
-    monkeypatch.setattr("flows.trend.history.read_history", lambda *_: SimpleNamespace(nights=[night]))
+    monkeypatch.setattr("flows.batch.trend_history.read_history", lambda *_: SimpleNamespace(nights=[night]))
     assert seen_spread(file_store, "nightly") == SeenSpread(1, 1.0)
     perfect = SimpleNamespace(cells=(Cell("g/a", "b", (), 8, 8),), request="r", begun_at_s=2.0)
-    monkeypatch.setattr("flows.trend.history.read_history", lambda *_: SimpleNamespace(nights=[perfect]))
+    monkeypatch.setattr("flows.batch.trend_history.read_history", lambda *_: SimpleNamespace(nights=[perfect]))
     assert seen_spread(file_store, "nightly") == SeenSpread(1, None)

@@ -1,4 +1,4 @@
-"""Jobs as the gateway records and queues them (the contract is in flows.queue.recorded_work)."""
+"""Jobs as the gateway records and queues them (the contract is in flows.queue.queued_flows)."""
 
 from collections.abc import Sequence
 from typing import cast
@@ -6,10 +6,10 @@ from typing import cast
 import yaml
 from pydantic import JsonValue
 
-from flows.document.references import numbered_finder
-from flows.document.tested_batch import batch_plan
+from flows.pipeline.references import numbered_finder
+from flows.pipeline.tested_batch import batch_plan
 from specs.arn import arn
-from specs.digest import canonical_document, canonical_json
+from specs.base import canonical_document, canonical_json
 from specs.job_kinds import JobKind
 from specs.pipeline.section_requests import simulation_request
 from specs.pipeline.simulation_section import SimulationBatch
@@ -17,13 +17,12 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody, template_digest
 from tasks.applications.registry import resolve
-from tasks.storage.base.encoding import create_once
 from tasks.storage.base.keys import template_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, create_once
 from tasks.storage.jobs.queue import enqueue
 from tasks.storage.jobs.records import JobRecord, job_id, submit
 from tasks.storage.store_url import store_id
-from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.job.generation_job import run_generation_job
 from tests.repository import ROOT
 
 TEMPLATE = TemplateBody.model_validate_json((ROOT / "examples/templates/two-rooms.json").read_bytes())

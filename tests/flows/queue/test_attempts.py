@@ -6,8 +6,7 @@ import pytest
 from flows.queue.attempts import MOST_ATTEMPTS, Attempts, Job, ServerAway
 from specs.errors import DocumentError, StoreAway, StoreError
 from specs.job_kinds import JobKind
-from tasks.storage.base.encoding import encode_document
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.queue import change_entry, enqueue, find_entry, queued_jobs, turn_key
 from tasks.storage.jobs.records import JobRecord, advance, job_id, read
@@ -74,7 +73,7 @@ def test_a_job_that_a_live_worker_has_is_passed_by_at_once(file_store: Store):
 def test_a_worker_that_has_died_is_followed_by_another(file_store: Store, monkeypatch: pytest.MonkeyPatch):
     job = waiting(file_store)
     with hold_claim(file_store, turn_key(KIND, job.id)):
-        monkeypatch.setattr("tasks.storage.jobs.claim_state.is_known_dead", lambda _process: True)
+        monkeypatch.setattr("tasks.storage.jobs.claim.is_known_dead", lambda _process: True)
         assert attempt(file_store, ends(file_store))
 
     assert queued_jobs(file_store) == []

@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 import pytest
 
-from flows.queue.crew import Crew, KeptProcess
+from flows.queue.supervisor import KeptProcess, QueueWorkers
 from tests.servers.eventually import eventually
 
 _READS = [sys.executable, "-S", "-c", "import os\nwhile os.read(0, 1): pass"]
@@ -49,5 +49,5 @@ def test_a_process_that_does_not_read_holds_up_nobody(kept: KeptProcess):
 
 
 def test_a_crew_of_no_workers_starts_nothing():
-    with Crew("file:///nowhere", workers=0) as crew:
+    with QueueWorkers("file:///nowhere", workers=0) as crew:
         crew.wake()

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 _SWALLOWS = """
-from flows.queue.foreman import Orders
+from flows.queue.supervisor import Orders
 orders = Orders()
 try:
     print("ready", flush=True)

@@ -3,7 +3,7 @@ from typing import get_args
 
 import pytest
 
-from flows.queue.job_end import CODES, fail_job
+from flows.queue.attempts import CODES, fail_job
 from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
@@ -14,11 +14,11 @@ from specs.robomaker.failure_codes import (
 )
 from specs.robomaker.simulation import SimulationJobBatchErrorCode
 from tasks.applications.registry import publish_bundle
-from tasks.export.job.describe import describe_export_job
-from tasks.simulate.batch.describe import describe_batch
+from tasks.export.job.export_answers import describe_export_job
+from tasks.simulate.batch.batch_jobs import describe_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
-from tasks.worlds.job.describe import describe_generation_job
+from tasks.worlds.job.world_answers import describe_generation_job
 from tests.flows.queue.queued_jobs import queue_batch, queue_export, queue_generation, queue_job, some_worlds
 from tests.repository import ROOT
 

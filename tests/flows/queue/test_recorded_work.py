@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.queue.recorded_work import work_off
+from flows.queue.queued_flows import work_off
 from specs.errors import SimyardError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, read

@@ -7,15 +7,14 @@ from typing import Any
 
 import pytest
 
-from flows.batch.report_files import write_report_page
-from flows.recount.batch_recount import Planned, count_batch, vouched_record
-from flows.recount.sample import sample_changes
+from flows.batch.batch_end import write_report_page
+from flows.pipeline.recount import PlannedRun, authenticated_record, count_batch, sample_changes
 from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
+from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_store import committed_chunk, stored_chunk
-from tasks.simulate.batch.job import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.provenance import is_sealed
-from tasks.simulate.plan.request import recorded_location
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
@@ -29,9 +28,9 @@ def closed(file_store: Store) -> OpenBatch:
     return closed_batch(file_store, pushing_plan(file_store, audit=4))
 
 
-def planned(batch: OpenBatch) -> Planned:
+def planned(batch: OpenBatch) -> PlannedRun:
     """Returns what the batch's document asks for."""
-    return Planned(batch.plan, recorded_location(batch.record()))
+    return PlannedRun(batch.plan, recorded_location(batch.record()))
 
 
 def edited(batch: OpenBatch, change: Callable[[dict[str, Any]], None]) -> JobRecord:
@@ -51,7 +50,7 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
 def test_what_the_owner_sealed_is_believed_and_what_was_added_is_not(closed: OpenBatch):
     assert is_sealed(closed.record(), closed.voucher)
     record = edited(closed, lambda detail: detail.update(passed=999))
-    vouched = vouched_record(record, closed.store, GATE, lambda: planned(closed))
+    vouched = authenticated_record(record, closed.store, GATE, lambda: planned(closed))
     assert vouched.detail["counts"] == record.detail["counts"]
     forged = edited(closed, lambda detail: detail.update(stopped_early={"left_out": 3}))
     assert not is_sealed(forged, closed.voucher)
@@ -70,7 +69,7 @@ def test_without_the_key_all_is_simulated_anew_and_vouched_for_from_then_on(
     elsewhere(monkeypatch, tmp_path)
     batch = load_batch(closed.store, closed.id)
     assert not is_sealed(batch.record(), batch.voucher)
-    found = vouched_record(batch.record(), batch.store, GATE, lambda: planned(batch))
+    found = authenticated_record(batch.record(), batch.store, GATE, lambda: planned(batch))
     assert found.detail["counts"] == closed.record().detail["counts"]
     for number in range(batch.layout.chunks):
         chunk = stored_chunk(batch.store, batch.id, number, batch.voucher)
@@ -85,7 +84,7 @@ def test_without_the_key_a_forged_row_is_named(closed: OpenBatch, monkeypatch: p
     body = json.dumps([row.model_dump(mode="json") for row in forged]).encode()
     closed.store.put(chunk_key(closed.id, 1), body)
     with pytest.raises(StageFailed, match=f"episode {rows[0].index} says path_length_m"):
-        vouched_record(closed.record(), closed.store, GATE, lambda: planned(closed))
+        authenticated_record(closed.record(), closed.store, GATE, lambda: planned(closed))
 
 
 def test_people_are_told_of_results_that_nobody_here_vouches_for(
@@ -106,7 +105,7 @@ def test_each_fact_that_was_edited_is_named_with_what_was_computed(closed: OpenB
 
     record = edited(closed, change)
     with pytest.raises(StageFailed, match=f"{closed.id}.json says {name} .*forged.*; computed: "):
-        vouched_record(record, closed.store, GATE, lambda: planned(closed))
+        authenticated_record(record, closed.store, GATE, lambda: planned(closed))
 
 
 def test_another_plan_than_the_documents_is_refused(closed: OpenBatch):

@@ -8,15 +8,14 @@ from typing import Any
 
 import pytest
 
-from flows.gate.judge import gate_answer, read_baseline, read_gate_answer
-from flows.recount import recount
-from flows.recount.batch_recount import Planned
-from flows.recount.recount import Asked, recount_changes
-from flows.stage.stages import deploy, judge_batch_stage, vouch
+from flows.pipeline import recount
+from flows.pipeline.pipeline_run import authenticated_batch, deploy, judge_batch_stage
+from flows.pipeline.recount import ParsedRun, PlannedRun, recount_changes
+from flows.pipeline.run_gate import gate_answer, read_baseline, read_gate_answer
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
-from tasks.simulate.batch.job import KIND, plan_of
-from tasks.simulate.plan.request import recorded_location
+from tasks.simulate.batch.batch_record import KIND, plan_of
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -32,14 +31,14 @@ class Run:
     """A run whose batch was judged; its rows were never simulated, so that none is drawn to be simulated again."""
 
     def __init__(self, store: Store, batch: JobRecord, spec: PipelineSpec, monkeypatch: pytest.MonkeyPatch) -> None:
-        for module in ("flows.recount.recount", "flows.stage.stages"):
-            monkeypatch.setattr(f"{module}.asked_plan", lambda *_: Planned(plan_of(batch), recorded_location(batch)))
-        monkeypatch.setattr("flows.recount.recount.sample_changes", lambda *_: [])
+        for module in ("flows.pipeline.recount", "flows.pipeline.pipeline_run"):
+            monkeypatch.setattr(f"{module}.asked_plan", lambda *_: PlannedRun(plan_of(batch), recorded_location(batch)))
+        monkeypatch.setattr("flows.pipeline.recount.sample_changes", lambda *_: [])
         self.store, self.batch, self.spec, self.record = store, batch, spec, run_of(store)
         judge_batch_stage(spec, batch, store, self.record)
 
     def changes(self) -> list[str]:
-        return recount_changes(Asked(self.spec, ".", {}, []), self.batch, self.store, self.record)
+        return recount_changes(ParsedRun(self.spec, ".", {}, []), self.batch, self.store, self.record)
 
     def edit(self, kind: str, name: str, change: Callable[[dict[str, Any]], None]) -> None:
         record = json.loads(self.store.get(job_key(kind, name)).body)
@@ -68,7 +67,7 @@ def compared(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     old, new = (courier(file_store, tmp_path, text) for text in ("old", "new"))
     ended(file_store, old, scenario=scenario, name="before", audit=0)
     run = Run(file_store, ended(file_store, new, scenario=scenario, name="now", audit=0), COMPARED, monkeypatch)
-    monkeypatch.setattr("flows.recount.recount.compared_digest", lambda *_: old.digest)
+    monkeypatch.setattr("flows.pipeline.recount.compared_digest", lambda *_: old.digest)
     return run
 
 
@@ -78,7 +77,7 @@ def test_what_was_judged_is_found_again(name: str, request: pytest.FixtureReques
 
 
 def test_a_document_without_a_gate_is_not_recounted(file_store: Store):
-    asked = Asked(PipelineSpec.model_validate({"name": "n", "deployment": PIPELINE.deployment}), ".", {}, [])
+    asked = ParsedRun(PipelineSpec.model_validate({"name": "n", "deployment": PIPELINE.deployment}), ".", {}, [])
     assert recount_changes(asked, None, file_store, run_of(file_store)) == []
 
 
@@ -86,13 +85,13 @@ def test_a_gate_that_has_not_answered_ships_nothing(run: Run):
     run.edit_run(lambda detail: detail.pop("gate"))
     (line,) = run.changes()
     assert line.endswith("says no gate's answer")
-    (report,) = deploy(Asked(PIPELINE, ".", {}, []), run.batch, run.store, run.record)
+    (report,) = deploy(ParsedRun(PIPELINE, ".", {}, []), run.batch, run.store, run.record)
     assert report.status == "Refused"
     assert "the document has a gate" in report.summary
 
 
 def test_a_gate_without_a_batch_ships_nothing(run: Run):
-    asked = Asked(PIPELINE, ".", {}, [])
+    asked = ParsedRun(PIPELINE, ".", {}, [])
     assert recount_changes(asked, None, run.store, run.record) == ["there is no batch that the gate could have judged"]
 
 
@@ -185,5 +184,5 @@ def test_only_what_is_vouched_for_is_handed_to_the_gate(run: Run):
     run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
     read = run.batch.model_copy(update={"detail": {**run.batch.detail, "counts": {"successes": 1}}})
     with pytest.raises(StageFailed, match="says counts"):
-        vouch(PIPELINE, read, [], run.store, {})
-    assert vouch(PIPELINE, None, [], run.store, {}) is None
+        authenticated_batch(PIPELINE, read, [], run.store, {})
+    assert authenticated_batch(PIPELINE, None, [], run.store, {}) is None

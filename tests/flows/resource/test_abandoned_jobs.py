@@ -5,18 +5,17 @@ from pydantic import JsonValue
 from typer.testing import CliRunner
 
 from flows.cli.shell import app
-from flows.resource import cancel as cancel_module
-from flows.resource.abandoned_jobs import ReapedJob, job_notes, kind_notes, reap_jobs
+from flows.resources import kinds as cancel_module
+from flows.resources.abandoned_jobs import ReapedJob, job_notes, kind_notes, reap_jobs
 from specs.errors import StoreError
 from specs.job_kinds import JobKind
-from tasks.simulate.batch.cancel_restart import cancel_batch
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import time_out
+from tasks.simulate.batch.batch_jobs import cancel_batch
+from tasks.simulate.batch.batch_record import time_out
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, hold_claim
-from tasks.storage.jobs.holder import ProcessIdentity
+from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tasks.storage.jobs.runs import KIND, begin_run, stage_token
 from tests.factories import planned_batches

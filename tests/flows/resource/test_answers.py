@@ -2,22 +2,21 @@
 
 import pytest
 
-from flows.resource.answers import describe_jobs, describe_resource, list_resources
-from flows.resource.cancel import cancel_resource
+from flows.resources.kinds import cancel_resource, describe_jobs, describe_resource, list_resources
 from specs.arn import Reference
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation_descriptions import BatchDescribeSimulationJobResponse
 from specs.template.body import template_body, template_digest
-from tasks.deploy.fleet.robots import create_robot
-from tasks.simulate.batch.job import canceled_jobs
+from tasks.deploy.fleet.fleet_registry import create_robot
+from tasks.simulate.batch.batch_record import canceled_jobs
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import read, submit
 from tasks.storage.store_url import store_id
 from tasks.storage.tags import change_tags, with_tags
-from tasks.storage.templates.named_templates import create_template, keep_body, update_template
+from tasks.storage.templates import create_template, keep_body, update_template
 from tests.factories.batches import put_worlds
 from tests.factories.planned_batches import begun
 from tests.factories.worlds import apartment

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import JsonValue
 
-from flows.resource.cancel import cancel_jobs, cancel_resource, cancel_run, require_not_canceled
+from flows.resources.kinds import cancel_jobs, cancel_resource, cancel_run, require_not_canceled
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key

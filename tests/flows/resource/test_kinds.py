@@ -5,7 +5,7 @@ from typing import get_args
 from typer.testing import CliRunner
 
 from flows.cli.shell import app
-from flows.resource.kinds import KINDS
+from flows.resources.kinds import KINDS
 from specs.arn import ResourceKind
 from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.store import Store

@@ -2,12 +2,11 @@
 
 import pytest
 
-from flows.resource.abandoned_jobs import job_notes, kind_notes, reap_jobs
+from flows.resources.abandoned_jobs import job_notes, kind_notes, reap_jobs
 from specs.errors import ConcurrentDeployment
 from tasks.applications.registry import resolve
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.fleet.reservation import reserve_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import leave_queue

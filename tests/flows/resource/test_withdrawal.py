@@ -6,9 +6,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from flows.cli.shell import app
-from flows.resource.withdrawal import renew_metadata_here, withdrawal_note
+from flows.resources.fleet_membership import renew_metadata_here, withdrawal_note
 from specs.errors import DocumentError
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord

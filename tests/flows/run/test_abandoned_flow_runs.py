@@ -12,14 +12,18 @@ from prefect.runtime import flow_run as running_flow_run
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
 
-from flows.prefect_orchestrator import under_prefect
-from flows.run import abandoned_flow_runs
-from flows.run.abandoned_flow_runs import end_abandoned_flow_run, end_abandoned_flow_runs, end_flow_run_before
-from flows.run.cancellation import cancel_with_flow_run
-from flows.run.flow_run_marks import PROCESS
-from flows.stage.cancellation import cancelable_run
+from flows.pipeline.run_turns import cancelable_run
+from flows.prefect import flow_runs
+from flows.prefect.flow_runs import (
+    PROCESS,
+    cancel_with_flow_run,
+    end_abandoned_flow_run,
+    end_abandoned_flow_runs,
+    end_flow_run_before,
+)
+from flows.prefect.prefect_orchestrator import under_prefect
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.holder import ProcessIdentity, this_process
+from tasks.storage.jobs.claim import ProcessIdentity, this_process
 from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.runs import FLOW_RUN, KIND, begin_run
 from tests.servers.eventually import eventually
@@ -167,7 +171,7 @@ def test_a_flow_run_that_no_run_names_ends_when_its_process_on_this_machine_is_d
     dead = labelled(client, here.model_copy(update={"started": "1"}))
     alive, away = labelled(client, here), labelled(client, here.model_copy(update={"host": "other", "started": "1"}))
     assert ended_of(file_store, dead, alive, away) == []  # a new process may be about to write its label
-    monkeypatch.setattr(abandoned_flow_runs, "_GRACE_S", 0.0)
+    monkeypatch.setattr(flow_runs, "_GRACE_S", 0.0)
     assert ended_of(file_store, dead, alive, away) == [dead]
     assert [state(client, each).name for each in (dead, alive, away)] == ["Crashed", "Running", "Running"]
 

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from prefect.assets import Asset as PrefectAsset
 
-from flows.run import asset_events
-from flows.run.asset_events import MATERIALIZED, REFERENCED, announce_asset, asset_key
-from flows.stage.assets import Asset, MadeAsset
+from flows.pipeline.stage_report import Asset, MadeAsset
+from flows.prefect import prefect_events
+from flows.prefect.prefect_events import MATERIALIZED, REFERENCED, announce_asset, asset_key
 
 WORLDS, COURIER = Asset("s3://b/p/worlds/wgj-1", "worlds of wgj-1"), Asset("s3://b/p/bundles/f9", "courier 1")
 TABLES = MadeAsset(Asset("s3://b/p/simb-1/results.parquet", "results of simb-1"), (WORLDS, COURIER), {"episodes": 8})
@@ -22,7 +22,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> Sent:
     """Returns what is sent, instead of sending it."""
     found: Sent = []
     monkeypatch.setattr(
-        asset_events, "emit_event", lambda event, resource, **more: found.append((event, resource, more))
+        prefect_events, "emit_event", lambda event, resource, **more: found.append((event, resource, more))
     )
     return found
 
@@ -69,8 +69,8 @@ def test_an_event_that_cannot_be_sent_harms_no_job(monkeypatch: pytest.MonkeyPat
     def refuse(*_: object, **__: object) -> None:
         raise RuntimeError("no route")
 
-    monkeypatch.setattr(asset_events, "emit_event", refuse)
-    with caplog.at_level(logging.WARNING, logger="flows.run.asset_events"):
+    monkeypatch.setattr(prefect_events, "emit_event", refuse)
+    with caplog.at_level(logging.WARNING, logger="flows.prefect.prefect_events"):
         announce_asset(TABLES)
     assert "results of simb-1 was made: no route" in caplog.text
 

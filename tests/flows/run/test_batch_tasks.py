@@ -2,8 +2,8 @@
 
 import pytest
 
-from flows.run import batch_tasks
-from flows.run.batch_tasks import chunk_name
+from flows.prefect import tasks
+from flows.prefect.tasks import chunk_name
 from specs.errors import StoreAway
 
 
@@ -11,5 +11,5 @@ def test_a_chunk_has_a_name_while_its_store_is_away(monkeypatch: pytest.MonkeyPa
     def away(_url: str) -> None:
         raise StoreAway("no answer")
 
-    monkeypatch.setattr(batch_tasks, "open_store", away)
+    monkeypatch.setattr(tasks, "open_store", away)
     assert chunk_name({"number": 2, "store_url": "s3://b/p", "batch": "simb-1"}) == "chunk 3"

@@ -9,8 +9,8 @@ from prefect.client.schemas.objects import FlowRun
 from prefect.states import Cancelling
 from pydantic import JsonValue
 
-from flows.run.cancellation import cancel_with_flow_run, canceled_state
-from flows.stage import cancellation
+from flows.pipeline import run_turns
+from flows.prefect.flow_runs import cancel_with_flow_run, canceled_state
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read
@@ -26,9 +26,9 @@ def status(store: Store, run: JobRecord) -> str:
 def test_a_flow_run_whose_process_was_killed_is_cancelled_by_its_worker(file_store: Store) -> None:
     own = uuid4()
     with begin_run(file_store, IDENTITY) as run:
-        advance(file_store, KIND, run.id, "Running", detail={cancellation.FLOW_RUN: str(own)})
+        advance(file_store, KIND, run.id, "Running", detail={run_turns.FLOW_RUN: str(own)})
     with begin_run(file_store, {"flow": "world-export", "spec": {"other": 1}}) as other:
-        advance(file_store, KIND, other.id, "Running", detail={cancellation.FLOW_RUN: str(uuid4())})
+        advance(file_store, KIND, other.id, "Running", detail={run_turns.FLOW_RUN: str(uuid4())})
     stopped = FlowRun(id=own, flow_id=uuid4(), parameters={"store": file_store.url})
     cancel_with_flow_run(cast("Any", None), stopped, Cancelling())
     assert (status(file_store, run), status(file_store, other)) == ("Canceled", "Running")

@@ -11,8 +11,8 @@ from prefect.client.orchestration import SyncPrefectClient, get_client
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import Cancelling, Running
 
-from flows.run import cancellation
-from flows.run.cancellation import watch_cancellation
+from flows.prefect import flow_runs
+from flows.prefect.flow_runs import watch_cancellation
 from tests.servers.eventually import eventually
 
 FLOW = Flow(lambda: None, name="watched")
@@ -35,7 +35,7 @@ def refuse(**_arguments: object) -> None:
 
 @pytest.mark.integration
 def test_an_event_tells_where_nobody_asks(client: SyncPrefectClient, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cancellation, "is_cancelling", lambda _flow_run: False)
+    monkeypatch.setattr(flow_runs, "is_cancelling", lambda _flow_run: False)
     flow_run = client.create_flow_run(FLOW, state=Running()).id
     other = client.create_flow_run(FLOW, state=Running()).id
     with watch_cancellation(str(flow_run)) as is_canceled, watch_cancellation(str(other)) as other_is_canceled:
@@ -55,7 +55,7 @@ def test_a_question_tells_where_events_are_refused(
     client: SyncPrefectClient, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level("INFO")
-    monkeypatch.setattr(cancellation, "get_events_subscriber", refuse)
+    monkeypatch.setattr(flow_runs, "get_events_subscriber", refuse)
     flow_run: UUID = client.create_flow_run(FLOW, state=Running()).id
     with watch_cancellation(str(flow_run), count(0, 10).__next__) as is_canceled:
         assert not is_canceled()
@@ -66,14 +66,14 @@ def test_a_question_tells_where_events_are_refused(
 
 def test_prefect_is_asked_once_in_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
     questions: list[str] = []
-    monkeypatch.setattr(cancellation, "is_cancelling", lambda flow_run: bool(questions.append(flow_run)))
-    monkeypatch.setattr(cancellation, "get_events_subscriber", refuse)
+    monkeypatch.setattr(flow_runs, "is_cancelling", lambda flow_run: bool(questions.append(flow_run)))
+    monkeypatch.setattr(flow_runs, "get_events_subscriber", refuse)
     with watch_cancellation(str(uuid4()), count().__next__) as is_canceled:  # a second passes at each look
         assert not any(is_canceled() for _ in range(60))
     assert 5 <= len(questions) <= 6
 
 
 def test_a_process_without_a_flow_run_asks_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cancellation, "is_cancelling", lambda flow_run: pytest.fail(f"asked of {flow_run!r}"))
+    monkeypatch.setattr(flow_runs, "is_cancelling", lambda flow_run: pytest.fail(f"asked of {flow_run!r}"))
     with watch_cancellation("") as is_canceled:
         assert not is_canceled()

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from flows.gate.judge import GateAnswer
-from flows.run import events
-from flows.run.events import announce_alarm, announce_changes, announce_verdict, event_id
-from tasks.results.trend.view import Alarm
+from flows.pipeline.run_gate import GateAnswer
+from flows.prefect import prefect_events
+from flows.prefect.prefect_events import announce_alarm, announce_changes, announce_verdict, event_id
+from tasks.results.trend.trend_view import Alarm
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 
@@ -19,7 +19,9 @@ Sent = list[tuple[str, dict[str, str], dict[str, Any]]]
 def sent(monkeypatch: pytest.MonkeyPatch) -> Sent:
     """Returns what is sent, instead of sending it."""
     found: Sent = []
-    monkeypatch.setattr(events, "emit_event", lambda event, resource, **more: found.append((event, resource, more)))
+    monkeypatch.setattr(
+        prefect_events, "emit_event", lambda event, resource, **more: found.append((event, resource, more))
+    )
     return found
 
 
@@ -82,9 +84,9 @@ def test_an_event_that_cannot_be_sent_harms_no_job(
     def refuse(*_: object, **__: object) -> None:
         raise RuntimeError("no route")
 
-    monkeypatch.setattr(events, "emit_event", refuse)
+    monkeypatch.setattr(prefect_events, "emit_event", refuse)
     batch = batch_of(file_store)
-    with caplog.at_level(logging.WARNING, logger="flows.run.events"), announce_changes():
+    with caplog.at_level(logging.WARNING, logger="flows.prefect.prefect_events"), announce_changes():
         advance(file_store, batch.kind, batch.id, "InProgress")
     assert read(file_store, batch.kind, batch.id).status == "InProgress"
     assert "no route" in caplog.text

@@ -7,7 +7,7 @@ import pytest
 from prefect import flow_engine
 from prefect.logging import get_logger
 
-from flows.run.heartbeats import leave_heartbeats
+from flows.prefect.flow_calls import leave_heartbeats
 
 
 @pytest.fixture

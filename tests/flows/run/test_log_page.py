@@ -15,7 +15,7 @@ from prefect.client.schemas.objects import FlowRun
 from prefect.context import FlowRunContext
 from prefect.logging.handlers import APILogHandler, set_api_log_sink
 
-from flows.run.log_page import log_on_page
+from flows.prefect.prefect_events import log_on_page
 from specs.errors import DocumentError
 from tasks.progress.log_lines import LOG_FORMAT, LOGGERS
 

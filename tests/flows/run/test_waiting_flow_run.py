@@ -17,7 +17,7 @@ from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary
 from prefect.states import Cancelling, Running
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows.run.waiting_flow_run import AWAITING, WAITING, awaited_run, leave_place, next_pause_s, show_wait, show_work
+from flows.prefect.flow_runs import AWAITING, WAITING, awaited_run, next_pause_s, requeue_run, show_waiting, show_work
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 FLOW = Flow(lambda: None, name="waiting")
@@ -68,7 +68,7 @@ def state(client: SyncPrefectClient, flow_run: FlowRun) -> State:
 def test_it_names_in_its_state_whom_it_waits_for_and_then_works(client: SyncPrefectClient) -> None:
     flow_run = by_hand(client)
     with inside(flow_run):
-        show_wait(SENTENCE)
+        show_waiting(SENTENCE)
         waits = state(client, flow_run)
         show_work()
     assert (waits.name, waits.is_running(), waits.message) == (WAITING, True, SENTENCE)
@@ -78,14 +78,14 @@ def test_it_names_in_its_state_whom_it_waits_for_and_then_works(client: SyncPref
 def test_without_a_worker_it_stays(client: SyncPrefectClient) -> None:
     flow_run = by_hand(client)
     with inside(flow_run):
-        leave_place(SENTENCE, RUN)
+        requeue_run(SENTENCE, RUN)
     assert state(client, flow_run).is_running()
 
 
 def test_at_a_worker_it_gives_its_place_back_and_comes_again(client: SyncPrefectClient) -> None:
     flow_run = by_a_worker(client)
     with inside(flow_run), pytest.raises(Pause):
-        leave_place(SENTENCE, RUN)
+        requeue_run(SENTENCE, RUN)
     left = state(client, flow_run)
     assert (left.name, left.is_scheduled(), left.message) == (AWAITING, True, f"{SENTENCE}; looks again in 30 s")
 
@@ -93,7 +93,7 @@ def test_at_a_worker_it_gives_its_place_back_and_comes_again(client: SyncPrefect
 def test_come_again_it_knows_once_for_which_run_it_waited(client: SyncPrefectClient) -> None:
     flow_run = by_a_worker(client)
     with inside(flow_run), pytest.raises(Pause):
-        leave_place(SENTENCE, RUN)
+        requeue_run(SENTENCE, RUN)
     with inside(client.read_flow_run(flow_run.id)):
         assert awaited_run() == RUN
     with inside(client.read_flow_run(flow_run.id)):
@@ -103,7 +103,7 @@ def test_come_again_it_knows_once_for_which_run_it_waited(client: SyncPrefectCli
 def test_cancelled_while_it_is_away_it_is_cancelled_at_once(client: SyncPrefectClient) -> None:
     flow_run = by_a_worker(client)
     with inside(flow_run), pytest.raises(Pause):
-        leave_place(SENTENCE, RUN)
+        requeue_run(SENTENCE, RUN)
     client.set_flow_run_state(flow_run.id, Cancelling())
     assert state(client, flow_run).is_cancelled()
 
@@ -112,8 +112,8 @@ def test_one_that_is_being_cancelled_does_not_come_again(client: SyncPrefectClie
     flow_run = by_a_worker(client)
     client.set_flow_run_state(flow_run.id, Cancelling())
     with inside(flow_run):
-        show_wait(SENTENCE)
-        leave_place(SENTENCE, RUN)
+        show_waiting(SENTENCE)
+        requeue_run(SENTENCE, RUN)
     assert state(client, flow_run).is_cancelling()
 
 

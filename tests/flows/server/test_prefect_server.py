@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from flows.server.prefect_server import prefect_server
+from flows.prefect.prefect_server import prefect_server
 from tests.factories.gateway.answering_server import answering
 from tests.repository import ROOT
 
 PROGRAM = """
 import asyncio, sys
-from flows.server.prefect_server import prefect_server
+from flows.prefect.prefect_server import prefect_server
 
 async def main():
     with prefect_server():
@@ -59,7 +59,7 @@ def test_a_program_that_ends_its_server_has_sent_its_events_and_log_before(tmp_p
 
 def test_a_server_that_has_gone_away_is_sent_nothing(monkeypatch: pytest.MonkeyPatch):
     sent: list[str] = []
-    monkeypatch.setattr("flows.server.prefect_server.flush_prefect", lambda: sent.append("all"))
+    monkeypatch.setattr("flows.prefect.prefect_server.flush_prefect", lambda: sent.append("all"))
     with answering() as api_url:
         monkeypatch.setenv("PREFECT_API_URL", api_url)
         with prefect_server():

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.gate.judge import GateAnswer
-from flows.stage.assets import evidence_of, made_by
+from flows.pipeline.run_gate import GateAnswer
+from flows.pipeline.stage_report import evidence_of, made_by
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store

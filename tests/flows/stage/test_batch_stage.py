@@ -6,12 +6,12 @@ from threading import enumerate as all_threads
 
 import pytest
 
-from flows.stage import batch_stage
-from flows.workers import spread_batch
+from flows.pipeline import stages
+from flows.prefect import spread_work
 from specs.errors import StageFailed
 from specs.field_types import OutputLocation
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.batch.prepared_chunks import PreparedChunk, prepared_chunk
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import PreparedChunk, prepared_chunk
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan
 
@@ -21,9 +21,9 @@ RESULTS = OutputLocation(s3Bucket="results")
 
 def test_modules_are_imported_and_those_that_are_missing_left_to_who_needs_them(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(sys.modules, NOBODYS, raising=False)
-    monkeypatch.setattr(batch_stage, "_NEEDED_AT_THE_END", ("no_such_module", NOBODYS))
+    monkeypatch.setattr(stages, "_NEEDED_AT_THE_END", ("no_such_module", NOBODYS))
 
-    batch_stage._import_ahead()  # pyright: ignore[reportPrivateUsage]
+    stages._import_ahead()  # pyright: ignore[reportPrivateUsage]
 
     for thread in all_threads():
         if thread.name == "simyard imports":
@@ -32,10 +32,10 @@ def test_modules_are_imported_and_those_that_are_missing_left_to_who_needs_them(
 
 
 def on_a_worker(batch: OpenBatch) -> None:
-    spread_batch._simulate_numbers(batch, (0, 1), RESULTS, left_s=9.0, spent_s=0.0)  # pyright: ignore[reportPrivateUsage]
+    spread_work._simulate_numbers(batch, (0, 1), RESULTS, left_s=9.0, spent_s=0.0)  # pyright: ignore[reportPrivateUsage]
 
 
-@pytest.mark.parametrize("run", [lambda batch: batch_stage.run_batch(batch.store, batch.id, RESULTS), on_a_worker])
+@pytest.mark.parametrize("run", [lambda batch: stages.run_batch(batch.store, batch.id, RESULTS), on_a_worker])
 def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
     file_store: Store, monkeypatch: pytest.MonkeyPatch, run: Callable[[OpenBatch], None]
 ):
@@ -46,7 +46,7 @@ def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
         assert prepared_chunk(batch, 1, {}) is early[0]
         raise StageFailed("InternalServiceError", "the store is away")
 
-    for module, name in ((batch_stage, "_simulate_here"), (spread_batch, "simulate_chunk")):
+    for module, name in ((stages, "_simulate_here"), (spread_work, "simulate_chunk")):
         monkeypatch.setattr(module, name, breaks_off)
     with pytest.raises(StageFailed, match="the store is away"):
         run(batch)

@@ -3,9 +3,9 @@
 import pytest
 from pydantic import JsonValue
 
-from flows.stage import cancellation
-from flows.stage.cancellation import cancelable_run
-from flows.stage.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline import run_turns
+from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.run_turns import cancelable_run
 from specs.errors import StageFailed, StoreError
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
@@ -26,7 +26,7 @@ class Cancelling(ProcessAlone):
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:  # pyright: ignore[reportUnusedFunction] - used by every test
-    monkeypatch.setattr(cancellation, "_LOOK_S", 0.01)
+    monkeypatch.setattr(run_turns, "_LOOK_S", 0.01)
 
 
 def status(store: Store, run: JobRecord) -> str:

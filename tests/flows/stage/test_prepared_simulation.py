@@ -5,15 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from flows.stage import batch_stage, stages
-from flows.stage.batch_stage import run_batch
-from flows.stage.stages import prepare_simulation
+from flows.pipeline import pipeline_run, stages
+from flows.pipeline.pipeline_run import prepare_simulation
+from flows.pipeline.stages import run_batch
 from specs.field_types import OutputLocation
 from specs.pipeline.document import PipelineSpec
 from tasks.applications.registry import publish_bundle
 from tasks.documents.pipeline_file import read_pipeline
+from tasks.simulate.batch.batch_record import KIND, OpenBatch
 from tasks.simulate.batch.chunk_store import ChunkNumbers
-from tasks.simulate.batch.job import KIND, OpenBatch
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
@@ -30,7 +30,7 @@ DIGESTS = ["a" * 64, "b" * 64]
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """What processes were begun for."""
     found: list[Sequence[str]] = []
-    monkeypatch.setattr(stages, "begin_simulation_process", lambda _store, digests: found.append(digests))
+    monkeypatch.setattr(pipeline_run, "begin_simulation_process", lambda _store, digests: found.append(digests))
     return found
 
 
@@ -78,7 +78,7 @@ def test_it_does_not_begin_where_workers_of_a_cluster_simulate(
     run: JobRecord,
     monkeypatch: pytest.MonkeyPatch,
 ):
-    monkeypatch.setattr(stages.orchestrator(), "wanted_workers", lambda: "dask:2")
+    monkeypatch.setattr(pipeline_run.orchestrator(), "wanted_workers", lambda: "dask:2")
     prepare_simulation(spec, file_store, run)
     assert not begun
 
@@ -91,7 +91,7 @@ def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(batch_stage, "_simulate", interrupted)
+    monkeypatch.setattr(stages, "_simulate", interrupted)
     robot = publish_bundle(file_store, "robot-application", "courier", FOLDERS[COURIER])
     scenario = publish_bundle(file_store, "simulation-application", "delivery", FOLDERS[DELIVERY])
     launched = template(
@@ -105,7 +105,7 @@ def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
 def prepared(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The applications of processes that a batch began before it had anything to ask."""
     found: list[list[str]] = []
-    monkeypatch.setattr(batch_stage, "prepare_simulator", lambda bundles: found.append(list(bundles)))
+    monkeypatch.setattr(stages, "prepare_simulator", lambda bundles: found.append(list(bundles)))
     return found
 
 
@@ -118,7 +118,7 @@ def test_a_batch_begins_it_before_its_first_chunk_is_made_ready(batch: OpenBatch
 def test_a_batch_that_workers_simulate_begins_none_here(
     batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(batch_stage.orchestrator(), "wanted_workers", lambda: "dask:2")
+    monkeypatch.setattr(stages.orchestrator(), "wanted_workers", lambda: "dask:2")
     with pytest.raises(KeyboardInterrupt):
         run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
     assert not prepared
@@ -128,7 +128,7 @@ def test_a_batch_whose_chunks_are_all_there_begins_none(
     batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ):
     there = ChunkNumbers(begun=frozenset(), committed=frozenset(range(batch.layout.chunks)))
-    monkeypatch.setattr(batch_stage, "chunk_numbers", lambda *_: there)
+    monkeypatch.setattr(stages, "chunk_numbers", lambda *_: there)
     with pytest.raises(KeyboardInterrupt):
         run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
     assert not prepared

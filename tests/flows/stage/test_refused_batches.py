@@ -4,17 +4,15 @@ import pickle
 
 import pytest
 
-from flows.stage.batch_stage import run_batch
+from flows.pipeline.stages import run_batch
 from specs.errors import StageFailed, StoreAway
 from specs.field_types import OutputLocation
 from specs.robomaker.bundle import ApplicationKind
-from tasks.applications.pack import pack
-from tasks.applications.registry import publish_bundle
-from tasks.simulate.batch.cancel_restart import cancel_batch
+from tasks.applications.registry import pack, publish_bundle
+from tasks.simulate.batch.batch_jobs import cancel_batch, describe_batch, describe_job
+from tasks.simulate.batch.batch_record import OpenBatch, close_refused
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.simulate.batch.chunk_store import begin_chunk, committed_chunk
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.describe import describe_batch, describe_job
-from tasks.simulate.batch.job import OpenBatch, close_refused
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import all_pass, begun, plan, template
@@ -135,7 +133,7 @@ def test_a_batch_whose_bucket_is_away_can_be_continued(file_store: Store, monkey
         raise StoreAway("no answer")
 
     with monkeypatch.context() as broken:
-        broken.setattr("tasks.results.tables.table_record.open_bucket", away)
+        broken.setattr("tasks.results.tables.result_files.open_bucket", away)
         with pytest.raises(StoreAway):
             run_batch(file_store, batch.id, RESULTS)
         assert batch.record().status == "Completing"

@@ -7,8 +7,8 @@ from threading import Event, Thread
 import pytest
 from pydantic import JsonValue
 
-from flows.stage.orchestrator import ProcessAlone, orchestrated_by
-from flows.stage.run_owner import begin_run_in_turn
+from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.run_turns import begin_run_in_turn
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, read

@@ -7,10 +7,12 @@ from collections.abc import Callable
 
 import pytest
 
-from flows.recount.recount import Asked
-from flows.stage import pipeline_run
-from flows.stage.pipeline_run import _judge_and_deploy  # pyright: ignore[reportPrivateUsage]
-from flows.stage.stages import Reports
+from flows.pipeline import pipeline_run
+from flows.pipeline.pipeline_run import (
+    Reports,
+    _judge_and_deploy,  # pyright: ignore[reportPrivateUsage]
+)
+from flows.pipeline.recount import ParsedRun
 from specs.data.run_report import StageReport
 from specs.errors import StageFailed
 from tasks.documents.pipeline_file import read_pipeline
@@ -49,7 +51,7 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> Fails:
 
 def came_of(store: Store) -> tuple[Reports, Reports, Reports]:
     spec, record = read_pipeline(ROOT / "examples/quickstart.yaml"), begun(store).record()
-    return _judge_and_deploy(Asked(spec, ".", {}, [], None), record, (SIMULATED,), store, record)
+    return _judge_and_deploy(ParsedRun(spec, ".", {}, [], None), record, (SIMULATED,), store, record)
 
 
 @pytest.mark.parametrize(("shows", "stage"), [("_show_verdict", 1), ("_show_trend", 0)])

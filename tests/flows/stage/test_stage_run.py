@@ -2,8 +2,8 @@
 
 import pytest
 
-from flows.stage.orchestrator import ProcessAlone, orchestrated_by
-from flows.stage.stage_run import require_success, run_stage
+from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.stages import require_success, run_stage
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, records, submit

@@ -7,8 +7,8 @@ import pytest
 from pydantic import JsonValue
 from rich.console import Console
 
-from flows.cli.output import show_report
-from flows.stage.stage_summary import (
+from flows.cli.terminal import show_report
+from flows.pipeline.stage_report import (
     batch_report,
     deployment_report,
     gate_report,
@@ -17,8 +17,8 @@ from flows.stage.stage_summary import (
     run_with_alarm,
     with_alarm,
 )
+from specs.base import canonical_document, canonical_json
 from specs.data.run_report import PipelineReport, StageReport, Verdict
-from specs.digest import canonical_document, canonical_json
 from specs.errors import DocumentError, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode

@@ -6,7 +6,7 @@ from pathlib import Path
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeResult
-from tasks.simulate.batch.commit import ChunkPart
+from tasks.simulate.batch.chunk_run import ChunkPart
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import stage_token

@@ -10,12 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.trend import history
-from flows.trend.history import document_names, read_history
-from flows.trend.trend_page import TrendAsked, find_trend, write_trend_of_run
+from flows.batch import trend_history
+from flows.batch.trend_history import TrendAsked, document_names, find_trend, read_history, write_trend_of_run
 from specs.errors import DocumentError
-from tasks.results.trend.measure import Measure, parse_measure
-from tasks.results.trend.series import WHOLE
+from tasks.results.trend.trend_series import WHOLE, Measure, parse_measure
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
@@ -156,7 +154,7 @@ def test_a_batch_that_was_canceled_does_not_count(file_store: Store, tmp_path: P
 def test_the_second_time_no_table_is_read(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     _, batch = stored_night(file_store, tmp_path, 0)
     before = counts(file_store)
-    monkeypatch.setattr(history, "read_rows", None)
+    monkeypatch.setattr(trend_history, "read_rows", None)
     assert counts(file_store) == before
     results_file(batch).unlink()
     assert counts(file_store) == before
@@ -206,7 +204,7 @@ def test_a_fall_that_a_night_begun_later_ended_without_is_told_by_the_night_that
 
 def test_a_trend_that_cannot_be_made_harms_no_run(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     run, batch = stored_night(file_store, tmp_path, 0)
-    monkeypatch.setattr(history, "read_rows", None)
+    monkeypatch.setattr(trend_history, "read_rows", None)
     assert write_trend_of_run(file_store, run, batch) is None
 
 

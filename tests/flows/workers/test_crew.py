@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.workers import crew
+from flows.prefect import worker_cluster
 
 
 def test_a_scheduler_is_asked_once_a_second_however_often_the_flow_asks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -12,8 +12,8 @@ def test_a_scheduler_is_asked_once_a_second_however_often_the_flow_asks(monkeypa
         asked.append(1)
         return len(asked)
 
-    monkeypatch.setattr(crew.time, "monotonic", lambda: now_s[0])
-    width = crew._once_a_second(count)
+    monkeypatch.setattr(worker_cluster.time, "monotonic", lambda: now_s[0])
+    width = worker_cluster._once_a_second(count)
     assert [width(), width(), width()] == [1, 1, 1]
     now_s[0] += 1.0
     assert [width(), width()] == [2, 2]

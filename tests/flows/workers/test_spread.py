@@ -8,8 +8,8 @@ from typing import Any, cast
 import pytest
 from prefect.futures import PrefectFuture
 
-from flows.workers import spread as spread_module
-from flows.workers.spread import Numbers, PieceOutcome, PieceSize, spread
+from flows.prefect import worker_cluster as spread_module
+from flows.prefect.worker_cluster import Numbers, PieceOutcome, PieceSize, spread
 from specs.errors import StageFailed
 
 

@@ -7,16 +7,11 @@ from pathlib import Path
 import pytest
 
 from specs.arn import ArnForm
-from specs.interface.operations import OPERATIONS
-from specs.interface.shapes import shapes
-from tasks.gateway.access.access_key import AccessKey
-from tasks.gateway.access.action_log import ActionLog, actions
-from tasks.gateway.access.call_record import record_call
-from tasks.gateway.access.guards import LoopbackGuard, SignedGuard
-from tasks.gateway.access.key_file import KeyFile, add_key, revoke_key
-from tasks.gateway.access.page_origin import loopback_hosts
-from tasks.gateway.door import Call, Caller
-from tasks.gateway.messages import HttpAnswer, HttpRequest
+from specs.robomaker.operations import OPERATIONS, shapes
+from tasks.gateway.access.access_keys import AccessKey, KeyFile, add_key, revoke_key
+from tasks.gateway.access.action_log import ActionLog, actions, record_call
+from tasks.gateway.access.guard import Call, Caller, LoopbackGuard, SignedGuard, loopback_hosts
+from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.gateway.signed_requests import changed, now_s, signed_request

@@ -8,7 +8,7 @@ import pytest
 from botocore.configloader import raw_config_parse
 
 from specs.errors import DocumentError, ResourceAlreadyExists, ResourceNotFound
-from tasks.gateway.access.key_file import KeyFile, access_file, add_key, first_key, read_keys, revoke_key
+from tasks.gateway.access.access_keys import KeyFile, access_file, add_key, first_key, read_keys, revoke_key
 
 
 @pytest.fixture

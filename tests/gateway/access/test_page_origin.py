@@ -3,8 +3,8 @@
 import pytest
 
 from specs.errors import AccessRefused
-from tasks.gateway.access.page_origin import is_loopback, loopback_hosts, refuse_other_pages
-from tasks.gateway.messages import HttpRequest
+from tasks.gateway.access.guard import is_loopback, loopback_hosts, refuse_other_pages
+from tasks.gateway.rest_json import HttpRequest
 
 HERE = "127.0.0.1:8600"
 

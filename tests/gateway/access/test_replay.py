@@ -3,7 +3,7 @@
 import pytest
 
 from specs.errors import AccessRefused
-from tasks.gateway.access.replay import UsedSignatures
+from tasks.gateway.access.signature import UsedSignatures
 
 ONE, OTHER = "ab" * 32, "cd" * 32
 

@@ -7,9 +7,8 @@ import pytest
 
 from specs.arn import KINDS, ResourceKind
 from specs.errors import AccessRefused
-from specs.interface.operations import OPERATIONS
-from specs.interface.shapes import shapes
-from tasks.gateway.access.access_key import RIGHTS, new_key
+from specs.robomaker.operations import OPERATIONS, shapes
+from tasks.gateway.access.access_keys import RIGHTS, new_key
 from tasks.gateway.access.rights import WHOLE, check_right, request_arns, right_for
 
 STORE = "0123456789abcdef"

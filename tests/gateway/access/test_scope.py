@@ -4,7 +4,7 @@ import pytest
 
 from specs.arn import ResourceKind
 from specs.errors import DocumentError
-from tasks.gateway.access.scope import parse_scope
+from tasks.gateway.access.access_keys import parse_scope
 
 STORE = "0123456789abcdef"
 

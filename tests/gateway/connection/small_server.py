@@ -11,8 +11,7 @@ from typing import Any, NamedTuple, cast
 
 import uvicorn
 
-from tasks.gateway.connection.bounded_protocol import BoundedProtocol
-from tasks.gateway.connection.connections import Bounds, Connections
+from tasks.gateway.connections import BoundedProtocol, Bounds, Connections
 
 BIG_BYTES = 8 << 20
 REQUEST = b"GET / HTTP/1.1\r\nhost: a\r\n\r\n"

@@ -3,7 +3,7 @@ import socket
 import pytest
 
 from specs.errors import DocumentError
-from tasks.gateway.connection.bound_socket import bound_socket
+from tasks.gateway.connections import bound_socket
 
 
 def test_a_taken_port_is_told_with_the_option_that_names_another():

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import DocumentError
-from tasks.gateway.connection.connections import Bounds
-from tasks.gateway.connection.tls import tls_context
+from tasks.gateway.connections import Bounds, tls_context
 from tests.gateway.connection.small_server import REQUEST, all_of, small_server
 
 LONG_S = 30

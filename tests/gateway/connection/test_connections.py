@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from tasks.gateway.connection.connections import Bounds, Connections
+from tasks.gateway.connections import Bounds, Connections
 
 
 @dataclass(eq=False)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tasks.gateway.page.content import Cell, Facts, Frame, Gallery, Page, Picture, Steps, Table, Text, tone_of
 from tasks.gateway.page.render import age, moment, notice_html, page_html, page_style, sign_in_html, style_digest
-from tasks.results.report.page import report_styles
+from tasks.results.report.report_page import report_styles
 
 FRAME = Frame("/", is_paused=False, signed_in="", now_s=1e9)
 TEXTS = (

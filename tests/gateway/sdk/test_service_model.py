@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tasks.gateway.sdk.service_model import paginators, service_model, write_model
+from tasks.gateway.service_model import paginators, service_model, write_model
 from tests.specs.contract_forms import FIELD_RULINGS, RULINGS, contract
 from tests.specs.own_words import robomakers_pattern, robomakers_words
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from specs.interface.operations import OPERATIONS
-from tasks.storage.base.cache_folder import cache_folder
+from specs.robomaker.operations import OPERATIONS
+from tasks.storage.base.local_files import cache_folder
 from tests.attacks.gateway.served import served
 from tests.integration.clients.yard import agent, client_environment, make_buckets
 from tests.repository import ROOT

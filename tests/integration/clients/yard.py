@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tasks.gateway.sdk.service_model import write_model
+from tasks.gateway.service_model import write_model
 from tests.attacks.gateway.served import Served
 from tests.repository import ROOT
 

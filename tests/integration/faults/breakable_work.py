@@ -5,13 +5,13 @@ from collections.abc import Callable
 from flows.batch.batch_end import close_with_tables
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
-from tasks.export.job.job import run_export_job
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import complete
+from tasks.export.job.export_job import run_export_job
+from tasks.simulate.batch.batch_record import complete
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, is_terminal
-from tasks.worlds.job.job import run_generation_job
+from tasks.worlds.job.generation_job import run_generation_job
 from tests.export.export_jobs import ARNS, WORLDS
 from tests.export.export_jobs import request as exported
 from tests.factories.planned_batches import begun, mixed

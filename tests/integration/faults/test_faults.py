@@ -18,8 +18,7 @@ from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.backends.s3_client import S3Client
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
-from tasks.storage.jobs.holder import ProcessIdentity
+from tasks.storage.jobs.claim import ProcessIdentity, hold_claim, hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 from tests.integration.faults.breakable_work import Work, export, generate, results, simulate

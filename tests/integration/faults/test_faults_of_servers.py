@@ -23,7 +23,7 @@ _STAGES = {
 _PLAIN = """
 import sys, yaml
 from pathlib import Path
-from flows.pipeline import pipeline
+from flows.prefect.flows import pipeline
 from specs.pipeline.document import PipelineSpec
 file = Path(sys.argv[1])
 pipeline(PipelineSpec.model_validate(yaml.safe_load(file.read_text())), store=sys.argv[2], base=str(file.parent))

@@ -17,8 +17,8 @@ import httpx
 import pytest
 import yaml
 
-from flows.run.waiting_flow_run import AWAITING
-from tasks.server.password import authorization
+from flows.prefect.flow_runs import AWAITING
+from tasks.server.health import authorization
 from tasks.simulate.batch.metrics import metric_rows, recorded_metrics
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read, records, submit
@@ -37,10 +37,10 @@ HEARTBEATS = ROOT / "examples/automations/lost-heartbeats.yaml"
 FLOW = """
 import sys
 from prefect import flow
-from flows.run.events import announce_changes, _announce
+from flows.prefect.prefect_events import announce_changes, _announce
 from tasks.storage.store_url import open_store
 from tasks.storage.jobs.records import advance
-from tasks.storage.jobs.transitions import Transition
+from tasks.storage.jobs.records import Transition
 
 @flow
 def failing(store: str, batch: str) -> None:
@@ -57,8 +57,8 @@ failing(*sys.argv[1:])
 TREND = """
 import sys
 from prefect import flow
-from flows.run.events import announce_alarm
-from flows.trend.trend_page import write_trend_of_run
+from flows.prefect.prefect_events import announce_alarm
+from flows.batch.trend_history import write_trend_of_run
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 

@@ -17,7 +17,7 @@ DOCUMENT = (ROOT / "docs/operate/operations.md").read_text()
 RESULTS = "remote-file-system/simyard-results"
 CALL = """
 import sys
-from flows.world_generation import world_generation
+from flows.prefect.flows import world_generation
 spec = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 51}
 state = world_generation(spec, store=sys.argv[1] or None, base="examples", return_state=True)
 print(state.state_details.flow_run_id, state.result().arn, state.data.metadata.storage_key)
@@ -49,9 +49,9 @@ print(get_client(sync_client=True).read_flow_run(sys.argv[1]).parameters)
 EXAMPLE = """
 import runpy, sys
 example = runpy.run_path("examples/prefect/sub_flows.py")
-from flows.simulation_batch import simulation_batch
-from flows.world_export import world_export
-from flows.world_generation import world_generation
+from flows.prefect.flows import simulation_batch
+from flows.prefect.flows import world_export
+from flows.prefect.flows import world_generation
 worlds = world_generation(example["WorldGeneration"].model_validate(example["WORLDS"]), sys.argv[1], "examples")
 names = worlds.detail["worlds"]
 export = {"outputLocation": {"s3Bucket": "results"}, "formats": ["svg"]}

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.robots import members, read_reported
+from tasks.deploy.fleet.fleet_registry import members, read_reported
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, jobs, simyard, write_document

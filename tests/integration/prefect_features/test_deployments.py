@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from tasks.server.password import authorization
+from tasks.server.health import authorization
 from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 from tests.docs.test_readme import blocks
@@ -66,7 +66,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     (tmp_path / "night.yaml").write_text(json.dumps({"name": "night", "worldGeneration": section}))
     shutil.copy(ROOT / "examples/templates/two-rooms.json", tmp_path)
     parameters = {"spec": {"document": "night.yaml"}, "base": str(tmp_path)}
-    entrypoint = "flows.world_generation.world_generation"
+    entrypoint = "flows.prefect.flows.world_generation"
     every_minute = ("--name", "every-minute", "--pool", "local", "--cron", "* * * * *")
     _prefect("--no-prompt", "deploy", entrypoint, *every_minute, "--params", json.dumps(parameters))
     _prefect(*_readme_commands()[2])

@@ -42,7 +42,7 @@ AGAIN_AND_AGAIN = """
 import json, sys, time
 from pathlib import Path
 from prefect import flow, tags
-from flows.pipeline import pipeline
+from flows.prefect.flows import pipeline
 
 @flow
 def again_and_again(file: str, store: str, seconds: float) -> None:

@@ -23,8 +23,8 @@ MATERIALIZED = "prefect.asset.materialization.succeeded"
 AGAIN = """
 import sys
 from prefect import flow
-from flows.run.asset_events import announce_asset
-from flows.stage.assets import Asset, MadeAsset, made_by
+from flows.prefect.prefect_events import announce_asset
+from flows.pipeline.stage_report import Asset, MadeAsset, made_by
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 
@@ -37,7 +37,7 @@ again(*sys.argv[1:])
 """
 ALONE = """
 import sys
-from flows.world_generation import world_generation
+from flows.prefect.flows import world_generation
 from specs.pipeline.world_sections import WorldGeneration
 
 section = {"template": "two-rooms.json", "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 1}, "seed": 3}

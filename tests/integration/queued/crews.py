@@ -13,7 +13,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tests.repository import ROOT
 
-_GATEWAY = "import sys; from flows.queue.crew import Crew\nwith Crew(sys.argv[1]): sys.stdin.read()"
+_GATEWAY = "import sys; from flows.queue.supervisor import Crew\nwith Crew(sys.argv[1]): sys.stdin.read()"
 
 
 class CrewProcess:

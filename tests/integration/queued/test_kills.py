@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import EpisodeResult
+from tasks.simulate.batch.batch_record import load_batch
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.job import load_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read, records

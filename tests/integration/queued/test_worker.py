@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from specs.digest import canonical_document
+from specs.base import canonical_document
 from tasks.deploy.fleet.reservation import reserve_fleet
 from tasks.deploy.kit.local_agents import local_agents
-from tasks.simulate.batch.cancel_restart import cancel_batch
+from tasks.simulate.batch.batch_jobs import cancel_batch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, is_terminal, read

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.workers.spread_worlds import WORTH_MAKING
+from flows.prefect.spread_work import WORTH_MAKING
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.integration.runs import jobs, simyard, small_document, worlds, write_document

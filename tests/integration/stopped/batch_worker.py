@@ -7,12 +7,12 @@ import sys
 from functools import partial
 
 from flows.batch.batch_end import close_with_tables
-from flows.cli.exit_codes import run_and_exit
+from flows.cli.terminal import run_and_exit
 from specs.data.episode import EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import write_recordings
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import OpenBatch, complete, load_batch
+from tasks.simulate.batch.batch_record import OpenBatch, complete, load_batch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import FOLDERS, simulate_lanes
 

@@ -14,8 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from tasks.server.health import is_healthy
-from tasks.server.password import authorization
+from tasks.server.health import authorization, is_healthy
 from tests.integration.runs import ROOT
 
 T = TypeVar("T")

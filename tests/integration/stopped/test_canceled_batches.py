@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from flows.resource.cancel import cancel_resource
+from flows.resources.kinds import cancel_resource
 from specs.errors import DocumentError
-from tasks.simulate.batch.describe import describe_batch
+from tasks.simulate.batch.batch_jobs import describe_batch
 from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, simyard, small_document, tables, write_document

@@ -31,7 +31,7 @@ TRACES = {
 def worker(prefect_server: str, tmp_path: Path) -> Generator["subprocess.Popen[bytes]", None, None]:
     """A worker with a deployment `pipeline/to-cancel`, whose flows find the store in its environment."""
     _prefect("work-pool", "create", POOL, "--type", "process", "--overwrite")
-    _prefect("--no-prompt", "deploy", "flows.pipeline.pipeline", "--name", "to-cancel", "--pool", POOL)
+    _prefect("--no-prompt", "deploy", "flows.prefect.flows.pipeline", "--name", "to-cancel", "--pool", POOL)
     environment = {"PREFECT_WORKER_QUERY_SECONDS": "2", "SIMYARD_STORE": (tmp_path / "store").as_uri()}
     with (tmp_path / "worker.log").open("wb") as log:
         process = subprocess.Popen(

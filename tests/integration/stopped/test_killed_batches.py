@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_store import chunk_start
-from tasks.simulate.batch.job import OpenBatch
 from tests.integration.stopped.worked_batches import CHUNKS, files, opened_at, worker
 from tests.servers.eventually import eventually
 

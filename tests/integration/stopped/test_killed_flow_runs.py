@@ -35,7 +35,7 @@ TRACES = {
 PLAIN = """
 import json, sys
 from pathlib import Path
-from flows.pipeline import pipeline
+from flows.prefect.flows import pipeline
 file = Path(sys.argv[1])
 pipeline(json.loads(file.read_text()), store=sys.argv[2], base=str(file.parent))
 """
@@ -129,7 +129,7 @@ def test_a_worker_that_was_killed_with_its_run_is_followed_by_the_next_run(
     prefect_server: str, document: Path, elsewhere: set[str], stage: str
 ) -> None:
     _prefect("work-pool", "create", POOL, "--type", "process", "--overwrite")
-    _prefect("--no-prompt", "deploy", "flows.pipeline.pipeline", "--name", "to-kill", "--pool", POOL)
+    _prefect("--no-prompt", "deploy", "flows.prefect.flows.pipeline", "--name", "to-kill", "--pool", POOL)
     environment = {"PREFECT_WORKER_QUERY_SECONDS": "2", "SIMYARD_STORE": (document.parent / "store").as_uri()}
     worker = subprocess.Popen(
         [_program("prefect"), "worker", "start", "--pool", POOL, "--limit", "1"],

@@ -4,7 +4,7 @@ import hashlib
 import subprocess
 import sys
 
-from tasks.simulate.batch.job import OpenBatch
+from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.base.keys import world_key
 from tasks.storage.store_url import open_store

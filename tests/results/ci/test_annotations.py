@@ -5,7 +5,7 @@ import re
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tasks.results.ci.annotations import Annotation, workflow_command, workflow_commands
+from tasks.results.ci.github import Annotation, workflow_command, workflow_commands
 from tests.factories.episodes import collided, request
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 

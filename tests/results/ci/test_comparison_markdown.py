@@ -4,9 +4,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from tasks.results.ci.comparison_markdown import COMMENT_CHARACTERS, MARKER, comparison_markdown
-from tasks.results.compare.comparison import CommonEpisodes, EpisodeFlip, WorldPairs
-from tasks.results.compare.comparison_verdict import comparison
+from tasks.results.batch_comparison import CommonEpisodes, ComparedWorld, EpisodeFlip, comparison
+from tasks.results.ci.github import COMMENT_CHARACTERS, MARKER, comparison_markdown
 from tests.results.ci.full_reports import HOSTILE
 from tests.results.ci.markdown_pages import markdown_parts
 from tests.results.estimands import intervals, without_estimand
@@ -28,7 +27,7 @@ def _comment(flips: Sequence[EpisodeFlip], pairs: int = 2_000, name: str = "simb
         first_alone=0,
         second_alone=0,
         canceled=0,
-        by_world=tuple(WorldPairs(world=f"g/{world}", pairs=48, gains=0, losses=0) for world in range(4)),
+        by_world=tuple(ComparedWorld(world=f"g/{world}", pairs=48, gains=0, losses=0) for world in range(4)),
         flips=tuple(flips),
         origins=(),
     )

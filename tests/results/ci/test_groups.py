@@ -5,8 +5,7 @@ import pytest
 from tasks.results.ci import groups
 from tasks.results.ci.full_report import CountedBatch, GroupReport
 from tasks.results.ci.groups import GroupRules
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.simultaneous import IntervalFamily
+from tasks.results.statistics.intervals import IntervalFamily, wilson
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
 from tests.results.ci.full_reports import JOB_ARN, RULES, counted
 

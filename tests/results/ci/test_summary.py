@@ -4,7 +4,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from tasks.results.ci.full_report import CountedBatch, FullReport, RunFailure
-from tasks.results.ci.summary import SUMMARY_BYTES, summary_markdown
+from tasks.results.ci.github import SUMMARY_BYTES, summary_markdown
 from tests.factories.episodes import crashed, request
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 from tests.results.ci.markdown_pages import markdown_parts

@@ -5,10 +5,8 @@ from collections.abc import Sequence
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.compare.comparison import CommonEpisodes, compare_tables
-from tasks.results.compare.comparison_sentences import comparison_answer
-from tasks.results.compare.comparison_verdict import comparison
-from tasks.results.tables.tables import results_table
+from tasks.results.batch_comparison import CommonEpisodes, compare_tables, comparison, comparison_answer
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
 from tests.results.estimands import without_estimand
 

@@ -4,14 +4,14 @@ import pytest
 
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.early_answer import EarlyAnswer
+from tasks.results.gate.gate_verdict import InterimGate
 from tests.factories.episodes import batch, canceled, crashed
 
 Rules = dict[str, object]
 
 
 def answer(rules: Rules, successes: int, failures: int = 0, *, crashes: int = 0, cancels: int = 0) -> Verdict | None:
-    early = EarlyAnswer(Gate.model_validate({"stopEarly": True, **rules}))
+    early = InterimGate(Gate.model_validate({"stopEarly": True, **rules}))
     early.add(batch(successes, failures))
     early.add([crashed(number) for number in range(crashes)])
     early.add([canceled(number) for number in range(cancels)])

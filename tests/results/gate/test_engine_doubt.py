@@ -4,7 +4,7 @@ import pytest
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import CollisionRate, FlipRate, SuccessRate
-from tasks.results.gate.engine_doubt import engine_doubt, with_engine_doubt
+from tasks.results.gate.gate_verdict import engine_doubt, with_engine_doubt
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import wilson
 

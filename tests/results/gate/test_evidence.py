@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from specs.digest import canonical_document, canonical_json
+from specs.base import canonical_document, canonical_json
 from specs.pipeline.gate_section import Gate, SuccessRate
 from tasks.results.gate.evidence import (
     EVIDENCE_FILE,
@@ -14,7 +14,7 @@ from tasks.results.gate.evidence import (
     tested_batch,
     write_evidence,
 )
-from tasks.results.gate.gate import judge
+from tasks.results.gate.gate_verdict import judge
 from tasks.results.gate.rules.rule import GateMaterial
 from tasks.storage.base.keys import result_key
 from tasks.storage.store_url import open_store

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 from pydantic import JsonValue
 
 from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate, SuccessRate
-from tasks.results.gate.gate import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
-from tasks.results.gate.rules.pair_counts import PairCounts
+from tasks.results.gate.gate_verdict import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
-from tasks.results.tables.tables import results_table
+from tasks.results.gate.version_pairs import PairCounts
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
 
 GATE = Gate(successRate=SuccessRate(atLeast=0.9, confidence=0.95))

@@ -10,12 +10,11 @@ import pytest
 from specs.data.episode import EpisodeResult, unfinished_result
 from specs.pipeline.gate_section import RULES, Gate
 from specs.robomaker.simulation import SimulationJobErrorCode
-from tasks.results.gate.gate import judge
+from tasks.results.gate.gate_verdict import judge
 from tasks.results.gate.missing_data import ASSUMED, ROBOTS_OWN, Gap, codes_of, gap_of
-from tasks.results.gate.rules.pair_counts import count_pairs
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
-from tasks.results.statistics.pairs import Drive, Drives
-from tasks.results.tables.tables import results_table
+from tasks.results.gate.version_pairs import Drive, Drives, count_pairs
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import collided, counted, passed, request
 
 CODES = get_args(SimulationJobErrorCode)

@@ -6,7 +6,7 @@ from pydantic import JsonValue
 from specs.pipeline.gate_section import FlipRate
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.rule import GateMaterial, RuleVerdict
-from tasks.results.statistics.success import EpisodeCounts
+from tasks.results.statistics.batch_summary import EpisodeCounts
 from tests.factories.episodes import batch, counted
 
 Stratum = tuple[int, int, float]  # lanes, flips, episodes

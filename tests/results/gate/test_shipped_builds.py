@@ -2,8 +2,7 @@
 
 import pytest
 
-from specs.pipeline.simulation_section import Deployment
-from specs.pipeline.untested_parts import UntestedBuild
+from specs.pipeline.simulation_section import Deployment, UntestedBuild
 from specs.robomaker.bundle import ARCHITECTURES, Build, Version
 from tasks.results.gate.evidence import ApplicationEvidence, Evidence
 from tasks.results.gate.shipped_builds import (

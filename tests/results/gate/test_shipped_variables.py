@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import pytest
 
-from tasks.results.gate.shipped_variables import difference_faults, differing_names
+from tasks.results.gate.shipped_builds import differing_names, variable_faults
 
 HALF = {"SPEED": ("0.5",)}
 PATH = "deployment.deploymentApplicationConfigs[0].launchConfig.environmentVariables"
@@ -12,7 +12,7 @@ Builds = Sequence[Sequence[Mapping[str, Sequence[str]]]]
 
 
 def faults(given: dict[str, str], driven: Builds, **named: str) -> list[tuple[str, str]]:
-    found = difference_faults(given, driven, named)
+    found = variable_faults(given, driven, named)
     return [(fault.path.removeprefix(f"{PATH}."), fault.value) for fault in found]
 
 
@@ -32,7 +32,7 @@ def test_a_value_that_episodes_had_ships():
 def test_a_difference_is_a_fault_that_names_field_value_and_what_is_allowed(
     given: dict[str, str], driven: dict[str, tuple[str]], value: str, allowed: str
 ):
-    (fault,) = difference_faults(given, [[driven]], {})
+    (fault,) = variable_faults(given, [[driven]], {})
     assert (fault.path, fault.value) == (f"{PATH}.SPEED", value)
     assert fault.allowed == f"{allowed} deployment.untestedVariables.SPEED, with the reason"
 
@@ -66,6 +66,6 @@ def test_differences_are_found_without_a_gate_too():
 
 
 def test_of_a_thousand_values_a_few_are_told():
-    (fault,) = difference_faults({}, [[{"SPEED": tuple(map(str, range(1000)))}]], {})
+    (fault,) = variable_faults({}, [[{"SPEED": tuple(map(str, range(1000)))}]], {})
     assert "'7', ...;" in fault.allowed
     assert "'8'" not in fault.allowed

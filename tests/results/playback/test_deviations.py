@@ -5,8 +5,8 @@ import math
 import pyarrow as pa
 import pytest
 
-from tasks.results.playback.deviations import recording_deviations, row_deviations
-from tasks.results.tables.tables import failures_table, results_table
+from tasks.results.playback.playback import recording_deviations, row_deviations
+from tasks.results.tables.episode_tables import failures_table, results_table
 from tests.factories.episodes import collided, passed, request
 
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.results.playback.plan_scale import plan_page
-from tasks.results.playback.replay_svg import replay_svg
+from tasks.results.playback.plan_drawings import plan_page, replay_svg
 from tests.factories.playbacks import playback
 from tests.factories.worlds import apartment
 

@@ -4,7 +4,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from tasks.results.playback.trajectory_svg import failure_map_svg
+from tasks.results.playback.plan_drawings import failure_map_svg
 from tests.factories.episodes import collided, passed
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -4,9 +4,16 @@ from typing import cast
 
 from pydantic import JsonValue
 
-from tasks.results.report.audit_section import audit_view
-from tasks.simulate.audit.audit_estimate import FlipShare, TotalShare
-from tasks.simulate.audit.audit_report import ApartQuantiles, AuditControl, AuditFlipRate, AuditReport, Flip
+from tasks.results.report.report_view import audit_view
+from tasks.simulate.audit.audit_report import (
+    ApartQuantiles,
+    AuditControl,
+    AuditFlipRate,
+    AuditReport,
+    Flip,
+    FlipShare,
+    TotalShare,
+)
 
 AUDIT: dict[str, JsonValue] = {
     "verdict": "SUSPECT",

@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from tasks.results.report.page import report_page
+from tasks.results.report.report_page import report_page
 from tests.factories.reports import view
 from tests.results.report.test_page import hostile
 from tests.servers.chromium import Page, browsing

@@ -7,7 +7,7 @@ from hypothesis.extra.numpy import arrays
 from jaxtyping import Float
 
 from specs.data.world import Solid
-from tasks.results.report.floor import dots_path, draw_floor, fit_line, simplify, way_path
+from tasks.results.report.failure_maps import dots_path, draw_floor, fit_line, simplify, way_path
 from tests.factories.worlds import apartment
 
 TOLERANCE_M = 0.05

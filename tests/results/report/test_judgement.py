@@ -8,8 +8,7 @@ from pydantic import ValidationError
 from specs.pipeline.gate_section import CollisionRate, Gate, SuccessRate
 from tasks.results.gate.evidence import ApplicationEvidence, Baseline
 from tasks.results.gate.shipped_builds import Shipment
-from tasks.results.report.facts import Judgement
-from tasks.results.report.judgement import judgement_of, read_judgement
+from tasks.results.report.batch_facts import Judgement, judgement_of, read_judgement
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 from tests.results.gate.test_evidence import evidence

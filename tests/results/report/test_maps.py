@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from tasks.results.report.batch_columns import Failures, read_failures, read_ways
-from tasks.results.report.maps import DRAWN, LISTED, choose_failures
+from tasks.results.report.failure_maps import DRAWN, LISTED, choose_failures
+from tasks.results.report.report_columns import Failures, read_failures, read_ways
 from tests.factories.episodes import collided, request
 from tests.factories.reports import written
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from specs.artifact_text import escape_markdown
-from tasks.results.report.facts import Judgement
-from tasks.results.report.page import report_markdown
+from specs.untrusted_text import escape_markdown
+from tasks.results.report.batch_facts import Judgement
+from tasks.results.report.report_page import report_markdown
 from tests.factories.episodes import crashed, passed, request
 from tests.factories.reports import view
 from tests.results.estimands import intervals, without_estimand

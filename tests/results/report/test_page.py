@@ -11,8 +11,8 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.run_report import Verdict
-from tasks.results.report.facts import Judgement, Link, RuleAnswer
-from tasks.results.report.page import report_page, report_picture, report_styles
+from tasks.results.report.batch_facts import Judgement, Link, RuleAnswer
+from tasks.results.report.report_page import report_page, report_picture, report_styles
 from tasks.results.statistics.intervals import Interval
 from tests.factories.episodes import collided, crashed, passed, request
 from tests.factories.reports import WORLDS, episodes, view

@@ -3,11 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.report.rows import MOST_ROWS, Grouped, clip, family_of, rate_table, short_world, worst_first
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.rate_text import percent_range
-from tasks.results.statistics.simultaneous import IntervalFamily
-from tasks.results.statistics.summary import EpisodeGroup
+from tasks.results.report.rate_tables import MOST_ROWS, Grouped, clip, family_of, rate_table, short_world, worst_first
+from tasks.results.statistics.batch_summary import EpisodeGroup
+from tasks.results.statistics.intervals import IntervalFamily, percent_range, wilson
 
 
 def group(successes: int, episodes: int, label: str = "g") -> EpisodeGroup:

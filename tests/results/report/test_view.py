@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tasks.results.report.facts import Judgement
-from tasks.results.report.places import BETWEEN
-from tasks.results.report.rows import RateTable
-from tasks.results.report.view import ReportView
+from tasks.results.report.batch_facts import Judgement
+from tasks.results.report.rate_tables import RateTable
+from tasks.results.report.report_columns import BETWEEN
+from tasks.results.report.report_view import ReportView
 from tests.factories.episodes import ROBOT, collided, passed, request
 from tests.factories.reports import WORLDS, episodes, facts, view
 

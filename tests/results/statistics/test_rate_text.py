@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.statistics.rate_text import in_worlds, percent
+from tasks.results.statistics.intervals import in_worlds, percent
 
 counts = st.integers(1, 5000).flatmap(lambda episodes: st.tuples(st.integers(0, episodes), st.just(episodes)))
 

@@ -9,7 +9,7 @@ from tasks.results.statistics.room_coverage import (
     coverage_warnings,
     table_coverage,
 )
-from tasks.results.tables.tables import results_table
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import canceled, collided, passed, request
 
 ROOMS = ("Hall", "Kitchen", "Bedroom")

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.results.statistics.interval_arrays import wilson_bounds
-from tasks.results.statistics.simultaneous import IntervalFamily, clopper_pearson
+from tasks.results.statistics.intervals import IntervalFamily, clopper_pearson, wilson_bounds
 
 families = st.builds(IntervalFamily, size=st.integers(1, 500), confidence=st.floats(0.5, 0.999))
 counts = st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))

@@ -5,8 +5,8 @@ from math import comb
 
 import pytest
 
-from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.strata import (
+from tasks.results.statistics.intervals import (
+    Interval,
     Stratum,
     lanes_needed,
     less_lost,
@@ -14,7 +14,7 @@ from tasks.results.statistics.strata import (
     total_interval,
     total_rate,
 )
-from tasks.simulate.audit.audit_estimate import FlipShare, share_bounds, total_share
+from tasks.simulate.audit.audit_report import FlipShare, share_bounds, total_share
 
 
 def test_one_stratum_has_the_exact_interval():

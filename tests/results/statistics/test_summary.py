@@ -5,10 +5,8 @@ from collections.abc import Sequence
 from hypothesis import given
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.statistics.intervals import wilson
-from tasks.results.statistics.rate_text import percent_range
-from tasks.results.statistics.simultaneous import IntervalFamily
-from tasks.results.statistics.summary import BatchSummary, EpisodeTally, summary_note, summary_rows
+from tasks.results.statistics.batch_summary import BatchSummary, EpisodeTally, summary_note, summary_rows
+from tasks.results.statistics.intervals import IntervalFamily, percent_range, wilson
 from tests.factories.episodes import canceled, collided, crashed, episodes, passed, request
 from tests.results.estimands import without_estimand
 

@@ -2,8 +2,7 @@
 
 import pytest
 
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
-from tasks.results.statistics.worlds_like_these import worlds_like_these
+from tasks.results.statistics.over_worlds import rate_over_worlds, worlds_like_these
 
 UNLIKE = (48, 48, 48, 48, 48, 48, 40, 12)
 

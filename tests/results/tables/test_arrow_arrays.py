@@ -7,8 +7,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from specs.data.cells import Cells, label_cells
-from tasks.results.tables.arrow_arrays import arrow_array, arrow_mask
+from specs.data.episode_columns import Cells, label_cells
+from tasks.results.tables.episode_tables import arrow_array, arrow_mask
 
 NUMBERS = np.array([3, 0, 2])
 THERE = np.array([True, False, True])
@@ -76,7 +76,7 @@ def test_tables_are_written_without_pandas():
 import sys
 from pathlib import Path
 from tasks.results.tables.parquet import write_parquet
-from tasks.results.tables.tables import failures_table
+from tasks.results.tables.episode_tables import failures_table
 from tests.factories.episodes import collided, request
 write_parquet(failures_table("b", [request(0)], [collided(0)]), Path(sys.argv[1]))
 assert "pandas" not in sys.modules

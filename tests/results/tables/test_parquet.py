@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from tasks.results.tables import parquet
+from tasks.results.tables.episode_tables import failures_table, results_table
 from tasks.results.tables.parquet import ParquetFile, write_parquet
-from tasks.results.tables.tables import failures_table, results_table
 from tests.factories.episodes import collided, crashed, episodes, passed, request
 
 

@@ -8,8 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from tasks.results.tables import parquet
-from tasks.results.tables.parquet import ParquetFile
-from tasks.results.tables.parquet_thread import parquet_thread
+from tasks.results.tables.parquet import ParquetFile, parquet_thread
 
 SCHEMA = pa.schema([pa.field("row", pa.int64())])
 

@@ -8,7 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from specs.errors import DocumentError, ObjectNotFound
-from tasks.results.statistics.summary import EpisodeTally
+from tasks.results.statistics.batch_summary import EpisodeTally
 from tasks.results.tables.result_files import EpisodePart, write_results
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store

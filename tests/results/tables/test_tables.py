@@ -5,7 +5,7 @@ from hypothesis import given
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.result_columns import SCHEMA_VERSION
-from tasks.results.tables.tables import FAILURES, RESULTS, failures_table, results_table, sweep_variables
+from tasks.results.tables.episode_tables import FAILURES, RESULTS, failures_table, results_table, sweep_variables
 from tests.factories.episodes import TRAJECTORY, canceled, collided, crashed, episodes, passed, request
 
 

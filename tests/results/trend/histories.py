@@ -7,7 +7,7 @@ import numpy as np
 from specs.data.episode import ApplicationLaunch
 from tasks.results.statistics.change_point import NightCount
 from tasks.results.tables.history_rows import Cell
-from tasks.results.trend.night import Night
+from tasks.results.trend.trend_series import Night
 
 DAY_S = 86_400.0
 BEGIN_S = 1_750_000_000.0

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tasks.results.trend.page import trend_page
+from tasks.results.trend.trend_view import trend_page
 from tests.results.trend.histories import history
 from tests.results.trend.test_trend_page import view
 from tests.servers.chromium import Page, browsing

@@ -6,11 +6,17 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.errors import DocumentError
-from tasks.results.trend.night import Night
-from tasks.results.trend.night_text import day, night_times
-from tasks.results.trend.page import trend_page
-from tasks.results.trend.series import MOST_SERIES, WHOLE, Choice, make_trend, raised_alarms
-from tasks.results.trend.view import TrendView, trend_view
+from tasks.results.trend.trend_series import (
+    MOST_SERIES,
+    WHOLE,
+    Choice,
+    Night,
+    day,
+    make_trend,
+    night_times,
+    raised_alarms,
+)
+from tasks.results.trend.trend_view import TrendView, trend_page, trend_view
 from tests.results.estimands import blocks_without_estimand, intervals
 from tests.results.trend.histories import SPEEDS, WORLDS, history
 

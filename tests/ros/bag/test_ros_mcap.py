@@ -9,7 +9,7 @@ from mcap.records import Channel, Message, Schema
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tasks.ros.bag.ros_mcap import Profile, write_ros_mcap
+from tasks.ros.bag.bag_file import Profile, write_ros_mcap
 from tests.ros.bag.tracks import log, track
 
 Found = list[tuple[Schema, Channel, Message]]

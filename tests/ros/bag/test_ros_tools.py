@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.bag.rosbag import write_rosbag
+from tasks.ros.bag.bag_file import write_rosbag
 from tests.ros.bag.tracks import SAMPLES, log
 
 pytestmark = [

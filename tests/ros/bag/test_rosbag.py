@@ -7,9 +7,8 @@ import pytest
 from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag1 import Reader
 
+from tasks.ros.bag.bag_file import long_name, ros2_types, write_rosbag
 from tasks.ros.bag.message_log import Channel, Entry, MessageLog
-from tasks.ros.bag.message_types import long_name, ros2_types
-from tasks.ros.bag.rosbag import write_rosbag
 from tests.ros.bag.tracks import log
 
 OWN = Channel("/battery", "my_msgs/Battery", "float32 volts\nHeader header\n", "d" * 32)

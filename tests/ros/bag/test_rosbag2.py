@@ -7,7 +7,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 
-from specs.data.bag_format import BAG_ENDINGS
+from specs.field_types import BAG_ENDINGS
 from tasks.ros.bag.bag_file import write_bags
 from tests.ros.bag.tracks import SAMPLES, log, track
 

@@ -4,8 +4,7 @@ import numpy as np
 
 from specs.data.world import OccupancyMap
 from tasks.ros.bag.message_log import Entry, MessageLog
-from tasks.ros.bag.track import Lidar, Track
-from tasks.ros.bag.track_log import track_log
+from tasks.ros.bag.track_log import Lidar, Track, track_log
 
 SAMPLES, RAYS = 41, 5
 FLOOR = OccupancyMap(resolution_m=0.5, origin_m=(-1.0, -2.0), columns=3, rows=2, runs=(1, 2, 3))

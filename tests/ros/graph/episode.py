@@ -11,8 +11,7 @@ from typing import Any, Self, TypeVar
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 from tasks.ros.graph.graph import Graph
-from tasks.ros.graph.publication import Topic
-from tasks.ros.graph.wire.connection_header import take_header, write_header
+from tasks.ros.graph.topic import Topic, take_header, write_header
 from tasks.ros.message.definition import digest
 
 T = TypeVar("T")

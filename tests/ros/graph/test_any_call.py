@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tasks.ros.graph import xml_rpc
 from tasks.ros.graph.graph import Graph
-from tasks.ros.graph.wire import xml_rpc
 from tests.ros.graph.episode import PUBLISHES, SUBSCRIBES
 from tests.ros.graph.wire.test_codecs import VALUES
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from tasks.ros.graph.wire import graph_limits
+from tasks.ros.graph import graph_limits
 from tests.ros.graph.episode import Episode, PlayedNode, read_exactly, read_header
 from tests.ros.graph.wire.test_codecs import BOMB
 

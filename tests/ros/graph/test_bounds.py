@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import pytest
 
-from tasks.ros.graph.wire import graph_limits
+from tasks.ros.graph import graph_limits
 from tests.ros.graph.episode import Episode
 from tests.ros.graph.test_attacks import connected, post
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from tasks.ros.graph import graph_limits
 from tasks.ros.graph.parameter_tree import ParameterError, ParameterTree, change_for
-from tasks.ros.graph.wire import graph_limits
-from tasks.ros.graph.wire.xml_rpc import Value, weight
+from tasks.ros.graph.xml_rpc import Value, weight
 
 PARTS = st.sampled_from(["a", "b", "c"])
 NAMES = st.lists(PARTS, min_size=1, max_size=4)

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from tasks.ros.graph.wire import graph_limits
+from tasks.ros.graph import graph_limits
 from tasks.ros.message.definition import definition, digest
 from tests.ros.graph.episode import Episode, read_message
 

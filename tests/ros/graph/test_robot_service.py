@@ -6,8 +6,7 @@ import struct
 import pytest
 
 from tasks.ros.message.definition import digest
-from tasks.ros.message.service_message import write_tags
-from tasks.ros.message.stamp import frame_message, text
+from tasks.ros.message.ros_messages import frame_message, text, write_tags
 from tests.ros.graph.episode import Episode, read_exactly, read_message
 
 ADD, CANCEL = "/robomaker/job/add_tags", "/robomaker/job/cancel"

@@ -4,9 +4,8 @@ import struct
 
 import pytest
 
-from tasks.ros.graph.wire import graph_limits
-from tasks.ros.message.motion_message import PlanarTwist, twist
-from tasks.ros.message.stamp import frame_message
+from tasks.ros.graph import graph_limits
+from tasks.ros.message.ros_messages import PlanarTwist, frame_message, twist
 from tests.ros.graph.episode import Episode, PlayedNode
 
 FORWARD, BACK = (twist(PlanarTwist(speed, 0.0, 0.0)) for speed in (1.0, -1.0))

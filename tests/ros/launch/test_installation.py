@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.installation import ROS_PYTHON, RosInstallation, ros_installation
-from tasks.ros.launch.node_environment import make_home, node_environment
-from tasks.ros.launch.resolve import LaunchSource, resolve
+from tasks.ros.launch.launch_plan import LaunchSource, make_home, node_environment, resolve
+from tasks.ros.launch.packages import ROS_PYTHON, RosInstallation, ros_installation
 
 OPT = RosInstallation(Path("/usr/bin/python3"), Path("/opt/ros/noetic"), "noetic", "1.15.15")
 

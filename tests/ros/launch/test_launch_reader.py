@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_reader import read_apart
-from tasks.ros.process.lineage import alive
+from tasks.ros.launch.launch_plan import read_apart
+from tasks.ros.process.application_processes import alive
 
 
 def read(folder: Path, program: str, limit_s: float = 60.0) -> str:

@@ -7,8 +7,7 @@ import pytest
 
 from specs.errors import LaunchRefused
 from tasks.ros.launch import packages
-from tasks.ros.launch.installation import RosInstallation
-from tasks.ros.launch.packages import bundle_packages, missing_packages
+from tasks.ros.launch.packages import RosInstallation, bundle_packages, missing_packages
 
 Add = Callable[..., None]
 

@@ -6,8 +6,7 @@ from xmlrpc.client import Binary
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan
-from tasks.ros.launch.resolve import LaunchSource, resolve
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve
 
 pytestmark = pytest.mark.long
 

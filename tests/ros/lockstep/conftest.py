@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.graph.graph import Graph
-from tasks.ros.graph.publication import Topic
-from tasks.ros.lockstep.event_pump import EventPump
-from tasks.ros.lockstep.quiet import QuietJudge
-from tasks.ros.lockstep.sensor_message import CLOCK
-from tasks.ros.process.application import Application
+from tasks.ros.graph.topic import Topic
+from tasks.ros.lockstep.idle_detector import IdleDetector
+from tasks.ros.lockstep.robot_topics import CLOCK
+from tasks.ros.lockstep.ros_lane import EventPump
+from tasks.ros.process.application_processes import Application, ProcessTracker
 from tasks.ros.process.lane_limits import LaneLimits
-from tasks.ros.process.lineage import Lineage
 from tasks.ros.process.thread_watch import ThreadWatch
 from tests.ros.process.proc_folder import FakeThread, fake_thread
 
@@ -54,15 +53,15 @@ def limits() -> LaneLimits:
 @pytest.fixture
 def judge(
     pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits
-) -> Iterator[QuietJudge]:
+) -> Iterator[IdleDetector]:
     """Judges an application of these two threads, to which nobody is connected."""
-    lineage = Lineage()
+    lineage = ProcessTracker()
     application = Application(proc.parent, lineage, limits)
     application.watch = ThreadWatch(proc)
     lineage.add(os.getpid(), proc.parent)
     application.find()
     graph = Graph(pump.loop, (Topic(CLOCK, "rosgraph_msgs/Clock"),), ())
-    yield QuietJudge(application, graph, 1.0)
+    yield IdleDetector(application, graph, 1.0)
     graph.close()
     application.watch.close()
     lineage.close()

@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from tasks.ros.lockstep.exchange import Base, Command, Launch, Sensed, Tally
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
-from tasks.ros.lockstep.settle import Patience
+from tasks.ros.lockstep.step_driver import Patience
 from tasks.ros.process.lane_limits import LaneLimits
 
 CONTROL_S = 0.05

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.process.confinement import confined_command, confined_environment, confinement
+from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
 from tests.repository import ROOT
 
 PROGRAM = """

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tasks.ros.lockstep.event_pump import EventPump
+from tasks.ros.lockstep.ros_lane import EventPump
 
 
 @pytest.fixture

@@ -2,14 +2,14 @@
 
 import pytest
 
-from tasks.ros.lockstep.quiet import QuietJudge, Verdict
+from tasks.ros.lockstep.idle_detector import IdleDetector, Verdict
 from tests.ros.lockstep.conftest import POLLER
 from tests.ros.process.proc_folder import FakeThread
 
 PERIOD_S = 0.001
 
 
-def known(judge: QuietJudge, poller: FakeThread) -> None:
+def known(judge: IdleDetector, poller: FakeThread) -> None:
     """Lets the judge learn who polls, before anything is sent."""
     judge.count(0.0)
     poller.run(300)
@@ -17,7 +17,7 @@ def known(judge: QuietJudge, poller: FakeThread) -> None:
     assert judge.pollers == {POLLER: pytest.approx(PERIOD_S)}
 
 
-def send(judge: QuietJudge, worker: FakeThread, now_s: float) -> None:
+def send(judge: IdleDetector, worker: FakeThread, now_s: float) -> None:
     """Sends something that the worker deals with: only the poller is still waited for."""
     judge.begin(now_s, fresh=False, ticked=True)
     worker.run()
@@ -25,7 +25,7 @@ def send(judge: QuietJudge, worker: FakeThread, now_s: float) -> None:
     assert judge.look(now_s + 0.002) is Verdict.WAITS
 
 
-def give_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
+def give_up(judge: IdleDetector, worker: FakeThread, poller: FakeThread) -> None:
     """Lets the poller sleep on after a message, until the judge waits for it no more."""
     known(judge, poller)
     send(judge, worker, 1.0)
@@ -33,7 +33,7 @@ def give_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
 
 
 def test_an_application_is_quiet_once_its_poller_has_looked_again(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     known(judge, poller)
     send(judge, worker, 1.0)
@@ -43,7 +43,7 @@ def test_an_application_is_quiet_once_its_poller_has_looked_again(
 
 
 def test_a_poller_that_waits_for_a_core_is_waited_for(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     known(judge, poller)
     send(judge, worker, 1.0)
@@ -55,13 +55,13 @@ def test_a_poller_that_waits_for_a_core_is_waited_for(
     assert judge.look(1.502) is Verdict.QUIET
 
 
-def test_a_poller_that_sleeps_on_is_given_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
+def test_a_poller_that_sleeps_on_is_given_up(judge: IdleDetector, worker: FakeThread, poller: FakeThread) -> None:
     give_up(judge, worker, poller)
     assert judge.pollers == {}
 
 
 def test_a_poller_that_was_given_up_is_taken_back_when_it_polls_again(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     give_up(judge, worker, poller)
     judge.begin(1.101, fresh=True, ticked=True)
@@ -75,7 +75,7 @@ def test_a_poller_that_was_given_up_is_taken_back_when_it_polls_again(
 
 
 def test_a_poller_that_slept_for_a_minute_is_taken_back_as_soon(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     give_up(judge, worker, poller)
     judge.begin(61.0, fresh=False, ticked=True)
@@ -87,7 +87,7 @@ def test_a_poller_that_slept_for_a_minute_is_taken_back_as_soon(
 
 
 def test_a_thread_that_is_given_up_again_and_again_is_taken_back_later(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     known(judge, poller)
     now_s, needed = 1.0, list[int]()
@@ -105,7 +105,7 @@ def test_a_thread_that_is_given_up_again_and_again_is_taken_back_later(
 
 
 def test_what_a_thread_waits_for_a_core_is_no_time_of_the_application(
-    judge: QuietJudge, worker: FakeThread, poller: FakeThread
+    judge: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
     judge.begin(1.0, fresh=False, ticked=True)
     worker.run(waited_ns=1_500_000_000)
@@ -113,7 +113,7 @@ def test_what_a_thread_waits_for_a_core_is_no_time_of_the_application(
     assert not judge.has_time(2.0, 4.6)
 
 
-def test_waits_of_two_threads_are_not_added_up(judge: QuietJudge, worker: FakeThread, poller: FakeThread) -> None:
+def test_waits_of_two_threads_are_not_added_up(judge: IdleDetector, worker: FakeThread, poller: FakeThread) -> None:
     judge.begin(1.0, fresh=False, ticked=True)
     worker.run(waited_ns=1_500_000_000)
     poller.run(waited_ns=1_000_000_000)
@@ -121,14 +121,14 @@ def test_waits_of_two_threads_are_not_added_up(judge: QuietJudge, worker: FakeTh
     assert not judge.has_time(2.0, 4.6)
 
 
-def test_waits_before_something_was_sent_do_not_count(judge: QuietJudge, worker: FakeThread) -> None:
+def test_waits_before_something_was_sent_do_not_count(judge: IdleDetector, worker: FakeThread) -> None:
     worker.run(waited_ns=9_000_000_000)
     judge.begin(1.0, fresh=False, ticked=True)
     assert judge.has_time(2.0, 2.9)
     assert not judge.has_time(2.0, 3.1)
 
 
-def test_waits_before_a_message_that_follows_a_late_one_do_not_count(judge: QuietJudge, worker: FakeThread) -> None:
+def test_waits_before_a_message_that_follows_a_late_one_do_not_count(judge: IdleDetector, worker: FakeThread) -> None:
     judge.begin(1.0, fresh=False, ticked=True)
     worker.run(waited_ns=9_000_000_000)
     worker.be("R")
@@ -139,7 +139,7 @@ def test_waits_before_a_message_that_follows_a_late_one_do_not_count(judge: Quie
 
 
 def test_a_limit_ends_after_five_times_as_long_however_long_a_thread_waits(
-    judge: QuietJudge, worker: FakeThread
+    judge: IdleDetector, worker: FakeThread
 ) -> None:
     judge.begin(1.0, fresh=False, ticked=True)
     worker.run(waited_ns=100_000_000_000)
@@ -147,7 +147,7 @@ def test_a_limit_ends_after_five_times_as_long_however_long_a_thread_waits(
     assert not judge.has_time(2.0, 11.1)
 
 
-def test_a_callback_may_nap_for_longer_if_it_waits_for_a_core(judge: QuietJudge, worker: FakeThread) -> None:
+def test_a_callback_may_nap_for_longer_if_it_waits_for_a_core(judge: IdleDetector, worker: FakeThread) -> None:
     judge.begin(1.0, fresh=False, ticked=True)
     worker.run(waited_ns=500_000_000)
     worker.nap()

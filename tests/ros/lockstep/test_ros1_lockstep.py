@@ -10,7 +10,7 @@ from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
 from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
-from tasks.ros.process.application import Application
+from tasks.ros.process.application_processes import Application
 from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
 
 NODE = NodePlan("/node", "x", "x", ("sleep", "600"))

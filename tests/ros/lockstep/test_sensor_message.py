@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from specs.bundle.ros_robot import RosRobot, RosTopics
-from specs.bundle.sensors import BumperDeclaration, LidarDeclaration
+from specs.bundle_files import BumperDeclaration, LidarDeclaration, RosRobot, RosTopics
 from tasks.ros.lockstep.exchange import Base, FloorPlan, Sensed
-from tasks.ros.lockstep.sensor_message import Moment, SensorMessages
+from tasks.ros.lockstep.robot_topics import Moment, SensorMessages
 
 SENSED = Sensed(
     np.zeros(3), np.zeros(3), np.zeros(2), np.ones(4, np.float32), np.ones(3, np.bool_), np.array([1.0, 2.0])

@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from tasks.ros.graph.event_loop import Connection, EventLoop
 from tasks.ros.graph.graph import Graph
-from tasks.ros.graph.publication import Subscriber
-from tasks.ros.graph.wire.channel import Channel, Wire
-from tasks.ros.lockstep.event_pump import EventPump
-from tasks.ros.lockstep.quiet import QuietJudge
-from tasks.ros.lockstep.ros_lane import RosLane
-from tasks.ros.lockstep.sensor_message import CLOCK
-from tasks.ros.lockstep.settle import Patience, Settling
+from tasks.ros.graph.topic import Subscriber
+from tasks.ros.lockstep.idle_detector import IdleDetector
+from tasks.ros.lockstep.robot_topics import CLOCK
+from tasks.ros.lockstep.ros_lane import EventPump, RosLane
+from tasks.ros.lockstep.step_driver import Patience, StepDriver
 from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.network import Network
 from tests.ros.process.proc_folder import FakeThread
@@ -50,10 +49,10 @@ class BusyPump(EventPump):
 
 
 @pytest.fixture
-def lane(judge: QuietJudge, pump: EventPump) -> Iterator[RosLane]:
+def lane(judge: IdleDetector, pump: EventPump) -> Iterator[RosLane]:
     """A lane with a tick to be sent, and a node that is connected and never reads."""
     ours, theirs = socket.socketpair()
-    channel = Channel(Wire(pump.loop, socket.socket), ours, lambda: None, lambda: None)
+    channel = Connection(EventLoop(pump.loop, socket.socket), ours, lambda: None, lambda: None)
     assert isinstance(judge.graph, Graph)
     judge.graph.outgoing[CLOCK].append(Subscriber("/node", channel))
     found = RosLane(judge, Network(socket.socket, ()), pump, frozenset())
@@ -65,7 +64,7 @@ def lane(judge: QuietJudge, pump: EventPump) -> Iterator[RosLane]:
 
 def late(lane: RosLane, pump: EventPump) -> int:
     """Returns how many stages of the lane were late."""
-    Settling(pump, PATIENCE, lambda lane: pytest.fail(lane.failure)).run([lane], 0)
+    StepDriver(pump, PATIENCE, lambda lane: pytest.fail(lane.failure)).run([lane], 0)
     pump.close()
     return lane.late
 
@@ -82,7 +81,7 @@ def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker
 def test_a_lane_beyond_its_limits_ends_within_the_control_step(lane: RosLane, worker: FakeThread) -> None:
     ended: list[str] = []
     pump = BusyPump(worker, 0, until=lambda: bool(ended))
-    Settling(pump, PATIENCE, lambda lane: ended.append(lane.failure)).run([lane], 0)
+    StepDriver(pump, PATIENCE, lambda lane: ended.append(lane.failure)).run([lane], 0)
     pump.close()
     assert len(ended) == 1
     assert "of memory: more than the 0 MiB that it may" in ended[0]

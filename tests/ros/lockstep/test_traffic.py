@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from tasks.ros.bag.message_log import Entry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Sensed, Tally
-from tasks.ros.lockstep.traffic import Traffic
+from tasks.ros.lockstep.robot_topics import LockstepRecorder
 from tests.ros.bag.tracks import log, of_topic
 
 BASE = Base(RosRobot(), 3, -0.5, 0.5, 6.0)
@@ -50,7 +50,7 @@ def sensed(x_m: float) -> Sensed:
 
 @pytest.fixture(scope="module")
 def kept() -> MessageLog:
-    traffic = Traffic(Answers(), BASE, 0.05)
+    traffic = LockstepRecorder(Answers(), BASE, 0.05)
     traffic.begin([sensed(0.0)], [None])
     for step in range(4):
         traffic.exchange([sensed(0.1 * step)])
@@ -78,7 +78,7 @@ def test_times_begin_at_a_second_and_never_go_back(kept: MessageLog):
 
 def test_it_is_a_lock_step_like_the_one_behind_it():
     answers = Answers()
-    traffic = Traffic(answers, BASE, 0.05)
+    traffic = LockstepRecorder(answers, BASE, 0.05)
     assert (traffic.failures, traffic.cancelled, traffic.tags(3)) == ({}, frozenset(), {"lane": "3"})
     traffic.close()
     assert answers.closed

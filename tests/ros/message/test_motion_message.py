@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tasks.ros.message import motion_message
-from tasks.ros.message.motion_message import FrameTransform, PlanarTwist
-from tasks.ros.message.stamp import stamp
+from tasks.ros.message import ros_messages
+from tasks.ros.message.ros_messages import FrameTransform, PlanarTwist, stamp
 from tests.ros.message.message_store import round_trip
 
 TIMES = st.integers(0, 2**32 * 1_000_000_000 - 1)
@@ -27,7 +26,7 @@ def _yaw(orientation: object) -> float:
 
 @given(time_ns=TIMES)
 def test_a_clock_says_the_time(time_ns: int):
-    read = round_trip("rosgraph_msgs/Clock", motion_message.clock(stamp(time_ns))).clock
+    read = round_trip("rosgraph_msgs/Clock", ros_messages.clock(stamp(time_ns))).clock
     assert read.sec * 1_000_000_000 + read.nanosec == time_ns
 
 
@@ -39,7 +38,7 @@ def test_odometry_says_pose_and_velocity(
     pose: tuple[float, float, float],
     velocity: tuple[float, float, float],
 ):
-    data = motion_message.odometry(
+    data = ros_messages.odometry(
         sequence, stamp(time_ns), np.array(pose), np.array(velocity), frame=frames[0], child=frames[1]
     )
     read = round_trip("nav_msgs/Odometry", data)
@@ -52,20 +51,20 @@ def test_odometry_says_pose_and_velocity(
 
 @given(each=st.lists(st.builds(FrameTransform, FRAMES, FRAMES, POSES), max_size=5))
 def test_transforms_say_where_each_frame_is(each: list[FrameTransform]):
-    read = round_trip("tf2_msgs/TFMessage", motion_message.transforms(3, stamp(5), each)).transforms
+    read = round_trip("tf2_msgs/TFMessage", ros_messages.transforms(3, stamp(5), each)).transforms
     found = [(one.header.frame_id, one.child_frame_id, one.transform.translation.x) for one in read]
     assert found == [(one.parent, one.child, one.pose[0]) for one in each]
 
 
 @given(pose=POSES, frame=FRAMES)
 def test_a_goal_says_where_to_go(pose: tuple[float, float, float], frame: str):
-    read = round_trip("geometry_msgs/PoseStamped", motion_message.pose_stamped(1, stamp(9), frame, pose))
+    read = round_trip("geometry_msgs/PoseStamped", ros_messages.pose_stamped(1, stamp(9), frame, pose))
     assert (read.header.frame_id, read.pose.position.x, read.pose.position.y) == (frame, *pose[:2])
 
 
 @given(cells=arrays(np.int8, st.tuples(st.integers(0, 8), st.integers(0, 8)), elements=st.integers(-1, 100)))
 def test_a_map_has_rows_from_its_origin(cells: np.ndarray):
-    data = motion_message.occupancy_grid(0, stamp(7), "map", cells, origin_m=(-1.0, 2.0), cell_m=0.05)
+    data = ros_messages.occupancy_grid(0, stamp(7), "map", cells, origin_m=(-1.0, 2.0), cell_m=0.05)
     read = round_trip("nav_msgs/OccupancyGrid", data)
     assert (read.info.height, read.info.width) == cells.shape
     assert (read.info.origin.position.x, read.info.origin.position.y) == (-1.0, 2.0)
@@ -74,12 +73,12 @@ def test_a_map_has_rows_from_its_origin(cells: np.ndarray):
 
 @given(command=st.builds(PlanarTwist, NUMBERS, NUMBERS, NUMBERS))
 def test_a_command_reads_as_it_was_written(command: PlanarTwist):
-    data = motion_message.twist(command)
-    assert motion_message.read_twist(data) == command
+    data = ros_messages.twist(command)
+    assert ros_messages.read_twist(data) == command
     assert round_trip("geometry_msgs/Twist", data).angular.z == command.turn_rad_s
 
 
 @given(data=st.binary(max_size=100).filter(lambda data: len(data) != 48))
 def test_bytes_that_are_no_twist_are_refused(data: bytes):
     with pytest.raises(ValueError, match="a geometry_msgs/Twist has 48"):
-        motion_message.read_twist(data)
+        ros_messages.read_twist(data)

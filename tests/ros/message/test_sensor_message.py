@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tasks.ros.message import sensor_message
-from tasks.ros.message.stamp import stamp
+from tasks.ros.message import ros_messages
+from tasks.ros.message.ros_messages import stamp
 from tests.ros.message.message_store import round_trip
 
 RANGES = arrays(np.float64, st.integers(0, 30), elements=st.floats(0.0, 20.0, width=32))
 
 
 def _scan(ranges_m: np.ndarray, range_max: float = 8.0) -> bytes:
-    return sensor_message.laser_scan(
+    return ros_messages.laser_scan(
         3,
         stamp(2_500_000_000),
         "laser",
@@ -54,7 +54,7 @@ def test_a_scan_leaves_its_ranges_as_they_are():
 
 @given(turn=st.floats(-9, 9), ahead=st.floats(-9, 9), left=st.floats(-9, 9))
 def test_an_imu_at_rest_feels_gravity_upward(turn: float, ahead: float, left: float):
-    data = sensor_message.imu(1, stamp(0), "imu_link", yaw_rad=0.5, turn_rad_s=turn, acceleration=(ahead, left))
+    data = ros_messages.imu(1, stamp(0), "imu_link", yaw_rad=0.5, turn_rad_s=turn, acceleration=(ahead, left))
     read = round_trip("sensor_msgs/Imu", data)
     pushed = read.linear_acceleration
     assert (read.angular_velocity.z, pushed.x, pushed.y, pushed.z) == (turn, ahead, left, 9.81)
@@ -63,7 +63,7 @@ def test_an_imu_at_rest_feels_gravity_upward(turn: float, ahead: float, left: fl
 @given(names=st.lists(st.text(min_size=1, max_size=10), max_size=5))
 def test_joints_have_a_position_and_a_speed_each(names: list[str]):
     position = np.arange(len(names), dtype=float)
-    read = round_trip("sensor_msgs/JointState", sensor_message.joint_state(1, stamp(0), names, position, -position))
+    read = round_trip("sensor_msgs/JointState", ros_messages.joint_state(1, stamp(0), names, position, -position))
     assert (read.name, read.position.tolist(), read.velocity.tolist()) == (
         names,
         position.tolist(),
@@ -74,6 +74,6 @@ def test_joints_have_a_position_and_a_speed_each(names: list[str]):
 
 @given(sectors=arrays(np.bool_, st.integers(0, 12)))
 def test_a_bumper_says_1_for_each_sector_that_touches(sectors: np.ndarray):
-    read = round_trip("std_msgs/UInt8MultiArray", sensor_message.bumper(sectors))
+    read = round_trip("std_msgs/UInt8MultiArray", ros_messages.bumper(sectors))
     assert read.data.tolist() == sectors.astype(int).tolist()
     assert (read.layout.dim[0].label, read.layout.dim[0].size) == ("sectors", len(sectors))

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.ros.message.service_message import read_keys, read_tags, write_outcome, write_tags
-from tasks.ros.message.stamp import text
+from tasks.ros.message.ros_messages import read_keys, read_tags, text, write_outcome, write_tags
 
 TAGS = st.dictionaries(st.text(max_size=20), st.text(max_size=20), max_size=8)
 

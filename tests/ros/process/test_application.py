@@ -9,23 +9,22 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.launch.launch_plan import NodePlan
-from tasks.ros.process.application import Application, end_all, end_strays
+from tasks.ros.process.application_processes import Application, ProcessTracker, alive, end_all, end_strays, marked
 from tasks.ros.process.lane_limits import LaneLimits, ending
-from tasks.ros.process.lineage import Lineage, alive, marked
 
 Start = Callable[..., Application]
 _MIB = 1 << 20
 
 
 @pytest.fixture
-def lineage() -> Iterator[Lineage]:
-    found = Lineage()
+def lineage() -> Iterator[ProcessTracker]:
+    found = ProcessTracker()
     yield found
     found.close()
 
 
 @pytest.fixture
-def start(tmp_path: Path, lineage: Lineage) -> Iterator[Start]:
+def start(tmp_path: Path, lineage: ProcessTracker) -> Iterator[Start]:
     """Starts an application of one node: a program of Python's."""
     started: list[Application] = []
 
@@ -76,7 +75,7 @@ def test_the_end_of_a_required_or_respawned_node_is_one(start: Start, what: str,
     assert words in failure(start("pass", **{what: True}))
 
 
-def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start, lineage: Lineage) -> None:
+def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start, lineage: ProcessTracker) -> None:
     escape = "import os, time\nif not os.fork():\n os.setsid()\n"
     escape += " if os.fork(): os._exit(0)\n open(os.environ['ROS_HOME'] + '/there', 'w').close()\n time.sleep(600)\n"
     application = start(escape + "time.sleep(600)")
@@ -86,7 +85,7 @@ def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start,
 
 
 def test_a_process_that_sheds_its_mark_as_well_is_ended_with_the_last_episode(
-    start: Start, lineage: Lineage, tmp_path: Path
+    start: Start, lineage: ProcessTracker, tmp_path: Path
 ) -> None:
     there = tmp_path / "pid"
     sleeper = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(600)"

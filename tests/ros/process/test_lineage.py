@@ -5,7 +5,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from tasks.ros.process.lineage import Lineage
+from tasks.ros.process.application_processes import ProcessTracker
 
 _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 36, 37
 
@@ -18,7 +18,7 @@ def adopts() -> bool:
 
 def test_orphans_are_adopted_until_the_last_lineage_is_closed():
     before = adopts()
-    first, second = Lineage(), Lineage()
+    first, second = ProcessTracker(), ProcessTracker()
     assert adopts()
     first.close()
     first.close()
@@ -28,7 +28,7 @@ def test_orphans_are_adopted_until_the_last_lineage_is_closed():
 
 
 def test_a_process_of_an_episode_is_known_until_it_is_forgotten(tmp_path: Path):
-    lineage = Lineage()
+    lineage = ProcessTracker()
     lineage.add(os.getpid(), tmp_path)
     assert lineage.processes(tmp_path) == [os.getpid()]
     lineage.forget([tmp_path])
@@ -41,10 +41,10 @@ def test_strays_are_no_children_of_before_none_of_this_session_and_nobody_elses(
         return subprocess.Popen(["sleep", "600"], start_new_session=session)
 
     before = child(session=True)
-    lineage = Lineage()
+    lineage = ProcessTracker()
     own, stray = child(session=False), child(session=True)
     assert lineage.strays() == [stray.pid]
-    other = Lineage()
+    other = ProcessTracker()
     assert lineage.strays() == other.strays() == []
     for each in (other, lineage):
         each.close()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.process.lineage import marked
+from tasks.ros.process.application_processes import marked
 from tasks.ros.process.network import Network, Networks
 from tests.repository import ROOT
 

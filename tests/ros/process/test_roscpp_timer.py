@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.process.roscpp_timer import keeps_timers
+from tasks.ros.process.thread_watch import keeps_timers
 
 FUTEX = {"x86_64": 202, "aarch64": 98}.get(platform.machine(), 0)
 PAGE = 4096

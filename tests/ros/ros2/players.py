@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from tasks.ros.lockstep.exchange import Base, Command, Launch, Sensed, Tally
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tests.repository import ROOT

@@ -14,13 +14,11 @@ from cyclonedds.topic import Topic
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from tasks.ros.message.service_message import REQUEST_BYTES
-from tasks.ros.ros2.dds_node import DdsNode
-from tasks.ros.ros2.domain import EpisodeDomain, episode_domains
+from tasks.ros.message.ros_messages import REQUEST_BYTES
+from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
+from tasks.ros.ros2.dds_node import DEFAULT, SENSOR_DATA, DdsNode, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.qos_profiles import DEFAULT, SENSOR_DATA, dds_qos
-from tasks.ros.ros2.robot_node import RobotNode, given_tags, twist_bytes
-from tasks.ros.ros2.wire_types import structure
+from tasks.ros.ros2.ros2_node import RobotNode, given_tags, twist_bytes
 
 TWIST = "geometry_msgs/msg/Twist"
 _WAIT_S = 10.0

@@ -7,9 +7,8 @@ import pytest
 import yaml
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
-from tasks.ros.launch.resolve import LaunchSource
-from tasks.ros.ros2.launch_file.resolve_description import is_ros2_launch_file, resolve_description
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan
+from tasks.ros.ros2.launch_file.launch_description import is_ros2_launch_file, resolve_description
 
 _IMPORTS = """
 import launch, launch_ros.actions, launch_ros.substitutions, launch.substitutions as s, launch.actions as a

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from tasks.ros.message import motion_message, sensor_message
-from tasks.ros.message.stamp import stamp
-from tasks.ros.ros2.domain import episode_domains
+from tasks.ros.message import ros_messages
+from tasks.ros.message.ros_messages import stamp
+from tasks.ros.ros2.dds_domain import episode_domains
 from tasks.ros.ros2.interface_types import dds_type_name, type_hash, type_store
-from tasks.ros.ros2.robot_node import RobotNode
+from tasks.ros.ros2.ros2_node import RobotNode
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.packets import Capture, Endpoint, Sample, endpoints
 from tests.ros.ros2.players import make_bundle
@@ -31,7 +31,7 @@ TOPICS = {
 RELIABLE = bytes.fromhex("02000000 ffffff7f ffffffff")
 LATCHED = (1).to_bytes(4, "little")
 _RANGES = np.linspace(0.7, 3.0, 24).astype(np.float32)
-_ROS1_SCAN = sensor_message.laser_scan(
+_ROS1_SCAN = ros_messages.laser_scan(
     0, stamp(1_050_000_000), "laser", _RANGES, angle_min=-1.5, angle_increment=0.125, range_max=8.0, scan_s=0.05
 )
 _WAIT_S = 20.0
@@ -149,7 +149,7 @@ def test_a_best_effort_reader_is_sent_the_scan_byte_by_byte(wire: Wire) -> None:
 def test_the_nodes_command_is_what_its_steering_says_of_the_scan(wire: Wire) -> None:
     scan = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1(_ROS1_SCAN, SCAN)
     ahead, turn = steer(scan.angle_min, scan.angle_increment, list(map(float, scan.ranges)))  # type: ignore[attr-defined]
-    assert wire.command == motion_message.twist(motion_message.PlanarTwist(ahead, 0.0, turn))
+    assert wire.command == ros_messages.twist(ros_messages.PlanarTwist(ahead, 0.0, turn))
     writer = next(each for each in wire.node if each.what == "writer" and each.text("topic") == "rt/cmd_vel")
     seen = [each.payload for each in wire.samples if each.guid == writer.parameters["guid"]]
     assert b"\x00\x01\x00\x00" + wire.command in seen

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tasks.ros.message import motion_message as motion
-from tasks.ros.message import sensor_message as sensor
-from tasks.ros.message.stamp import stamp
+from tasks.ros.message import ros_messages as motion
+from tasks.ros.message import ros_messages as sensor
+from tasks.ros.message.ros_messages import stamp
+from tasks.ros.ros2.dds_node import structure, wire_type
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.wire_types import structure, wire_type
 
 NOW = stamp(12_345_678_901)
 _SOUTH = motion.FrameTransform("odom", "base_link", (1.5, -2.5, 0.7))

@@ -4,16 +4,16 @@ from mmap import mmap
 
 import pytest
 
-from tasks.simulate.application import call_clock
-from tasks.simulate.application.call_clock import CLOCK_BYTES, CallClock, running_call
-from tasks.simulate.process.limits import overdue
+from tasks.simulate.application import bundle_code
+from tasks.simulate.application.bundle_code import CLOCK_BYTES, CallWatchdog, running_call
+from tasks.simulate.sandbox.simulator import timeout_of
 
 
 def test_the_clock_of_a_call_stands_still_while_nodes_work(monkeypatch: pytest.MonkeyPatch):
     now_s = [100.0]
-    monkeypatch.setattr(call_clock.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(bundle_code.time, "monotonic", lambda: now_s[0])
     memory = mmap(-1, CLOCK_BYTES)
-    clock = CallClock(memory)
+    clock = CallWatchdog(memory)
     with clock.call("slice", "", "a slice"):
         now_s[0] += 1.0
         with clock.call("nodes", "RobotApplicationCrash", "a control step"):
@@ -29,8 +29,8 @@ def test_the_clock_of_a_call_stands_still_while_nodes_work(monkeypatch: pytest.M
 
 def test_nodes_have_a_limit_of_their_own():
     memory = mmap(-1, CLOCK_BYTES)
-    with CallClock(memory).call("nodes", "RobotApplicationCrash", "a control step of 8 ROS applications"):
+    with CallWatchdog(memory).call("nodes", "RobotApplicationCrash", "a control step of 8 ROS applications"):
         call = running_call(memory)
     assert call is not None
-    assert overdue(call._replace(seconds=400.0)) == ""
-    assert "a control step of 8 ROS applications took longer than 900 s" in overdue(call._replace(seconds=901.0))
+    assert timeout_of(call._replace(seconds=400.0)) == ""
+    assert "a control step of 8 ROS applications took longer than 900 s" in timeout_of(call._replace(seconds=901.0))

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.application.code import BundleCrash, call_bundle, load_factory
+from tasks.simulate.application.bundle_code import BundleCrash, call_bundle, load_factory
 from tests.factories.simulations import FAULTY, FOLDERS, PUSHER
 
 

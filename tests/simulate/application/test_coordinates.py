@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
-from tasks.simulate.application.robot_mjcf import base_of
+from tasks.simulate.application.robot_model import base_of, coordinates_at, pose_of, velocity_of
 
 FREE = """<mujoco><worldbody><body name="b" pos="1 2 0.7" euler="20 10 40"><freejoint/><geom size="0.1"/>
 <body><joint name="j" axis="0 1 0"/><geom size="0.05" pos="0.2 0 0"/></body></body></worldbody>

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.application.mjcf_check import check_mjcf
-from tasks.simulate.application.robot_mjcf import read_robot_mjcf
-from tasks.simulate.refusal import MjcfRefused
+from tasks.simulate.application.mjcf_check import MjcfRefused, check_mjcf
+from tasks.simulate.application.robot_model import read_robot_mjcf
 from tests.repository import ROOT
 
 

@@ -3,7 +3,7 @@
 import mujoco
 import pytest
 
-from tasks.simulate.application.part_names import actuator_label, body_label, geom_label, joint_label
+from tasks.simulate.application.robot_model import actuator_label, body_label, geom_label, joint_label
 
 FILE = """<mujoco><worldbody>
   <body name="base"><freejoint/><geom size="0.1"/><geom type="box" size="0.1 0.1 0.1"/><geom name="mast" size="0.1"/>

@@ -5,9 +5,9 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from tasks.simulate.application.robot_mjcf import base_of, hull_of, read_robot_mjcf
-from tasks.simulate.engine.mjx.model import load_robot
-from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_model import base_of, hull_of, read_robot_mjcf
+from tasks.simulate.engines.mjx.mjx_robot import load_robot
 from tests.factories.simulations import COURIER, FAULTY, FOLDERS
 
 PLANAR = """<mujoco><option timestep="0.005"/><worldbody><body name="b" pos="0 0 0.3">

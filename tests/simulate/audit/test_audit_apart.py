@@ -2,11 +2,11 @@
 
 import pytest
 
-from tasks.simulate.audit.audit_apart import audit_apart
 from tasks.simulate.audit.audit_report import AuditReport, not_run
+from tasks.simulate.audit.audit_run import ask_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.process.simulator import SimulatorEnded
-from tasks.simulate.process.work import Audited
+from tasks.simulate.sandbox.protocol import Audited
+from tasks.simulate.sandbox.simulator import SimulatorEnded
 from tests.factories.episodes import passed, request
 from tests.factories.worlds import apartment
 from tests.simulate.ending_simulators import ended, use_simulators
@@ -16,7 +16,7 @@ REPORT = not_run("a test says so")
 
 def audited() -> AuditReport:
     asked = request(0)
-    return audit_apart([SampledEpisode(asked, passed(0), 1.0)], {asked.world: apartment()}, {}, lanes=8)
+    return ask_audit([SampledEpisode(asked, passed(0), 1.0)], {asked.world: apartment()}, {}, lanes=8)
 
 
 def test_an_audit_whose_process_ended_beside_chunks_ahead_is_asked_once_more(monkeypatch: pytest.MonkeyPatch):

@@ -6,13 +6,11 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
-from tasks.simulate.audit.audit_drive import audit, drive_sample
-from tasks.simulate.audit.audit_findings import DrivenEpisode
+from tasks.simulate.audit.audit_drive import DrivenEpisode, Drives, audit, drive_sample
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.audit.drives import Drives
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES, Simulate

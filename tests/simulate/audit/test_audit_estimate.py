@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.audit.audit_estimate import (
+from tasks.simulate.audit.audit_report import (
     ComparedLane,
     Ending,
     FlipShare,

@@ -4,16 +4,20 @@ import json
 
 import pytest
 
-from tasks.simulate.audit.audit_estimate import FlipShare
 from tasks.simulate.audit.audit_report import (
+    FAILED_FLIP_LIMIT,
+    FLIP_LIMIT,
     ApartQuantiles,
     AuditControl,
     AuditReport,
     AuditVerdict,
     Flip,
+    FlipShare,
+    exceeds,
+    needs_control,
     not_run,
+    with_verdict,
 )
-from tasks.simulate.audit.audit_verdict import FAILED_FLIP_LIMIT, FLIP_LIMIT, exceeds, needs_control, with_verdict
 
 WAY = ApartQuantiles(median_m=1e-6, p90_m=3e-6, max_m=1e-5)
 FAR = ApartQuantiles(median_m=1e-6, p90_m=0.06, max_m=0.07)

@@ -11,17 +11,16 @@ from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import AuditReport, not_run
+from tasks.simulate.audit.audit_report import AuditReport, not_run, with_verdict
 from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
-from tasks.simulate.audit.audit_verdict import with_verdict
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.data.pins import pin_source
-from tasks.simulate.data.sources import DATA_PREFIX
-from tasks.simulate.process.simulator import SimulatorEnded
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import run_chunk
+from tasks.simulate.data.data_sources import DATA_PREFIX
+from tasks.simulate.data.mounts import pin_source
+from tasks.simulate.sandbox.simulator import SimulatorEnded
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.planned_batches import begun, mixed, plan, template

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult, success, unfinished_result
 from tasks.simulate.audit.audit_sample import Pick, SampledEpisode, draw_sample, stretches
-from tasks.simulate.batch.stop import LEFT_OUT
+from tasks.simulate.batch.batch_record import LEFT_OUT
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.episode_layout import Layout
 from tests.factories.episodes import canceled, collided, crashed, passed
 from tests.factories.planned_batches import template
 

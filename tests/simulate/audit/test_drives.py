@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.audit import drives
-from tasks.simulate.audit.drives import Drives
-from tasks.simulate.chunk.timings import ChunkWatch
+from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.audit import audit_drive
+from tasks.simulate.audit.audit_drive import Drives
+from tasks.simulate.chunk.byproducts import ChunkWatch
 from tests.factories.simulations import delivery
 
 PATIENCE_S = 30.0
@@ -44,16 +44,16 @@ def drive(monkeypatch: pytest.MonkeyPatch, runs: Callable[[], Iterator[Run]]) ->
     def driven(chunk: SimpleNamespace, *_more: object) -> list[SimpleNamespace]:
         return [SimpleNamespace(row=SimpleNamespace(index=chunk.number))]
 
-    monkeypatch.setattr(drives, "ready_parts", ready)
-    monkeypatch.setattr(drives, "most_lanes", lambda *_: None)
-    monkeypatch.setattr(drives, "_end", lambda state: state)
-    monkeypatch.setattr(drives, "_driven", driven)
+    monkeypatch.setattr(audit_drive, "ready_parts", ready)
+    monkeypatch.setattr(audit_drive, "most_lanes", lambda *_: None)
+    monkeypatch.setattr(audit_drive, "_end", lambda state: state)
+    monkeypatch.setattr(audit_drive, "_driven", driven)
     with Drives() as under_way:
         return under_way.begin(REQUESTS, {}, {"": Path()}, lanes=8, engine="planar")()
 
 
 def test_parts_are_driven_at_a_time(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(drives, "device_count", lambda: 2)
+    monkeypatch.setattr(audit_drive, "device_count", lambda: 2)
     met = threading.Barrier(2)
 
     found = drive(monkeypatch, lambda: (Run(meanwhile=lambda: _meet(met)) for _ in range(2)))
@@ -62,7 +62,7 @@ def test_parts_are_driven_at_a_time(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_no_more_parts_are_under_way_than_there_are_cores(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(drives, "device_count", lambda: 2)
+    monkeypatch.setattr(audit_drive, "device_count", lambda: 2)
     ends: list[None] = []
     most: list[int] = []
 

@@ -4,10 +4,9 @@ import pytest
 
 from specs.arn import Reference
 from specs.data.episode import EpisodeResult, unfinished_result
-from tasks.simulate.batch.chunk_runner import tag_jobs
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk, tag_jobs
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of

@@ -7,13 +7,13 @@ import pytest
 
 from specs.data.episode import EpisodeResult, Failure, failed_result
 from specs.errors import StageFailed
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch, require_plan
+from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.simulate.batch.chunk_store import commit, commit_missing, committed_chunk, counted_chunk, stored_chunk
-from tasks.simulate.batch.commit import run_chunk
-from tasks.simulate.batch.job import OpenBatch, load_batch, require_plan
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.voucher import Voucher
+from tasks.storage.jobs.authenticator import BatchAuthenticator
 from tests.factories.episodes import collided, passed
 from tests.factories.planned_batches import all_pass, begun
 
@@ -34,8 +34,8 @@ def put(batch: OpenBatch, rows: Sequence[EpisodeResult], number: int = 0) -> Non
     batch.store.put(chunk_key(batch.id, number), body)
 
 
-def stranger(batch: OpenBatch) -> Voucher:
-    return Voucher(b"another owner's, or none at all!", batch.id, batch.layout.plan_digest)
+def stranger(batch: OpenBatch) -> BatchAuthenticator:
+    return BatchAuthenticator(b"another owner's, or none at all!", batch.id, batch.layout.plan_digest)
 
 
 def test_the_first_lines_of_a_chunk_are_json_that_says_who_vouches_for_what_follows(batch: OpenBatch):
@@ -145,7 +145,7 @@ def test_tables_are_never_made_from_what_nobody_vouches_for(batch: OpenBatch):
 
 
 def test_a_worker_refuses_a_record_with_another_plan(batch: OpenBatch):
-    given = Voucher(b"k" * 32, batch.id, "0" * 64)
+    given = BatchAuthenticator(b"k" * 32, batch.id, "0" * 64)
     with pytest.raises(StageFailed, match="says the plan"):
         load_batch(batch.store, batch.id, given)
 

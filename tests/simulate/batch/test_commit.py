@@ -3,11 +3,11 @@
 import pytest
 
 from specs.data.episode import EpisodeResult, Failure, failed_result
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.batch.result_stream import result_parts
-from tasks.simulate.plan.job_variables import JOB_ID
+from tasks.simulate.plan.chunks import JOB_ID
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tests.factories.episodes import passed

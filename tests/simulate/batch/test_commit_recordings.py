@@ -8,13 +8,11 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.pipeline.simulation_section import Recordings
-from tasks.simulate.batch.cancel_restart import cancel_job, restart_job
+from tasks.simulate.batch.batch_jobs import cancel_job, restart_job
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
 from tasks.simulate.lane.lane_state import StepRecord
-from tasks.simulate.lane.recording import Columns
-from tasks.simulate.lane.recording_choice import RecordingChoice
-from tasks.simulate.lane.samples import Ends
+from tasks.simulate.lane.recording import Columns, Ends, RecordingChoice
 from tasks.storage.base.store import Store
 from tests.factories.episodes import collided
 from tests.factories.planned_batches import begun, mixed, plan, template

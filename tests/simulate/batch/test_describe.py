@@ -9,7 +9,7 @@ import pytest
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeResult, unfinished_result
-from specs.data.outcome_tags import OUTCOME, REASON
+from specs.data.outcomes import OUTCOME, REASON
 from specs.errors import DocumentError, ResourceNotFound
 from specs.field_types import Filter
 from specs.robomaker.simulation import (
@@ -19,19 +19,21 @@ from specs.robomaker.simulation import (
     ListSimulationJobsRequest,
 )
 from specs.robomaker.simulation_descriptions import DescribeSimulationJobResponse
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
-from tasks.simulate.batch.chunk_store import begin_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.describe import (
+from tasks.simulate.batch.batch_jobs import (
+    Jobs,
     batch_describe_jobs,
     batch_notes,
+    cancel_batch,
+    cancel_job,
     describe_batch,
     describe_job,
+    restart_job,
 )
-from tasks.simulate.batch.job import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
-from tasks.simulate.batch.job_states import Jobs
-from tasks.simulate.data.pins import pin_source
-from tasks.simulate.lists.job_pages import list_batches, list_batches_page, list_jobs, list_jobs_page
+from tasks.simulate.batch.batch_record import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
+from tasks.simulate.batch.chunk_store import begin_chunk
+from tasks.simulate.batch.job_lists import list_batches, list_batches_page, list_jobs, list_jobs_page
+from tasks.simulate.data.mounts import pin_source
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import advance

@@ -6,10 +6,9 @@ See docs/reference/robomaker.md, section 4.
 import pytest
 
 from specs.errors import IdempotentParameterMismatch
-from tasks.simulate.batch.cancel_restart import cancel_batch
-from tasks.simulate.batch.job import close_batch, complete, open_batch, terminal_state, time_out
-from tasks.storage.base.encoding import encode_document
-from tasks.storage.base.store import Store
+from tasks.simulate.batch.batch_jobs import cancel_batch
+from tasks.simulate.batch.batch_record import close_batch, complete, open_batch, terminal_state, time_out
+from tasks.storage.base.store import Store, encode_document
 from tests.factories.planned_batches import begun, plan, request, template
 
 

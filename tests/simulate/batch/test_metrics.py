@@ -3,11 +3,11 @@
 import pytest
 
 from specs.data.episode import EpisodeResult
+from tasks.simulate.batch.batch_record import close_batch, complete
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import close_batch, complete
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, ChunkWork, metric_lines, metric_rows, metrics_of, work_of
-from tasks.simulate.chunk.timings import ChunkTiming, collect_timings, remember_timing
+from tasks.simulate.chunk.byproducts import ChunkTiming, collect_timings, remember_timing
 from tasks.simulate.plan.chunks import ProgramKey
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import all_pass, begun

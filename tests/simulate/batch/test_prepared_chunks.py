@@ -7,10 +7,10 @@ import pytest
 
 from specs.data.episode import Failure
 from specs.errors import BundleRefused, StoreAway
-from tasks.simulate.batch import prepared_chunks
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.batch.prepared_chunks import PreparedChunk, coming_chunks, forget_chunks, prepared_chunk
-from tasks.simulate.data.sources import PinnedSource
+from tasks.simulate.batch import chunk_run
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import PreparedChunk, coming_chunks, forget_chunks, prepared_chunk
+from tasks.simulate.data.data_sources import PinnedSource
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, plan
 
@@ -38,7 +38,7 @@ def break_chunk(monkeypatch: pytest.MonkeyPatch) -> Break:
                 raise error
             return prepared_chunk(batch, asked, unusable)
 
-        monkeypatch.setattr(prepared_chunks, "prepared_chunk", prepared)
+        monkeypatch.setattr(chunk_run, "prepared_chunk", prepared)
 
     return broken
 
@@ -77,7 +77,7 @@ def test_a_chunk_whose_application_cannot_be_used_any_more_is_made_ready_anew(ba
 
 
 def test_of_chunks_that_were_made_ready_early_a_few_are_kept(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(prepared_chunks, "_EARLY", 1)
+    monkeypatch.setattr(chunk_run, "_EARLY", 1)
     first, second = (prepared_chunk(batch, number, {}) for number in (1, 2))
     assert prepared_chunk(batch, 2, {}) is second
     again = prepared_chunk(batch, 1, {})

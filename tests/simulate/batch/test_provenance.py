@@ -3,7 +3,7 @@
 import pytest
 
 from tasks.simulate.batch import provenance
-from tasks.simulate.batch.cancel_restart import cancel_batch
+from tasks.simulate.batch.batch_jobs import cancel_batch
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.devices import device_count
 from tasks.storage.base.store import Store

@@ -2,14 +2,13 @@
 
 import pytest
 
-from flows.resource.answers import restart_named_job
+from flows.resources.kinds import restart_named_job
 from specs.data.episode import EpisodeResult
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job, describe_job, restart_job
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import begin_chunk, chunk_start, committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.describe import describe_job
-from tasks.simulate.batch.job import OpenBatch
 from tasks.storage.base.store import Store
 from tests.factories.episodes import passed
 from tests.factories.planned_batches import all_pass, begun, stops_after

@@ -2,9 +2,8 @@
 
 import pytest
 
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job
-from tasks.simulate.batch.job import OpenBatch
-from tasks.simulate.batch.stop import StopWatch
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job
+from tasks.simulate.batch.batch_record import OpenBatch, StopWatch
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tests.factories.planned_batches import begun

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeResult
-from tasks.simulate.batch.cancel_restart import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import ChunkPart, WriteRecordings, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, WriteRecordings, run_chunk
-from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.lane.recording import Columns
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.storage.base.store import Store

@@ -6,9 +6,9 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
+from tasks.simulate.batch.batch_record import OpenBatch
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.batch.job import OpenBatch
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.base.keys import world_key

@@ -3,8 +3,7 @@
 from types import SimpleNamespace
 from typing import Any, cast
 
-from tasks.simulate.chunk.lane_stream import ChunkOnItsWay, LaneStream, longest_first
-from tasks.simulate.chunk.part_rows import PartRows
+from tasks.simulate.chunk.lane_pool import EpisodeGroup, LanePool, PendingChunk, longest_first
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.simulations import pushing
@@ -17,11 +16,11 @@ def test_episodes_that_may_last_longest_begin_first() -> None:
 
 def test_a_chunk_fits_into_lanes_that_are_free_but_for_those_that_wait_before_it() -> None:
     program: Any = SimpleNamespace(lanes=4)
-    wide, narrow = LaneStream(program, None), LaneStream(program, None)
+    wide, narrow = LanePool(program, None), LanePool(program, None)
 
-    def coming(*parts: tuple[int, LaneStream]) -> ChunkOnItsWay:
-        rows = [(PartRows(program, [_lane(1.0, None)] * count), stream) for count, stream in parts]
-        return ChunkOnItsWay(Chunk(number=0, requests=()), None, parts=rows)
+    def coming(*parts: tuple[int, LanePool]) -> PendingChunk:
+        rows = [(EpisodeGroup(program, [_lane(1.0, None)] * count), stream) for count, stream in parts]
+        return PendingChunk(Chunk(number=0, requests=()), None, parts=rows)
 
     coming((3, wide)).wait_for_lanes()
     assert coming((1, wide), (4, narrow)).fits_into_free_lanes

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeResult
-from tasks.simulate.chunk.memory_fit import TooManyLanes, after_deaths, simulate_fitting
 from tasks.simulate.plan.chunks import Chunk
+from tasks.simulate.sandbox.sandbox_client import TooManyLanes, after_deaths, retry_with_fewer_lanes
 from tests.factories.episodes import passed
 from tests.factories.simulations import delivery
 
@@ -40,14 +40,14 @@ LACKS = [
 @pytest.mark.parametrize("lack", LACKS)
 def test_half_as_many_lanes_are_tried_until_they_fit(lack: Exception):
     memory = Memory(20, lack)
-    rows, lanes = simulate_fitting(CHUNK, 64, memory.simulate, never)
+    rows, lanes = retry_with_fewer_lanes(CHUNK, 64, memory.simulate, never)
     assert [row.index for row in rows] == [request.index for request in CHUNK.requests]
     assert (lanes, memory.tried) == (16, [64, 32, 16, 16, 16])
 
 
 def test_as_many_lanes_are_tried_as_are_known_to_fit():
     memory = Memory(24, TooManyLanes("too many applications", 24))
-    rows, lanes = simulate_fitting(CHUNK, 64, memory.simulate, never)
+    rows, lanes = retry_with_fewer_lanes(CHUNK, 64, memory.simulate, never)
     assert [row.index for row in rows] == [request.index for request in CHUNK.requests]
     assert (lanes, memory.tried) == (24, [64, 24, 24])
 
@@ -55,11 +55,11 @@ def test_as_many_lanes_are_tried_as_are_known_to_fit():
 def test_numpys_own_lack_of_memory_is_one_too():
     with pytest.raises(MemoryError) as lack:
         np.zeros((1 << 60,), np.int8)
-    assert simulate_fitting(CHUNK, 16, Memory(8, lack.value).simulate, never).lanes == 8
+    assert retry_with_fewer_lanes(CHUNK, 16, Memory(8, lack.value).simulate, never).lanes == 8
 
 
 def test_what_does_not_fit_at_all_fails_by_our_fault():
-    rows, lanes = simulate_fitting(CHUNK, 16, Memory(7, MemoryError("no room")).simulate, never)
+    rows, lanes = retry_with_fewer_lanes(CHUNK, 16, Memory(7, MemoryError("no room")).simulate, never)
     assert {(row.status, row.failure_code) for row in rows} == {("Failed", "InternalServiceError")}
     assert rows.rows()[0].failure_reason == "out of memory even with 8 lanes: no room"
     assert (len(rows), lanes) == (40, 8)
@@ -67,7 +67,7 @@ def test_what_does_not_fit_at_all_fails_by_our_fault():
 
 def test_any_other_error_is_not_taken_for_a_lack_of_memory():
     with pytest.raises(RuntimeError, match="INTERNAL"):
-        simulate_fitting(CHUNK, 64, Memory(0, RuntimeError("INTERNAL: broken")).simulate, never)
+        retry_with_fewer_lanes(CHUNK, 64, Memory(0, RuntimeError("INTERNAL: broken")).simulate, never)
 
 
 def test_what_was_simulated_before_memory_ran_out_is_kept():
@@ -79,7 +79,7 @@ def test_what_was_simulated_before_memory_ran_out_is_kept():
         memory.room = 16 if len(memory.tried) == 1 else memory.room
         return memory.simulate(chunk, lanes)
 
-    rows, lanes = simulate_fitting(CHUNK, 32, shrinking, never)
+    rows, lanes = retry_with_fewer_lanes(CHUNK, 32, shrinking, never)
     assert [row.index for row in rows] == [request.index for request in CHUNK.requests]
     assert (lanes, memory.tried) == (16, [32, 32, 16])
     assert calls == [*range(100, 132), *range(132, 140), *range(132, 140)]
@@ -87,7 +87,7 @@ def test_what_was_simulated_before_memory_ran_out_is_kept():
 
 def test_parts_after_a_stop_are_canceled_and_not_begun():
     memory = Memory(16, MemoryError())
-    rows, _ = simulate_fitting(CHUNK, 16, memory.simulate, lambda: True)
+    rows, _ = retry_with_fewer_lanes(CHUNK, 16, memory.simulate, lambda: True)
     assert memory.tried == [16]
     assert [row.status for row in rows] == [*["Completed"] * 16, *["Canceled"] * 24]
 

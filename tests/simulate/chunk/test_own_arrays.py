@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.contract import HostMap, Placement
-from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.chunk.placed_chunk import alike
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.chunk.placing import alike
+from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.sensor.lidar import NO_LIDAR
-from tasks.simulate.surroundings.stages import Stage, stage_worlds
+from tasks.simulate.sensors.lidar import NO_LIDAR
 from tests.factories.simulations import DRIFT, FOLDERS, delivery, pen, pushing, simulate_lanes
 
 # The maps have 144, 192 and 512 cells a side, the last for a world at the size limit of the finest grid.
@@ -54,7 +54,7 @@ def simulated(
 def blank_lane(cells: int, goals: int, given: int) -> Lane:
     floor = HostMap(np.zeros((cells, cells), np.float32), *(np.zeros(size, np.float32) for size in (2, (), 4)))
     placement = Placement(np.zeros(3), np.zeros((goals, 2)), (np.zeros(given),))
-    return Lane(looking(0, "hand/small"), Stage(*cast("Any", (None, None, floor, None, None))), placement, None)
+    return Lane(looking(0, "hand/small"), WorldArrays(*cast("Any", (None, None, floor, None, None))), placement, None)
 
 
 @given(st.lists(st.tuples(st.sampled_from((128, 192)), st.integers(1, 2), st.integers(1, 2)), max_size=8))
@@ -69,7 +69,7 @@ def test_lanes_of_other_shapes_are_not_driven_together(shapes: list[tuple[int, i
 @settings(max_examples=5, deadline=None)
 def test_a_map_is_the_same_whatever_other_worlds_are_staged(name: str, others: set[str]):
     staged = [
-        stage_worlds({each: WORLDS[each] for each in names}, Hull(0.18, 0.02, 0.38), NO_LIDAR.height_m)[name].floor
+        arrays_of_worlds({each: WORLDS[each] for each in names}, Hull(0.18, 0.02, 0.38), NO_LIDAR.height_m)[name].floor
         for names in ([name], [*others, name])
     ]
     assert all(np.array_equal(one, other) for one, other in zip(*staged, strict=True))

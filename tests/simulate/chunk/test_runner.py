@@ -10,7 +10,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.timings import recall_timings
+from tasks.simulate.chunk.byproducts import recall_timings
 from tasks.simulate.plan.chunks import Chunk, program_key
 from tests.factories.simulations import delivery, pushing, simulate_lanes
 from tests.factories.worlds import PAINT, box

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from specs.data.engine_name import EngineName
-from tasks.simulate.chunk import timings
-from tasks.simulate.chunk.timings import (
+from specs.field_types import EngineName
+from tasks.simulate.chunk import byproducts
+from tasks.simulate.chunk.byproducts import (
     ChunkTiming,
     ChunkWatch,
     TurnWatch,
@@ -85,8 +85,8 @@ def test_compiling_is_counted_once_whenever_it_is_done(when: str, monkeypatch: p
         nonlocal at_s, compiled_s
         at_s, compiled_s = at_s + seconds, compiled_s + compiling * seconds
 
-    monkeypatch.setattr(timings, "compiled_s", lambda: compiled_s)
-    monkeypatch.setattr(timings, "monotonic", lambda: at_s)
+    monkeypatch.setattr(byproducts, "compiled_s", lambda: compiled_s)
+    monkeypatch.setattr(byproducts, "monotonic", lambda: at_s)
     watch, turns = ChunkWatch(), TurnWatch()
     for step in ("ready", "first slice", "later slice"):
         passed(1.0, compiling=False)
@@ -102,9 +102,9 @@ def test_compiling_is_counted_once_whenever_it_is_done(when: str, monkeypatch: p
 
 def test_what_another_thread_compiles_meanwhile_is_not_the_chunk_s(monkeypatch: pytest.MonkeyPatch):
     at_s, compiled_s = 0.0, 100.0
-    monkeypatch.setattr(timings, "monotonic", lambda: at_s)
-    monkeypatch.setattr(timings, "get_ident", lambda: 1 if at_s < 10.0 else 2)
-    monkeypatch.setattr(timings, "compiled_s", lambda: compiled_s if at_s < 10.0 else 0.0)
+    monkeypatch.setattr(byproducts, "monotonic", lambda: at_s)
+    monkeypatch.setattr(byproducts, "get_ident", lambda: 1 if at_s < 10.0 else 2)
+    monkeypatch.setattr(byproducts, "compiled_s", lambda: compiled_s if at_s < 10.0 else 0.0)
     watch = ChunkWatch()
     for later_s in (1.0, 3.0, 11.0, 12.0):  # the first slice is the last that the first thread drives
         at_s, compiled_s = later_s, compiled_s + 0.5

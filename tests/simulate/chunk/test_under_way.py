@@ -9,11 +9,11 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk import part_rows
-from tasks.simulate.chunk import under_way as under_way_module
-from tasks.simulate.chunk.lane_stream import ChunkOnItsWay
-from tasks.simulate.chunk.timings import collect_timings
-from tasks.simulate.chunk.under_way import ChunksUnderWay
+from tasks.simulate.chunk import chunk_pipeline as under_way_module
+from tasks.simulate.chunk import lane_pool
+from tasks.simulate.chunk.byproducts import collect_timings
+from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline
+from tasks.simulate.chunk.lane_pool import PendingChunk
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.staging import Lane, with_shortest_paths
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
@@ -56,7 +56,7 @@ def traces() -> Iterator[list[str]]:
     jax.monitoring.unregister_event_duration_listener(tell)
 
 
-def drive(pens: dict[str, World], traces: list[str], under_way: ChunksUnderWay | None, ahead: int = 2) -> Driven:
+def drive(pens: dict[str, World], traces: list[str], under_way: ChunkPipeline | None, ahead: int = 2) -> Driven:
     rows: list[EpisodeResult] = []
     recorded: list[dict[str, bytes]] = []
     traced: list[int] = []
@@ -85,7 +85,7 @@ def alone(pens: dict[str, World], traces: list[str]) -> Driven:
 
 @pytest.fixture(scope="module")
 def together(pens: dict[str, World], traces: list[str]) -> Driven:
-    return drive(pens, traces, ChunksUnderWay())
+    return drive(pens, traces, ChunkPipeline())
 
 
 @pytest.mark.long
@@ -110,7 +110,7 @@ def test_nothing_is_traced_after_the_first_chunk(alone: Driven, together: Driven
 
 
 def one(
-    chunk: Chunk, pens: dict[str, World], under_way: ChunksUnderWay, ahead: Sequence[Chunk] = (), stop_after: int = 99
+    chunk: Chunk, pens: dict[str, World], under_way: ChunkPipeline, ahead: Sequence[Chunk] = (), stop_after: int = 99
 ):
     asked: list[int] = []
 
@@ -124,7 +124,7 @@ def one(
 
 
 def test_what_was_simulated_before_it_is_asked_for_is_the_same(alone: Driven, pens: dict[str, World]):
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     first = one(CHUNKS[0], pens, under_way, CHUNKS[1:2])
     for _ in range(50):
         under_way.work_ahead()
@@ -134,7 +134,7 @@ def test_what_was_simulated_before_it_is_asked_for_is_the_same(alone: Driven, pe
 
 @pytest.mark.long
 def test_another_chunk_than_was_expected_is_simulated_all_the_same(alone: Driven, pens: dict[str, World]):
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     one(CHUNKS[0], pens, under_way, CHUNKS[1:3])
     assert one(CHUNKS[3], pens, under_way, CHUNKS[4:]) == alone.rows[3 * LANES : 4 * LANES]
 
@@ -143,7 +143,7 @@ def test_another_chunk_than_was_expected_is_simulated_all_the_same(alone: Driven
 def test_a_chunk_that_is_stopped_keeps_the_rows_of_what_was_done_and_the_next_begins_anew(
     alone: Driven, pens: dict[str, World]
 ):
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     rows = one(CHUNKS[0], pens, under_way, CHUNKS[1:3], stop_after=2)
     done = [row for row in rows if row.status != "Canceled"]
     assert 0 < len(done) < LANES
@@ -157,7 +157,7 @@ def test_a_chunk_that_is_stopped_keeps_the_rows_of_what_was_done_and_the_next_be
 def test_a_chunk_ahead_that_cannot_run_takes_no_row_from_the_chunk_before_it(
     alone: Driven, pens: dict[str, World], launch: str
 ):
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     (broken,) = plan_chunks([pushing(k, world="hand/pen-0", launch=launch) for k in range(4)], LANES)
     assert one(CHUNKS[0], pens, under_way, [broken]) == alone.rows[:LANES]
     assert {row.failure_code for row in one(broken, pens, under_way)} == {"RobotApplicationCrash"}
@@ -166,7 +166,7 @@ def test_a_chunk_ahead_that_cannot_run_takes_no_row_from_the_chunk_before_it(
 @pytest.mark.long
 def test_a_world_that_is_missing_is_the_row_of_its_episodes(alone: Driven, pens: dict[str, World]):
     known = {name: world for name, world in pens.items() if name != "hand/pen-1"}
-    rows = one(CHUNKS[0], known, ChunksUnderWay(), CHUNKS[1:2])
+    rows = one(CHUNKS[0], known, ChunkPipeline(), CHUNKS[1:2])
     missing = [row.index for row in rows if row.failure_code == "InvalidS3Resource"]
     assert missing == [row.index for row in rows if row.index % 3 == 1]
     assert np.all([rows[k] == alone.rows[k] for k in range(LANES) if k not in missing])
@@ -183,16 +183,16 @@ def _small_chunks(*durations_s: tuple[float, ...]) -> list[Chunk]:
 
 
 def test_a_slice_that_is_on_its_way_when_a_chunk_is_asked_for_that_is_done_counts(pens: dict[str, World]):
-    chunks, under_way = _small_chunks((3.0,), (1.0, 1.0), (7.0, 6.0)), ChunksUnderWay()
+    chunks, under_way = _small_chunks((3.0,), (1.0, 1.0), (7.0, 6.0)), ChunkPipeline()
     together = [one(chunk, pens, under_way, chunks[chunk.number + 1 :]) for chunk in chunks]
-    assert together == [one(chunk, pens, ChunksUnderWay()) for chunk in chunks]
+    assert together == [one(chunk, pens, ChunkPipeline()) for chunk in chunks]
 
 
 def test_chunks_with_more_samples_than_may_be_kept_are_simulated_one_by_one(
     monkeypatch: pytest.MonkeyPatch, alone: Driven, pens: dict[str, World], traces: list[str]
 ):
     monkeypatch.setattr(under_way_module, "_KEPT_BYTES", 100)
-    under_way = ChunksUnderWay()
+    under_way = ChunkPipeline()
     assert drive(pens, traces, under_way) == alone._replace(traced=[0] * len(CHUNKS))
     assert not under_way.work_ahead()
 
@@ -202,9 +202,9 @@ def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_mea
 ):
     chunks, events = _small_chunks((1.0, 2.0), (1.0, 2.0)), list[str]()
     number = {request.index: chunk.number for chunk in chunks for request in chunk.requests}
-    wait = ChunkOnItsWay.wait_for_lanes
+    wait = PendingChunk.wait_for_lanes
 
-    def waited(work: ChunkOnItsWay) -> None:
+    def waited(work: PendingChunk) -> None:
         events.append(f"chunk {work.chunk.number} waits for lanes")
         wait(work)
 
@@ -212,9 +212,9 @@ def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_mea
         events.append(f"chunk {number[lanes[0].request.index]} is measured")
         return with_shortest_paths(lanes)
 
-    monkeypatch.setattr(ChunkOnItsWay, "wait_for_lanes", waited)
-    monkeypatch.setattr(part_rows, "with_shortest_paths", measured)
-    under_way = ChunksUnderWay()
+    monkeypatch.setattr(PendingChunk, "wait_for_lanes", waited)
+    monkeypatch.setattr(lane_pool, "with_shortest_paths", measured)
+    under_way = ChunkPipeline()
     for chunk in chunks:
         one(chunk, pens, under_way, chunks[chunk.number + 1 :])
     for chunk in chunks:

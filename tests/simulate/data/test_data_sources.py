@@ -15,14 +15,13 @@ from specs.errors import DocumentError
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
 from specs.robomaker.simulation import DataSourceConfig
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.data.mounts import Mounts
-from tasks.simulate.data.pins import pin_source
-from tasks.simulate.data.sources import DATA_PREFIX, PinnedSource
+from tasks.simulate.data.data_sources import DATA_PREFIX, PinnedSource
+from tasks.simulate.data.mounts import Mounts, pin_source
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.layout import Layout
-from tasks.simulate.plan.resolve import plan_batch
+from tasks.simulate.plan.episode_layout import Layout
+from tasks.simulate.plan.plan_batch import plan_batch
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.data_buckets import ONE, cache, source
@@ -177,7 +176,7 @@ def _planned(store: Store, *sources: list[DataSourceConfig]) -> BatchPlan:
     digest = put_world(store, "g/w0")
 
     def find(config: DataSourceConfig) -> PinnedSource:
-        from tasks.storage.base.cache_folder import cache_folder  # noqa: PLC0415 - follows the test's environment
+        from tasks.storage.base.local_files import cache_folder  # noqa: PLC0415 - follows the test's environment
 
         return pin_source(store, cache_folder() / "data", config)
 

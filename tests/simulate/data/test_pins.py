@@ -6,8 +6,8 @@ import pytest
 
 from specs.errors import StoreUnreachable
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.data.pins import pin_source
-from tasks.simulate.data.sources import PinnedFile, PinnedSource, within_limits
+from tasks.simulate.data.data_sources import PinnedFile, PinnedSource, within_limits
+from tasks.simulate.data.mounts import pin_source
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store

@@ -7,12 +7,11 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.robomaker.simulation import DataSourceConfig
-from tasks.simulate.batch.commit import ChunkPart, run_chunk
-from tasks.simulate.data.mounts import Mounts
-from tasks.simulate.data.pins import pin_source
-from tasks.simulate.data.sources import DATA_PREFIX
+from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
+from tasks.simulate.data.data_sources import DATA_PREFIX
+from tasks.simulate.data.mounts import Mounts, pin_source
 from tasks.simulate.plan.chunks import ProgramKey, program_key
-from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.episode_layout import Layout
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.planned_batches import all_pass, begun, plan, template

@@ -7,10 +7,10 @@ from typing import get_args
 
 import pytest
 
+from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.devices import DeviceKind
-from tasks.simulate.engine.choice import choose_engine
-from tasks.simulate.host.controller_kind import ControllerKind
-from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.engines.engine_table import choose_engine
+from tasks.simulate.host.declaration import ControllerKind
 
 PLANAR = """<mujoco><option timestep="0.005" {option}/><worldbody><body name="b" pos="0 0 0.3">
 <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>
@@ -110,5 +110,5 @@ def test_the_kind_of_controller_does_not_decide_the_engine(tmp_path: Path, kind:
 
 
 def test_a_robot_is_judged_without_jax():
-    code = "import sys, tasks.simulate.engine.choice; assert 'jax' not in sys.modules"
+    code = "import sys, tasks.simulate.engines.engine_table; assert 'jax' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

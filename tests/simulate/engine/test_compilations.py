@@ -7,8 +7,8 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
+from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.surroundings.obstacles import obstacles
 from tests.factories.simulations import FOLDERS, cluttered, delivery, pen, simulate_lanes
 
 COMPILED = "Finished XLA compilation"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.engine.compile_clock import CompileClock, compiled_s, running_s
+from tasks.simulate.devices import CompileClock, compiled_s, running_s
 
 TRACE = "/jax/core/compile/jaxpr_trace_duration"
 

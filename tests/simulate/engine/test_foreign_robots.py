@@ -10,9 +10,9 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.engine.choice import choose_engine
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.engines.engine_table import choose_engine
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.refusal import RobotRefused
 from tests.factories.simulations import BUNDLES, DELIVERY, FOLDERS, SCENARIO, hall, simulate_lanes
 
 pytestmark = pytest.mark.long

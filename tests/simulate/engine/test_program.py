@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.episodes import ready_chunk
-from tasks.simulate.engine.program import padded_lanes
+from tasks.simulate.chunk.chunk_simulation import ready_chunk
+from tasks.simulate.engines.program import padded_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pen, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES, Simulate

@@ -12,11 +12,10 @@ from jaxtyping import Float32
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.contract import Observation
-from tasks.simulate.chunk.episodes import ReadyChunk, ready_chunk
-from tasks.simulate.chunk.run_rows import lane_row
-from tasks.simulate.engine.compiled_program import CompiledProgram, compiled_program
-from tasks.simulate.engine.program import Run
-from tasks.simulate.engine.stepwise_run import SensedColumns
+from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk
+from tasks.simulate.chunk.lane_pool import lane_row
+from tasks.simulate.engines.compiled_program import CompiledProgram, SensedColumns, compiled_program
+from tasks.simulate.engines.program import Run
 from tasks.simulate.host.controllers import HostApplication
 from tasks.simulate.lane.lane_state import LaneState, StepRecord
 from tasks.simulate.lane.staging import stack_lanes

@@ -5,12 +5,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from tasks.progress.durations import log_duration
+from tasks.progress.log_lines import log_duration
 from tasks.simulate.batch.metrics import METRICS, metrics_of, work_of
-from tasks.simulate.chunk.timings import ChunkTiming
-from tasks.simulate.forecast import batch_watch
-from tasks.simulate.forecast.batch_watch import BatchWatch
-from tasks.simulate.forecast.run_memory import BatchTiming, recall_batches
+from tasks.simulate.chunk.byproducts import ChunkTiming
+from tasks.simulate.forecast import batch_timing
+from tasks.simulate.forecast.batch_timing import BatchTiming, BatchWatch, recall_batches
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun
 
@@ -33,7 +32,7 @@ def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A cache of its own, and a clock that a test sets."""
     now_s = [100.0]
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(batch_watch, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+    monkeypatch.setattr(batch_timing, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
     return now_s
 
 

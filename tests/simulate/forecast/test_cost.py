@@ -3,9 +3,16 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.data.engine_name import EngineName
-from tasks.simulate.chunk.timings import ChunkTiming
-from tasks.simulate.forecast.cost import Span, compiling_s, driving_s, memory_bytes, probed_speed, remembered_speed
+from specs.field_types import EngineName
+from tasks.simulate.chunk.byproducts import ChunkTiming
+from tasks.simulate.forecast.batch_timing import (
+    Span,
+    compiling_s,
+    driving_s,
+    memory_bytes,
+    probed_speed,
+    remembered_speed,
+)
 
 ENGINES: st.SearchStrategy[EngineName] = st.sampled_from(["planar", "mjx", "mujoco"])
 

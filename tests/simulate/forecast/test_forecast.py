@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.chunk.timings import ChunkTiming, remember_timing
+from tasks.simulate.chunk.byproducts import ChunkTiming, remember_timing
 from tasks.simulate.forecast import forecast
-from tasks.simulate.forecast.cost import Span
+from tasks.simulate.forecast.batch_timing import Span
 from tasks.simulate.forecast.forecast import engine_plan
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.chunks import program_key
-from tasks.simulate.plan.layout import Layout
+from tasks.simulate.plan.episode_layout import Layout
 from tests.factories.planned_batches import template
 from tests.factories.simulations import FOLDERS, PUSHER
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.engine.choice import EngineChoice
-from tasks.simulate.forecast import remembered_engine
-from tasks.simulate.forecast.remembered_engine import EngineAnswer, recall_choice
-from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.engines.engine_table import EngineChoice
+from tasks.simulate.forecast import forecast
+from tasks.simulate.forecast.forecast import EngineAnswer, recall_choice
 
 DIGEST = "d" * 64
 CHOICE = EngineChoice(engine="planar", device="cpu", why="the fastest of all")
@@ -30,7 +30,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
             raise RobotRefused("a cylinder")
         return CHOICE
 
-    monkeypatch.setattr(remembered_engine, "choose_engine", choose)
+    monkeypatch.setattr(forecast, "choose_engine", choose)
     return found
 
 
@@ -59,7 +59,7 @@ def test_another_bundle_engine_or_file_is_looked_at_anew(tmp_path: Path, asked: 
 
 def test_other_code_looks_anew(tmp_path: Path, asked: list[str], monkeypatch: pytest.MonkeyPatch):
     chosen(tmp_path)
-    monkeypatch.setattr(remembered_engine, "_code", lambda: ["another"])
+    monkeypatch.setattr(forecast, "_code", lambda: ["another"])
     chosen(tmp_path)
     assert asked == ["auto", "auto"]
 

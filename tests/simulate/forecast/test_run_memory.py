@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.forecast import run_memory
-from tasks.simulate.forecast.run_memory import (
+from tasks.simulate.forecast import batch_timing
+from tasks.simulate.forecast.batch_timing import (
     BatchTiming,
     process_age_s,
     recall_batches,
@@ -134,8 +134,8 @@ def test_a_process_knows_its_age():
 
 
 def test_what_more_cores_took_says_nothing_of_fewer(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(run_memory, "device_count", lambda: 2)
+    monkeypatch.setattr(batch_timing, "device_count", lambda: 2)
     remember_batch(plan(), WARM)
     assert recall_batches(plan()) == [WARM]
-    monkeypatch.setattr(run_memory, "device_count", lambda: 1)
+    monkeypatch.setattr(batch_timing, "device_count", lambda: 1)
     assert recall_batches(plan()) == []

@@ -4,8 +4,8 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.memory_fit import simulate_fitting
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
+from tasks.simulate.sandbox.sandbox_client import retry_with_fewer_lanes
 from tests.factories.simulations import FOLDERS, PLAIN, pushing, simulate_lanes
 
 SOUND, NO_NUMBER, RAISING, MISSHAPEN, UNMADE, UNSET = "012345"
@@ -93,6 +93,6 @@ def test_a_chunk_that_runs_in_parts_has_the_same_rows(sound: list[EpisodeResult]
         return simulate_lanes(part, pens, FOLDERS, lanes=lanes, should_stop=lambda: False)
 
     whole = simulate_lanes(chunk, pens, FOLDERS, lanes=4 * LANES, should_stop=lambda: False)
-    rows, lanes = simulate_fitting(chunk, 4 * LANES, simulate, lambda: False)
+    rows, lanes = retry_with_fewer_lanes(chunk, 4 * LANES, simulate, lambda: False)
     assert (list(rows), lanes) == (whole, LANES)
     assert whole[:LANES] == sound

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.host.controller_kind import controller_kind, launch_path
+from tasks.simulate.host.declaration import controller_kind, launch_path
 
 MAKES_ONE = "def controller(environment):\n    ...\n"
 MAKES_ALL = "def controllers(environments):\n    ...\n"
@@ -86,5 +86,5 @@ def test_a_module_is_parsed_once_until_it_is_changed(tmp_path: Path, monkeypatch
 
 
 def test_a_kind_is_read_without_jax():
-    code = "import sys, tasks.simulate.host.controller_kind; assert 'jax' not in sys.modules"
+    code = "import sys, tasks.simulate.host.declaration; assert 'jax' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

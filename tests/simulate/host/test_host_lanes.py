@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.ros2.domain import DOMAINS, episode_domains
-from tasks.simulate.host import host_lanes
-from tasks.simulate.host.host_lanes import available_bytes, most_lanes
+from tasks.ros.ros2.dds_domain import DOMAINS, episode_domains
+from tasks.simulate.host import declaration
+from tasks.simulate.host.declaration import available_bytes, most_lanes
 from tests.factories.simulations import FOLDERS, delivery
 from tests.simulate.host.fake_lockstep import BUNDLE, ROS_ROBOT, ros_bundle
 
@@ -29,8 +29,8 @@ def test_controllers_without_processes_are_not_bounded():
 def test_lanes_of_ros_are_bounded_by_memory_and_cores(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: int, most: int
 ):
-    monkeypatch.setattr(host_lanes, "available_bytes", lambda: free)
-    monkeypatch.setattr(host_lanes.os, "sched_getaffinity", lambda _: {0})
+    monkeypatch.setattr(declaration, "available_bytes", lambda: free)
+    monkeypatch.setattr(declaration.os, "sched_getaffinity", lambda _: {0})
     asked = [delivery(0, world="hand/one").model_copy(update={"robot": ROS_ROBOT})]
     assert most_lanes(asked, {BUNDLE: ros_bundle(tmp_path / "bundle")}) == most
 
@@ -39,8 +39,8 @@ def test_lanes_of_ros_are_bounded_by_memory_and_cores(
 def test_lanes_of_ros_2_are_never_more_than_there_are_domains(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, most: int
 ):
-    monkeypatch.setattr(host_lanes, "available_bytes", lambda: 1 << 50)
-    monkeypatch.setattr(host_lanes.os, "sched_getaffinity", lambda _: {*range(64)})
+    monkeypatch.setattr(declaration, "available_bytes", lambda: 1 << 50)
+    monkeypatch.setattr(declaration.os, "sched_getaffinity", lambda _: {*range(64)})
     bundle = ros_bundle(tmp_path / "bundle")
     (bundle / "patrol/launch/drive.launch.py").touch()
     robot = ROS_ROBOT.model_copy(update={"launch_file": name})

@@ -4,14 +4,14 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle.ros_robot import RosRobot
-from tasks.simulate.application.code import BundleCrash
+from specs.bundle_files import RosRobot
+from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.controllers import HostBundle
-from tasks.simulate.host.ros_application import ros_application
-from tasks.simulate.host.ros_declaration import read_ros_robot
-from tasks.simulate.refusal import RobotRefused
-from tasks.simulate.sensor.lidar import Lidar
-from tasks.simulate.sensor.sensors import Sensors, read_sensors
+from tasks.simulate.host.declaration import read_ros_robot
+from tasks.simulate.host.ros_controllers import ros_application
+from tasks.simulate.sensors.lidar import Lidar
+from tasks.simulate.sensors.sensor_table import Sensors, read_sensors
 from tests.simulate.host.fake_lockstep import ROS_ROBOT, FakeLocksteps, ros_bundle
 
 

@@ -12,18 +12,17 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.ros.launch.installation import RosInstallation
+from tasks.ros.launch.packages import RosInstallation
 from tasks.simulate.audit.audit_drive import audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.chunk.job_tags import JobTags
-from tasks.simulate.chunk.memory_fit import TooManyLanes, simulate_fitting
-from tasks.simulate.host import host_lanes
+from tasks.simulate.chunk.byproducts import JobTags
+from tasks.simulate.host import declaration
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.process import simulators
-from tasks.simulate.process.confinement import confinement
-from tasks.simulate.process.lanes import ConfinedLanes
-from tasks.simulate.replay.replay_drive import drive_again
+from tasks.simulate.replay.replay_drive import drive_replay
+from tasks.simulate.sandbox import process_pool
+from tasks.simulate.sandbox.confinement import confinement
+from tasks.simulate.sandbox.sandbox_client import SandboxClient, TooManyLanes, retry_with_fewer_lanes
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.repository import ROOT
 
@@ -84,8 +83,8 @@ class Told:
         self.printed += text
 
 
-def confined(told: Told) -> ConfinedLanes:
-    return ConfinedLanes(
+def confined(told: Told) -> SandboxClient:
+    return SandboxClient(
         bundles=FOLDERS_USED, lanes=LANES, engine="auto", should_stop=lambda: False, tagged=told.tag, printed=told.hear
     )
 
@@ -113,7 +112,7 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     try:
         rows = list(confined(told).simulate(chunk_of(requests(*KINDS)), pens))
     finally:
-        simulators._idle.end_all()
+        process_pool._idle.end_all()
         confinement.cache_clear()
     assert [sound_part(rows[number]) for number in SOUND] == [sound_part(alone)] * len(SOUND)
     assert rows[1].failure_reason == "patrol: node /wander ended with status 7"
@@ -129,17 +128,19 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
 def test_rows_do_not_depend_on_how_many_lanes_run_at_once(
     alone: EpisodeResult, pens: dict[str, World], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(host_lanes, "_LANES_A_CORE", 1)
+    monkeypatch.setattr(declaration, "_LANES_A_CORE", 1)
     asked = requests(*["none"] * 9)
     with pytest.raises(TooManyLanes, match="9 ROS applications at once"):
         confined(Told()).simulate(chunk_of(asked), pens)
-    fitted = simulate_fitting(chunk_of(asked), 16, lambda part, _: confined(Told()).simulate(part, pens), lambda: False)
-    assert fitted.lanes == host_lanes.FEWEST_LANES
+    fitted = retry_with_fewer_lanes(
+        chunk_of(asked), 16, lambda part, _: confined(Told()).simulate(part, pens), lambda: False
+    )
+    assert fitted.lanes == declaration.FEWEST_LANES
     assert [sound_part(row) for row in fitted.rows] == [sound_part(alone)] * len(asked)
 
 
 def test_a_replay_gives_the_same_row_and_all_its_steps(alone: EpisodeResult, pens: dict[str, World]):
-    again = drive_again(requests("none")[0], pens, FOLDERS_USED, lanes=LANES, engine="planar", rate_hz=4.0)
+    again = drive_replay(requests("none")[0], pens, FOLDERS_USED, lanes=LANES, engine="planar", rate_hz=4.0)
     assert again.row == alone
     assert again.steps is not None
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from tasks.simulate.lane.overflow import Overflow
+from tasks.simulate.lane.recording import Overflow
 
 ARRAYS = st.lists(arrays(st.sampled_from([np.float32, np.int32, np.bool_]), array_shapes(min_side=0)), max_size=6)
 

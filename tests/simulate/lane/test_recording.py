@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.lane import recording
-from tasks.simulate.lane.recording import Columns, Recorder
-from tasks.simulate.lane.samples import Ends
+from tasks.simulate.lane.recording import Columns, Ends, Recorder
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.episodes import passed
 from tests.factories.simulations import pushing, simulate_lanes

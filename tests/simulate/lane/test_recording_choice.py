@@ -4,7 +4,7 @@ import pytest
 
 from specs.data.episode import unfinished_result
 from specs.data.episode_columns import EpisodeColumns
-from tasks.simulate.lane.recording_choice import RecordingChoice
+from tasks.simulate.lane.recording import RecordingChoice
 from tests.factories.episodes import collided, crashed, passed
 
 ROWS = EpisodeColumns.of(

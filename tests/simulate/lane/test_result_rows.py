@@ -11,20 +11,20 @@ from specs.data.column_bytes import encode_columns
 from specs.data.episode import CONTROL_S
 from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.application.contract import REASONS, Placement
-from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.rooms import RoomMap, Visit, visits
+from tasks.simulate.geometry.world_arrays import arrays_of_worlds
 from tasks.simulate.lane import result_rows
-from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, LaneState, Tally
+from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, EpisodeTotals, LaneState
 from tasks.simulate.lane.result_rows import Ended, finished_rows
 from tasks.simulate.lane.staging import Lane
-from tasks.simulate.surroundings.rooms import RoomMap, Visit, visits
-from tasks.simulate.surroundings.stages import stage_worlds
 from tests.factories.simulations import cluttered, delivery
 
 LANES, SLICE = 8, 25
 # Of the lanes, in which slice each began, and how many control steps it did; one ended at once.
 BEGAN = (0, 0, 1, 2, 3, 3, 1, 3)
 STEPS = (100, 83, 75, 41, 7, 0, 60, 25)
-STAGES = stage_worlds({"w/0": cluttered(1), "w/1": cluttered(2)}, Hull(radius_m=0.2, low_m=0.02, high_m=0.38), 0.3)
+STAGES = arrays_of_worlds({"w/0": cluttered(1), "w/1": cluttered(2)}, Hull(radius_m=0.2, low_m=0.02, high_m=0.38), 0.3)
 
 
 def lane(number: int) -> Lane:
@@ -54,7 +54,7 @@ def state() -> LaneState:
     names = ("path_length_m", "impulse_ns", "max_impulse_ns", "min_clearance_m", "energy_j")
     tally |= dict(zip(names, reals[:5], strict=True))
     tally["min_clearance_m"][3] = np.inf
-    return LaneState(controller=(), scenario=(), done=numbers["crash"] == 0, tally=Tally(**tally), **numbers)
+    return LaneState(controller=(), scenario=(), done=numbers["crash"] == 0, tally=EpisodeTotals(**tally), **numbers)
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.application.robot_mjcf import Hull
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane import staging
 from tasks.simulate.lane.staging import Lane, with_shortest_paths
-from tasks.simulate.surroundings.stages import Stage, stage_worlds
 from tests.factories.simulations import cluttered, delivery
 
 HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38)
@@ -29,11 +29,11 @@ def measured(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return counts
 
 
-def stage() -> Stage:
-    return stage_worlds({"w": cluttered(1)}, HULL, 0.3)["w"]
+def stage() -> WorldArrays:
+    return arrays_of_worlds({"w": cluttered(1)}, HULL, 0.3)["w"]
 
 
-def placed(at: Stage, *goals: tuple[float, float], arrived_m: float | None = 0.3) -> list[Lane]:
+def placed(at: WorldArrays, *goals: tuple[float, float], arrived_m: float | None = 0.3) -> list[Lane]:
     return [
         Lane(delivery(k, world="w"), at, Placement(np.zeros(3), np.array([goal]), (), arrived_m))
         for k, goal in enumerate(goals)

@@ -3,8 +3,7 @@
 import re
 
 from specs.arn import ArnForm
-from tasks.simulate.plan.chunks import program_key
-from tasks.simulate.plan.job_variables import JOB_ARN, JOB_ID, RUN_ID, job_variables, without_job_variables
+from tasks.simulate.plan.chunks import JOB_ARN, JOB_ID, RUN_ID, job_variables, program_key, without_job_variables
 from tests.factories.simulations import delivery
 
 FORM = ArnForm("0123456789ab", "us-west-2")

@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from flows.document.references import finder
+from flows.pipeline.references import finder
 from specs.errors import DocumentError
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
-from tasks.simulate.plan.resolve import plan_batch
+from tasks.simulate.plan.plan_batch import plan_batch
 from tasks.storage.base.store import Store
 
 WORLD = "g/w"

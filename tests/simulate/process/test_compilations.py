@@ -1,8 +1,8 @@
 """Whoever listens to progress hears of each program that is compiled, and of no more than a process can have."""
 
 from tasks.progress.listener import listen_to_progress
-from tasks.simulate.process.compilations import Compilations
-from tasks.simulate.process.work import Answer, Compiles, Progress
+from tasks.simulate.sandbox.protocol import Answer, Compiles, Progress
+from tasks.simulate.sandbox.simulator import Compilations
 
 
 def heard(*answers: Answer) -> list[tuple[str, int, int]]:

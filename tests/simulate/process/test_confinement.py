@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.process.confinement import confined_command, confined_environment, confinement, programs_folder
+from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement, programs_folder
 
 OWN = {
     "PATH": "/usr/bin",

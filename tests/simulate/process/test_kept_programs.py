@@ -9,8 +9,8 @@ from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.progress.listener import listen_to_progress
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.process import simulators
-from tasks.simulate.process.lanes import ConfinedLanes
+from tasks.simulate.sandbox import process_pool
+from tasks.simulate.sandbox.sandbox_client import SandboxClient
 from tests.factories.simulations import DRIFT, FOLDERS, pushing
 
 LANES = 8
@@ -41,8 +41,8 @@ def test_a_later_process_traces_nothing_until_the_bundle_changes(
             compiled.extend([(done, total)] if stage == "Compilation" else [])
 
         with listen_to_progress(listen):
-            rows = ConfinedLanes(bundles, LANES, "planar", lambda: False, printed=printed.append).simulate(chunk, pens)
-        simulators._idle.end_all()  # pyright: ignore[reportPrivateUsage]
+            rows = SandboxClient(bundles, LANES, "planar", lambda: False, printed=printed.append).simulate(chunk, pens)
+        process_pool._idle.end_all()  # pyright: ignore[reportPrivateUsage]
         traces = "".join(printed).count("it is traced")
         # Whoever waits hears of what is compiled, before and after it, and of nothing that is loaded.
         assert compiled[:2] == ([(0, 1), (1, 1)] if traces else [])

@@ -11,13 +11,12 @@ import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
-from tasks.simulate.lane.recording import Columns, Recorder
-from tasks.simulate.lane.recording_choice import RecordingChoice
+from tasks.simulate.lane.recording import Columns, Recorder, RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
-from tasks.simulate.process import lanes as lanes_module
-from tasks.simulate.process import simulator
-from tasks.simulate.process.confinement import confinement
-from tasks.simulate.process.lanes import ConfinedLanes
+from tasks.simulate.sandbox import sandbox_client as lanes_module
+from tasks.simulate.sandbox import simulator
+from tasks.simulate.sandbox.confinement import confinement
+from tasks.simulate.sandbox.sandbox_client import SandboxClient
 from tests.factories.simulations import BUNDLES, DRIFT, ENDLESS, FAULTY, FOLDERS, pushing, simulate_lanes
 
 LANES = 4
@@ -63,7 +62,7 @@ def run(bundles: dict[str, Path], pens: dict[str, World]) -> Run:
 
     def rows(faults: list[int], launch_file: str = "driving", **more: object) -> list[EpisodeResult]:
         options = {"should_stop": lambda: False, **more}
-        lanes = ConfinedLanes(bundles=bundles, lanes=LANES, engine="auto", **options)  # pyright: ignore[reportArgumentType]
+        lanes = SandboxClient(bundles=bundles, lanes=LANES, engine="auto", **options)  # pyright: ignore[reportArgumentType]
         return lanes.simulate(chunk_of(faults, launch_file), pens).rows()
 
     return rows
@@ -103,7 +102,7 @@ def test_of_episodes_that_nobody_keeps_no_samples_are_told(pens: dict[str, World
     (chunk,) = plan_chunks([pushing(k, world="hand/pen-0", seed=k, duration_s=1.0 + k) for k in range(LANES)], LANES)
     alone = simulate_lanes(chunk, pens, bundles, lanes=LANES, should_stop=lambda: False, recorder=here)
     wanted = RecordingChoice(always=(1, 3))
-    lanes = ConfinedLanes(bundles, LANES, "auto", lambda: False, rate_hz=4.0, recorder=apart, recorded=wanted)
+    lanes = SandboxClient(bundles, LANES, "auto", lambda: False, rate_hz=4.0, recorder=apart, recorded=wanted)
     assert lanes.simulate(chunk, pens).rows() == alone
     assert told == [2]
     assert apart.episodes == [1, 3]
@@ -166,7 +165,7 @@ def test_a_chunk_ahead_that_ends_the_process_takes_no_row_from_the_chunk_before_
     here, apart = (Recorder(4.0, lambda _: True) for _ in range(2))
     alone = simulate_lanes(chunk, pens, bundles, lanes=LANES, should_stop=lambda: False, recorder=here)
     ahead = [chunk_of([SOUND], "leaves")]
-    lanes = ConfinedLanes(bundles, LANES, "auto", should_stop=lambda: False, rate_hz=4.0, recorder=apart, ahead=ahead)
+    lanes = SandboxClient(bundles, LANES, "auto", should_stop=lambda: False, rate_hz=4.0, recorder=apart, ahead=ahead)
     assert lanes.simulate(chunk, pens).rows() == alone
     assert [part["pose"].tobytes() for part in apart.parts()] == [part["pose"].tobytes() for part in here.parts()]
 
@@ -225,7 +224,7 @@ def test_chunks_ahead_that_the_memory_was_too_little_for_are_not_begun_again(
 ):
     asked: list[int] = []
 
-    def rows_of(_: ConfinedLanes, chunk: Chunk, *given: object) -> list[EpisodeResult]:
+    def rows_of(_: SandboxClient, chunk: Chunk, *given: object) -> list[EpisodeResult]:
         ahead = given[2] if len(given) > 2 else ()
         asked.append(len(ahead) if isinstance(ahead, list) else 0)
         if not asked[-1]:
@@ -235,8 +234,8 @@ def test_chunks_ahead_that_the_memory_was_too_little_for_are_not_begun_again(
         raise ended
 
     monkeypatch.setattr(lanes_module, "_too_large_together", set())
-    monkeypatch.setattr(ConfinedLanes, "_rows", rows_of)
+    monkeypatch.setattr(SandboxClient, "_rows", rows_of)
     for _ in range(2):  # each chunk has its own
-        lanes = ConfinedLanes(bundles, LANES, "auto", should_stop=lambda: False, ahead=[chunk_of([SOUND])])
+        lanes = SandboxClient(bundles, LANES, "auto", should_stop=lambda: False, ahead=[chunk_of([SOUND])])
         assert len(lanes.simulate(chunk_of([SOUND]), pens)) == 1
     assert asked == [1, 0, 0]

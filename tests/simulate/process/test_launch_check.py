@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.launch.resolve import LaunchSource
-from tasks.ros.ros2.launch_file.ros2_installation import ros2_installation
-from tasks.simulate.process import launch_check
-from tasks.simulate.process.launch_check import LaunchReport, check_launch_file
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.ros.ros2.launch_file.launch_description import ros2_installation
+from tasks.simulate.sandbox import launch_check
+from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tests.ros.ros2.players import make_bundle
 
 pytestmark = pytest.mark.skipif(bool(ros2_installation().prefixes), reason="ROS 2 is installed")

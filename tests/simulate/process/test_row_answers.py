@@ -14,10 +14,10 @@ from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.plan.chunks import Chunk, plan_chunks
-from tasks.simulate.process import lanes as lanes_module
-from tasks.simulate.process.lanes import ConfinedLanes
-from tasks.simulate.process.simulator import SimulatorEnded, Told
-from tasks.simulate.process.work import Answer, RecordingBegins, RecordingEnds, Rows, Samples, SentWorlds
+from tasks.simulate.sandbox import sandbox_client as lanes_module
+from tasks.simulate.sandbox.protocol import Answer, RecordingBegins, RecordingEnds, Rows, Samples, SentWorlds
+from tasks.simulate.sandbox.sandbox_client import SandboxClient
+from tasks.simulate.sandbox.simulator import SimulatorEnded, Told
 from tests.factories.episodes import collided, passed
 from tests.factories.simulations import pushing
 
@@ -70,7 +70,7 @@ def simulate(monkeypatch: pytest.MonkeyPatch) -> Callable[..., tuple[list[Episod
 
         monkeypatch.setattr(lanes_module, "simulator", one)
         recorder = Recorder(rate_hz, lambda _: True) if rate_hz else None
-        lanes = ConfinedLanes({}, 8, "auto", should_stop=lambda: False, rate_hz=rate_hz or 1.0, recorder=recorder)
+        lanes = SandboxClient({}, 8, "auto", should_stop=lambda: False, rate_hz=rate_hz or 1.0, recorder=recorder)
         return lanes.simulate(CHUNK, {}).rows(), process
 
     return rows

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.simulate.process.sent_log import log_of, log_parts
-from tasks.simulate.process.wire import MessageRefused
+from tasks.simulate.sandbox.protocol import MessageRefused, log_of, log_parts
 from tests.ros.bag.tracks import log
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from specs.errors import BundleRefused
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.process import simulator as simulator_module
-from tasks.simulate.process import simulators
-from tasks.simulate.process.simulator import Simulator
-from tasks.simulate.process.simulators import prepare_simulator, simulator
-from tasks.simulate.process.work import LanesWork, Rows, SentWorlds
+from tasks.simulate.sandbox import process_pool
+from tasks.simulate.sandbox import simulator as simulator_module
+from tasks.simulate.sandbox.process_pool import prepare_simulator, simulator
+from tasks.simulate.sandbox.protocol import LanesWork, Rows, SentWorlds
+from tasks.simulate.sandbox.simulator import Simulator
 from tasks.storage.sealed_bundle import seal
 from tests.factories.simulations import pushing
 
@@ -36,7 +36,7 @@ class Idle:
 @pytest.fixture
 def bundles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
     """A bundle of one file in a cache folder."""
-    monkeypatch.setattr(simulators, "Simulator", Idle)
+    monkeypatch.setattr(process_pool, "Simulator", Idle)
     archive = tmp_path / "bundle.tar"
     with tarfile.open(archive, "w") as tar:
         header = tarfile.TarInfo("courier/drive.py")

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from tasks.simulate.process.wire import MessageRefused, receive, send
+from tasks.simulate.sandbox.protocol import MessageRefused, receive, send
 
 Pair = tuple[socket.socket, socket.socket]
 NUMBERS = st.sampled_from([np.dtype(name) for name in ("?", "u1", "i4", "i8", "f4", "f8")])

@@ -6,7 +6,7 @@ from itertools import chain, combinations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.simulate.replay.delta_debugging import Names, leave_out_singles, minimize_selection
+from tasks.simulate.replay.smallest_case import Names, leave_out_singles, minimize_selection
 
 ALL = tuple(f"piece-{number}" for number in range(24))
 FEW = ALL[:5]

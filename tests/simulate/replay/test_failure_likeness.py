@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.episode import Failure, failed_result
-from tasks.simulate.replay.failure_likeness import Ending, is_of_same_kind, is_same_failure
+from tasks.simulate.replay.smallest_case import Ending, is_of_same_kind, is_same_failure
 
 ROW = failed_result(0, Failure("InternalServiceError", "noted")).model_copy(
     update={"status": "Completed", "failure_code": "", "outcome_reason": "collision", "goals_reached": 1}

@@ -2,21 +2,21 @@
 
 import pytest
 
-from tasks.simulate.process.work import Again
-from tasks.simulate.replay.driven_again import DrivenAgain
-from tasks.simulate.replay.replay_apart import drive_apart
+from tasks.simulate.replay.replay_result import ReplayResult
+from tasks.simulate.replay.replay_run import drive_apart
+from tasks.simulate.sandbox.protocol import Replayed
 from tests.factories.episodes import passed, request
 from tests.factories.worlds import apartment
 from tests.simulate.ending_simulators import ended, use_simulators
 
 
-def driven() -> DrivenAgain:
+def driven() -> ReplayResult:
     asked = request(0)
     return drive_apart(asked, {asked.world: apartment()}, {}, lanes=8, engine="auto", rate_hz=1.0)
 
 
 def test_a_replay_whose_process_ended_beside_chunks_ahead_is_asked_once_more(monkeypatch: pytest.MonkeyPatch):
-    asked = use_simulators(monkeypatch, [ended(beside_others=True), Again(row=passed(0), started=False)])
+    asked = use_simulators(monkeypatch, [ended(beside_others=True), Replayed(row=passed(0), started=False)])
     assert driven().row == passed(0)
     assert asked[0] == asked[1]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from specs.bundle.ros_robot import RosRobot
+from specs.bundle_files import RosRobot
 from tasks.simulate.replay.robot_view import robot_view
 from tests.factories.simulations import REPOSITORY
 

@@ -9,8 +9,8 @@ import pytest
 from specs.data.episode import EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.replay import trials
-from tasks.simulate.replay.trials import Trial, simulate_trials
+from tasks.simulate.replay import smallest_case
+from tasks.simulate.replay.smallest_case import Trial, simulate_trials
 from tests.factories.simulations import FOLDERS, delivery, hall
 
 
@@ -30,9 +30,9 @@ def test_trials_are_split_as_the_machine_holds_them(
     monkeypatch: pytest.MonkeyPatch, holds: int | None, sizes: list[int]
 ):
     lanes = Noted()
-    monkeypatch.setattr(trials, "ConfinedLanes", lambda **_: lanes)
-    monkeypatch.setattr(trials, "batch_mounts", lambda _: SimpleNamespace(resolved=lambda request: request))
-    monkeypatch.setattr(trials, "most_lanes", lambda _requests, _bundles: holds)
+    monkeypatch.setattr(smallest_case, "ConfinedLanes", lambda **_: lanes)
+    monkeypatch.setattr(smallest_case, "batch_mounts", lambda _: SimpleNamespace(resolved=lambda request: request))
+    monkeypatch.setattr(smallest_case, "most_lanes", lambda _requests, _bundles: holds)
     batch: Any = SimpleNamespace(plan=SimpleNamespace(lanes=5, engine="auto"))
     world = hall(2.0)
     tried = [Trial(world, seed) for seed in range(7)]

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.sensor.lidar import Lidar, noisy_ranges
-from tasks.simulate.sensor.noise import seed_words, step_key
-from tasks.simulate.sensor.odometry import Odometry, believed_pose
-from tasks.simulate.sensor.sensors import SENSORS
+from tasks.simulate.sensors.lidar import Lidar, noisy_ranges
+from tasks.simulate.sensors.odometry import Odometry, believed_pose
+from tasks.simulate.sensors.sensor import seed_words, step_key
+from tasks.simulate.sensors.sensor_table import SENSORS
 
 pytestmark = pytest.mark.long
 

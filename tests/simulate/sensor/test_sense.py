@@ -8,14 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.application.contract import FloorMap, Observation
-from tasks.simulate.application.motion import Body, Motion, Work
-from tasks.simulate.lane.calls import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState, Tally
-from tasks.simulate.lane.sense import feel, observe
-from tasks.simulate.sensor.noise import seed_words
-from tasks.simulate.sensor.sensors import read_sensors
-from tasks.simulate.surroundings.silhouettes import Silhouettes
+from tasks.simulate.application.contract import Body, FloorMap, Motion, Observation, Work
+from tasks.simulate.geometry.lidar_scan import LidarOutlines
+from tasks.simulate.lane.chunk_applications import Applications
+from tasks.simulate.lane.control_step import feel, observe
+from tasks.simulate.lane.lane_state import EpisodeTotals, LaneInputs, LaneState
+from tasks.simulate.sensors.sensor import seed_words
+from tasks.simulate.sensors.sensor_table import read_sensors
 
 pytestmark = pytest.mark.long
 
@@ -23,7 +22,7 @@ RANGE_M = 5.0
 LIDAR = {"rays": 4, "range_m": RANGE_M, "height_m": 0.2}
 # One wall 2 m ahead of the origin, 0.2 m thick; the rest is parked far away.
 WALL = jnp.tile(jnp.array([1000.0, 1000.0, 0.05, 0.05]), (8, 1)).at[0].set(jnp.array([2.1, 0.0, 0.1, 3.0]))
-SEEN = Silhouettes(
+SEEN = LidarOutlines(
     WALL, jnp.zeros((8, 6)).at[:, :2].set(1000.0), jnp.zeros((8, 3)).at[:, :2].set(1000.0), jnp.array([1, 0, 0])
 )
 
@@ -61,7 +60,7 @@ def state(pose: tuple[float, float, float], believed: tuple[float, float, float]
         controller=(),
         scenario=(),
         metrics={},
-        tally=Tally(zero, none, none > 0, zero, zero, zero, zero),
+        tally=EpisodeTotals(zero, none, none > 0, zero, zero, zero, zero),
         step=none,
         goal_index=jnp.int32(1),
         goal_steps=jnp.zeros(2, jnp.int32),

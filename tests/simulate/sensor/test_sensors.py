@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import jax.numpy as jnp
 import pytest
 
-from tasks.simulate.application.code import BundleCrash
-from tasks.simulate.sensor.bumper import Bumper
-from tasks.simulate.sensor.lidar import NO_LIDAR, Lidar
-from tasks.simulate.sensor.odometry import Odometry
-from tasks.simulate.sensor.sensors import SENSORS, Sensors, read_sensors, require_shared
+from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.sensors.bumper import Bumper
+from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
+from tasks.simulate.sensors.odometry import Odometry
+from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors, require_shared
 
 Declared = Mapping[str, object]
 LIDAR: Declared = {"rays": 16, "range_m": 8.0, "height_m": 0.2}

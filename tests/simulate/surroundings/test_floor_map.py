@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.world import Rectangle, Solid, solids
-from tasks.simulate.surroundings.floor_map import floor_map, grid_cells
-from tasks.simulate.surroundings.obstacles import obstacles
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.world_arrays import floor_map, grid_cells
 from tests.factories.simulations import cell_of, pen
 from tests.factories.worlds import apartment
 

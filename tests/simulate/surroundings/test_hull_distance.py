@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.surroundings.hull_distance import hull_distance_m
-from tasks.simulate.surroundings.hull_outline import hull_parts
+from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.geometry.hull_outline import hull_parts
 
 CASES = 150
 BODY = """<body name="base" pos="0 0 0.3"><joint name="x" type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/>

@@ -11,21 +11,26 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from specs.data.world import World
-from tasks.simulate.sensor.lidar import Lidar, ray_angles
-from tasks.simulate.surroundings.lidar import scan_ranges
-from tasks.simulate.surroundings.obstacles import obstacles
-from tasks.simulate.surroundings.silhouettes import HostSilhouettes, Silhouettes, pad_silhouettes, silhouettes
+from tasks.simulate.geometry.lidar_scan import (
+    HostLidarOutlines,
+    LidarOutlines,
+    lidar_outlines,
+    pad_lidar_outlines,
+    scan_ranges,
+)
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.sensors.lidar import Lidar, ray_angles
 from tests.factories.simulations import COURIER, FAULTY, FOLDERS, cluttered, pen
 from tests.simulate.reference import reference_model, reference_ranges
 
 WORLD = pen(6.0, 1)
 
 
-def on_device(seen: HostSilhouettes) -> Silhouettes:
-    return Silhouettes(*map(jnp.asarray, seen))
+def on_device(seen: HostLidarOutlines) -> LidarOutlines:
+    return LidarOutlines(*map(jnp.asarray, seen))
 
 
-SEEN = on_device(pad_silhouettes([silhouettes(obstacles(WORLD, 0.199, 0.201))])[0])
+SEEN = on_device(pad_lidar_outlines([lidar_outlines(obstacles(WORLD, 0.199, 0.201))])[0])
 
 
 _TURNS = [np.array([0.0, 0.0, turn]) for turn in (-2e-5, 0.0, 2e-5)]
@@ -51,7 +56,7 @@ def test_rays_have_the_same_bits_on_processors_whose_numpy_has_other_sines():
 def test_every_range_agrees_with_mujocos_within_a_millimetre(world: World):
     """A ray that passes an edge by a hair's breadth may see either side of it: a beam of 0.002 degrees decides."""
     model = reference_model(FOLDERS[COURIER] / "robot.xml", world)
-    seen = on_device(pad_silhouettes([silhouettes(obstacles(world, 0.199, 0.201))])[0])
+    seen = on_device(pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201))])[0])
     rng = np.random.default_rng(0)
     poses = np.column_stack([rng.uniform(-0.7, 0.7, (100, 2)), rng.uniform(-np.pi, np.pi, 100)]).astype(np.float32)
     ours = np.asarray(jax.vmap(lambda pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m))(jnp.asarray(poses)))
@@ -74,7 +79,7 @@ def test_turning_by_a_ray_shifts_the_ranges_by_one(x: float, y: float, ray: int)
 
 
 def test_nothing_near_gives_the_range():
-    nothing = on_device(pad_silhouettes([silhouettes(obstacles(WORLD, 5.0, 6.0))])[0])
+    nothing = on_device(pad_lidar_outlines([lidar_outlines(obstacles(WORLD, 5.0, 6.0))])[0])
     ranges = scan_ranges(nothing, jnp.zeros(3), ANGLES, 7.5)
     np.testing.assert_array_equal(ranges, np.full(32, 7.5, np.float32))
 
@@ -87,9 +92,9 @@ def test_the_reference_sees_no_part_of_the_robot(model: mujoco.MjModel):
 def test_each_lane_sees_its_own_world_whatever_is_in_the_others():
     worlds = [pen(6.0, seed) for seed in range(8)]
     worlds[3] = worlds[3].model_copy(update={"furniture": ()})
-    seen = pad_silhouettes([silhouettes(obstacles(world, 0.199, 0.201)) for world in worlds])
+    seen = pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201)) for world in worlds])
     poses = np.random.default_rng(1).uniform(-1.2, 1.2, (8, 3)).astype(np.float32)
-    stacked = Silhouettes(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
+    stacked = LidarOutlines(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
     together = SCAN_LANES(stacked, poses)
     for ranges, each, pose in zip(together, seen, poses, strict=True):
         np.testing.assert_allclose(ranges, scan_ranges(on_device(each), jnp.asarray(pose), ANGLES, 10.0), atol=1e-5)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tasks.simulate.surroundings.obstacles import PARKING_M, obstacles, pad_obstacles
+from tasks.simulate.geometry.obstacles import PARKING_M, obstacles, pad_obstacles
 from tests.factories.simulations import cluttered
 from tests.factories.worlds import apartment
 

@@ -5,9 +5,9 @@ import pytest
 
 from specs.data.world import World
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.surroundings.floor_map import floor_map
-from tasks.simulate.surroundings.obstacles import obstacles
-from tasks.simulate.surroundings.rooms import RoomMap, Visit, room_map, rooms_entered, visit, visits
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.rooms import RoomMap, Visit, room_map, rooms_entered, visit, visits
+from tasks.simulate.geometry.world_arrays import floor_map
 from tests.factories.worlds import PAINT, apartment, box
 
 OPEN = apartment()

@@ -5,10 +5,9 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from tasks.simulate.surroundings.lidar import scan_ranges
-from tasks.simulate.surroundings.silhouettes import Silhouettes
+from tasks.simulate.geometry.lidar_scan import LidarOutlines, scan_ranges
 
-NOTHING = Silhouettes(jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros(3, jnp.int32))
+NOTHING = LidarOutlines(jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros(3, jnp.int32))
 
 
 def test_an_array_of_the_wrong_shape_is_refused_in_tests():

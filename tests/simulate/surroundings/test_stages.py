@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from specs.data.world import Solid, World
-from tasks.simulate.application.robot_mjcf import Hull
-from tasks.simulate.surroundings import stages
-from tasks.simulate.surroundings.stages import Stage, stage_worlds
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry import world_arrays
+from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tests.factories.simulations import cluttered
 
 HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
@@ -15,12 +15,12 @@ HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
 @pytest.fixture(autouse=True)
 def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begins each test without a kept stage."""
-    monkeypatch.setattr(stages, "_kept", type(stages._kept)())  # pyright: ignore[reportPrivateUsage] - it lives as long as a process
-    monkeypatch.setattr(stages, "_most", {})
+    monkeypatch.setattr(world_arrays, "_kept", type(world_arrays._kept)())  # pyright: ignore[reportPrivateUsage] - it lives as long as a process
+    monkeypatch.setattr(world_arrays, "_most", {})
 
 
-def staged(world: World, hull: Hull = HULL, seen_at_m: float = SEEN_AT_M) -> Stage:
-    return stage_worlds({"w": world}, hull, seen_at_m)["w"]
+def staged(world: World, hull: Hull = HULL, seen_at_m: float = SEEN_AT_M) -> WorldArrays:
+    return arrays_of_worlds({"w": world}, hull, seen_at_m)["w"]
 
 
 def test_a_world_is_made_into_arrays_once():
@@ -50,19 +50,19 @@ def test_an_application_cannot_write_to_a_map_that_others_get():
 
 def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch):
     worlds = {f"w-{seed}": cluttered(seed) for seed in range(3)}
-    monkeypatch.setattr(stages, "_KEPT_BYTES", 0)
-    first = stage_worlds(worlds, HULL, SEEN_AT_M)
-    assert stage_worlds(worlds, HULL, SEEN_AT_M)["w-0"].floor is first["w-0"].floor  # those of a chunk are all kept
+    monkeypatch.setattr(world_arrays, "_KEPT_BYTES", 0)
+    first = arrays_of_worlds(worlds, HULL, SEEN_AT_M)
+    assert arrays_of_worlds(worlds, HULL, SEEN_AT_M)["w-0"].floor is first["w-0"].floor  # those of a chunk are all kept
     staged(cluttered(9))
-    assert len(stages._kept) == 1  # pyright: ignore[reportPrivateUsage] - see above
+    assert len(world_arrays._kept) == 1  # pyright: ignore[reportPrivateUsage] - see above
 
 
-def counts(stage: Stage) -> list[int]:
+def counts(stage: WorldArrays) -> list[int]:
     return [len(array) for array in (*stage.touched, *stage.seen)]
 
 
 def test_no_worlds_are_no_arrays():
-    assert stage_worlds({}, HULL, SEEN_AT_M) == {}
+    assert arrays_of_worlds({}, HULL, SEEN_AT_M) == {}
 
 
 def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_solids():
@@ -80,7 +80,7 @@ def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_so
 def test_a_world_is_filled_up_like_a_larger_one_that_it_once_shared_a_chunk_with():
     small = cluttered(1)
     some, more = (small.model_copy(update={"walls": small.walls * (count // len(small.walls))}) for count in (200, 400))
-    together = stage_worlds({"some": some, "more": more}, HULL, SEEN_AT_M)
+    together = arrays_of_worlds({"some": some, "more": more}, HULL, SEEN_AT_M)
     assert counts(staged(some)) == counts(together["some"])
 
 

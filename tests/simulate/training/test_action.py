@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.errors import DocumentError
-from tasks.simulate.training.action import action_map, control_of
+from tasks.simulate.training.training_spaces import action_map, control_of
 from tests.factories.simulations import COURIER, FOLDERS
 
 ROBOT = FOLDERS[COURIER] / "robot.xml"

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import pytest
 
 from tasks.simulate.application.contract import REASONS, Observation, Truth, Verdict
-from tasks.simulate.training.reward import Transition, progress
+from tasks.simulate.training.training_spaces import Transition, progress
 
 
 def paid(

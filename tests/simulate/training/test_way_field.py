@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tasks.simulate.application.contract import HostMap
-from tasks.simulate.training.way_field import WayFields, way_left_m, ways_left_mm
+from tasks.simulate.training.episode_pool import WayFields, way_left_m, ways_left_mm
 
 CELL_M, CELLS = 0.1, 41
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.host.policy.policy_check import check_policy
+from tasks.simulate.host.policy_check import check_policy
 from tests.repository import ROOT
 
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.bundle.launched_file import is_ros2, module_name, ros_launch_file, simulated_file
+from specs.launched_file import is_ros2, module_name, ros_launch_file, simulated_file
 
 FILES = [
     "robot.xml",

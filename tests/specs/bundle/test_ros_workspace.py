@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from specs.bundle.ros_workspace import workspace_variables
+from specs.launched_file import workspace_variables
 
 BUNDLE, ROS = Path("/b"), {"ROS_PACKAGE_PATH": "/opt/ros/noetic/share", "PYTHONPATH": "/opt/ros/noetic/python"}
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.data.cells import Cells, distinct, join_cells
+from specs.data.episode_columns import Cells, distinct, join_cells
 
 # As a table of all combinations is made of few, and rows are sorted when there are many.
 BOUNDS = (1, 3, 50, 1 << 40)

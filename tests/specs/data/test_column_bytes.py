@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from specs.data.column_bytes import decode_columns, encode_columns
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from specs.data.episode_columns import EpisodeColumns, RequestColumns, pair_columns
-from specs.data.field_cells import RESULT_KINDS
+from specs.data.episode_columns import RESULT_KINDS, EpisodeColumns, RequestColumns, pair_columns
 from tests.factories.episodes import canceled, collided, crashed, episodes, passed, request
 
 ROWS = [passed(0), collided(1), crashed(2), canceled(3)]

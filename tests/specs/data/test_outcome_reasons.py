@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from specs.data.outcome_reasons import MARKS, OTHER_MARK, OUTCOME_REASONS, REASON_CODES, OutcomeReason, mark_of
+from specs.data.outcomes import MARKS, OTHER_MARK, OUTCOME_REASONS, REASON_CODES, OutcomeReason, mark_of
 from tests.repository import ROOT
 
 

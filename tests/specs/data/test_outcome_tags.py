@@ -1,7 +1,7 @@
 """The outcome of a simulation job as tags."""
 
 from specs.data.episode import unfinished_result
-from specs.data.outcome_tags import MOST_OWN_TAGS, OUTCOME, REASON, failed_tags, is_reserved, outcome_tags, with_outcome
+from specs.data.outcomes import MOST_OWN_TAGS, OUTCOME, REASON, failed_tags, is_reserved, outcome_tags, with_outcome
 from tests.factories.episodes import collided, crashed, passed
 
 

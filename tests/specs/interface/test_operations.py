@@ -1,5 +1,4 @@
-from specs.interface.operations import OPERATIONS, STATUSES
-from specs.interface.shapes import shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
 from tests.specs.contract_forms import contract, models
 
 

@@ -3,10 +3,10 @@
 import pytest
 
 from specs.errors import DocumentError
-from specs.interface import quotas
-from specs.interface.quotas import Quota
+from specs.robomaker import operations
+from specs.robomaker.operations import Quota
 
-QUOTAS = [each for each in vars(quotas).values() if isinstance(each, Quota)]
+QUOTAS = [each for each in vars(operations).values() if isinstance(each, Quota)]
 
 
 @pytest.mark.parametrize("quota", QUOTAS, ids=lambda quota: quota.setting)

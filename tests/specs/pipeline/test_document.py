@@ -3,7 +3,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from specs.digest import canonical_document
+from specs.base import canonical_document
 from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
 from specs.pipeline.world_sections import FORMATS
 

@@ -5,8 +5,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from specs.base import canonical_document
 from specs.data.result_columns import MEASURED, MEASURES
-from specs.digest import canonical_document
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
 from tests.specs.pipeline.test_document import BATCH, GENERATION

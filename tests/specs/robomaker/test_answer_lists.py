@@ -1,6 +1,6 @@
 """Answers hold as much as a store can, where RoboMaker's lists ended."""
 
-from specs.robomaker.fleet import DescribeFleetResponse, Robot
+from specs.robomaker.deployment import DescribeFleetResponse, Robot
 
 
 def test_a_fleet_of_more_robots_than_a_list_had_can_be_described():

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from specs.digest import canonical_document
+from specs.base import canonical_document
 from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
 from specs.template.body import TemplateBody, template_body, template_digest
 from tests.factories.strategies import pipelines, shape, template_bodies

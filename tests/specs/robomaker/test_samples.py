@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.digest import canonical_document
+from specs.base import canonical_document
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.template.body import template_body
 from tests.repository import ROOT

@@ -64,7 +64,7 @@ def test_a_name_that_one_reading_of_a_changing_folder_leaves_out_is_listed(
             found = [entry for entry in found if entry.name != "2"]
         yield found
 
-    monkeypatch.setattr("tasks.storage.backends.local_objects.os.scandir", first_without_the_name)
+    monkeypatch.setattr("tasks.storage.backends.local.os.scandir", first_without_the_name)
     assert folder.keys("a") == ["a/1", "a/2"]
     assert len(readings) > 1
 
@@ -73,9 +73,7 @@ def test_a_folder_that_nobody_changes_is_read_once(folder: LocalStore, monkeypat
     folder.create("a/1", b"1")
     os.utime(folder.root / "a", (1.0, 1.0))
     real, readings = os.scandir, list[Path]()
-    monkeypatch.setattr(
-        "tasks.storage.backends.local_objects.os.scandir", lambda path: [readings.append(path), real(path)][1]
-    )
+    monkeypatch.setattr("tasks.storage.backends.local.os.scandir", lambda path: [readings.append(path), real(path)][1])
     assert folder.keys("a") == ["a/1"]
     assert readings == [folder.root / "a"]
 

@@ -20,7 +20,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_errors import s3_error
+from tasks.storage.backends.s3_client import s3_error
 
 
 def _refused(status: int, code: str) -> ClientError:

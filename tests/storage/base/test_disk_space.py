@@ -12,7 +12,7 @@ import pytest
 from specs.errors import StoreAccessDenied, StoreFull
 from tasks.storage.archives import digest_of, install
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.disk_space import full_disk_message, room_in
+from tasks.storage.base.local_files import full_disk_message, room_in
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.servers.small_disk import set_size, set_writable, small_disk

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.errors import DocumentError
-from tasks.storage.base import key_rules, keys
+from tasks.storage.base import keys
 
 _DIGEST = "0123456789abcdef" * 4
 
@@ -23,7 +23,7 @@ def test_whatever_a_document_names_stays_inside_the_store(name: str) -> None:
 @given(st.text(alphabet="./\\ab\0 ", max_size=12))
 def test_a_key_that_passes_cannot_leave_the_store_or_be_hidden_in_it(key: str) -> None:
     try:
-        key_rules.checked_key(key)
+        keys.checked_key(key)
     except DocumentError:
         return
     parts = Path("/store", key).resolve().relative_to("/store").parts
@@ -39,7 +39,7 @@ def test_what_is_no_name_is_refused_with_the_rule(name: str) -> None:
 
 @given(st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", fullmatch=True))
 def test_every_name_by_the_rule_is_taken(name: str) -> None:
-    assert key_rules.checked_name(name) == name
+    assert keys.checked_name(name) == name
 
 
 def test_each_thing_has_a_key_of_its_own() -> None:
@@ -61,12 +61,12 @@ def test_each_thing_has_a_key_of_its_own() -> None:
         keys.reported_key("a"),
     ]
     assert len(set(made)) == len(made)
-    assert all(key_rules.checked_key(key) == key for key in made)
+    assert all(keys.checked_key(key) == key for key in made)
 
 
 @given(st.text(max_size=64), st.text(max_size=64))
 def test_tokens_of_any_text_have_keys_that_differ_as_they_do(one: str, other: str) -> None:
-    assert key_rules.checked_key(keys.token_key("kind", one))
+    assert keys.checked_key(keys.token_key("kind", one))
     assert (keys.token_key("kind", one) == keys.token_key("kind", other)) == (one == other)
 
 
@@ -104,10 +104,10 @@ def test_a_prefix_that_climbs_is_refused() -> None:
 
 @pytest.mark.parametrize("bucket", ["abc", "a-b.c", "0" * 63])
 def test_buckets_by_s3s_rules_are_taken(bucket: str) -> None:
-    assert key_rules.checked_bucket(bucket) == bucket
+    assert keys.checked_bucket(bucket) == bucket
 
 
 @pytest.mark.parametrize("bucket", ["", "ab", "Abc", "a..b", "-abc", "abc-", "a/b", "0" * 64, "key:secret@host"])
 def test_what_is_no_bucket_is_refused(bucket: str) -> None:
     with pytest.raises(DocumentError, match="s3Bucket"):
-        key_rules.checked_bucket(bucket)
+        keys.checked_bucket(bucket)

@@ -13,8 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.errors import BundleRefused
-from tasks.storage.archives import digest_of, install
-from tasks.storage.base.tar_headers import open_tar
+from tasks.storage.archives import digest_of, install, open_tar
 
 _BLOCK = 512
 

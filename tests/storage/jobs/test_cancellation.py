@@ -5,9 +5,8 @@ import pytest
 from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.cancellation import cancel_watched_job
 from tasks.storage.jobs.claim import hold_claim
-from tasks.storage.jobs.records import advance, read, submit
+from tasks.storage.jobs.records import advance, cancel_watched_job, read, submit
 
 KIND = "world-export-job"
 

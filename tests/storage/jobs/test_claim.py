@@ -11,8 +11,7 @@ from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, hold_claim, hold_claim_unless_alive
-from tasks.storage.jobs.holder import ProcessIdentity, this_process
+from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim, hold_claim_unless_alive, this_process
 from tests.servers.eventually import eventually
 
 _KEY = claim_key("world-generation-job", "wgj-0")

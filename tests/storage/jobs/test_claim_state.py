@@ -5,9 +5,7 @@ import pytest
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, hold_claim
-from tasks.storage.jobs.claim_state import ClaimWatch
-from tasks.storage.jobs.holder import ProcessIdentity
+from tasks.storage.jobs.claim import ClaimRecord, ClaimWatch, ProcessIdentity, hold_claim
 
 KEY = claim_key("world-generation-job", "wgj-0")
 ELSEWHERE = ProcessIdentity(host="elsewhere", pid=1, started="1")

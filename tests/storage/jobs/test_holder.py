@@ -1,10 +1,10 @@
 import subprocess
 import sys
 
-from tasks.storage.jobs.holder import ProcessIdentity, is_known_dead, this_process
+from tasks.storage.jobs.claim import ProcessIdentity, is_known_dead, this_process
 
 _TELL = (
-    "from tasks.storage.jobs.holder import this_process; print(this_process().model_dump_json(), flush=True); input()"
+    "from tasks.storage.jobs.claim import this_process; print(this_process().model_dump_json(), flush=True); input()"
 )
 
 

@@ -5,8 +5,7 @@ from pydantic import JsonValue
 
 from specs.errors import IdempotentParameterMismatch
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import submit
-from tasks.storage.jobs.request_changes import changes_text
+from tasks.storage.jobs.records import changes_text, submit
 
 
 @pytest.mark.parametrize(

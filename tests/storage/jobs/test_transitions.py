@@ -6,8 +6,7 @@ import pytest
 
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import advance, read, submit
-from tasks.storage.jobs.transitions import Transition, listen_to_transitions
+from tasks.storage.jobs.records import Transition, advance, listen_to_transitions, read, submit
 
 KIND = "world-export-job"
 
@@ -55,7 +54,7 @@ def test_nobody_hears_outside_the_block(store: Store, job: str):
 
 def test_a_change_is_logged_with_its_facts(file_store: Store, caplog: pytest.LogCaptureFixture):
     record = submit(file_store, KIND, {}, "one")
-    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.transitions"):
+    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.records"):
         advance(file_store, KIND, record.id, "Running")
     (line,) = caplog.records
     assert line.getMessage() == f"{record.arn} is Running"
@@ -64,7 +63,7 @@ def test_a_change_is_logged_with_its_facts(file_store: Store, caplog: pytest.Log
 
 def test_a_failure_is_logged_with_its_code_and_reason(file_store: Store, caplog: pytest.LogCaptureFixture):
     record = submit(file_store, KIND, {}, "one")
-    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.transitions"):
+    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.records"):
         advance(file_store, KIND, record.id, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
     assert caplog.messages == [f"{record.arn} is Failed: InvalidInput: no worlds"]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import DocumentError
-from tasks.storage.jobs.voucher import MAC_LENGTH, Voucher, owner_key, owner_voucher
+from tasks.storage.jobs.authenticator import MAC_LENGTH, BatchAuthenticator, owner_authenticator, owner_key
 
 KEY = bytes(range(32))
 
@@ -39,11 +39,11 @@ def test_what_is_no_key_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     (tmp_path / "shared").write_bytes(b"password")
     monkeypatch.setenv("SIMYARD_OWNER_KEY", str(tmp_path / "shared"))
     with pytest.raises(DocumentError, match="a file of 32 random bytes"):
-        owner_voucher("simb-1", "plan")
+        owner_authenticator("simb-1", "plan")
 
 
 def test_bytes_are_vouched_for_as_what_they_are_and_as_nothing_else():
-    voucher = Voucher(KEY, "simb-1", "plan")
+    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
     mac = voucher.mac("chunk 1", b"rows")
     assert len(mac) == MAC_LENGTH
     assert voucher.vouches(mac, "chunk 1", b"rows")
@@ -55,19 +55,23 @@ def test_bytes_are_vouched_for_as_what_they_are_and_as_nothing_else():
 
 
 def test_another_key_batch_or_plan_vouches_for_nothing():
-    mac = Voucher(KEY, "simb-1", "plan").mac("chunk 1", b"rows")
-    others = [Voucher(KEY[::-1], "simb-1", "plan"), Voucher(KEY, "simb-2", "plan"), Voucher(KEY, "simb-1", "another")]
+    mac = BatchAuthenticator(KEY, "simb-1", "plan").mac("chunk 1", b"rows")
+    others = [
+        BatchAuthenticator(KEY[::-1], "simb-1", "plan"),
+        BatchAuthenticator(KEY, "simb-2", "plan"),
+        BatchAuthenticator(KEY, "simb-1", "another"),
+    ]
     assert not any(other.vouches(mac, "chunk 1", b"rows") for other in others)
 
 
 def test_a_worker_is_given_the_batchs_key_and_never_the_owners():
-    voucher = Voucher(KEY, "simb-1", "plan")
+    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
     sent = pickle.dumps(voucher)
     assert KEY not in sent
     assert pickle.loads(sent).mac("chunk 1", b"rows") == voucher.mac("chunk 1", b"rows")  # noqa: S301
 
 
 def test_nobody_who_prints_it_sees_a_key():
-    voucher = Voucher(KEY, "simb-1", "plan")
+    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
     assert voucher._key.hex() not in repr(voucher)
     assert repr(voucher._key)[2:-1] not in repr(voucher)

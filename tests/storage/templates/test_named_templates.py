@@ -8,17 +8,18 @@ from specs.errors import IdempotentParameterMismatch, ResourceAlreadyExists, Res
 from specs.template.body import TemplateBody, template_digest
 from tasks.storage.base.keys import named_template_key, template_name_key
 from tasks.storage.base.store import Store
-from tasks.storage.templates.named_templates import (
+from tasks.storage.templates import (
     NamedTemplate,
+    confirm_name,
     create_template,
     delete_template,
     find_template_name,
     named_templates,
     read_body,
     read_template,
+    take_name,
     update_template,
 )
-from tasks.storage.templates.template_names import confirm_name, take_name
 from tests.worlds.templates import SAMPLES, sample
 
 SMALL, WIDE = (sample(path.name.removesuffix(".body.json")) for path in SAMPLES[:2])

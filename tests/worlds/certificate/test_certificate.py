@@ -3,22 +3,21 @@
 import pytest
 
 from specs.data.world import Certificate, Furniture, Solid, World
-from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.certificate.certificate import broken_guarantees, certify, survey
+from tasks.worlds.certificate import broken_guarantees, certify, survey
 from tasks.worlds.generate import generate_world
-from tasks.worlds.geometry.boxes import Box
-from tasks.worlds.geometry.clearance import reaches_room
+from tasks.worlds.geometry import Box, reaches_room
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.templates import room, template
 
 BODY = template(room("A", area_m2=20.0), room("B", area_m2=20.0))
-BRIEF = brief_of(BODY)
+BRIEF = resolve_template(BODY)
 
 
 def world() -> World:
     return generate_world(BODY, seed=3, generation="wgj-1", floorplan_index=1, interior_index=1)
 
 
-def certificate(made: World, *more: Solid, brief: Brief = BRIEF) -> Certificate:
+def certificate(made: World, *more: Solid, brief: ResolvedTemplate = BRIEF) -> Certificate:
     extra = [
         Furniture(name=each.name, model_type="Ottomans", room="A", center_m=(0.0, 0.0), yaw_rad=0.0, solids=(each,))
         for each in more
@@ -95,7 +94,7 @@ def test_the_radius_is_the_largest_that_reaches_every_room(offset_m: float) -> N
 
 
 def test_missed_areas_and_aspects_are_named_with_numbers() -> None:
-    other = brief_of(template(room("A", area_m2=25.0), room("B", area_m2=20.0, aspect=(4.0, 1.0))))
+    other = resolve_template(template(room("A", area_m2=25.0), room("B", area_m2=20.0, aspect=(4.0, 1.0))))
     found = certificate(world(), brief=other)
     assert found.area_error_mean == pytest.approx(0.1, abs=0.01)
     assert any(sentence.startswith("A: 20.0 m2, wished 25 m2") for sentence in found.unmet)

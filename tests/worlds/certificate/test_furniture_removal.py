@@ -10,10 +10,9 @@ from specs.template.body import TemplateBody
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import encode_world
-from tasks.worlds.certificate.certificate import broken_guarantees
-from tasks.worlds.certificate.furniture_removal import keep_furniture
+from tasks.worlds.certificate import broken_guarantees, keep_furniture
 from tasks.worlds.generate import generate_world
-from tasks.worlds.job.world_import import add_world
+from tasks.worlds.job.stored_worlds import add_world
 from tests.repository import ROOT
 
 TEMPLATE = TemplateBody.model_validate_json((ROOT / "examples" / "templates" / "two-rooms.json").read_bytes())

@@ -4,7 +4,7 @@ import pytest
 from pydantic import JsonValue
 
 from specs.template.body import TemplateBody
-from tasks.worlds.certificate.unused_sets import unused_sets
+from tasks.worlds.unused_sets import unused_sets
 from tests.docs.template_page import EXAMPLES, example
 from tests.worlds.templates import doorway, furniture, materials, room, template
 

@@ -5,9 +5,9 @@ from pydantic import JsonValue
 
 from specs.data.world import RoomFigures, Wish, World
 from specs.template.body import TemplateBody
-from tasks.worlds.brief import brief_of
-from tasks.worlds.certificate.wishes import weigh_wishes
+from tasks.worlds.certificate import weigh_wishes
 from tasks.worlds.generate import generate_world
+from tasks.worlds.resolved_template import resolve_template
 from tests.worlds.templates import connection, doorway, furniture, materials, room, template
 
 A: JsonValue = {"RoomNames": ["A"]}
@@ -27,7 +27,13 @@ def weighed(body: TemplateBody, world: World, free: float = 0.8) -> dict[tuple[s
         RoomFigures(room=each.name, area_m2=20.0, free_floor_share=free, reached_share=1.0) for each in world.rooms
     ]
     found = weigh_wishes(
-        brief_of(body), world.rooms, world.passages, world.furniture, world.doors, figures=figures, outline_m=(8.0, 4.0)
+        resolve_template(body),
+        world.rooms,
+        world.passages,
+        world.furniture,
+        world.doors,
+        figures=figures,
+        outline_m=(8.0, 4.0),
     )
     return {(wish.kind, wish.subject): wish for wish in found}
 

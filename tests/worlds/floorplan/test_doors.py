@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from pydantic import JsonValue
 
 from specs.data.world import Solid, World
-from tasks.worlds.brief import brief_of
 from tasks.worlds.floorplan.doors import LEAF_THICKNESS_M, hang_doors, open_leaves
 from tasks.worlds.floorplan.floorplan import plan_floor
 from tasks.worlds.generate import generate_world
+from tasks.worlds.resolved_template import resolve_template
 from tests.worlds.geometry_checks import intersecting
 from tests.worlds.templates import doorway, room, template
 
@@ -94,7 +94,7 @@ def test_no_leaf_meets_a_wall_or_another_leaf_at_any_opening(seed: int, percent:
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_no_leaf_sweeps_over_the_start(seed: int) -> None:
-    brief = brief_of(template(*ROOMS, version="2"))
+    brief = resolve_template(template(*ROOMS, version="2"))
     for way in hang_doors(brief, plan_floor(brief, seed, 1)):
         assert min(math.hypot(*way.hinge), 9.0) - way.length >= 0.0 or _clear(way.swing)
 

@@ -8,16 +8,14 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.floorplan import floorplan
 from tasks.worlds.floorplan.doors import hang_doors
-from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
+from tasks.worlds.floorplan.floorplan import FloorPlan, build_walls, plan_floor
 from tasks.worlds.floorplan.passages import shared_wall
 from tasks.worlds.floorplan.scoring import WALL_M, doorway_width
-from tasks.worlds.floorplan.walls import build_walls
-from tasks.worlds.geometry.boxes import Box
-from tasks.worlds.geometry.clearance import measure_clearance, reaches_room
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.floorplan.search import WorldRejected
+from tasks.worlds.geometry import Box, measure_clearance, reaches_room
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.briefs import brief, briefs, flat, wish
 from tests.worlds.templates import SAMPLES, sample
 
@@ -58,14 +56,14 @@ def covered(boxes: tuple[Box, ...]) -> float:
     return sum(box.area for box in boxes)
 
 
-def met(home: Brief, plan: FloorPlan) -> int:
+def met(home: ResolvedTemplate, plan: FloorPlan) -> int:
     """Returns how many wished connections a plan has."""
     built = Counter((gap.rooms, gap.kind) for gap in plan.gaps if gap.desired)
     wished = Counter((each.rooms, each.kind) for each in home.connections)
     return sum(min(built[key], count) for key, count in wished.items())
 
 
-def reaches_all(home: Brief, plan: FloorPlan) -> bool:
+def reaches_all(home: ResolvedTemplate, plan: FloorPlan) -> bool:
     """Returns whether a robot gets into every room between the walls as built, on a grid."""
     clearance = measure_clearance(plan.footprint, build_walls(plan, 2.7, [GREY] * len(home.rooms)))
     reached = clearance.reached(home.robot_radius_m)
@@ -78,7 +76,7 @@ def has_clear_start(plan: FloorPlan) -> bool:
 
 @any_brief
 @given(briefs(), seeds)
-def test_cells_tile_the_footprint(home: Brief, seed: int) -> None:
+def test_cells_tile_the_footprint(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     assert not any(a.meets(b) for a, b in combinations(plan.cells, 2))
     assert covered(plan.cells) == pytest.approx(plan.footprint.grown(-WALL_M / 2).area)
@@ -86,7 +84,7 @@ def test_cells_tile_the_footprint(home: Brief, seed: int) -> None:
 
 @any_brief
 @given(briefs(), seeds)
-def test_gaps_lie_in_the_wall_between_their_rooms_and_do_not_overlap(home: Brief, seed: int) -> None:
+def test_gaps_lie_in_the_wall_between_their_rooms_and_do_not_overlap(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     for gap in plan.gaps:
         wall = shared_wall(*(plan.cells[room] for room in gap.rooms))
@@ -100,7 +98,9 @@ def test_gaps_lie_in_the_wall_between_their_rooms_and_do_not_overlap(home: Brief
 
 @any_brief
 @given(briefs(), seeds)
-def test_inner_walls_lie_between_rooms_and_fill_what_is_neither_floor_nor_outer_wall(home: Brief, seed: int) -> None:
+def test_inner_walls_lie_between_rooms_and_fill_what_is_neither_floor_nor_outer_wall(
+    home: ResolvedTemplate, seed: int
+) -> None:
     plan = plan_floor(home, seed, 1)
     outer = plan.footprint.area - plan.footprint.grown(-WALL_M).area
     inner = sum((cut.end - cut.start - WALL_M) * WALL_M for cut in plan.cuts)
@@ -109,7 +109,7 @@ def test_inner_walls_lie_between_rooms_and_fill_what_is_neither_floor_nor_outer_
 
 @any_brief
 @given(briefs(), seeds)
-def test_a_robot_reaches_every_room_of_a_bare_plan_from_a_clear_start(home: Brief, seed: int) -> None:
+def test_a_robot_reaches_every_room_of_a_bare_plan_from_a_clear_start(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     assert has_clear_start(plan)
     assert reaches_all(home, plan)
@@ -118,7 +118,7 @@ def test_a_robot_reaches_every_room_of_a_bare_plan_from_a_clear_start(home: Brie
 
 @any_brief
 @given(briefs(), seeds)
-def test_areas_are_within_3_percent(home: Brief, seed: int) -> None:
+def test_areas_are_within_3_percent(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     errors = [abs(floor.area / room.area_m2 - 1.0) for floor, room in zip(plan.floors, home.rooms, strict=True)]
     assert np.mean(errors) < 0.03
@@ -140,7 +140,7 @@ def test_a_plan_at_the_edge_is_a_home_with_all_connections_that_can_be(name: str
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name.removesuffix(".body.json"))
 def test_a_sample_gives_rooms_of_the_wished_shape_or_the_wished_footprint(path: str) -> None:
-    home = brief_of(sample(str(path).rsplit("/", 1)[-1].removesuffix(".body.json")))
+    home = resolve_template(sample(str(path).rsplit("/", 1)[-1].removesuffix(".body.json")))
     for seed in range(5):
         plan = plan_floor(home, seed, 1)
         ratios = [floor.width / floor.height / room.aspect for floor, room in zip(plan.floors, home.rooms, strict=True)]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from specs.data.world import RoomType
-from tasks.worlds.brief import Brief
 from tasks.worlds.floorplan.passages import Gap, place_passages, shared_wall
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
+from tasks.worlds.resolved_template import ResolvedTemplate
 from tests.worlds.briefs import brief, wish
 
 WEST, EAST, NORTH, FAR = Box(0, 0, 4, 4), Box(4, 0, 8, 4), Box(0, 4, 8, 7), Box(8, 0, 12, 4)
@@ -18,11 +18,11 @@ SEEDS = range(20)
 
 def home(
     *kinds: RoomType, doorways: tuple[tuple[int, int], ...] = (), openings: tuple[tuple[int, int], ...] = ()
-) -> Brief:
+) -> ResolvedTemplate:
     return brief(*(wish(f"R{n}", kind) for n, kind in enumerate(kinds)), connections=doorways, openings=openings)
 
 
-def passages(plan: Brief, *cells: Box, seed: int = 0) -> tuple[Gap, ...]:
+def passages(plan: ResolvedTemplate, *cells: Box, seed: int = 0) -> tuple[Gap, ...]:
     return place_passages(np.random.default_rng(seed), plan, cells)
 
 

@@ -3,15 +3,13 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.brief import Brief
-from tasks.worlds.floorplan.refinement import _improve_lines, _make_frame, _solve, _terms, refine
-from tasks.worlds.floorplan.room_layouts import Layouts, common_walls
-from tasks.worlds.floorplan.scoring import START_SIDE_M, WALL_M, Demands, demands_of, score
-from tasks.worlds.floorplan.search import propose
+from tasks.worlds.floorplan.scoring import START_SIDE_M, WALL_M, Demands, Layouts, common_walls, demands_of, score
+from tasks.worlds.floorplan.search import _improve_lines, _make_frame, _solve, _terms, propose, refine
+from tasks.worlds.resolved_template import ResolvedTemplate
 from tests.worlds.briefs import brief, flat, wish
 
 
-def refined(home: Brief, count: int = 64) -> tuple[Layouts, Demands]:
+def refined(home: ResolvedTemplate, count: int = 64) -> tuple[Layouts, Demands]:
     demands = demands_of(home)
     return refine(propose(demands, count), demands), demands
 

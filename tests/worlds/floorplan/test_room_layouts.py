@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.floorplan.room_layouts import Layouts, common_walls, join_layouts
+from tasks.worlds.floorplan.scoring import Layouts, common_walls, join_layouts
 
 
 def row(*borders: float) -> Layouts:

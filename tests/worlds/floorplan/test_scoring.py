@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.worlds.brief import Brief
-from tasks.worlds.floorplan.room_layouts import Layouts
 from tasks.worlds.floorplan.scoring import (
     CONNECTION,
     HARD,
     OPENING_MIN_M,
     WALL_M,
+    Layouts,
     all_connected,
     demands_of,
     doorway_width,
     score,
     skew,
 )
+from tasks.worlds.resolved_template import ResolvedTemplate
 from tests.worlds.briefs import brief, wish
 
 
@@ -33,7 +33,7 @@ def layout(*cells: tuple[float, float, float, float]) -> Layouts:
     return Layouts(sides[:, :, None], vertical[:, None], lines[:, None])
 
 
-def cost(home: Brief, *cells: tuple[float, float, float, float]) -> float:
+def cost(home: ResolvedTemplate, *cells: tuple[float, float, float, float]) -> float:
     return float(score(layout(*cells), demands_of(home))[0])
 
 

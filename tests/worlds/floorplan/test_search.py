@@ -5,20 +5,18 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tasks.worlds.brief import Brief, brief_of
-from tasks.worlds.floorplan.room_layouts import Layouts, common_walls
-from tasks.worlds.floorplan.scoring import CONNECTION, WALL_M, demands_of, score, skew
-from tasks.worlds.floorplan.search import draw_layout, good_layouts, propose
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.floorplan.scoring import CONNECTION, WALL_M, Layouts, common_walls, demands_of, score, skew
+from tasks.worlds.floorplan.search import WorldRejected, draw_layout, good_layouts, propose
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.briefs import brief, flat, wish
 from tests.worlds.templates import sample
 
 
-def drawn(home: Brief, seeds: int) -> list[Layouts]:
+def drawn(home: ResolvedTemplate, seeds: int) -> list[Layouts]:
     return [draw_layout(np.random.default_rng(seed), home) for seed in range(seeds)]
 
 
-def deviations(layout: Layouts, home: Brief) -> list[float]:
+def deviations(layout: Layouts, home: ResolvedTemplate) -> list[float]:
     """Returns by what share each room misses its wished aspect."""
     cells = layout.cells()[:, :, 0]
     width, height = cells[2:] - cells[:2] - WALL_M
@@ -33,12 +31,12 @@ def pattern(layout: Layouts) -> bytes:
 
 
 def test_rooms_that_fit_side_by_side_get_their_wished_shape() -> None:
-    home = brief_of(sample("two-rooms"))
+    home = resolve_template(sample("two-rooms"))
     assert max(max(deviations(layout, home)) for layout in drawn(home, 20)) <= 0.25
 
 
 def test_four_default_rooms_are_squares_in_a_square() -> None:
-    home = brief_of(sample("task-06-same-flooring"))
+    home = resolve_template(sample("task-06-same-flooring"))
     for layout in drawn(home, 20):
         assert max(deviations(layout, home)) < 0.2
         assert 0.8 < layout.lines[2, 0] / layout.lines[3, 0] < 1.25
@@ -112,7 +110,7 @@ def test_a_bathroom_is_no_thoroughfare_without_a_wish() -> None:
         ),
     ],
 )
-def test_a_brief_without_a_usable_layout_is_refused_with_the_reason(home: Brief, reason: str) -> None:
+def test_a_brief_without_a_usable_layout_is_refused_with_the_reason(home: ResolvedTemplate, reason: str) -> None:
     with pytest.raises(WorldRejected, match=reason) as caught:
         good_layouts(home)
     assert caught.value.code == "InvalidInput"

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from specs.data.world import RoomType
-from tasks.worlds.brief import Brief
-from tasks.worlds.floorplan.passages import Gap
-from tasks.worlds.floorplan.start import START_CLEAR_M, choose_start, hindrance
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.floorplan.passages import START_CLEAR_M, Gap, choose_start, hindrance
+from tasks.worlds.geometry import Box
+from tasks.worlds.resolved_template import ResolvedTemplate
 from tests.worlds.briefs import brief, wish
 
 WEST, EAST = Box(0, 0, 4, 4), Box(4, 0, 10, 4)
@@ -18,7 +17,9 @@ DOORWAY = Gap((0, 1), "Doorway", (4.0, 0.61), 0.9, "y", desired=True)
 SEEDS = range(20)
 
 
-def start(home: Brief, *cells: Box, gaps: tuple[Gap, ...] = (DOORWAY,), seed: int = 0) -> tuple[float, float] | None:
+def start(
+    home: ResolvedTemplate, *cells: Box, gaps: tuple[Gap, ...] = (DOORWAY,), seed: int = 0
+) -> tuple[float, float] | None:
     return choose_start(np.random.default_rng(seed), home, cells, gaps)
 
 

@@ -4,9 +4,8 @@ from itertools import combinations
 
 import pytest
 
-from tasks.worlds.brief import brief_of
-from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.floorplan.walls import build_walls
+from tasks.worlds.floorplan.floorplan import FloorPlan, build_walls, plan_floor
+from tasks.worlds.resolved_template import resolve_template
 from tests.worlds.geometry_checks import bottom_m, intersect
 from tests.worlds.templates import connection, room, template
 
@@ -16,7 +15,7 @@ GREY = (0.5, 0.5, 0.5)
 
 def plan(seed: int) -> FloorPlan:
     wishes = (connection("Living", "Kitchen", "Opening"), connection("Hall", "Bath"))
-    return plan_floor(brief_of(template(*map(room, ROOMS), connections=wishes)), seed, 1)
+    return plan_floor(resolve_template(template(*map(room, ROOMS), connections=wishes)), seed, 1)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -5,9 +5,8 @@ from itertools import pairwise
 import pytest
 
 from specs.data.world import RoomType
-from tasks.worlds.floorplan.floorplan import plan_floor
-from tasks.worlds.floorplan.windows import GLAZING_SHARE, Pane, place_windows
-from tasks.worlds.geometry.boxes import EPSILON_M, Box
+from tasks.worlds.floorplan.floorplan import GLAZING_SHARE, Pane, place_windows, plan_floor
+from tasks.worlds.geometry import EPSILON_M, Box
 from tests.worlds.briefs import brief, flat, wish
 
 HABITABLE: tuple[RoomType, ...] = ("Bedroom", "Living", "Dining", "Kitchen")

@@ -8,9 +8,8 @@ import pytest
 from specs.data.world import RoomType, Solid
 from tasks.worlds.furnishing.arrangements import groups_to_try
 from tasks.worlds.furnishing.assembly import assemble
-from tasks.worlds.furnishing.groups.group import FurnitureGroup
+from tasks.worlds.furnishing.groups import FurnitureGroup, RoomContext
 from tasks.worlds.furnishing.placement import place_group, turn_quarters
-from tasks.worlds.furnishing.room_context import RoomContext
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tests.worlds.geometry_checks import intersect

@@ -9,8 +9,8 @@ from specs.data.world import Furniture, Solid
 from tasks.worlds.furnishing.assembly import Look, Palette, assemble, draw_look
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import compose
-from tasks.worlds.furniture.primitives import Style
-from tasks.worlds.geometry.boxes import rounded
+from tasks.worlds.furniture.furniture_type import Style
+from tasks.worlds.geometry import rounded
 from tests.worlds.geometry_checks import polygon
 from tests.worlds.rooms import LOOK, NOWHERE, standing
 

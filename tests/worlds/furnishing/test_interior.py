@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from specs.data.world import Furniture, RoomType, Solid
 from specs.template.interior import Density
-from tasks.worlds.brief import Brief, brief_of
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.furnishing.interior import Interior, InteriorKey, furnish_interior
-from tasks.worlds.geometry.clearance import connected_share, reaches_room
+from tasks.worlds.furnishing.furnish import Interior, InteriorKey, furnish_interior
+from tasks.worlds.geometry import connected_share, reaches_room
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.geometry_checks import distances, intersect, polygon
 from tests.worlds.rooms import ROBOT_M, home, walls_of
 from tests.worlds.templates import DENSITIES, MODEL_TYPES, ROOM_TYPES, furniture, room, template
@@ -24,7 +24,7 @@ _BEFORE_DOOR_M = 0.8
 
 
 @st.composite
-def homes(draw: st.DrawFn) -> tuple[Brief, FloorPlan, InteriorKey, list[str] | None]:
+def homes(draw: st.DrawFn) -> tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None]:
     """Draws a room of any type, area, density and list, with a door and perhaps a window and the start."""
     listed = draw(st.none() | st.lists(st.sampled_from(MODEL_TYPES), max_size=8, unique=True))
     brief, plan = home(
@@ -40,14 +40,14 @@ def homes(draw: st.DrawFn) -> tuple[Brief, FloorPlan, InteriorKey, list[str] | N
     return brief, plan, InteriorKey(draw(st.integers(0, 10_000)), 1, 1), listed
 
 
-def interior(brief: Brief, plan: FloorPlan, draw: InteriorKey) -> Interior:
+def interior(brief: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> Interior:
     return furnish_interior(brief, plan, walls_of(plan), draw)
 
 
 @settings(max_examples=60)
 @given(homes())
 def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
-    case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None],
+    case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
     brief, plan, draw, _ = case
     pieces = interior(brief, plan, draw).furniture
@@ -60,7 +60,9 @@ def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
 
 @settings(max_examples=60)
 @given(homes())
-def test_a_robot_reaches_nearly_all_of_every_room(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
+def test_a_robot_reaches_nearly_all_of_every_room(
+    case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
+) -> None:
     brief, plan, draw, _ = case
     clearance = interior(brief, plan, draw).clearance
     reached = clearance.reached(brief.robot_radius_m)
@@ -71,7 +73,7 @@ def test_a_robot_reaches_nearly_all_of_every_room(case: tuple[Brief, FloorPlan, 
 
 @settings(max_examples=60)
 @given(homes())
-def test_lists_are_obeyed(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
+def test_lists_are_obeyed(case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None]) -> None:
     brief, plan, draw, listed = case
     pieces = interior(brief, plan, draw).furniture
     assert {piece.room for piece in pieces} <= {"Room"}
@@ -81,7 +83,9 @@ def test_lists_are_obeyed(case: tuple[Brief, FloorPlan, InteriorKey, list[str] |
 
 @settings(max_examples=30)
 @given(homes())
-def test_the_same_stream_gives_the_same_interior(case: tuple[Brief, FloorPlan, InteriorKey, list[str] | None]) -> None:
+def test_the_same_stream_gives_the_same_interior(
+    case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
+) -> None:
     brief, plan, draw, _ = case
     assert interior(brief, plan, draw).furniture == interior(brief, plan, draw).furniture
 
@@ -111,15 +115,15 @@ def test_interiors_of_a_plan_differ() -> None:
 def test_a_home_of_six_rooms_has_no_more_primitives_than_a_simulation_bears(density: Density) -> None:
     names = [f"Room {n}" for n in range(6)]
     rooms = [room(name, kind, 22.0) for name, kind in zip(names, ROOM_TYPES, strict=False)]
-    brief = brief_of(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
+    brief = resolve_template(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
     plan = plan_floor(brief, 3, 1)
     assert sum(len(piece.solids) for piece in interior(brief, plan, InteriorKey(3, 1, 1)).furniture) <= 480
 
 
-def crowded() -> Brief:
+def crowded() -> ResolvedTemplate:
     names = ["A", "B", "C"]
     arrangement = furniture({"RoomNames": [*names]}, list(MODEL_TYPES), "Dense")
-    return brief_of(template(*(room(name, area_m2=10.0) for name in names), arrangements=(arrangement,)))
+    return resolve_template(template(*(room(name, area_m2=10.0) for name in names), arrangements=(arrangement,)))
 
 
 def test_names_are_numbered_by_type_across_rooms() -> None:

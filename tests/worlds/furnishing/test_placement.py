@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.floorplan.floorplan import Pane
+from tasks.worlds.furnishing.groups import FurnitureGroup, Member, Zone, front_zone
 from tasks.worlds.furnishing.placement import place_group, turn_quarters
 from tasks.worlds.furnishing.scene import PlacedGroup, RoomScene, open_scene
 from tasks.worlds.furniture.furniture_type import Taste
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
 from tests.worlds.rooms import ROBOT_M, empty_scene
 
 SEEDS = range(8)

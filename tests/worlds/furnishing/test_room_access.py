@@ -2,8 +2,8 @@
 
 import pytest
 
-from tasks.worlds.furnishing.room_access import robot_gets_around
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.furnishing.placement import robot_gets_around
+from tasks.worlds.geometry import Box
 
 FLOOR = Box(0.0, 0.0, 5.0, 4.0)
 WEST, EAST = (0.0, 2.0), (5.0, 2.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.furnishing.room_context import RoomContext
+from tasks.worlds.furnishing.groups import RoomContext
 from tasks.worlds.furnishing.scene import open_scene
 from tasks.worlds.furniture.catalogue import CATALOGUE
 from tests.worlds.rooms import ROBOT_M, empty_scene

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from specs.data.world import RoomType
-from tasks.worlds.brief import RoomWish
-from tasks.worlds.furnishing.room_access import robot_gets_around
-from tasks.worlds.furnishing.room_furnisher import furnish
+from tasks.worlds.furnishing.furnish import furnish
+from tasks.worlds.furnishing.placement import robot_gets_around
 from tasks.worlds.furnishing.scene import RoomScene, open_scene
 from tasks.worlds.furniture.catalogue import compose
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
+from tasks.worlds.resolved_template import RoomWish
 from tests.worlds.rooms import LOOK, ROBOT_M
 from tests.worlds.templates import ROOM_TYPES
 

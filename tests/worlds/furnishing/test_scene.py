@@ -2,9 +2,9 @@
 
 import pytest
 
-from tasks.worlds.floorplan.windows import Pane
+from tasks.worlds.floorplan.floorplan import Pane
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, open_scene, way_width
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
 from tests.worlds.rooms import ROBOT_M, empty_scene
 
 BODY = Box(11.0, 11.0, 12.0, 12.0)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone
+from tasks.worlds.furnishing.groups import FurnitureGroup, Member, Zone
+from tasks.worlds.furnishing.intervals import Spot, find_spots
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
-from tasks.worlds.furnishing.spots import Spot, find_spots
 from tasks.worlds.furniture.furniture_type import Anchor
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
 from tests.worlds.rooms import empty_scene
 
 CABINET = FurnitureGroup((Member("Storage", (1.0, 0.6, 2.0)),), (), flush=True)

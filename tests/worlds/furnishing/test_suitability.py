@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tasks.worlds.floorplan.windows import Pane
-from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member
+from tasks.worlds.floorplan.floorplan import Pane
+from tasks.worlds.furnishing.groups import FurnitureGroup, Member
 from tasks.worlds.furnishing.placement import place_group
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene, open_scene
 from tasks.worlds.furniture.furniture_type import Taste
-from tasks.worlds.geometry.boxes import Box
+from tasks.worlds.geometry import Box
 from tests.worlds.rooms import empty_scene
 
 SEEDS = range(6)

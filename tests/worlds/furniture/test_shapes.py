@@ -7,7 +7,7 @@ import pytest
 from specs.data.world import Furniture, Solid
 from tasks.worlds.furnishing.assembly import Look
 from tasks.worlds.furniture.catalogue import CATALOGUE, compose
-from tasks.worlds.furniture.primitives import Size, Style
+from tasks.worlds.furniture.furniture_type import Size, Style
 from tests.worlds.geometry_checks import intersect, polygon, top_m
 from tests.worlds.rooms import LOOK, seen_at, standing
 from tests.worlds.templates import MODEL_TYPES

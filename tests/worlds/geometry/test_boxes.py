@@ -1,6 +1,6 @@
 """Boxes on the floor."""
 
-from tasks.worlds.geometry.boxes import Box, bounding_box, rounded
+from tasks.worlds.geometry import Box, bounding_box, rounded
 
 UNIT = Box(0.0, 0.0, 1.0, 1.0)
 

@@ -5,8 +5,7 @@ import pytest
 from scipy import ndimage
 
 from specs.data.world import Solid
-from tasks.worlds.geometry.boxes import Box
-from tasks.worlds.geometry.clearance import CELL_M, RADIUS_MAX_M, connected_share, measure_clearance, reaches_room
+from tasks.worlds.geometry import CELL_M, RADIUS_MAX_M, Box, connected_share, measure_clearance, reaches_room
 
 HALL = Box(-2.0, -1.0, 6.0, 1.0)
 

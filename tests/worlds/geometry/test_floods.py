@@ -5,7 +5,7 @@ import pytest
 from jaxtyping import Bool
 from scipy import ndimage
 
-from tasks.worlds.geometry.floods import flood
+from tasks.worlds.geometry import flood
 
 
 def bits(grid: Bool[np.ndarray, "x y"]) -> int:

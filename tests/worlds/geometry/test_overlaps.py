@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.world import Furniture, Solid
-from tasks.worlds.geometry.overlaps import bounds, count_overlaps, solid_rows
+from tasks.worlds.geometry import bounds, count_overlaps, solid_rows
 
 
 def box(x: float, y: float = 0.0, yaw: float = 0.0, z: float = 0.5) -> Solid:

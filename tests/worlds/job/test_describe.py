@@ -8,11 +8,7 @@ from pydantic import JsonValue
 from specs.data.world import World
 from tasks.storage.jobs.records import JobRecord
 from tasks.worlds.generate import generate_world
-from tasks.worlds.job.describe import (
-    describe_generation_job,
-    describe_world,
-    summarise_generation_job,
-)
+from tasks.worlds.job.world_answers import describe_generation_job, describe_world, summarise_generation_job
 from tests.factories.worlds import apartment
 from tests.worlds.templates import doorway, room, template
 

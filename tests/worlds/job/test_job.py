@@ -11,9 +11,9 @@ from tasks.storage.base.keys import template_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, job_id
 from tasks.storage.worlds import decode_world
-from tasks.worlds.job import job, production
-from tasks.worlds.job.job import run_generation_job
-from tasks.worlds.rejection import WorldRejected
+from tasks.worlds.floorplan.search import WorldRejected
+from tasks.worlds.job import generation_job, production
+from tasks.worlds.job.generation_job import run_generation_job
 from tests.worlds.templates import sample
 
 ARN = "arn:aws:robomaker:us-west-2:111111111111:world-template/my-template"
@@ -47,7 +47,7 @@ def run(
     seed: int = 7,
     body: TemplateBody = BODY,
     progress: Progress | None = None,
-    elsewhere: job.RemoteWorldMaker | None = None,
+    elsewhere: generation_job.RemoteWorldMaker | None = None,
 ) -> JobRecord:
     asked = request(floorplans, interiors)
     return run_generation_job(
@@ -197,15 +197,15 @@ def test_a_team_may_raise_the_number_of_worlds(file_store: Store, monkeypatch: p
 
 
 def test_a_job_that_is_canceled_keeps_the_worlds_it_made(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(job, "_LOOK_EVERY_S", 0.0)
-    id_of_job = job_id(job.KIND, "t")
+    monkeypatch.setattr(generation_job, "_LOOK_EVERY_S", 0.0)
+    id_of_job = job_id(generation_job.KIND, "t")
 
     @dataclass
     class Canceling(Progress):
         def __call__(self, done: int, total: int) -> None:
             super().__call__(done, total)
             if done == 2:
-                advance(file_store, job.KIND, id_of_job, "Canceling")
+                advance(file_store, generation_job.KIND, id_of_job, "Canceling")
 
     record = run(file_store, progress=Canceling())
     assert record.status == "Canceled"
@@ -215,7 +215,7 @@ def test_a_job_that_is_canceled_keeps_the_worlds_it_made(file_store: Store, monk
 def test_a_job_that_was_canceled_before_it_ran_makes_nothing(file_store: Store) -> None:
     with pytest.raises(KeyboardInterrupt):
         run(file_store, progress=Progress(dies_after=0))
-    advance(file_store, job.KIND, job_id(job.KIND, "t"), "Canceling")
+    advance(file_store, generation_job.KIND, job_id(generation_job.KIND, "t"), "Canceling")
     record = run(file_store)
     assert (record.status, record.detail["worlds"]) == ("Canceled", [])
 

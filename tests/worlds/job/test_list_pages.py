@@ -9,13 +9,8 @@ from specs.robomaker.world_jobs import ListWorldGenerationJobsRequest, ListWorld
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
-from tasks.storage.templates.named_templates import create_template, keep_body
-from tasks.worlds.job.list_pages import (
-    list_generation_jobs_page,
-    list_templates_page,
-    list_worlds,
-    list_worlds_page,
-)
+from tasks.storage.templates import create_template, keep_body
+from tasks.worlds.job.world_answers import list_generation_jobs_page, list_templates_page, list_worlds, list_worlds_page
 from tests.worlds.templates import room, template
 
 

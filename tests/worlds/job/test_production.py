@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.job import production
 from tasks.worlds.job.production import Indices, Order, WorkerDied, WorldOutcome, make, produce
 from tasks.worlds.job.worker_process import work
-from tasks.worlds.rejection import WorldRejected
 from tests.worlds.templates import room, template
 
 pytestmark = pytest.mark.long

@@ -5,8 +5,8 @@ import hashlib
 import pytest
 
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
+from tasks.worlds.job.generation_job import world_changes
 from tasks.worlds.job.production import Order, make
-from tasks.worlds.job.world_recount import world_changes
 from tests.worlds.templates import sample
 
 ORDER = Order(template=sample("default-two-rooms"), seed=7, generation="wgj-1", robot_radius_m=0.17)

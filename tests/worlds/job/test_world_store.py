@@ -8,10 +8,10 @@ from specs.errors import StoreError
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance
-from tasks.worlds.job import job, production
+from tasks.worlds.floorplan.search import WorldRejected
+from tasks.worlds.job import generation_job, production
+from tasks.worlds.job.generation_job import make_and_keep, missing_worlds
 from tasks.worlds.job.production import Indices, Order, WorldOutcome
-from tasks.worlds.job.world_store import make_and_keep, missing_worlds
-from tasks.worlds.rejection import WorldRejected
 from tests.worlds.job.test_job import BODY, Progress, run, worlds_of
 
 ORDER = Order(template=BODY, seed=7, generation="wgj-1", robot_radius_m=0.2)
@@ -88,10 +88,10 @@ def test_a_job_that_is_canceled_while_workers_make_its_worlds_keeps_them(
             self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
         ) -> Mapping[Indices, WorldOutcome]:
             made = super().__call__(order, indices, going=going, done=done)
-            advance(file_store, job.KIND, order.generation, "Canceling")
+            advance(file_store, generation_job.KIND, order.generation, "Canceling")
             return made
 
-    monkeypatch.setattr(job, "_LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(generation_job, "_LOOK_EVERY_S", 0.0)
     record = run(file_store, 1, 3, elsewhere=Canceled(file_store, 2))
     assert record.status == "Canceled"
     assert missing_worlds(file_store, record.id, [(1, 1), (1, 2), (1, 3)]) == [(1, 3)]

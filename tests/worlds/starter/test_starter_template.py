@@ -11,10 +11,9 @@ from pydantic import BaseModel, JsonValue
 
 from specs.data.world import ROBOT_RADIUS_M, RoomType
 from specs.template.body import TemplateBody, template_body
-from tasks.documents.yaml_data import load_yaml
+from tasks.documents.source_text import load_yaml
 from tasks.worlds.generate import generate_world
-from tasks.worlds.starter.commented_yaml import commented_yaml
-from tasks.worlds.starter.starter_template import STARTER_ROOMS, Version, starter_json, starter_template
+from tasks.worlds.starter_template import STARTER_ROOMS, Version, commented_yaml, starter_json, starter_template
 from tests.worlds.templates import ROOM_TYPES
 
 VERSIONS: tuple[Version, ...] = get_args(Version)

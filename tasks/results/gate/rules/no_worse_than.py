@@ -5,15 +5,25 @@ from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import NoWorseThan
 from tasks.results.gate.missing_data import unseen
-from tasks.results.gate.rules.pair_counts import PairCounts, WorldPairs
-from tasks.results.gate.rules.power_lines import power_line, worth_line
-from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.sentences import AT_LOOKS, answer_above, confidence_text, nothing_counted, sentence
+from tasks.results.gate.rules.rule_answers import (
+    AT_LOOKS,
+    answer_above,
+    confidence_text,
+    cuts,
+    gaps,
+    nothing_counted,
+    power_line,
+    refusal,
+    sentence,
+    where_text,
+    worth_line,
+)
+from tasks.results.gate.version_pairs import PairCounts, WorldPairs
+from tasks.results.statistics.interim_analyses import paired_interval
 from tasks.results.statistics.intervals import Interval, mcnemar, paired_difference
-from tasks.results.statistics.looks.paired_looks import paired_interval
-from tasks.results.statistics.power.paired import pair_needs
-from tasks.results.statistics.worlds.difference_over_worlds import difference_over_worlds
+from tasks.results.statistics.over_worlds import difference_over_worlds
+from tasks.results.statistics.power import pair_needs
 
 _EXPECTED_DISAGREEMENT = (0.0, 0.02, 0.05)
 

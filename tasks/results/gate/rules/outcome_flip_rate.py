@@ -8,15 +8,8 @@ from pydantic import JsonValue
 from specs.pipeline.gate_section import FlipRate
 from specs.pipeline.simulation_section import MAX_AUDITED_LANES
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.sentences import (
-    answer_below,
-    confidence_text,
-    nothing_counted,
-    rate_text,
-    sentence,
-)
-from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.strata import Stratum, lanes_needed, total_interval, total_rate
+from tasks.results.gate.rules.rule_answers import answer_below, confidence_text, nothing_counted, rate_text, sentence
+from tasks.results.statistics.intervals import Interval, Stratum, lanes_needed, total_interval, total_rate, wilson
 
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
 _STRATA = {"false_passes": "passes that fail there", "false_alarms": "failures that pass there"}

@@ -8,20 +8,23 @@ from specs.data.result_columns import COURSES
 from specs.pipeline.gate_section import QuantileRule
 from tasks.results.gate.missing_data import ASSUMED, Assumed, Gap, gap_of, unseen
 from tasks.results.gate.rules.metric_names import PREFIX
-from tasks.results.gate.rules.power_lines import power_line, worth_line
-from tasks.results.gate.rules.rates import cuts, gaps, refusal, where_text
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
-from tasks.results.gate.rules.sentences import (
+from tasks.results.gate.rules.rule_answers import (
     answer_above,
     answer_below,
     confidence_text,
+    cuts,
+    gaps,
     nothing_counted,
+    power_line,
+    refusal,
     sentence,
+    where_text,
+    worth_line,
 )
 from tasks.results.statistics.intervals import Interval, quantile_interval
-from tasks.results.statistics.power.shares import quantile_needs
-from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
-from tasks.results.statistics.worlds.refusal import why_refused
+from tasks.results.statistics.over_worlds import quantile_over_worlds, why_refused
+from tasks.results.statistics.power import quantile_needs
 
 if TYPE_CHECKING:
     import pyarrow as pa

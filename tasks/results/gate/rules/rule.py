@@ -15,9 +15,9 @@ from specs.base import Spec
 from specs.data.episode import CANCELED
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.rules.pair_counts import PairCounts
+from tasks.results.gate.version_pairs import PairCounts
+from tasks.results.statistics.batch_summary import EpisodeCounts
 from tasks.results.statistics.room_coverage import RoomCoverage
-from tasks.results.statistics.success import EpisodeCounts
 
 if TYPE_CHECKING:
     import pyarrow as pa

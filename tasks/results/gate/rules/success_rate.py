@@ -4,16 +4,16 @@ from collections.abc import Iterator, Sequence
 
 from specs.pipeline.gate_section import SuccessRate
 from tasks.results.gate.missing_data import ASSUMED, gap_of
-from tasks.results.gate.rules.power_lines import share_lines
-from tasks.results.gate.rules.rates import rate_of
 from tasks.results.gate.rules.rule import ColumnValues, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict, Share
-from tasks.results.gate.rules.sentences import (
+from tasks.results.gate.rules.rule_answers import (
     about,
     answer_above,
     confidence_text,
     nothing_counted,
+    rate_of,
     rate_text,
     sentence,
+    share_lines,
 )
 
 _COLUMNS = ("status", "failure_code", "outcome")

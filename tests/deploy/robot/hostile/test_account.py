@@ -14,7 +14,7 @@ import pytest
 from specs.errors import DocumentError
 from tasks.deploy.robot.account import Account, chosen_account, hide_memory, make_home
 from tasks.deploy.robot.processes import end_all
-from tasks.deploy.rollout.robot_requests import ask_robot
+from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import GOOD, desired, scripted
 from tests.deploy.reach import open_folder

@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.agent import Poll, serve
-from tasks.deploy.robot.shutdown import Stop, StopRequested
-from tasks.deploy.trust.signature import sign_desired
-from tasks.deploy.trust.tuf_names import CryptoSigner
-from tasks.storage.base.encoding import encode_document
+from tasks.deploy.robot.processes import Stop, StopRequested
+from tasks.deploy.trust.keyring import CryptoSigner
+from tasks.deploy.trust.signed_fleets import sign_desired
 from tasks.storage.base.keys import desired_key
+from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired
 from tests.deploy.robot.hostile.spoiled import BIG_BYTES, spoil
 from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked

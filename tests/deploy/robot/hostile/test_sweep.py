@@ -31,7 +31,7 @@ AGENT = """
 import sys, time
 from pathlib import Path
 from tasks.deploy.robot.processes import end_all, reap_orphans, start
-from tasks.deploy.robot.sweep import adopt_orphans, orphans
+from tasks.deploy.robot.processes import adopt_orphans, orphans
 adopt_orphans()
 root = Path(sys.argv[1])
 running = start(["/bin/sh", "-c", sys.argv[2]], root, {"PATH": "/usr/bin:/bin"}, root, root / "log")

@@ -8,10 +8,10 @@ import pytest
 from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.robots import read_desired
+from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.fleet.states import Desired
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import bundle_key, desired_key
+from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import NAME, desired
 from tests.deploy.trust.signed_fleet import NEWER, OLDER, CarefulRobot, Owner, asked, refused
 from tests.deploy.yard import Yard

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 from junitparser import JUnitXml
 
-from flows.ci.run_files import AskedRun
-from flows.cli.document.ci_answers import CiWishes, run_for_ci
-from flows.cli.output import TerminalConsole, echo, echo_json
+from flows.cli.run_command import AskedRun, CiWishes, run_for_ci
+from flows.cli.terminal import TerminalConsole, echo, echo_json
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed

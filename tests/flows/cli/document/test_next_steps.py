@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.document import next_steps as next_steps_module
-from flows.cli.document.next_steps import next_steps
+from flows.cli import ci_report as next_steps_module
+from flows.cli.ci_report import next_steps
 from specs.data.run_report import PipelineReport, StageReport
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import Evidence

@@ -4,7 +4,7 @@ import io
 
 from rich.console import Console
 
-from flows.cli.document.progress_bars import ProgressLines, progress_bars
+from flows.cli.run_command import ProgressLines, progress_bars
 
 
 class Clock:

@@ -11,10 +11,10 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from flows.cli.document import run_command
+from flows.cli import run_command
 from flows.cli.shell import app
-from flows.server import prefect_server as server_module
-from flows.server.prefect_server import prefect_server
+from flows.prefect import prefect_server as server_module
+from flows.prefect.prefect_server import prefect_server
 from specs.errors import DocumentError, StageFailed
 from specs.pipeline.document import PipelineSpec
 from tasks.server.health import succeeds_within
@@ -25,7 +25,7 @@ from tests.repository import ROOT
 _PREPARE = """
 import json, sys
 from pathlib import Path
-from flows.cli.document.run_command import _prepare_engine
+from flows.cli.run_command import _prepare_engine
 from tasks.documents.pipeline_file import read_pipeline
 
 _prepare_engine(read_pipeline(Path(sys.argv[1])))
@@ -89,7 +89,7 @@ def test_a_run_prepares_what_its_document_computes_with(document: str, computes_
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     modules = set(json.loads(ended.stdout))
     assert modules & {"jax", "mujoco", "scipy"} == computes_with
-    assert {"flows.pipeline", "prefect.flow_engine", "prefect.task_engine"} <= modules
+    assert {"flows.prefect.flows", "prefect.flow_engine", "prefect.task_engine"} <= modules
 
 
 def test_a_document_with_faults_is_refused_before_a_server_is_chosen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -9,8 +9,7 @@ from typer.testing import CliRunner, Result
 from flows.cli.shell import app
 from specs.arn import arn
 from specs.errors import DocumentError, ResourceNotFound
-from tasks.deploy.fleet.fleets import create_fleet, fleets
-from tasks.deploy.fleet.robots import members, robots
+from tasks.deploy.fleet.fleet_registry import create_fleet, fleets, members, robots
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 from tests.deploy.puppets import PuppetRobots, run

@@ -8,9 +8,9 @@ from typer.testing import CliRunner, Result
 from flows.cli.shell import app
 from specs.arn import arn
 from specs.errors import DocumentError, TrustRefused
-from tasks.deploy.fleet.fleets import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.trust.signed_fleets import SignedFleets
 from tasks.deploy.trust.signer import open_signer
-from tasks.deploy.trust.vouched_fleets import VouchedFleets
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
@@ -25,7 +25,7 @@ def _fleet(store: Store, *arguments: str, typed: str = "", **environment: str) -
     return CliRunner().invoke(app, argv, input=typed, catch_exceptions=False, env=environment)
 
 
-def _vouched(store: Store, folder: Path) -> VouchedFleets:
+def _vouched(store: Store, folder: Path) -> SignedFleets:
     return open_signer(store, folder).fleets()
 
 

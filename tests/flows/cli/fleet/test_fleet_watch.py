@@ -7,18 +7,16 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
-from flows.cli.fleet.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
+from flows.cli.fleet_watch import ABANDONED, deployment_table, fleet_notes, next_deployment, watch_deployment
 from flows.cli.shell import app
 from specs.errors import StageFailed
 from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
-from tasks.deploy.answers.describe import describe_deployment_job
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import read_reported
+from tasks.deploy.fleet.fleet_registry import create_fleet, read_reported
+from tasks.deploy.fleet_descriptions import describe_deployment_job
 from tasks.deploy.rollout.operator_commands import steer, wish_of
-from tasks.storage.base.encoding import encode_document
 from tasks.storage.base.keys import claim_key, reported_key
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim_state import ClaimWatch
+from tasks.storage.base.store import Store, encode_document
+from tasks.storage.jobs.claim import ClaimWatch
 from tasks.storage.jobs.records import JobRecord, advance, read
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard

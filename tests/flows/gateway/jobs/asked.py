@@ -6,14 +6,12 @@ from typing import Any
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.arn import ResourceKind, arn, parse_reference
-from specs.digest import canonical_document, canonical_json
-from specs.interface.operations import OPERATIONS
-from specs.interface.shapes import shapes
+from specs.base import canonical_document, canonical_json
 from specs.robomaker.deployment import CreateDeploymentJobRequest
+from specs.robomaker.operations import OPERATIONS, shapes
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle, resolve
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.rollout.resolved_request import plan_deployment
 from tasks.documents.parse import parse
 from tasks.storage.base.keys import world_key
@@ -21,7 +19,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import leave_queue
 from tasks.storage.jobs.records import advance, read
 from tasks.storage.store_url import store_id
-from tasks.storage.templates.named_templates import create_template
+from tasks.storage.templates import create_template
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from flows.gateway.jobs.quota import SINGLE, require_place
+from flows.gateway.admission import SINGLE, require_place
 from specs.errors import ConcurrentDeployment, DocumentError, LimitExceeded, SimyardError
-from specs.interface.quotas import SIMULATION_JOBS
-from tasks.simulate.batch.job import KIND as BATCH
+from specs.robomaker.operations import SIMULATION_JOBS
+from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs

@@ -10,8 +10,8 @@ from specs.errors import (
     ResourceNotFound,
 )
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.deletion import delete_fleet
-from tasks.deploy.fleet.fleets import read_fleet
+from tasks.deploy.fleet.fleet_registry import read_fleet
+from tasks.deploy.fleet.reservation import delete_fleet
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.operator_commands import wish_of
 from tasks.storage.base.keys import job_key

@@ -8,9 +8,9 @@ import pytest
 from botocore import xform_name
 from botocore.exceptions import ClientError
 
-from flows.gateway.jobs.handlers import HANDLERS
+from flows.gateway.handlers import _JOB_HANDLERS
 from specs.errors import SimyardError, StoreAway, StoreError, StoreThrottled
-from specs.interface.operations import OPERATIONS, ErrorName
+from specs.robomaker.operations import OPERATIONS, ErrorName
 from tests.factories.gateway.robomaker_client import client_of, running_application
 from tests.flows.gateway.jobs.asked import Asked
 
@@ -76,7 +76,7 @@ def prepared(asked: Asked, tmp_path: Path) -> Generator[Prepared]:
 
 def cases(*wanted: ErrorName) -> list[Any]:
     """Returns each operation about jobs with each of these errors that it documents."""
-    found = [(name, error) for name in sorted(HANDLERS) for error in OPERATIONS[name].errors if error in wanted]
+    found = [(name, error) for name in sorted(_JOB_HANDLERS) for error in OPERATIONS[name].errors if error in wanted]
     return [pytest.param(*each, id="-".join(each)) for each in found]
 
 
@@ -178,4 +178,4 @@ def test_every_documented_error_has_a_test():
         "LimitExceeded",
         "ConcurrentDeployment",
     }
-    assert {error for name in HANDLERS for error in OPERATIONS[name].errors} == tested
+    assert {error for name in _JOB_HANDLERS for error in OPERATIONS[name].errors} == tested

@@ -11,7 +11,7 @@ HEAVY = {"prefect", "jax", "jaxlib", "mujoco", "pyarrow", "numpy", "scipy", "tri
 CODE = """
 import json, sys
 from flows.gateway.application import Application
-from flows.gateway.calls import Calls
+from flows.gateway.application import Calls
 from tasks.storage.store_url import open_store
 from tests.flows.gateway.jobs.asked import Asked, asked_for_everything
 

@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound
+from tasks.simulate.batch.batch_record import KIND as BATCH
+from tasks.simulate.batch.batch_record import load_batch
 from tasks.simulate.batch.chunk_store import begin_chunk
-from tasks.simulate.batch.job import KIND as BATCH
-from tasks.simulate.batch.job import load_batch
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.queue import is_queued, queued_jobs
 from tasks.storage.jobs.records import advance, read

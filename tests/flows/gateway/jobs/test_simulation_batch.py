@@ -3,8 +3,8 @@
 import pytest
 
 from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound
-from tasks.simulate.batch.job import KIND as BATCH
-from tasks.simulate.batch.job import load_batch
+from tasks.simulate.batch.batch_record import KIND as BATCH
+from tasks.simulate.batch.batch_record import load_batch
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance
 from tests.flows.gateway.jobs.asked import Asked, path

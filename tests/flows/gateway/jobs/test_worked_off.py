@@ -9,12 +9,11 @@ from typing import Any
 
 import pytest
 
-from flows.queue.crew import Crew
+from flows.queue.supervisor import QueueWorkers
 from specs.arn import parse_reference
-from specs.data.outcome_tags import OUTCOME
+from specs.data.outcomes import OUTCOME
 from tasks.applications.registry import publish_bundle
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tests.deploy.yard import FLEET, Yard, eventually, kill
@@ -53,7 +52,7 @@ def scenario(environment):
 @pytest.fixture
 def client(file_store: Store, tmp_path: Path, prefect_server: str) -> Generator[Any]:
     """A client of a gateway whose worker uses the tests' Prefect server."""
-    with Crew(file_store.url), running_application(file_store) as send:
+    with QueueWorkers(file_store.url), running_application(file_store) as send:
         yield client_of(send, tmp_path / "models")
 
 

@@ -11,7 +11,7 @@ from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from tasks.storage.jobs.queue import is_queued, leave_queue
 from tasks.storage.jobs.records import advance, read
-from tasks.storage.templates.named_templates import read_body
+from tasks.storage.templates import read_body
 from tasks.worlds.step import generate_worlds
 from tests.factories.gateway.old_records import fail_with_code
 from tests.flows.gateway.jobs.asked import ROLE, Asked, path

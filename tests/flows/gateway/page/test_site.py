@@ -13,7 +13,7 @@ import pytest
 
 from flows.gateway.page.site import Site, answer_page
 from specs.arn import Reference
-from tasks.gateway.messages import HttpAnswer, HttpRequest
+from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.store_url import open_store
 from tasks.storage.tags import change_tags, with_tags
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store

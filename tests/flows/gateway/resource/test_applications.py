@@ -12,7 +12,7 @@ import pytest
 
 from specs.errors import DocumentError, LimitExceeded, ResourceAlreadyExists, ResourceNotFound
 from specs.robomaker.bundle import VERSIONS_AT_MOST
-from tasks.applications.pack import pack
+from tasks.applications.registry import pack
 from tasks.applications.versions import read_application
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import records

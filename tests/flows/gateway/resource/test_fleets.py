@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 from specs.errors import ConcurrentDeployment, DocumentError, LimitExceeded, ResourceAlreadyExists, ResourceNotFound
-from tasks.deploy.fleet.fleets import create_fleet
-from tasks.deploy.fleet.robots import create_robot, members, read_robot, register_robot
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, members, read_robot, register_robot
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import open_signer
 from tasks.storage.base.keys import fleet_key

@@ -7,7 +7,7 @@ import pytest
 
 from specs.errors import LimitExceeded, ResourceAlreadyExists
 from tasks.storage.base.store import Store
-from tasks.storage.templates.named_templates import named_templates
+from tasks.storage.templates import named_templates
 from tests.flows.gateway.jobs.asked import TEMPLATE, Asked
 from tests.flows.gateway.resource.test_tags import BORN, a_robot, a_robot_application, a_template, a_world
 

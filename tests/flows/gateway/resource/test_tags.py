@@ -6,8 +6,8 @@ import pytest
 
 from specs.errors import DocumentError, ResourceNotFound
 from specs.template.body import TemplateBody
-from tasks.deploy.fleet.robots import read_robot
-from tasks.storage.templates.named_templates import keep_body
+from tasks.deploy.fleet.fleet_registry import read_robot
+from tasks.storage.templates import keep_body
 from tests.flows.gateway.jobs.asked import TEMPLATE, Asked
 from tests.flows.gateway.resource.test_worlds import generation
 

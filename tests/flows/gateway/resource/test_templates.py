@@ -14,7 +14,7 @@ from specs.errors import (
 )
 from specs.template.body import TemplateBody
 from tasks.storage.buckets import open_bucket
-from tasks.storage.templates.named_templates import keep_body
+from tasks.storage.templates import keep_body
 from tests.flows.gateway.jobs.asked import Asked
 from tests.worlds.templates import SAMPLES
 

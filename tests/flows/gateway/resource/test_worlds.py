@@ -5,15 +5,15 @@ from typing import cast
 import pytest
 from pydantic import JsonValue
 
-from specs.digest import canonical_document, canonical_json
+from specs.base import canonical_document, canonical_json
 from specs.errors import ResourceNotFound
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import tags_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
 from tasks.storage.jobs.runs import jobs_of
-from tasks.worlds.job.list_pages import list_worlds
-from tasks.worlds.job.world_deletion import delete_worlds
+from tasks.worlds.job.stored_worlds import delete_worlds
+from tasks.worlds.job.world_answers import list_worlds
 from tests.factories.worlds import apartment
 from tests.flows.gateway.jobs.asked import Asked
 

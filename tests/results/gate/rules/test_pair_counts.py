@@ -3,9 +3,8 @@
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
-from tasks.results.gate.rules.pair_counts import PairCounts, count_pairs
-from tasks.results.statistics.pairs import both_ended, drives
-from tasks.results.tables.tables import results_table
+from tasks.results.gate.version_pairs import PairCounts, both_ended, count_pairs, drives
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import ROBOT, SCENARIO, canceled, collided, crashed, passed, request
 
 WORLDS = {"wgj-1/world-1-1": "c" * 64, "wgj-2/again": "c" * 64, "wgj-1/other": "d" * 64}

@@ -2,8 +2,8 @@
 
 import pytest
 
-from tasks.results.gate.rules.power_lines import worth_line
 from tasks.results.gate.rules.rule import PlannedEpisodes
+from tasks.results.gate.rules.rule_answers import worth_line
 
 
 @pytest.mark.parametrize(("icc", "said"), [(2.1e-17, "0"), (0.0, "0"), (0.05, "0.05"), (0.123, "0.12"), (None, "0.05")])

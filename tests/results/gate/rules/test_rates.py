@@ -9,13 +9,12 @@ from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
-from tasks.results.gate.gate import GateVerdict, judge
-from tasks.results.gate.rules.pair_counts import count_pairs
-from tasks.results.gate.rules.rates import cuts, over_worlds
+from tasks.results.gate.gate_verdict import GateVerdict, judge
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share
-from tasks.results.statistics.pairs import Drive
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
-from tasks.results.tables.tables import results_table
+from tasks.results.gate.rules.rule_answers import cuts, rate_interval_over_worlds
+from tasks.results.gate.version_pairs import Drive, count_pairs
+from tasks.results.statistics.over_worlds import rate_over_worlds
+from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import canceled, collided, counted, crashed, passed, request
 
 HERE: dict[str, object] = {"successRate": {"atLeast": 0.5}}
@@ -138,7 +137,7 @@ def test_whatever_the_unknown_episodes_were_their_interval_is_within(found: list
     worlds = [Share(shown, unknown, shown + unknown + rest) for shown, unknown, rest in found if shown + unknown + rest]
     if len(worlds) < 2:
         return
-    whole = over_worlds(worlds, 0.95)
+    whole = rate_interval_over_worlds(worlds, 0.95)
     guess = [share.shown + random.randint(0, share.unknown) for share in worlds]
     one = rate_over_worlds(guess, [share.n for share in worlds], 0.95)
     assert whole.lower <= one.lower + 2e-3

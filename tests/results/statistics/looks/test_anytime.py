@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from jaxtyping import Bool, Int
 
+from tasks.results.statistics.anytime import confidence_sequence, log_capital_above, log_capital_below
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.looks.anytime import confidence_sequence, log_capital_above, log_capital_below
 
 BATCHES, EPISODES, ALPHA = 2_000, 384, 0.05
 counts = st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))

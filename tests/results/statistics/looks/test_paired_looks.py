@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tasks.results.statistics.interim_analyses import difference_tail, paired_interval
 from tasks.results.statistics.intervals import Interval, paired_difference
-from tasks.results.statistics.looks.paired_looks import difference_tail, paired_interval
 
 LOOKS = (16, 32, 48, 64)
 pairs = st.sampled_from(LOOKS).flatmap(

@@ -7,9 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tasks.results.statistics.interim_analyses import (
+    Boundary,
+    boundary,
+    chances_between,
+    inner_interval,
+    looks_of,
+    repeated_interval,
+    tested_shares,
+)
 from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.looks.repeated_interval import inner_interval, repeated_interval, tested_shares
-from tasks.results.statistics.looks.stopped_batch import Boundary, boundary, chances_between, looks_of
 
 SCHEDULES = ((40,), (8, 16, 24, 32, 40), (5, 13, 40), (30, 35, 40))
 seen = st.sampled_from([(look, at) for at in SCHEDULES for look in at]).flatmap(

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.statistics.looks.spent_error import nominal_levels, spent_error
+from tasks.results.statistics.interim_analyses import nominal_levels, spent_error
 
 looks = st.lists(st.integers(1, 400), min_size=1, max_size=12, unique=True).map(sorted).map(tuple)
 

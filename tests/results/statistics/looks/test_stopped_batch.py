@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tasks.results.statistics.looks.stopped_batch import boundary, chances, looks_of, passes_after
+from tasks.results.statistics.interim_analyses import boundary, chances, looks_of, passes_after
 
 
 def test_a_batch_is_looked_at_after_each_chunk_and_at_its_end():

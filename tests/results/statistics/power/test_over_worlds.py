@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from tasks.results.statistics.power.over_worlds import needed_nearness, student_quantile, world_needs
-from tasks.results.statistics.worlds.nearness import nearness
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds, rates_shown
+from tasks.results.statistics.dirichlet_multinomial import likelihood_drop
+from tasks.results.statistics.over_worlds import rate_over_worlds, rates_shown
+from tasks.results.statistics.power import needed_nearness, student_quantile, world_needs
 
 
 @pytest.mark.parametrize(("rate", "icc", "per_world", "worlds"), [(0.95, 0.1, 8, 48), (0.98, 0.05, 8, 28)])
@@ -47,5 +47,5 @@ def test_students_quantile_is_scipys(freedom: int):
 @pytest.mark.parametrize("confidence", [0.8, 0.95, 0.999])
 @pytest.mark.parametrize(("worlds", "bad"), [(4, 0), (8, 3), (48, 48), (400, 37)])
 def test_bounds_are_planned_as_near_as_the_gate_has_them(confidence: float, worlds: int, bad: int):
-    judged = float(nearness(np.array([float(bad)]), worlds, confidence)[0])
+    judged = float(likelihood_drop(np.array([float(bad)]), worlds, confidence)[0])
     assert needed_nearness(confidence, worlds, bad) == pytest.approx(judged, rel=1e-6)

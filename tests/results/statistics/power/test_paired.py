@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import binom
 
 from tasks.results.statistics.intervals import paired_difference
-from tasks.results.statistics.power.paired import pair_needs, pair_power
+from tasks.results.statistics.power import pair_needs, pair_power
 
 Z = 1.959963984540054
 

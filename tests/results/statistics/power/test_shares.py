@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import binom
 
 from tasks.results.statistics.intervals import quantile_ranks, wilson
-from tasks.results.statistics.power.shares import at_most, effective_episodes, quantile_needs, share_needs
+from tasks.results.statistics.power import at_most, effective_episodes, quantile_needs, share_needs
 
 
 def share_power(n: int, bar: float, rate: float) -> float:

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from benchmarks.statistics.differences import Draw, apart, together
 from tasks.results.statistics.intervals import Interval, paired_difference
-from tasks.results.statistics.worlds.difference_over_worlds import difference_over_worlds, differences_shown
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
+from tasks.results.statistics.over_worlds import difference_over_worlds, differences_shown, rate_over_worlds
 
 world = st.integers(1, 12).flatmap(
     lambda n: st.integers(0, n).flatmap(lambda won: st.tuples(st.just(won), st.integers(0, n - won), st.just(n)))

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaln
 from scipy.stats import betabinom, dirichlet_multinomial
 
-from tasks.results.statistics.worlds.dirichlet_multinomial import SPREADS, peak, profile, tails
+from tasks.results.statistics.dirichlet_multinomial import SPREADS, peak, profile, tails
 
 counts = st.integers(2, 6).flatmap(
     lambda worlds: st.lists(st.integers(0, 12), min_size=worlds, max_size=worlds).filter(

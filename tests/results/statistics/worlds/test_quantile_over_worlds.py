@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tasks.results.statistics.intervals import Interval, quantile_interval
-from tasks.results.statistics.worlds.quantile_over_worlds import quantile_over_worlds
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds
+from tasks.results.statistics.over_worlds import quantile_over_worlds, rate_over_worlds
 
 worlds = st.lists(st.lists(st.integers(0, 40).map(float), min_size=1, max_size=8), min_size=5, max_size=8)
 few = settings(max_examples=10)

@@ -9,7 +9,7 @@ from scipy.stats import betabinom, binom, chi2, t
 from benchmarks.statistics.rates import shown
 from benchmarks.statistics.simulated_worlds import beta
 from tasks.results.statistics.intervals import Interval, wilson
-from tasks.results.statistics.worlds.rate_over_worlds import rate_over_worlds, rates_shown
+from tasks.results.statistics.over_worlds import rate_over_worlds, rates_shown
 
 worlds = st.lists(
     st.integers(1, 20).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))), min_size=2, max_size=9

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.statistics.simulated_worlds import beta
-from tasks.results.statistics.worlds.refusal import why_refused
-from tasks.results.statistics.worlds.world_spread import world_spread
+from tasks.results.statistics.over_worlds import why_refused, world_spread
 
 
 def test_the_correlation_is_that_of_the_analysis_of_variance():

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.launch.installation import RosInstallation
+from tasks.ros.launch.packages import RosInstallation
 from tests.ros.graph.episode import Episode
 from tests.ros.graph.noetic.ros_episode import RosEpisode
 

@@ -10,9 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tasks.ros.message import motion_message, sensor_message
-from tasks.ros.message.motion_message import PlanarTwist
-from tasks.ros.message.stamp import stamp
+from tasks.ros.message import ros_messages
+from tasks.ros.message.ros_messages import PlanarTwist, stamp
 from tests.ros.graph.episode import Episode
 
 PYTHON = "/usr/bin/python3"
@@ -96,11 +95,11 @@ class RosEpisode:
             assert time.monotonic() < ends, (self.graph.failure, self.graph.unconnected(), self.commands[-3:])
             self._time_ns += _STEP_NS
             now = stamp(self._time_ns)
-            self.graph.publish("/clock", motion_message.clock(now))
-            scan = sensor_message.laser_scan(
+            self.graph.publish("/clock", ros_messages.clock(now))
+            scan = ros_messages.laser_scan(
                 1, now, "laser", ranges_m, angle_min=0.0, angle_increment=0.1, range_max=8.0, scan_s=0.02
             )
             self.graph.publish("/scan", scan)
             self._episode.loop.run_until_complete(asyncio.sleep(0.01))
-            self.commands += [motion_message.read_twist(data) for _, data in self.graph.take()]
+            self.commands += [ros_messages.read_twist(data) for _, data in self.graph.take()]
         assert not self.graph.failure

@@ -8,12 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.ros.graph.graph_name import GraphNameError, check_name, resolve
-from tasks.ros.graph.wire import xml_rpc
-from tasks.ros.graph.wire.connection_header import HeaderError, take_header, write_header
-from tasks.ros.graph.wire.http import HttpError, parse_head
-from tasks.ros.graph.wire.node_call import node_port
-from tasks.ros.graph.wire.xml_rpc import Value, XmlRpcError
+from tasks.ros.graph import xml_rpc
+from tasks.ros.graph.parameter_tree import GraphNameError, check_name, resolve
+from tasks.ros.graph.topic import HeaderError, take_header, write_header
+from tasks.ros.graph.xml_rpc import HttpError, Value, XmlRpcError, node_port, parse_head
 
 KEYS = st.text(max_size=20).filter(lambda key: "=" not in key)
 # XML 1.0 has no control characters, and reads a carriage return as the end of a line.

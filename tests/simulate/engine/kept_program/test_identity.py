@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.engine.kept_program.identity import applications_identity
+from tasks.simulate.engines.program_cache import applications_identity
 from tests.factories.simulations import FOLDERS, ROBOT, SCENARIO
 
 LAUNCHES = (ROBOT, SCENARIO)

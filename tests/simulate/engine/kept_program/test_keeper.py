@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.kept_program import keeper as keeping
-from tasks.simulate.engine.kept_program.keeper import ProgramKeeper, use_program_folder
-from tasks.simulate.engine.program import lane_mesh, lane_sharding, split_over
+from tasks.simulate.engines import program_cache as keeping
+from tasks.simulate.engines.program import lane_mesh, lane_sharding, split_over
+from tasks.simulate.engines.program_cache import ProgramCache, use_cache_folder
 
 MESH = lane_mesh()
 LANES = 8 * MESH.size
@@ -23,7 +23,7 @@ INPUTS = np.linspace(0.0, 1.0, LANES * 3, dtype=np.float32).reshape(LANES, 3)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of kept programs of the test's own."""
     monkeypatch.setattr(keeping, "_folders", [])
-    use_program_folder(tmp_path / "kept")
+    use_cache_folder(tmp_path / "kept")
     return tmp_path / "kept"
 
 
@@ -48,7 +48,7 @@ def put(inputs: np.ndarray) -> jax.Array:
 def run(function: Counted, identity: str = "one", name: str = "f", inputs: np.ndarray = INPUTS) -> object:
     """Runs a function as a new process would: by a keeper and a jit of its own."""
     whole = split_over(MESH, function, 1)
-    return jax.jit(ProgramKeeper(lane_sharding(MESH), identity).kept(name, whole))(put(inputs))
+    return jax.jit(ProgramCache(lane_sharding(MESH), identity).kept(name, whole))(put(inputs))
 
 
 def traced(**other: object) -> int:
@@ -170,17 +170,17 @@ def test_two_at_once_both_run():
 
 def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path: Path):
     (tmp_path / "file").write_text("no folder")
-    use_program_folder(tmp_path / "file" / "kept")
+    use_cache_folder(tmp_path / "file" / "kept")
     function = Counted()
     run(function)
     assert function.traces > 0
 
 
 def test_a_check_that_was_passed_is_known_for_its_shapes_and_values():
-    keeper = ProgramKeeper(lane_sharding(MESH), "one")
+    keeper = ProgramCache(lane_sharding(MESH), "one")
     assert not keeper.passed("check", INPUTS, [1.0])
     keeper.note("check", INPUTS, [1.0])
     assert keeper.passed("check", INPUTS + 1, [1.0])
     assert not keeper.passed("check", INPUTS, [2.0])
     assert not keeper.passed("check", INPUTS[:1], [1.0])
-    assert not ProgramKeeper(lane_sharding(MESH), "two").passed("check", INPUTS, [1.0])
+    assert not ProgramCache(lane_sharding(MESH), "two").passed("check", INPUTS, [1.0])

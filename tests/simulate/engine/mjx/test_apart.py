@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.mjx.apart import mended
+from tasks.simulate.engines.mjx.mjx_engine import mended
 
 
 @pytest.mark.parametrize("lanes", [3, 8, 40, 100])

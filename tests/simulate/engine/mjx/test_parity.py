@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import World
-from tasks.simulate.chunk.episodes import ready_chunk
+from tasks.simulate.chunk.chunk_simulation import ready_chunk
 from tests.factories.simulations import FAULTY, FOLDERS, pushing
 from tests.simulate.conftest import PUSHER_LANES
 from tests.simulate.reference import reference_model, replay

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.mjx.small_algebra import written_out
+from tasks.simulate.engines.mjx.small_algebra import written_out
 
 MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]], np.float32)
 RIGHT = np.array([1.0, -2.0, 0.5], np.float32)

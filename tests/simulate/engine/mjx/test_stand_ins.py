@@ -6,8 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.application.robot_mjcf import compile_robot, read_robot_mjcf
-from tasks.simulate.engine.mjx.stand_ins import with_stand_ins
+from tasks.simulate.application.robot_model import compile_robot, read_robot_mjcf
+from tasks.simulate.engines.mjx.mjx_limits import with_stand_ins
 
 ROBOT = """<mujoco><option timestep="0.005"/><worldbody><body name="b" pos="0 0 0.1">
 <joint name="x" type="slide" axis="1 0 0"/><joint name="y" type="slide" axis="0 1 0"/>

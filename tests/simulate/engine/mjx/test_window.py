@@ -6,11 +6,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.engine.mjx.model import BOX_SLOTS, CYLINDER_SLOTS, RobotModel, load_robot
-from tasks.simulate.engine.mjx.window import nearest_obstacles, with_window
-from tasks.simulate.surroundings.hull_distance import hull_distance_m
-from tasks.simulate.surroundings.hull_outline import HullPart
-from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
+from tasks.simulate.engines.mjx.mjx_robot import (
+    BOX_SLOTS,
+    CYLINDER_SLOTS,
+    RobotModel,
+    load_robot,
+    nearest_obstacles,
+    with_window,
+)
+from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.geometry.hull_outline import HullPart
+from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
 from tests.factories.simulations import COURIER, FOLDERS, cluttered
 
 OBSTACLES = pad_obstacles([obstacles(cluttered(3), 0.02, 0.38)])[0]

@@ -9,8 +9,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.engine.mujoco.model import host_robot, world_model, world_models
-from tasks.simulate.engine.mujoco.stepper import Stepper, _no_log
+from tasks.simulate.engines.mujoco.world_stepper import Stepper, _no_log, host_robot, world_model, world_models
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FAULTY, FOLDERS, cluttered, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES

@@ -8,11 +8,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.planar.algebra import Planar
-from tasks.simulate.engine.planar.contact import bearing, contact, edges, touch
-from tasks.simulate.engine.planar.model import planar_robot
-from tasks.simulate.engine.planar.parts import Disc
-from tasks.simulate.engine.planar.window import window
+from tasks.simulate.engines.planar.disc_contact import bearing, contact, edges, touch, window
+from tasks.simulate.engines.planar.planar_algebra import Planar
+from tasks.simulate.engines.planar.planar_robot import Disc, planar_robot
 from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, among, box, write_robot
 
 POSES = 400

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.application.motion import Body, Motion
-from tasks.simulate.engine.planar.algebra import Planar
-from tasks.simulate.engine.planar.engine import drive_among, first_body
-from tasks.simulate.engine.planar.fewest import among_fewest, few_counts, need
-from tasks.simulate.engine.planar.model import planar_robot
+from tasks.simulate.application.contract import Body, Motion
+from tasks.simulate.engines.planar.fewest import among_fewest, few_counts, need
+from tasks.simulate.engines.planar.planar_algebra import Planar
+from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
+from tasks.simulate.engines.planar.planar_robot import planar_robot
 from tests.factories.planar import CAPSULE, DRUM, ROUGH, Parts, box, write_robot
 
 LANES, STEPS = 16, 40
@@ -65,7 +65,7 @@ def test_a_step_among_few_has_the_bits_of_a_step_among_all(
 ):
     path = write_robot(tmp_path, parts)
     few = bumping(path)
-    monkeypatch.setattr("tasks.simulate.engine.planar.fewest.FEW", ())
+    monkeypatch.setattr("tasks.simulate.engines.planar.fewest.FEW", ())
     among_all = bumping(path)
 
     for one, other in zip(jax.tree.leaves(few), jax.tree.leaves(among_all), strict=True):

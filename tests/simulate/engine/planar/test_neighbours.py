@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from specs.data.world import World
-from tasks.simulate.chunk.episodes import ready_chunk
-from tasks.simulate.engine.compiled_program import CompiledRun, compiled_program
-from tasks.simulate.engine.planar.neighbours import Nearest, Neighbours, nearest, neighbours
-from tasks.simulate.surroundings.obstacles import Obstacles, pad_obstacles
+from tasks.simulate.chunk.chunk_simulation import ready_chunk
+from tasks.simulate.engines.compiled_program import CompiledRun, compiled_program
+from tasks.simulate.engines.planar.neighbours import Nearest, Neighbours, nearest, neighbours
+from tasks.simulate.geometry.obstacles import Obstacles, pad_obstacles
 from tests.factories.simulations import FOLDERS, pushing
 from tests.simulate.conftest import PUSHER_LANES
 

@@ -4,8 +4,8 @@ import jax
 import numpy as np
 import pytest
 
-from tasks.simulate.application.motion import Motion
-from tasks.simulate.engine.planar.parts import PlanarRobot
+from tasks.simulate.application.contract import Motion
+from tasks.simulate.engines.planar.planar_robot import PlanarRobot
 from tests.factories.planar import ROUGH, Obstacles, box, drive_planar, padded, read, write_robot
 
 pytestmark = pytest.mark.long

@@ -5,8 +5,8 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 
-from tasks.simulate.engine.planar.engine import drive_among, first_body
-from tasks.simulate.engine.planar.model import planar_robot
+from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
+from tasks.simulate.engines.planar.planar_robot import planar_robot
 from tests.factories.planar import write_robot
 
 LANES = 16

@@ -13,8 +13,8 @@ import pytest
 
 from specs.data.episode import CONTROL_S
 from specs.data.world import World
-from tasks.simulate.engine.planar.parts import PlanarRobot
-from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
+from tasks.simulate.engines.planar.planar_robot import PlanarRobot
+from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
 from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, drive_planar, read, write_robot
 from tests.factories.simulations import pen
 from tests.simulate.reference import reference_model

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.engine.planar.model import planar_robot
-from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.engines.planar.planar_robot import planar_robot
 from tests.factories.planar import CAPSULE, DRUM, MOTORS, Parts, write_robot
 
 ELSEWHERE = "or set engine: auto or mujoco"

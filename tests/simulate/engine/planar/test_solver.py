@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engine.planar.algebra import Planar, Symmetric
-from tasks.simulate.engine.planar.contact import Contact, Row
-from tasks.simulate.engine.planar.parts import DryFriction
-from tasks.simulate.engine.planar.solver import minimizer
+from tasks.simulate.engines.planar.disc_contact import Contact, Row
+from tasks.simulate.engines.planar.newton_solver import minimizer
+from tasks.simulate.engines.planar.planar_algebra import Planar, Symmetric
+from tasks.simulate.engines.planar.planar_robot import DryFriction
 
 PROBLEMS = 2000
 CONTACTS = 3
@@ -85,7 +85,7 @@ def test_forces_are_in_balance(dry: tuple[DryFriction, ...]):
 
 def test_full_steps_alone_would_not_get_there(monkeypatch: pytest.MonkeyPatch):
     """Guards the test above: its problems need the search along a step that goes too far."""
-    monkeypatch.setattr("tasks.simulate.engine.planar.solver._FULL_STEPS", 1000)
+    monkeypatch.setattr("tasks.simulate.engines.planar.newton_solver._FULL_STEPS", 1000)
     given = problems(np.random.default_rng(11))
     assert imbalance(given, DRY, found(given, DRY)).max() > 0.01
 

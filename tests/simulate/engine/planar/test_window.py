@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.engine.planar.window import Obstacle, distance_m, window
-from tasks.simulate.surroundings.obstacles import obstacles, pad_obstacles
+from tasks.simulate.engines.planar.disc_contact import Obstacle, distance_m, window
+from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
 from tests.factories.simulations import cluttered
 
 ALL = pad_obstacles([obstacles(cluttered(3), 0.02, 0.38)])[0]

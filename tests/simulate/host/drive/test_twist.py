@@ -9,11 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Float64
 
-from specs.bundle.ros_robot import DifferentialDrive, VelocityDrive
-from tasks.simulate.application.coordinates import coordinates_at, pose_of, velocity_of
-from tasks.simulate.application.robot_mjcf import base_of, compile_robot, read_robot_mjcf, rest_position
-from tasks.simulate.host.drive.twist import TwistMap, twist_map
-from tasks.simulate.refusal import RobotRefused
+from specs.bundle_files import DifferentialDrive, VelocityDrive
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_model import (
+    base_of,
+    compile_robot,
+    coordinates_at,
+    pose_of,
+    read_robot_mjcf,
+    rest_position,
+    velocity_of,
+)
+from tasks.simulate.host.twist_drive import TwistMap, twist_map
 
 _CONTROL_S, _SETTLE_STEPS, _MEASURED_STEPS = 0.05, 40, 20
 _SHIPPED = {

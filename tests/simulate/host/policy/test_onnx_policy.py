@@ -11,14 +11,14 @@ from onnx import helper, numpy_helper
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.application.code import BundleCrash
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host.controllers import HostBundle, HostControllers, HostStart
-from tasks.simulate.host.policy.lane_network import LaneNetwork
-from tasks.simulate.host.policy.onnx_policy import onnx_application
-from tasks.simulate.host.policy.policy_check import RobotNumbers, check_policy
+from tasks.simulate.host.onnx_policy import onnx_application
+from tasks.simulate.host.policy_check import RobotNumbers, check_policy
+from tasks.simulate.host.policy_network import LaneNetwork
 from tasks.simulate.plan.chunks import plan_chunks
-from tasks.simulate.sensor.sensors import sensors_of
+from tasks.simulate.sensors.sensor_table import sensors_of
 from tests.factories.policies import DECLARED, FILE, LAUNCH, POLICY, SHOWN, bundle, model, network, recurrent, weights
 from tests.factories.simulations import FOLDERS, pushing, simulate_lanes
 

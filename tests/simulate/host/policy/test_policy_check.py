@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 
-from tasks.simulate.host.policy.onnx_file import read_network
-from tasks.simulate.host.policy.policy_check import CheckedPolicy, RobotNumbers, check_policy
-from tasks.simulate.refusal import RobotRefused
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.host.policy_check import CheckedPolicy, RobotNumbers, check_policy, read_network
 from tests.factories.policies import DECLARED, FILE, SHOWN, bundle, model, network, recurrent, weights
 
 ROBOT = RobotNumbers(actuators=3, ranged=2, qpos=0, qvel=0)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.simulate.host.ros_lane.ros_home import RosHome, remove_abandoned
+from tasks.simulate.host.ros_controllers import RosHome, remove_abandoned
 
 
 @pytest.fixture(autouse=True)

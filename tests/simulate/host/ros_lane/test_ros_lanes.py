@@ -11,12 +11,11 @@ import pytest
 from specs.errors import StageFailed
 from tasks.ros.lockstep.exchange import Command, Launch, Sensed
 from tasks.simulate.application.contract import HostMap, Observation, Placement
+from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.host.controllers import HostBundle, HostStart
-from tasks.simulate.host.ros_application import ros_application
-from tasks.simulate.host.ros_lane.ros_lanes import LockstepMaker, RosLanes
+from tasks.simulate.host.ros_controllers import LockstepMaker, RosLanes, ros_application
 from tasks.simulate.lane.staging import Lane
-from tasks.simulate.sensor.sensors import read_sensors
-from tasks.simulate.surroundings.stages import Stage
+from tasks.simulate.sensors.sensor_table import read_sensors
 from tests.factories.simulations import delivery
 from tests.simulate.host.fake_lockstep import (
     CANCELS,
@@ -47,7 +46,7 @@ def _temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def lane(index: int, kind: str) -> Lane:
     request = delivery(index, world="hand/one").model_copy(update={"environment": {"KIND": kind, "SPEED": "0.30"}})
-    stage = Stage(touched=None, seen=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
+    stage = WorldArrays(touched=None, seen=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
     return Lane(request, stage, Placement(np.zeros(3), np.zeros((1, 2))), None)
 
 

@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.surroundings.obstacles import obstacles
-from tasks.simulate.surroundings.ways import open_floor as cells
-from tasks.simulate.surroundings.ways.open_floor import OpenFloor, has_room, is_open, open_floor
-from tasks.simulate.surroundings.ways.visibility import clearance_m, is_free, solids_of
+from tasks.simulate.geometry import free_floor as cells
+from tasks.simulate.geometry.free_floor import OpenFloor, clearance_m, has_room, is_free, is_open, open_floor, solids_of
+from tasks.simulate.geometry.obstacles import obstacles
 from tests.factories.simulations import cluttered, pen
 
 

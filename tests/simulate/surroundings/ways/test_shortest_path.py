@@ -10,9 +10,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from tasks.simulate.application.contract import Placement
-from tasks.simulate.surroundings.obstacles import Obstacles, obstacles, pad_obstacles
-from tasks.simulate.surroundings.ways.shortest_path import Ways, shortest_paths_m
-from tasks.simulate.surroundings.ways.visibility import clearance_m, solids_of
+from tasks.simulate.geometry.free_floor import clearance_m, solids_of
+from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
+from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tests.factories.simulations import cluttered, pen
 
 RADIUS_M = 0.2

@@ -16,11 +16,18 @@ from specs.job_kinds import JobKind
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import job_key, line_root_key, line_segment_key, lines_prefix
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.lines import job_lines, segments
-from tasks.storage.jobs.lines.job_lines import START, JobLines
-from tasks.storage.jobs.lines.marks import Mark, mark_of, mark_open, open_marks, unmark
-from tasks.storage.jobs.lines.removal import remove_lines
-from tasks.storage.jobs.lines.segments import Line, read_root
+from tasks.storage.jobs import index_segments, job_index
+from tasks.storage.jobs.index_segments import (
+    Line,
+    Mark,
+    mark_of,
+    mark_open,
+    open_marks,
+    read_root,
+    remove_lines,
+    unmark,
+)
+from tasks.storage.jobs.job_index import START, JobLines
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, records, submit
 from tasks.storage.store_url import open_store
 
@@ -74,7 +81,7 @@ def test_what_somebody_settles_while_a_list_begins_is_not_missed(
         listed(store)
         return open_marks(store, kind)
 
-    monkeypatch.setattr(job_lines, "open_marks", settled_before)
+    monkeypatch.setattr(job_index, "open_marks", settled_before)
     assert list(listed(file_store)) == [job.id, later.id]
 
 
@@ -91,9 +98,9 @@ def test_a_line_without_a_value_is_found_whatever_is_wanted(file_store: Store) -
     lines = [
         Line(Mark(number, f"j{number}"), {} if number == 1 else {"team": ("arms",)}, {}, {}) for number in (1, 0, 2)
     ]
-    root = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines).root
+    root = index_segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines).root
     assert [note.values for note in root.segments] == [{}]
-    of_team = segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines[1:]).root
+    of_team = index_segments.with_lines(file_store, _KIND, read_root(file_store, _KIND)[0], lines[1:]).root
     assert [note.values for note in of_team.segments] == [{"team": ("arms",)}]
 
 
@@ -117,7 +124,7 @@ def test_a_store_of_an_older_version_gets_its_lines_when_it_is_listed_first(stor
 def test_lines_are_filled_in_from_where_a_killed_process_left_them(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(job_lines, "_FILLED_AT_ONCE", 2)
+    monkeypatch.setattr(job_index, "_FILLED_AT_ONCE", 2)
     jobs = [ended(file_store, f"t{number}") for number in range(5)]
     forget_lines(file_store)
 
@@ -159,7 +166,7 @@ def test_damaged_lines_are_made_anew_from_the_records(store: Store) -> None:
         ended(store, f"t{number}")
     for damage in (b"{}x", b"[[1]]", None):
         listed(store)
-        segments.read_segment.cache_clear()
+        index_segments.read_segment.cache_clear()
         for note in read_root(store, _KIND)[0].segments:
             if damage is None:
                 store.delete(line_segment_key(_KIND, note.name))
@@ -173,7 +180,7 @@ def test_damaged_lines_are_made_anew_from_the_records(store: Store) -> None:
 def test_segments_are_cut_and_only_those_are_read_that_may_hold_what_is_wanted(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(segments, "SEGMENT_BYTES", 400)
+    monkeypatch.setattr(index_segments, "SEGMENT_BYTES", 400)
     for number in range(20):
         ended(file_store, f"t{number}", "Failed" if number == 7 else "Completed")
         if number % 3 == 0:
@@ -196,14 +203,14 @@ def test_the_job_of_who_was_slower_leaves_no_second_mark(file_store: Store) -> N
 def test_who_is_replaced_while_it_lists_goes_on_with_what_is_there(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(segments, "SEGMENT_BYTES", 400)
+    monkeypatch.setattr(index_segments, "SEGMENT_BYTES", 400)
     for number in range(8):
         ended(file_store, f"t{number}")
     listed(file_store)
     walk = JobLines(file_store, _KIND, line_of).found()
     first = next(walk).mark.id
     ended(file_store, "late")
-    segments.read_segment.cache_clear()
+    index_segments.read_segment.cache_clear()
     remove_lines(file_store, _KIND, frozenset({"nobody"}))
     for note in read_root(file_store, _KIND)[0].segments:
         _rewrite(file_store, note.name)
@@ -212,10 +219,10 @@ def test_who_is_replaced_while_it_lists_goes_on_with_what_is_there(
 
 def _rewrite(store: Store, name: str) -> None:
     base = read_root(store, _KIND)
-    change = segments.with_lines(store, _KIND, base[0], segments.read_segment(store, _KIND, name)[:1])
-    assert segments.swap_root(store, _KIND, base, change.root)
-    segments.remove_segments(store, _KIND, change.replaced)
-    segments.read_segment.cache_clear()
+    change = index_segments.with_lines(store, _KIND, base[0], index_segments.read_segment(store, _KIND, name)[:1])
+    assert index_segments.swap_root(store, _KIND, base, change.root)
+    index_segments.remove_segments(store, _KIND, change.replaced)
+    index_segments.read_segment.cache_clear()
 
 
 def forget_lines(store: Store) -> None:
@@ -297,7 +304,7 @@ class KilledAnywhere(RuleBasedStateMachine):
 
     @invariant()
     def lists_say_what_records_say(self) -> None:
-        segments.read_segment.cache_clear()
+        index_segments.read_segment.cache_clear()
         reader = cast("Store", Mortal(self.store, 0, death=StoreAccessDenied))
         assert listed(reader) == recorded(self.store)
 

@@ -7,9 +7,8 @@ import pytest
 from tasks.housekeeping.job import Ages
 from tasks.storage.base.keys import job_key, line_marks_prefix, lines_prefix
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.lines.job_lines import JobLines
-from tasks.storage.jobs.lines.marks import mark_of
-from tasks.storage.jobs.lines.segments import Line, read_root, read_segment
+from tasks.storage.jobs.index_segments import Line, mark_of, read_root, read_segment
+from tasks.storage.jobs.job_index import JobLines
 from tasks.storage.jobs.records import JobRecord, records
 from tests.housekeeping.yard import NOW, Yard, freed, later
 

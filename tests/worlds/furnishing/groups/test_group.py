@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from tasks.worlds.furnishing.groups.group import FurnitureGroup, Member, Zone, front_zone
-from tasks.worlds.geometry.boxes import Box, bounding_box
+from tasks.worlds.furnishing.groups import FurnitureGroup, Member, Zone, front_zone
+from tasks.worlds.geometry import Box, bounding_box
 
 BED = Member("Beds", (1.8, 2.0, 1.0))
 STAND = Member("Nightstands", (0.4, 0.4, 0.5), (1.1, -0.8), needed=False)

@@ -1,6 +1,6 @@
 """A kitchen's units stand in one order."""
 
-from tasks.worlds.furnishing.groups.kitchen_groups import ROW
+from tasks.worlds.furnishing.arrangements import ROW
 
 
 def test_a_row_begins_with_its_tall_end() -> None:

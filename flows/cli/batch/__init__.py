@@ -1,1 +1,0 @@
-"""The commands that look at finished batches. Only the shell imports it."""

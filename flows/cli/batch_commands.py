@@ -1,0 +1,354 @@
+"""The commands `replay`, `compare`, `shrink`, `report`, `gate` and `trend`. Each imports what it needs when it runs."""
+# ruff: noqa: PLC0415 - see above
+# ruff: noqa: PLC0415 - what it needs is imported when it runs
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.text import Text
+
+from flows.cli.terminal import NOT_PASSED, UNDECIDED, TerminalConsole, echo, echo_json, exit_code_of
+from specs.errors import SimyardError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from tasks.results.trend.trend_view import NightRow, TrendView
+
+
+def replay(
+    job: Annotated[
+        str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
+    ],
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
+    ] = None,
+    mcap: Annotated[
+        bool | None,
+        typer.Option(
+            "--mcap/--no-mcap", help="Write replay.mcap for Foxglove. Default: where simyard\\[mcap] is there."
+        ),
+    ] = None,
+    video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard\\[video].")] = False,
+    bag: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="rosbag|mcap-ros1|rosbag2",
+            help="Write a bag for ROS's tools; may be given several times; needs simyard\\[ros].",
+            show_default=False,
+        ),
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
+    from flows.batch.replay_episode import replay_job, wanted_files, write_files
+    from flows.cli.batch_text import show_replay
+    from tasks.storage.store_url import open_existing_store
+
+    wanted = wanted_files(mcap=mcap, video=video, bags=bag or ())
+    again = replay_job(open_existing_store(store), job)
+    show_replay(again, TerminalConsole())
+    folder = output or Path(f"replay-{again.job.replace('/', '-')}")
+    for path in write_files(again, folder, wanted):
+        echo(str(path))
+    if not again.same:
+        raise typer.Exit(NOT_PASSED)
+
+
+_Batch = Annotated[
+    str,
+    typer.Argument(
+        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id. BATCH@VERSION picks one of "
+        "several versions.",
+        show_default=False,
+    ),
+]
+
+
+def compare(
+    batch_a: _Batch,
+    batch_b: _Batch,
+    *,
+    margin: Annotated[float, typer.Option(min=0.0, max=1.0, help="How much lower B's success rate may be.")] = 0.02,
+    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Of the intervals.")] = 0.95,
+    output: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a map of each world with flips; none by default.", show_default=False),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    markdown: Annotated[bool, typer.Option("--markdown", help="Print a comment for a pull request.")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
+    from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
+    from flows.cli.batch_text import comparison_comment, show_comparison
+    from tasks.results.batch_comparison import comparison
+    from tasks.simulate.batch.provenance import unvouched_notice
+    from tasks.storage.store_url import open_existing_store
+
+    if as_json and markdown:
+        raise typer.BadParameter("one of --json and --markdown; a comment is no JSON document")
+    quiet, opened = as_json or markdown, open_existing_store(store)
+    first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
+    pairs = common_episodes(first, second)
+    found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
+    if as_json:
+        echo_json(found.model_dump_json(indent=2))
+    elif markdown:
+        echo(comparison_comment(first, second, found).rstrip())
+    else:
+        show_comparison(found, TerminalConsole())
+    for notice in filter(None, map(unvouched_notice, (first.work, second.work))):
+        echo(notice, err=True)
+    if output is not None and not pairs.flips:
+        echo(f"nothing was written to {output}: no episode came out differently", err=quiet)
+    elif output is not None:
+        output.mkdir(parents=True, exist_ok=True)
+        for each in flip_maps(first, second, pairs.flips):
+            path = output / f"flips-{each.world.replace('/', '-')}.svg"
+            path.write_text(each.svg, encoding="utf-8")
+            echo(str(path), err=quiet)
+    if found.answer != "NO WORSE":
+        raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
+
+
+def shrink(
+    job: Annotated[
+        str,
+        typer.Argument(
+            metavar="JOB", help="A simulation job that failed: its ARN, or <batch>/<index>.", show_default=False
+        ),
+    ],
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
+    ] = None,
+    budget: Annotated[int, typer.Option(min=2, max=100_000, help="How many episodes may be simulated.")] = 512,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case."""
+    from flows.batch.shrink import shrink_job, write_case
+    from tasks.storage.store_url import open_existing_store
+
+    found = shrink_job(open_existing_store(store), job, budget)
+    before, after = found.world, found.small_world
+    echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
+    echo(f"  failure    {found.likeness}")
+    echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
+    echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
+    echo(f"  world      {found.request.world} -> {found.small_request.world}")
+    for sentence in found.broken:
+        echo(f"  not guaranteed: {sentence}")
+    for path in write_case(found, output or Path(f"shrunk-{found.job.replace('/', '-')}")):
+        echo(str(path))
+
+
+def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
+    return " pieces, no single one of which can go" if minimal else " pieces; a larger --budget may leave fewer"
+
+
+def report(
+    arn: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id."
+        ),
+    ],
+    *,
+    show: Annotated[bool, typer.Option("--open", help="Open it in the browser.")] = False,
+    output: Annotated[
+        Path | None, typer.Option(help="File to write. Default: report.html beside the tables.", show_default=False)
+    ] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Write the report of a batch, one HTML file that needs nothing but itself, and print where it is."""
+    from flows.batch.batch_end import local_copy, write_report_page
+    from tasks.storage.store_url import open_existing_store
+
+    place = write_report_page(open_existing_store(store), arn, output)
+    echo(place.url)
+    if place.notice:
+        echo(place.notice, err=True)
+    if show:
+        typer.launch(local_copy(place).as_uri())
+
+
+_STYLES = {"PASS": "bold green", "FAIL": "bold red", "INCONCLUSIVE": "bold yellow"}
+
+
+def gate(
+    batch: Annotated[
+        str,
+        typer.Argument(metavar="BATCH", help="A simulation job batch or a run of a document: its ARN or id."),
+    ],
+    *,
+    document: Annotated[
+        Path, typer.Option("--document", help="The document whose section gate judges.", show_default=False)
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    junit: Annotated[Path | None, typer.Option(help="Write a JUnit file.", show_default=False)] = None,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Judge a batch that has ended by a document's gate, without simulating; 0 PASS, 1 FAIL, 4 INCONCLUSIVE."""
+    from flows.pipeline.judge_again import judge_again
+    from tasks.documents.pipeline_file import read_pipeline
+    from tasks.storage.store_url import open_existing_store
+
+    opened, spec = open_existing_store(store), read_pipeline(document)
+    with _told_of_failure(junit, spec.name, opened.url):
+        found = judge_again(opened, batch, spec)
+    if as_json:
+        echo_json(found.model_dump_json(indent=2))
+    else:
+        console = TerminalConsole()
+        for number, line in enumerate(found.lines()):
+            style = _STYLES[found.verdict] if number == 0 else "bold yellow" if line in found.warnings else ""
+            console.print(Text(line, style=style), soft_wrap=True)
+        echo(f"evidence {found.evidence.url}")
+        echo("this is a later judgement and ships nothing: to deploy, run the document")
+    if found.notice:
+        echo(found.notice, err=True)
+    code = {"PASS": 0, "FAIL": NOT_PASSED, "INCONCLUSIVE": UNDECIDED}[found.verdict]
+    if junit:
+        from flows.cli.ci_report import report_of_judgement
+        from flows.cli.run_command import write_asked_junit
+
+        write_asked_junit(junit, report_of_judgement(opened, spec, found, code))
+    raise typer.Exit(code)
+
+
+@contextmanager
+def _told_of_failure(junit: Path | None, document: str, store_url: str) -> Generator[None, None, None]:
+    """Leaves why in the JUnit file if the block fails, and never an older file."""
+    if junit is None:
+        yield
+        return
+    from flows.cli.ci_report import report_of_failure
+    from flows.cli.run_command import AskedRun, prepare_junit, write_asked_junit
+
+    asked = AskedRun(document, store_url)
+    prepare_junit(junit, asked)
+    try:
+        yield
+    except SimyardError as exc:
+        write_asked_junit(junit, report_of_failure(asked, exc, exit_code_of(exc)))
+        raise
+
+
+_SHOWN = 14
+_NUMBERS = {"counted", "worlds", "rate", "95 % interval"}
+
+
+def trend(
+    document: Annotated[
+        str, typer.Argument(metavar="[DOCUMENT-NAME]", help="Name of a document. Default: the store's only one.")
+    ] = "",
+    *,
+    since: Annotated[
+        datetime | None, typer.Option(formats=["%Y-%m-%d"], help="First day to show, in UTC.", show_default=False)
+    ] = None,
+    last: Annotated[int, typer.Option(min=0, help="How many nights to show; 0 for all.")] = 0,
+    world: Annotated[str, typer.Option(help="Only episodes in this world.", show_default=False)] = "",
+    version: Annotated[
+        str, typer.Option(help="Only episodes of this version, or of the bundle with this digest.", show_default=False)
+    ] = "",
+    variable: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="Only episodes with this value; may be repeated.", show_default=False),
+    ] = None,
+    measure: Annotated[
+        str, typer.Option(help="success, collision, or a column and a quantile: simulated_s:0.95.")
+    ] = "success",
+    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
+    output: Annotated[
+        Path | None, typer.Option(help="Write the page to this file, one HTML file.", show_default=False)
+    ] = None,
+    anew: Annotated[bool, typer.Option("--anew", help="Read all tables again; take nothing from the cache.")] = False,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+    ] = None,
+) -> None:
+    """Show a document's rates night by night, and where they changed."""
+    from flows.batch.trend_history import TrendAsked, find_trend
+    from tasks.results.trend.trend_series import Choice, parse_measure
+    from tasks.results.trend.trend_view import trend_page
+    from tasks.storage.store_url import open_existing_store
+
+    asked = TrendAsked(
+        document=document,
+        measure=parse_measure(measure),
+        choice=Choice(world, version, tuple(map(_variable, variable or ()))),
+        last=last,
+        since_s=since.replace(tzinfo=UTC).timestamp() if since else 0.0,
+        anew=anew,
+    )
+    view = find_trend(open_existing_store(store), asked)
+    if as_json:
+        echo_json(view.model_dump_json(indent=2, exclude={"whole", "multiples"}))
+    else:
+        _show_trend(view, TerminalConsole())
+    if view.notice:
+        echo(view.notice, err=True)
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_bytes(trend_page(view))
+        echo(output.resolve().as_uri(), err=as_json)
+
+
+def _variable(text: str) -> tuple[str, str]:
+    from specs.base import Fault
+    from specs.errors import DocumentError
+
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise DocumentError([Fault(path="--variable", value=repr(text), allowed="NAME=VALUE")], source="simyard")
+    return name, value
+
+
+def _show_trend(view: "TrendView", console: "Console") -> None:
+    from rich.table import Table
+    from rich.text import Text
+
+    chosen = f", {view.chosen}" if view.chosen else ""
+    table = Table(title=Text(f"{view.document}: {view.words}{chosen}"), title_justify="left", box=None, pad_edge=False)
+    for heading in ("night", "robot application", "counted", "worlds", "rate", "95 % interval", ""):
+        table.add_column(heading, justify="right" if heading in _NUMBERS else "left")
+    for row in reversed(view.rows[:_SHOWN]):
+        table.add_row(*map(Text, _cells(row)))
+    console.print(table)
+    console.print("Each rate is of that night's own worlds; of a hundred such intervals some five miss.")
+    if view.nights > _SHOWN:
+        console.print(f"{view.nights - _SHOWN:,} nights before them are not printed; --output and --json have more.")
+    for alarm in reversed(view.alarms):
+        console.print(Text(alarm.sentence, style="bold red" if alarm.fell else "bold green"), soft_wrap=True)
+    if not view.alarms:
+        console.print("No change was seen.")
+
+
+def _cells(row: "NightRow") -> tuple[str, ...]:
+    if row.rate is None or row.lower is None or row.upper is None:
+        return row.day, row.bundle, "", "", "", "", row.note
+    counted = f"{row.passed:,} of {row.episodes:,}"
+    interval = f"{100 * row.lower:.1f} to {100 * row.upper:.1f}"
+    return row.day, row.bundle, counted, f"{row.worlds:,}", f"{100 * row.rate:.1f} %", interval, row.note

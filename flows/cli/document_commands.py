@@ -1,0 +1,136 @@
+"""The commands `simyard run`, `plan` and `validate`. Each imports what it needs when it runs."""
+# ruff: noqa: PLC0415 - see above
+
+from collections.abc import Generator
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from flows.cli.terminal import TerminalConsole, echo, exit_code_of, show_report
+from specs.data.run_report import PipelineReport
+from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+
+Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
+StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+
+
+def run(
+    file: Document,
+    *,
+    store: StoreUrl = None,
+    direct: Annotated[
+        bool, typer.Option("--direct", help="Without a Prefect server: no pages, artifacts, events, or other workers.")
+    ] = False,
+    junit: Annotated[
+        Path | None, typer.Option(help="Write a JUnit file, however the run ends.", show_default=False)
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the whole report as one JSON document; all else goes to stderr.")
+    ] = False,
+) -> None:
+    """Run a document from its first section to its last; continues a run that was killed."""
+    from flows.prefect.prefect_server import server_in_reserve
+
+    with nullcontext() if direct else server_in_reserve():
+        _run_and_show(file, store, junit, as_json=as_json, direct=direct)
+
+
+def _run_and_show(file: Path, store: str | None, junit: Path | None, *, as_json: bool, direct: bool) -> None:
+    from flows.cli.run_command import AskedRun, CiWishes, run_for_ci
+    from tasks.storage.store_url import chosen_url
+
+    console = TerminalConsole(stderr=as_json)
+    wishes = CiWishes(file, AskedRun(_name(file), chosen_url(store)), junit, as_json)
+    try:
+        report = run_for_ci(wishes, lambda: _run(file, store, console, direct=direct))
+    except PipelineNotPassed as exc:
+        show_report(exc.report, console)
+        _show_next_steps(exc.report, store, console)
+        raise typer.Exit(exit_code_of(exc)) from exc
+    show_report(report, console)
+
+
+def _show_next_steps(report: PipelineReport, store: str | None, console: Console) -> None:
+    from flows.cli.ci_report import next_steps
+    from tasks.storage.store_url import open_store
+
+    try:
+        lines = next_steps(report, open_store(store))
+    except SimyardError as exc:  # the exit code is the run's, whatever the store says now
+        lines = [f"no next steps: {exc}"]
+    for line in lines:
+        console.print(line, soft_wrap=True, highlight=False)
+
+
+def _name(file: Path) -> str:
+    """Returns the document's name; the file's, if it holds no document."""
+    from tasks.documents.pipeline_file import read_pipeline
+
+    try:
+        return read_pipeline(file).name
+    except DocumentError:
+        return file.stem
+
+
+def _run(file: Path, store: str | None, console: Console, *, direct: bool) -> PipelineReport:
+    from tasks.documents.pipeline_file import read_pipeline
+
+    spec = read_pipeline(file)
+    with _name_file(file):
+        if direct:
+            from flows.cli.run_command import run_directly as run_document
+        else:
+            from flows.cli.run_command import run_document
+        return run_document(spec, file.resolve().parent, store, console)
+
+
+def plan(file: Document, store: StoreUrl = None) -> None:
+    """Tell what a run of the document would do, and what in it has no effect."""
+    from flows.preview.plan import plan_lines
+    from tasks.documents.pipeline_file import read_pipeline
+    from tasks.storage.store_url import open_store
+
+    spec = read_pipeline(file)
+    with _name_file(file):
+        for line in plan_lines(spec, file.resolve().parent, open_store(store)):
+            echo(line)
+
+
+def validate(file: Document) -> None:
+    """Check a document, or a template alone, and tell all its faults at once."""
+    from flows.pipeline.bundle_checks import check_own_bundles, unchecked_references
+    from tasks.documents.pipeline_file import read_pipeline
+    from tasks.documents.template_source import read_template_alone
+
+    template = read_template_alone(file)
+    if template is not None:
+        from tasks.worlds.unused_sets import unused_sets
+
+        rooms = len(template.Buildings[0].Floors[0].Floorplan.Rooms)
+        echo(f"{file}: a template of version {template.Version} with {rooms} room{'' if rooms == 1 else 's'}: valid")
+        for line in unused_sets(template):
+            echo(f"no effect: {line}")
+        return
+    spec = read_pipeline(file)
+    with _name_file(file):
+        notes = check_own_bundles(spec, file.resolve().parent)
+    echo(f"{file}: {spec.name}: valid")
+    for note in notes:
+        echo(note)
+    if left := unchecked_references(spec):
+        echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does")
+
+
+@contextmanager
+def _name_file(file: Path) -> Generator[None, None, None]:
+    """Names the file in the faults of what its document refers to."""
+    try:
+        yield
+    except DocumentError as exc:
+        raise type(exc)(exc.faults, str(file)) from exc

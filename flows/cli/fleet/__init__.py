@@ -1,1 +1,0 @@
-"""The commands of `simyard fleet`. Only the shell imports it."""

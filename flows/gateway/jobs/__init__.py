@@ -1,1 +1,0 @@
-"""The calls about jobs: recorded and queued here, worked off elsewhere. The table of all operations may import it."""

@@ -1,0 +1,1 @@
+"""What a document asks for and how a run of it goes, as plain functions: no Prefect, not even through others."""

@@ -1,0 +1,403 @@
+"""A document held against the bundles that it brings along: launch files, robots, policies, and metrics.
+
+The rest is known to a store alone; see `flows.pipeline.references`.
+"""
+
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from specs.arn import reference_path
+from specs.base import Fault
+from specs.errors import DocumentError
+from specs.launched_file import (
+    bundle_files,
+    looked_for,
+    module_file,
+    names_ros_launch,
+    policy_file,
+    ros_launch_file,
+    simulated_file,
+)
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import Gate
+from specs.pipeline.section_requests import undriven_faults
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.bundle import LATEST, ApplicationKind
+from tasks.applications.registry import shipped_application, unpack
+from tasks.results.gate.rules.metric_names import metric_faults
+from tasks.simulate.application.declared_metrics import declared_metrics
+from tasks.simulate.application.mjcf_check import MjcfRefused, check_mjcf
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.storage.base.local_files import cache_folder
+from tasks.storage.base.store import Store
+
+if TYPE_CHECKING:
+    from tasks.ros.launch.launch_plan import LaunchSource
+    from tasks.simulate.sandbox.launch_check import LaunchReport
+
+ROBOT_XML = "robot.xml"
+_EXAMPLE = "examples/ros/turtlebot3/robot.xml"
+
+
+class _Launch(NamedTuple):
+    """What is launched, and of which application, as the document names it; empty if it does not say."""
+
+    path: str
+    kind: str
+    application: str
+    version: str | None
+    package: str
+    file: str
+    simulated: bool
+
+    def fault(self, files: Collection[str]) -> Fault | None:
+        """Returns what is wrong with it, given the files of its bundle."""
+        if not (self.package and self.file):
+            return None
+        if self.simulated:
+            kind: ApplicationKind = "robot-application" if self.kind == "robot" else "simulation-application"
+            return simulated_fault(self.path, kind, self.application, (self.package, self.file), files)
+        if {f"{self.package}/{self.file}", ros_launch_file(files, self.package, self.file)} & {*files}:
+            return None
+        allowed = f"a file in {self.application}'s bundle; it has no {self.package}/{self.file}"
+        return Fault(path=f"{self.path}.launchFile", value=repr(self.file), allowed=allowed)
+
+
+def simulated_fault(
+    path: str, kind: ApplicationKind, application: str, launch: tuple[str, str], files: Collection[str]
+) -> Fault | None:
+    """Returns what is wrong with a launch configuration of a simulation; None if its bundle has what it names.
+
+    Args:
+        path: Where the document has it.
+        kind: Of the application: what simulation applications launch is a module, whatever it is called.
+        application: The application's name.
+        launch: Its packageName and launchFile.
+        files: Names of the files of its bundle.
+    """
+    (package, file), robot = launch, kind == "robot-application"
+    found = simulated_file(files, package, file) if robot else None
+    if found is None and (robot or module_file(package, file) not in files):
+        thing = "a launch file or a module" if robot and names_ros_launch(file) else "a module"
+        missing = looked_for(package, file) if robot else module_file(package, file)
+        allowed = f"{thing} in {application}'s bundle; it has no {missing}"
+        return Fault(path=f"{path}.launchFile", value=repr(file), allowed=allowed)
+    if found and found == ros_launch_file(files, package, file) and ROBOT_XML not in files:
+        allowed = (
+            f"of a ROS package, a bundle that has {ROBOT_XML} beside the package: the robot's base, sensors and motors "
+            f"as MuJoCo has them; copy {_EXAMPLE} there for a TurtleBot3, or change it for another base with two wheels"
+        )
+        return Fault(path=f"{path}.packageName", value=repr(package), allowed=allowed)
+    return None
+
+
+def check_driven_requests(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
+    """Refuses requests that lack an application, or do not say what of it is launched.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    faults = undriven_faults(spec.simulationBatch) if spec.simulationBatch else []
+    if faults:
+        raise DocumentError(faults)
+
+
+def check_launch_files(spec: PipelineSpec, base: Path) -> None:
+    """Refuses launch files that the document's own bundles do not have.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    own = {(each.kind, each.name): base / each.source for each in spec.applications}
+    faults: list[Fault] = []
+    files_of = cache(bundle_files)
+    for launch in _launched(spec):
+        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
+        if folder and (fault := launch.fault(files_of(folder))):
+            faults.append(fault)
+    if faults:
+        raise DocumentError(list(dict.fromkeys(faults)))
+
+
+def unchecked_references(spec: PipelineSpec) -> list[str]:
+    """Returns what a document refers to that only a store knows, each once, for a person."""
+    own = {(each.kind, each.name) for each in spec.applications}
+    found = [
+        f"{launch.kind} application {launch.application}" + (f" version {launch.version}" if launch.version else "")
+        for launch in _launched(spec)
+        if launch.version not in {None, LATEST}
+        or ((launch.kind, launch.application) not in own and shipped_application(launch.application) is None)
+    ]
+    if spec.gate and spec.gate.noWorseThan:
+        found.append(f"version {spec.gate.noWorseThan.applicationVersion} to compare with")
+    if spec.deployment and isinstance(spec.deployment.fleet, str):
+        found.append(f"fleet {spec.deployment.fleet}")
+    return list(dict.fromkeys(found))
+
+
+def _launched(spec: PipelineSpec) -> Iterator[_Launch]:
+    requests = spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ()
+    for number, request in enumerate(requests):
+        uses = (("robot", request.robotApplications), ("simulation", request.simulationApplications))
+        for kind, given in uses:
+            for place, use in enumerate(given or ()):
+                path = f"simulationBatch.createSimulationJobRequests[{number}].{kind}Applications[{place}].launchConfig"
+                launched = (use.launchConfig.packageName or "", use.launchConfig.launchFile or "")
+                name = reference_path(use.application)
+                yield _Launch(path, kind, name, use.applicationVersion, *launched, simulated=True)
+    for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):
+        path = f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
+        launched = (use.launchConfig.packageName, use.launchConfig.launchFile)
+        name = reference_path(use.application)
+        yield _Launch(path, "robot", name, use.applicationVersion, *launched, simulated=False)
+
+
+def check_robot_files(spec: PipelineSpec, base: Path) -> None:
+    """Refuses a document one of whose own bundles holds a robot that MuJoCo is not given.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each such bundle.
+    """
+    faults: list[Fault] = []
+    for number, source in enumerate(spec.applications):
+        robot = base / source.source / "robot.xml"
+        try:
+            if source.kind == "robot" and robot.exists():
+                check_mjcf(robot)
+        except MjcfRefused as refused:
+            faults.append(Fault(path=f"applications[{number}].source", value=source.source, allowed=str(refused)))
+    if faults:
+        raise DocumentError(faults)
+
+
+def check_policies(spec: PipelineSpec, base: Path) -> None:
+    """Refuses policies in ONNX in the document's own bundles that cannot be run as they are declared.
+
+    What follows from ``robot.xml`` is left to ``simyard plan``, which loads it.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    own = {each.name: base / each.source for each in spec.applications if each.kind == "robot"}
+    faults: list[Fault] = []
+    for number, request in enumerate(spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ()):
+        for place, use in enumerate(request.robotApplications or ()):
+            folder = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
+            launched = (use.launchConfig.packageName or "", use.launchConfig.launchFile or "")
+            path = f"simulationBatch.createSimulationJobRequests[{number}].robotApplications[{place}].launchConfig"
+            if folder and (refusal := _policy_refusal(folder, *launched)):
+                faults.append(Fault(path=f"{path}.launchFile", value=repr(launched[1]), allowed=refusal))
+    if faults:
+        raise DocumentError(faults)
+
+
+def _policy_refusal(folder: Path, package: str, launch_file: str) -> str:
+    name = policy_file(package, launch_file)
+    if simulated_file(bundle_files(folder), package, launch_file) != name:
+        return ""
+    from tasks.simulate.application.mjcf_check import RobotRefused  # noqa: PLC0415
+    from tasks.simulate.host.policy_check import check_policy  # noqa: PLC0415 - few documents have a policy
+
+    try:
+        check_policy(folder, name)
+    except RobotRefused as refused:
+        return str(refused)
+    return ""
+
+
+def check_own_names(spec: PipelineSpec, base: Path) -> None:
+    """Refuses metrics that no scenario measures, where the document brings all of its scenarios along.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each rule about such a metric.
+    """
+    if spec.gate is None or spec.simulationBatch is None or not spec.gate.quantiles:
+        return
+    own = {each.name: base / each.source for each in spec.applications if each.kind == "simulation"}
+    used = _scenarios(spec.simulationBatch)
+    if used and used <= own.keys():
+        _require_metrics(spec.gate, _declared_metrics(own[name] for name in sorted(used)))
+
+
+def check_planned_names(gate: Gate | None, plan: BatchPlan, store: Store) -> None:
+    """Refuses metrics that no scenario of a batch measures.
+
+    Args:
+        gate: The document's gate.
+        plan: The batch.
+        store: Where its bundles are.
+
+    Raises:
+        DocumentError: With a fault for each rule about such a metric.
+    """
+    if gate is None or not gate.quantiles:
+        return
+    _require_metrics(gate, planned_names(plan, store))
+
+
+def planned_names(plan: BatchPlan, store: Store) -> frozenset[str] | None:
+    """Returns the names of all metrics that the scenarios of a batch measure; None where that is not known.
+
+    Args:
+        plan: The batch.
+        store: Where its bundles are.
+
+    Raises:
+        ObjectNotFound: A bundle is gone.
+    """
+    digests = dict.fromkeys(template.scenario.digest for template in plan.templates)
+    return _declared_metrics(unpack(store, digest, cache_folder() / "bundles") for digest in digests)
+
+
+def _scenarios(section: SimulationBatch) -> set[str]:
+    """Returns the names of a batch's scenarios; one that is not the document's own is named so that it never is."""
+    uses = [use for request in section.createSimulationJobRequests for use in request.simulationApplications or ()]
+    return {
+        reference_path(use.application) if use.applicationVersion in {None, LATEST} else f"{use.application}@"
+        for use in uses
+    }
+
+
+def _declared_metrics(bundles: Iterable[Path]) -> frozenset[str] | None:
+    found = [declared_metrics(bundle) for bundle in bundles]
+    known = [names for names in found if names is not None]
+    # Where one is not known, it may measure anything.
+    return frozenset[str]().union(*known) if len(known) == len(found) else None
+
+
+def _require_metrics(gate: Gate, known: frozenset[str] | None) -> None:
+    faults = metric_faults(gate, sorted(known)) if known is not None else []
+    if faults:
+        raise DocumentError(faults)
+
+
+_MOST_ENVIRONMENTS = 16
+
+
+class OwnLaunch(NamedTuple):
+    """A ROS launch file of a document's own bundle, where the document names it, and what roslaunch says of it."""
+
+    path: str
+    source: "LaunchSource"
+    report: "LaunchReport"
+
+
+def ros_faults(launches: Sequence[OwnLaunch]) -> list[Fault]:
+    """Returns a fault for each launch file that roslaunch refuses, if ROS is here, and for each wrong ``ros.yaml``."""
+    return [fault for each in launches for fault in ros_launch_faults(each.path, each.source, each.report)]
+
+
+def ros_notes(launches: Sequence[OwnLaunch]) -> list[str]:
+    """Returns what is to be said of launch files that is no fault of the document."""
+    return list(dict.fromkeys(line for each in launches for line in report_lines(each.source, each.report)))
+
+
+def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:
+    """Yields what a person is to know of a launch file."""
+    yield report.ros
+    name = f"{source.package} {source.launch_file}"
+    if report.unread:
+        yield f"{name}: not read: {report.unread}"
+    elif report.nodes:
+        yield f"{name} starts {', '.join(report.nodes)}"
+    yield from report.missing
+
+
+def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:
+    """Yields what is wrong with a launch file and its bundle's ``ros.yaml``; ``path`` is where the document has it."""
+    for why in report.refusals:
+        allowed = f"a launch file that roslaunch takes, and not this one: {why}"
+        yield Fault(path=f"{path}.launchFile", value=repr(source.launch_file), allowed=allowed)
+    if report.declaration:
+        allowed = f"a package whose bundle declares its robot rightly, and not this one: {report.declaration}"
+        yield Fault(path=f"{path}.packageName", value=repr(source.package), allowed=allowed)
+
+
+def own_ros_launches(spec: PipelineSpec, base: Path) -> list[OwnLaunch]:
+    """Returns the ROS launch files that a document simulates of its own bundles; each is read once."""
+    own = {each.name: base / each.source for each in spec.applications if each.kind == "robot"}
+    read: dict[LaunchSource, LaunchReport] = {}
+    found: list[OwnLaunch] = []
+    for path, source, variables in _ros_sources(spec, own):
+        if source not in read:
+            from tasks.simulate.sandbox.launch_check import check_launch_file  # noqa: PLC0415
+
+            read[source] = check_launch_file(source, environments(variables, _sweep(spec)), own=True)
+        found.append(OwnLaunch(path, source, read[source]))
+    return found
+
+
+def environments(variables: Mapping[str, str], sweep: Mapping[str, tuple[str, ...]]) -> list[dict[str, str]]:
+    """Returns environments of episodes to read a launch file with: each value of a sweep once, a few in all."""
+    first = {**variables, **{name: values[0] for name, values in sweep.items() if values}}
+    others = [{**first, name: value} for name, values in sweep.items() for value in values[1:]]
+    return [first, *others][:_MOST_ENVIRONMENTS]
+
+
+def _ros_sources(spec: PipelineSpec, own: Mapping[str, Path]) -> Iterator["tuple[str, LaunchSource, dict[str, str]]"]:
+    requests = spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ()
+    for number, request in enumerate(requests):
+        for place, use in enumerate(request.robotApplications or ()):
+            folder = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
+            package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
+            if folder is None or ros_launch_file(bundle_files(folder), package, name) is None:
+                continue
+            path = f"simulationBatch.createSimulationJobRequests[{number}].robotApplications[{place}].launchConfig"
+            variables = use.launchConfig.environmentVariables or {}
+            from tasks.ros.launch.launch_plan import LaunchSource  # noqa: PLC0415 - few documents have a ROS launch file
+
+            yield path, LaunchSource(folder.resolve(), package, name), dict(variables)
+
+
+def _sweep(spec: PipelineSpec) -> dict[str, tuple[str, ...]]:
+    section = spec.simulationBatch
+    return {name: tuple(values) for name, values in section.matrix.environmentVariables.items()} if section else {}
+
+
+_CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
+    check_driven_requests,
+    check_launch_files,
+    check_robot_files,
+    check_policies,
+    check_own_names,
+)
+
+
+def check_own_bundles(spec: PipelineSpec, base: Path) -> list[str]:
+    """Returns what is to be said of a document's own bundles, and refuses one whose bundles do not fit it.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With every fault.
+    """
+    faults: list[Fault] = []
+    for check in _CHECKS:
+        try:
+            check(spec, base)
+        except DocumentError as exc:
+            faults += exc.faults
+    launches = own_ros_launches(spec, base)
+    if faults := list(dict.fromkeys([*faults, *ros_faults(launches)])):
+        raise DocumentError(faults)
+    return ros_notes(launches)

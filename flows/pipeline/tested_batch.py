@@ -1,0 +1,167 @@
+"""The batch that a document asks for: its plan, the versions it tests, and the version it compares them with."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from functools import cache
+
+from flows.pipeline.bundle_checks import simulated_fault
+from specs.arn import absence, parse_reference
+from specs.base import Fault
+from specs.data.episode import ApplicationLaunch
+from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.simulation_section import SimulationBatch
+from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
+from specs.robomaker.simulation import DataSourceConfig
+from tasks.applications.registry import BUNDLE_ERRORS, bundle_failure
+from tasks.simulate.data.data_sources import PinnedSource
+from tasks.simulate.data.mounts import pin_source
+from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.episode_layout import Layout
+from tasks.simulate.plan.plan_batch import FindFiles, FindVersion, matrix_worlds, plan_batch, requested_worlds
+from tasks.storage.archives import list_bundle_files
+from tasks.storage.base.local_files import cache_folder
+from tasks.storage.base.store import Store
+from tasks.storage.worlds import world_bytes
+
+_REQUESTS = "simulationBatch.createSimulationJobRequests[*]"
+
+
+def batch_plan(
+    section: SimulationBatch, worlds: Sequence[str], store: Store, find: FindVersion, gate: Gate | None = None
+) -> BatchPlan:
+    """Returns the plan of a batch over the worlds that ``worlds: all`` means, and those that the section names.
+
+    Args:
+        section: The document's section.
+        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
+        store: Where worlds and data are.
+        find: Finds versions.
+        gate: The document's gate if it may end the batch early; the plan is shuffled then.
+
+    Raises:
+        ResourceNotFound: A world or an application is missing.
+        DocumentError: A request cannot be run.
+    """
+    matrix = matrix_worlds(section, worlds)
+    digests = world_digests([*matrix, *requested_worlds(section)], store)
+
+    @cache
+    def pin(source: str) -> PinnedSource:
+        return pin_source(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
+
+    files = bundle_files_in(store)
+    plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()), find_files=files)
+    return shuffle_if_endable(plan, gate)
+
+
+def bundle_files_in(store: Store) -> FindFiles:
+    """Returns what names the files of a store's bundles; none of one that cannot be used, which is told elsewhere."""
+
+    @cache
+    def names(digest: str) -> frozenset[str]:
+        try:
+            return frozenset(list_bundle_files(store, digest))
+        except BUNDLE_ERRORS:
+            return frozenset()
+
+    return names
+
+
+def shuffle_if_endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
+    """Returns the plan, shuffled if the gate may end the batch early.
+
+    Episodes of several programs cannot be shuffled into common chunks, so that such a batch runs to its end, and is
+    judged as one that does; unless the programs are two versions that a gate compares, which then take turns.
+    """
+    layout = Layout(plan)
+    if gate is None or not stops_early(gate):
+        return plan
+    if gate.noWorseThan and layout.in_pairs():
+        return plan.model_copy(update={"shuffled": "pairs"})
+    return plan.model_copy(update={"shuffled": "episodes"}) if len(layout.programs()) == 1 else plan
+
+
+def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -> list[str]:
+    """Returns which data sources of a batch cannot be used, and why: the jobs that need them will fail."""
+    sources = batch_plan(section, (), store, find).data_sources.values()
+    return [f"{source.failure_code}: {source.failure_reason}" for source in sources if source.failure_code]
+
+
+def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
+    """Returns a fault for each bundle that cannot be used, and for each launch file that is not in its bundle.
+
+    Each stands once, however many requests launch it.
+    """
+    return [fault for kind, launch in dict.fromkeys(plan.launches()) for fault in _launch_faults(store, kind, launch)]
+
+
+def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunch) -> Iterator[Fault]:
+    version = f"{launch.name} version {launch.version}"
+    try:
+        files = list_bundle_files(store, launch.digest)
+    except BUNDLE_ERRORS as exc:
+        failure = bundle_failure(store, kind, version, launch.digest, exc)
+        field = "robotApplications" if kind == "robot-application" else "simulationApplications"
+        yield Fault(path=f"{_REQUESTS}.{field}", value=version, allowed=f"a version whose bundle is whole; {failure}")
+        return
+    launched = (launch.package, launch.launch_file)
+    if fault := simulated_fault(f"{_REQUESTS}.launchConfig", kind, launch.name, launched, files):
+        yield fault
+
+
+def world_digests(references: Sequence[str], store: Store) -> dict[str, str]:
+    """Returns the SHA-256 of each world's document, by ``<generation>/<world>``."""
+    paths = dict.fromkeys(parse_reference(reference).path for reference in references)
+    return {path: _world_digest(path, store) for path in paths}
+
+
+def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> str:
+    """Returns the digest of the version that a gate compares with; empty if it compares with none.
+
+    Args:
+        gate: The document's section.
+        batch: The document's batch.
+        find: Finds versions.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+    """
+    rule = gate.noWorseThan if gate else None
+    uses = [use.application for request in batch.createSimulationJobRequests for use in request.robotApplications or ()]
+    if rule is None or len(set(uses)) != 1:
+        return ""
+    try:
+        return find("robot-application", uses[0], rule.applicationVersion).digest
+    except ResourceNotFound as exc:
+        faults = [fault.model_copy(update={"path": "gate.noWorseThan.applicationVersion"}) for fault in exc.faults]
+        raise ResourceNotFound(faults) from exc
+
+
+def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
+    """Returns the digests of the robot applications that a batch tests, apart from the one to compare with.
+
+    A batch that has only that one tests it against itself.
+    """
+    own = frozenset(template.robot.digest for template in plan.templates)
+    return own - {baseline} or own
+
+
+def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
+    """Returns the digest of each robot application that a batch tests, by name, but for what it is compared with.
+
+    Of several builds of a version it is that for X86_64, by whose digest the version is known.
+    """
+    launches: list[ApplicationLaunch] = [template.robot for template in plan.templates]
+    launches.sort(key=lambda each: ARCHITECTURES.index(each.architecture or "X86_64"), reverse=True)
+    meant = candidates(plan, other)
+    return {launch.name: launch.digest for launch in launches if launch.digest in meant}
+
+
+def _world_digest(path: str, store: Store) -> str:
+    try:
+        body = world_bytes(store, path)
+    except ObjectNotFound as exc:
+        fault = Fault(path="worlds", value=repr(path), allowed=absence(["world"], store.url))
+        raise ResourceNotFound([fault]) from exc
+    return hashlib.sha256(body).hexdigest()

@@ -1,1 +1,0 @@
-"""The Prefect server of a run: chosen, started, ended. The shell and `simyard` import it."""

@@ -1,1 +1,0 @@
-"""A document's nights: found in the store, made into a trend, its page and its alarms. Stages may import it."""

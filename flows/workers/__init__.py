@@ -1,1 +1,0 @@
-"""Work handed to Dask and Ray workers. Flows may import it."""

@@ -1,0 +1,304 @@
+"""The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, the sensors of both."""
+
+import math
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+
+from specs.base import Spec
+
+Length = Annotated[float, Field(ge=0.0, le=1e4)]
+Place = Annotated[float, Field(ge=-1e4, le=1e4)]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+
+
+class LidarDeclaration(Spec):
+    """A planar lidar; the defaults are those of a small indoor robot.
+
+    Attributes:
+        rays: How many, counter-clockwise over the field of view.
+        range_m: What a ray reports if nothing is nearer.
+        height_m: The scan's plane above the floor.
+        fov_rad: Field of view; straight ahead is its middle.
+        x_m, y_m, yaw_rad: Where it is mounted on the robot: ahead, to the left, turned counter-clockwise.
+        sigma_m: Standard deviation of a range, its constant part.
+        sigma_share: Standard deviation as a share of the distance.
+        dropout: Probability that a ray sees nothing.
+        resolution_m: Ranges are rounded to multiples of it; 0 for none.
+    """
+
+    rays: Annotated[int, Field(ge=1, le=4096)] = 360
+    range_m: Length = 8.0
+    height_m: Length = 0.2
+    fov_rad: Annotated[float, Field(gt=0.0, le=2 * math.pi)] = 2 * math.pi
+    x_m: Place = 0.0
+    y_m: Place = 0.0
+    yaw_rad: Place = 0.0
+    sigma_m: Length = 0.0
+    sigma_share: Share = 0.0
+    dropout: Share = 0.0
+    resolution_m: Length = 0.0
+
+
+class OdometryDeclaration(Spec):
+    """Wheels that count what they drive, and err; without it the robot knows its true pose.
+
+    Attributes:
+        sigma_m_per_m: Standard deviation of the driven distance, after a metre.
+        sigma_rad_per_m, sigma_rad_per_rad: Of the heading, after a metre and after a turn of one radian.
+    """
+
+    sigma_m_per_m: Length = 0.0
+    sigma_rad_per_m: Length = 0.0
+    sigma_rad_per_rad: Length = 0.0
+
+
+class BumperDeclaration(Spec):
+    """Contact switches around the hull, the first centred straight ahead.
+
+    Attributes:
+        sectors: How many.
+    """
+
+    sectors: Annotated[int, Field(ge=1, le=64)] = 3
+
+
+ROS_FILE = "ros.yaml"
+Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$", max_length=255)]
+OWN_TOPICS = frozenset(
+    [
+        "/clock",
+        "/tf",
+        "/tf_static",
+        "/rosout",
+        "/map",
+        "/ground_truth/odom",
+        "/simyard/control",
+        "/simyard/contact_impulse",
+    ]
+)
+"""Topics of every robot and of every recording, which no robot has for something else."""
+Frame = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_/]*$", max_length=255)]
+
+
+class RosTopics(Spec):
+    """Names of the topics; None for one that the robot does not have.
+
+    Attributes:
+        command: What drives the robot: geometry_msgs/Twist.
+        scan: The lidar: sensor_msgs/LaserScan.
+        odometry: nav_msgs/Odometry.
+        joints: Of a robot that is more than a planar base: sensor_msgs/JointState.
+        imu: sensor_msgs/Imu.
+        bumper: Which sectors touch: std_msgs/UInt8MultiArray, 1 for a sector that touches.
+        goal: The goal to go to now: geometry_msgs/PoseStamped, latched, when it changes.
+        floor_map: The map of the world: nav_msgs/OccupancyGrid, latched.
+    """
+
+    command: Topic = "/cmd_vel"
+    scan: Topic | None = "/scan"
+    odometry: Topic | None = "/odom"
+    joints: Topic | None = "/joint_states"
+    imu: Topic | None = "/imu"
+    bumper: Topic | None = "/bumper"
+    goal: Topic | None = "/move_base_simple/goal"
+    floor_map: Topic | None = None
+
+    @model_validator(mode="after")
+    def _one_meaning_each(self) -> Self:
+        named = [(field, topic) for field, topic in self.model_dump().items() if topic is not None]
+        seen: dict[str, str] = {}
+        for field, topic in named:
+            if topic in OWN_TOPICS and (field, topic) != ("floor_map", "/map"):
+                raise ValueError(f"{field}: {topic} is a topic of every robot or recording: choose another name")
+            if topic in seen:
+                raise ValueError(f"{seen[topic]} and {field} are both {topic}: a topic has messages of one type")
+            seen[topic] = field
+        return self
+
+
+class RosFrames(Spec):
+    """Names of the frames in ``/tf`` and in messages' headers.
+
+    Attributes:
+        odometry: Where odometry counts from.
+        base: The robot's base.
+        laser: The lidar, fixed to the base by ``/tf_static``.
+        imu: The inertial sensor, fixed to the base likewise.
+        floor_map: The map's; odometry counts from its origin.
+    """
+
+    odometry: Frame = "odom"
+    base: Frame = "base_link"
+    laser: Frame = "laser"
+    imu: Frame = "imu_link"
+    floor_map: Frame = "map"
+
+
+class DifferentialDrive(Spec):
+    """Two driven wheels; a Twist becomes a speed of each.
+
+    Attributes:
+        left, right: Names of the actuators in ``robot.xml``.
+        track_m: From one wheel to the other.
+        wheel_radius_m: If the actuators take turning speeds of wheels (rad/s); None if they take speeds over the floor.
+    """
+
+    kind: Literal["differential"] = "differential"
+    left: str = "left"
+    right: str = "right"
+    track_m: Annotated[float, Field(gt=0.0, le=100.0)]
+    wheel_radius_m: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
+
+
+class VelocityDrive(Spec):
+    """Actuators that take the parts of a Twist themselves.
+
+    Attributes:
+        forward: Actuator of the speed ahead (m/s).
+        sideways: Of the speed to the left; None for a robot that cannot.
+        turn: Of the turn rate (rad/s, counter-clockwise).
+    """
+
+    kind: Literal["velocity"] = "velocity"
+    forward: str = "forward"
+    sideways: str | None = None
+    turn: str = "turn"
+
+
+RosDrive = Annotated[DifferentialDrive | VelocityDrive, Field(discriminator="kind")]
+
+
+class RosRobot(Spec):
+    """A ROS robot's base, sensors, topics and frames.
+
+    Attributes:
+        lidar: None for a robot without.
+        odometry: Errors of its wheels; None for none.
+        bumper: None for a robot without.
+        drive: How a Twist becomes controls; None if it follows from ``robot.xml``.
+        command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
+        ready_s: Wall time that the nodes may take to be ready.
+    """
+
+    topics: RosTopics = RosTopics()
+    frames: RosFrames = RosFrames()
+    lidar: LidarDeclaration | None = LidarDeclaration()
+    odometry: OdometryDeclaration | None = None
+    bumper: BumperDeclaration | None = None
+    drive: RosDrive | None = None
+    command_timeout_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
+    ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
+
+
+PolicyField = Literal[
+    "ranges_m", "goal_robot_m", "goal_m", "goal_index", "pose", "velocity", "bumper", "time_s", "qpos", "qvel"
+]
+Name = Annotated[str, Field(min_length=1, max_length=255)]
+Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+
+
+class PolicyPart(Spec):
+    """A field of the observation, as a policy is shown it: ``clip(field * scale + offset, low, high)``.
+
+    Attributes:
+        field: Its name (docs/guide/applications.md); ``qpos`` and ``qvel`` are those of ``joints``.
+        scale, offset: What it is multiplied with, and what is added then.
+        low, high: Between which the result is held; None for no bound.
+    """
+
+    field: PolicyField
+    scale: Number = 1.0
+    offset: Number = 0.0
+    low: Number | None = None
+    high: Number | None = None
+
+    @model_validator(mode="after")
+    def _bounds_in_order(self) -> Self:
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low {self.low} is above high {self.high}")
+        return self
+
+
+class PolicyInput(Spec):
+    """An input of the network: some parts, one after the other.
+
+    Attributes:
+        name: Of the input; None for the only one that is not kept.
+        parts: In their order.
+    """
+
+    name: Name | None = None
+    parts: Annotated[tuple[PolicyPart, ...], Field(min_length=1, max_length=64)]
+
+
+class PolicyState(Spec):
+    """What a recurrent network keeps, for each lane: the output of one control step is the input of the next.
+
+    It begins with zeros. Its dimension of the lanes is the one that the network leaves open.
+
+    Attributes:
+        input, output: Their names.
+    """
+
+    input: Name
+    output: Name
+
+
+class ActionOutput(Spec):
+    """The answer is an action from -1 to 1, clipped, over the ``ctrlrange`` of each actuator that has one.
+
+    Attributes:
+        name: Of the output; None for the only one that is not kept.
+    """
+
+    kind: Literal["action"] = "action"
+    name: Name | None = None
+
+
+class ControlsOutput(Spec):
+    """The answer is the control itself: one number for each actuator, or for each that has a ``ctrlrange``.
+
+    Attributes:
+        name: Of the output; None for the only one that is not kept.
+    """
+
+    kind: Literal["controls"]
+    name: Name | None = None
+
+
+class ChoiceOutput(Spec):
+    """The answer is a score for each of some controls: the highest is taken, the first of equals.
+
+    Attributes:
+        name: Of the output; None for the only one that is not kept.
+        controls: One number for each actuator, or for each that has a ``ctrlrange``.
+    """
+
+    kind: Literal["choice"]
+    name: Name | None = None
+    controls: Annotated[
+        tuple[Annotated[tuple[Number, ...], Field(min_length=1, max_length=256)], ...],
+        Field(min_length=1, max_length=4096),
+    ]
+
+
+PolicyOutput = Annotated[ActionOutput | ControlsOutput | ChoiceOutput, Field(discriminator="kind")]
+
+
+class Policy(Spec):
+    """A network that drives a robot.
+
+    Attributes:
+        lidar, odometry, bumper: The robot's sensors; None for a robot without.
+        inputs: What the network is shown.
+        states: What it keeps.
+        output: What its answer means.
+    """
+
+    lidar: LidarDeclaration | None = None
+    odometry: OdometryDeclaration | None = None
+    bumper: BumperDeclaration | None = None
+    inputs: Annotated[tuple[PolicyInput, ...], Field(min_length=1, max_length=64)]
+    states: Annotated[tuple[PolicyState, ...], Field(max_length=64)] = ()
+    output: PolicyOutput = ActionOutput()

@@ -1,1 +1,0 @@
-"""Deployments, fleets and robots in RoboMaker's words and as rows. Flows may import it."""

@@ -1,0 +1,376 @@
+"""Fleets and robots in the store: their records, the robots' desired states, and what robots report.
+
+A fleet's record names its one active deployment. A robot's record names its fleet.
+"""
+
+import logging
+import time
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import PurePosixPath
+
+from pydantic import TypeAdapter, ValidationError
+
+from specs.arn import absence, parse_reference
+from specs.base import Fault
+from specs.errors import (
+    DocumentError,
+    ObjectConflict,
+    ObjectExists,
+    ObjectNotFound,
+    ObjectTooBig,
+    ResourceAlreadyExists,
+    ResourceNotFound,
+)
+from specs.field_types import Architecture, RobotTagMap
+from tasks.deploy.fleet.states import Desired, FleetRecord, Reported, RobotRecord, Withdrawn, read_listed
+from tasks.storage.base.keys import desired_key, fleet_key, reported_key, robot_record_key
+from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.tags import Change
+
+_FLEETS = "fleets"
+
+
+def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None) -> FleetRecord:
+    """Returns the fleet of that name, made if there is none; an old one keeps its tags.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    record = FleetRecord(name=name, created_at_s=time.time(), tags=dict(tags or {}))
+    while True:
+        try:
+            store.create(fleet_key(name), encode_document(record))
+        except ObjectExists:
+            found, etag = read_fleet(store, name, deleted=True)
+            if not found.deleted:
+                return found
+            try:
+                store.replace(fleet_key(name), encode_document(record), etag)
+            except ObjectConflict:  # its deletion is done now
+                continue
+        return record
+
+
+def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[FleetRecord, str]:
+    """Returns a fleet and its etag, by name or ARN; one that is being deleted only if asked for.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: The reference is no fleet's.
+    """
+    name = fleet_name(reference)
+    key = fleet_key(name)
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        raise _missing_fleet(reference, absence(["deployment-fleet"], store.url)) from exc
+    record = decode_document(FleetRecord, stored, store, key)
+    if record.deleted and not deleted:
+        raise _missing_fleet(reference, f"a fleet in {store.url}; this one is being deleted")
+    return record, stored.etag
+
+
+def change_fleet_tags(store: Store, reference: str, change: Change) -> FleetRecord:
+    """Returns a fleet after its tags were changed, over exactly what was read.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: There would be too many.
+    """
+    while True:
+        record, etag = read_fleet(store, reference)
+        changed = record.model_copy(update={"tags": change(record.tags)})
+        try:
+            store.replace(fleet_key(record.name), encode_document(changed), etag)
+        except ObjectConflict:
+            continue
+        return changed
+
+
+def fleets(store: Store) -> list[FleetRecord]:
+    """Returns all fleets, oldest first; one with a damaged record is left out, and named in the log."""
+    found = [
+        fleet for key in store.keys(_FLEETS) if (fleet := read_listed(store, key, FleetRecord, PurePosixPath(key).stem))
+    ]
+    return sorted((fleet for fleet in found if not fleet.deleted), key=lambda fleet: (fleet.created_at_s, fleet.name))
+
+
+def fleet_name(reference: str) -> str:
+    """Returns the name of the fleet that a plain name or an ARN refers to.
+
+    Raises:
+        ResourceNotFound: An ARN of something else.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing_fleet(reference, str(exc)) from exc
+    if parsed.kind not in {None, "deployment-fleet"}:
+        raise _missing_fleet(reference, "the name or ARN of a deployment-fleet")
+    return parsed.path
+
+
+def _missing_fleet(reference: str, allowed: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="fleet", value=repr(reference), allowed=allowed)])
+
+
+_LOG = logging.getLogger(__name__)
+_ROBOTS = "robots"
+_RECORD = "record.json"
+_ROBOT_TAGS = TypeAdapter[dict[str, str]](RobotTagMap)
+TOO_BIG = "too big"
+"""Stands for the etag of an object that was not read because of its size."""
+NOTHING_ASKED = b"null"
+"""A desired state that asks nothing of the robot (tasks.deploy.rollout.operator_commands)."""
+MOST_BYTES = 1 << 20
+"""More than any object of a robot has."""
+
+
+def create_robot(
+    store: Store,
+    name: str,
+    architecture: Architecture = "X86_64",
+    tags: Mapping[str, str] | None = None,
+    *,
+    local: bool = False,
+) -> RobotRecord:
+    """Returns the robot of that name, made if there is none; an old one stays as it is.
+
+    Args:
+        store: Where robots are.
+        name: The robot's.
+        architecture: Its processor's.
+        tags: Given to its applications as variables.
+        local: Whether its agent is a process of a demonstration.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    record = RobotRecord(
+        name=name, architecture=architecture, created_at_s=time.time(), tags=dict(tags or {}), local=local
+    )
+    try:
+        return add_robot(store, record)
+    except ResourceAlreadyExists:
+        return read_robot(store, name)[0]
+
+
+def add_robot(store: Store, record: RobotRecord) -> RobotRecord:
+    """Returns a robot that was not there before.
+
+    Raises:
+        ResourceAlreadyExists: There is one of that name.
+        DocumentError: The name is none.
+    """
+    try:
+        store.create(robot_record_key(record.name), encode_document(record))
+    except ObjectExists as exc:
+        fault = Fault(path="name", value=repr(record.name), allowed="a name that no robot has")
+        raise ResourceAlreadyExists([fault]) from exc
+    return record
+
+
+def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
+    """Returns the robot as a member of the fleet.
+
+    Raises:
+        ResourceNotFound: No such fleet or robot.
+        DocumentError: The robot belongs to another fleet; a robot has one (docs/reference/robomaker.md, section 8).
+    """
+    name = read_fleet(store, fleet)[0].name
+    while True:
+        record, etag = read_robot(store, robot)
+        if record.fleet and record.fleet != name:
+            fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
+            raise DocumentError([fault])
+        if changed := _change_fleet(store, record, etag, name):
+            break
+    try:
+        read_fleet(store, fleet)  # who deletes a fleet marks it first: one of the two sees the other
+    except ResourceNotFound:
+        deregister_robot(store, changed.name)
+        raise
+    return changed
+
+
+def deregister_robot(store: Store, robot: str, fleet: str = "") -> RobotRecord:
+    """Returns the robot as a member of no fleet; what it runs, it keeps running.
+
+    Args:
+        store: Where it is.
+        robot: Its name or ARN.
+        fleet: Name of the fleet that it must be in; empty for any or none.
+
+    Raises:
+        ResourceNotFound: No such robot, or it is not in that fleet.
+    """
+    while True:
+        record, etag = read_robot(store, robot)
+        if fleet and record.fleet != fleet:
+            raise _missing_robot(robot, f"a robot of the fleet {fleet}")
+        if changed := _change_fleet(store, record, etag, ""):
+            return changed
+
+
+def change_robot_tags(store: Store, reference: str, change: Change) -> RobotRecord:
+    """Returns a robot after its tags were changed; the next deployment to it gives them to its application.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: There would be too many, or one that cannot be a variable.
+    """
+    while True:
+        record, etag = read_robot(store, reference)
+        try:
+            tags = _ROBOT_TAGS.validate_python(change(record.tags))
+        except ValidationError as exc:
+            fault = Fault(path="tags", value="given", allowed=_reason(exc))
+            raise DocumentError([fault], source=record.name) from exc
+        changed = record.model_copy(update={"tags": tags})
+        try:
+            store.replace(robot_record_key(record.name), encode_document(changed), etag)
+        except ObjectConflict:
+            continue
+        return changed
+
+
+def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
+    """Returns a robot and its record's etag, by name or ARN.
+
+    Raises:
+        ResourceNotFound: No such robot.
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(robot_name(reference))
+    try:
+        stored = store.get(key)
+    except ObjectNotFound as exc:
+        raise _missing_robot(reference, absence(["robot"], store.url)) from exc
+    return decode_document(RobotRecord, stored, store, key), stored.etag
+
+
+def known_robot(store: Store, name: str) -> RobotRecord | None:
+    """Returns the robot of that name, or None.
+
+    Raises:
+        DocumentError: The name is none.
+    """
+    key = robot_record_key(name)
+    try:
+        return decode_document(RobotRecord, store.get(key), store, key)
+    except ObjectNotFound:
+        return None
+
+
+def robot_name(reference: str) -> str:
+    """Returns the name of the robot that a plain name or an ARN refers to.
+
+    Raises:
+        ResourceNotFound: An ARN of something else.
+    """
+    try:
+        parsed = parse_reference(reference)
+    except ValueError as exc:
+        raise _missing_robot(reference, str(exc)) from exc
+    if parsed.kind not in {None, "robot"}:
+        raise _missing_robot(reference, "the name or ARN of a robot")
+    return parsed.path
+
+
+def robots(store: Store) -> list[RobotRecord]:
+    """Returns all robots, oldest first.
+
+    A robot with a damaged record is left out, and named in the log: its fleet is not known, so it is asked nothing.
+    """
+    found = [
+        robot for name in _names(store) if (robot := read_listed(store, robot_record_key(name), RobotRecord, name))
+    ]
+    return sorted(found, key=lambda robot: (robot.created_at_s, robot.name))
+
+
+def robot_count(store: Store) -> int:
+    """Returns how many robots there are, without reading them."""
+    return len(_names(store))
+
+
+def members(store: Store, fleet: str) -> list[RobotRecord]:
+    """Returns the robots of a fleet, oldest first: the order in which they are deployed to."""
+    return [robot for robot in robots(store) if robot.fleet == fleet]
+
+
+def read_desired(store: Store, robot: str) -> tuple[Desired | None, str]:
+    """Returns what was asked of a robot last, and its etag; None and an empty text for nothing.
+
+    An object that cannot be read asks nothing of the robot: the result is None, and its etag or ``TOO_BIG``.
+    """
+    key = desired_key(robot)
+    try:
+        stored = store.get(key, MOST_BYTES)
+    except ObjectNotFound:
+        return None, ""
+    except ObjectTooBig as exc:
+        _warn_once(robot, TOO_BIG, str(exc))
+        return None, TOO_BIG
+    if stored.body.strip() == NOTHING_ASKED or parse_withdrawn(stored.body):
+        return None, stored.etag
+    try:
+        return Desired.model_validate_json(stored.body), stored.etag
+    except ValidationError as exc:
+        _warn_once(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None, stored.etag
+
+
+def read_reported(store: Store, robot: str) -> Reported | None:
+    """Returns a robot's last report; None if there is none that can be read."""
+    key = reported_key(robot)
+    try:
+        stored = store.get(key, MOST_BYTES)
+    except ObjectNotFound:
+        return None
+    except ObjectTooBig as exc:
+        _warn_once(robot, TOO_BIG, str(exc))
+        return None
+    try:
+        return Reported.model_validate_json(stored.body)
+    except ValidationError as exc:
+        _warn_once(robot, stored.etag, f"{store.url}: {key}: {_reason(exc)}")
+        return None
+
+
+def parse_withdrawn(body: bytes) -> Withdrawn | None:
+    """Returns what lies in the place of a desired state that was taken back, or None for anything else."""
+    try:
+        return Withdrawn.model_validate_json(body)
+    except ValidationError:
+        return None
+
+
+def _names(store: Store) -> list[str]:
+    return [key.split("/")[1] for key in store.keys(_ROBOTS) if key.endswith(f"/{_RECORD}")]
+
+
+@lru_cache(maxsize=4096)
+def _warn_once(robot: str, etag: str, what: str) -> None:
+    """Logs, once, that an object of a robot is not what Simyard writes; the caller goes on without it."""
+    _LOG.warning("%s is without news, what is written of it cannot be read (%s): %s", robot, etag, what)
+
+
+def _reason(exc: ValidationError) -> str:
+    return exc.errors(include_url=False, include_input=False)[0]["msg"]
+
+
+def _change_fleet(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
+    """Returns the robot in that fleet, or None when another process changed it meanwhile and it must be read again."""
+    if record.fleet == fleet:
+        return record
+    changed = record.model_copy(update={"fleet": fleet})
+    try:
+        store.replace(robot_record_key(record.name), encode_document(changed), etag)
+    except ObjectConflict:
+        return None
+    return changed
+
+
+def _missing_robot(reference: str, allowed: str) -> ResourceNotFound:
+    return ResourceNotFound([Fault(path="robot", value=repr(reference), allowed=allowed)])

@@ -1,1 +1,0 @@
-"""Two batches beside each other. Flows may import it."""

@@ -1,1 +1,0 @@
-"""How many episodes and worlds a rule needs. The gate, plans and flows may import it."""

@@ -1,1 +1,0 @@
-"""Rates of worlds that were not drawn, from those that were. The gate, reports and flows may import it."""

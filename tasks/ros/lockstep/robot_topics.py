@@ -1,0 +1,226 @@
+"""What a robot's node publishes: topics in the order of a control step, their messages, and a recorder for a bag."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tasks.ros.bag.message_log import FIRST_NS, Channel, Entry, MessageLog
+from tasks.ros.graph.topic import Topic
+from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Joints, Lockstep, Sensed, Tally
+from tasks.ros.message import ros_messages
+from tasks.ros.message.ros_messages import PlanarTwist, Stamp, stamp, twist
+
+CLOCK, TRANSFORMS, STATIC = "/clock", "/tf", "/tf_static"
+_NO_JOINTS = Joints((), np.zeros(0), np.zeros(0))
+
+
+class Moment(NamedTuple):
+    """What a lane's robot senses at a control step.
+
+    Attributes:
+        sequence: Number of the step.
+        time_ns: Simulated time.
+        sensed: By the robot.
+    """
+
+    sequence: int
+    time_ns: int
+    sensed: Sensed
+
+    @property
+    def time(self) -> Stamp:
+        """Returns the simulated time as messages have it."""
+        return stamp(self.time_ns)
+
+
+class SensorMessages:
+    """Writes the messages of one kind of robot.
+
+    Args:
+        base: The robot's base.
+        control_s: Simulated time of a control step.
+
+    Attributes:
+        topics: All that the robot publishes.
+        order: Those of each control step, in the order in which nodes get them: the clock, where the robot is, what it
+            feels, and last what it sees, which most nodes answer.
+        commands: The topic that drives it.
+    """
+
+    def __init__(self, base: Base, control_s: float) -> None:
+        self._base, self._control_s = base, control_s
+        names = base.robot.topics
+        self._writers: dict[str, Callable[[Moment], bytes]] = {
+            CLOCK: lambda moment: ros_messages.clock(moment.time),
+            TRANSFORMS: self._transforms,
+        }
+        self.commands = Topic(names.command, "geometry_msgs/Twist")
+        self._goal, self._floor = names.goal, names.floor_map
+        kinds: list[tuple[str | None, str, Callable[[Moment], bytes]]] = [
+            (names.odometry, "nav_msgs/Odometry", self._odometry),
+            (names.joints, "sensor_msgs/JointState", self._joints),
+            (names.imu, "sensor_msgs/Imu", self._imu),
+            (names.bumper if base.robot.bumper else None, "std_msgs/UInt8MultiArray", self._bumper),
+            (names.scan if base.rays else None, "sensor_msgs/LaserScan", self._scan),
+        ]
+        own = [(name, kind, writer) for name, kind, writer in kinds if name is not None]
+        self._writers.update((name, writer) for name, _, writer in own)
+        self.order = tuple(self._writers)
+        steady = [Topic(CLOCK, "rosgraph_msgs/Clock", latched=True), Topic(TRANSFORMS, "tf2_msgs/TFMessage")]
+        latched = [(STATIC, "tf2_msgs/TFMessage"), (names.goal, "geometry_msgs/PoseStamped")]
+        latched.append((names.floor_map, "nav_msgs/OccupancyGrid"))
+        once = [Topic(name, kind, latched=True) for name, kind in latched if name is not None]
+        self.topics = (*steady, *(Topic(name, kind) for name, kind, _ in own), *once)
+
+    def write(self, topic: str, moment: Moment) -> bytes:
+        """Returns a message of one of ``order``."""
+        return self._writers[topic](moment)
+
+    def fixed(self, moment: Moment, floor: FloorPlan | None) -> Mapping[str, bytes]:
+        """Returns the messages that hold from the start: where sensors are mounted, the map."""
+        found = {STATIC: self._static(moment)}
+        if self._floor is not None and floor is not None:
+            frame = self._base.robot.frames.floor_map
+            found[self._floor] = ros_messages.occupancy_grid(
+                0, moment.time, frame, floor.cells, origin_m=floor.origin_m, cell_m=floor.cell_m
+            )
+        return found
+
+    def goal(self, moment: Moment) -> tuple[str, bytes] | None:
+        """Returns topic and message of the goal to go to; None for a robot without."""
+        if self._goal is None:
+            return None
+        x, y = map(float, moment.sensed.goal)
+        frame = self._base.robot.frames.odometry
+        return self._goal, ros_messages.pose_stamped(moment.sequence, moment.time, frame, (x, y, 0.0))
+
+    def _static(self, moment: Moment) -> bytes:
+        frames, lidar = self._base.robot.frames, self._base.robot.lidar
+        each = [ros_messages.FrameTransform(frames.base, frames.imu, (0.0, 0.0, 0.0))]
+        if lidar is not None:
+            where = (lidar.x_m, lidar.y_m, lidar.yaw_rad)
+            each.append(ros_messages.FrameTransform(frames.base, frames.laser, where))
+        if self._floor is not None:
+            each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
+        return ros_messages.transforms(0, moment.time, each)
+
+    def _transforms(self, moment: Moment) -> bytes:
+        frames, pose = self._base.robot.frames, moment.sensed.pose
+        where = (float(pose[0]), float(pose[1]), float(pose[2]))
+        each = [ros_messages.FrameTransform(frames.odometry, frames.base, where)]
+        return ros_messages.transforms(moment.sequence, moment.time, each)
+
+    def _odometry(self, moment: Moment) -> bytes:
+        frames, sensed = self._base.robot.frames, moment.sensed
+        return ros_messages.odometry(
+            moment.sequence, moment.time, sensed.pose, sensed.velocity, frame=frames.odometry, child=frames.base
+        )
+
+    def _joints(self, moment: Moment) -> bytes:
+        joints = moment.sensed.joints or _NO_JOINTS
+        return ros_messages.joint_state(moment.sequence, moment.time, joints.names, joints.position, joints.speed)
+
+    def _imu(self, moment: Moment) -> bytes:
+        sensed = moment.sensed
+        return ros_messages.imu(
+            moment.sequence,
+            moment.time,
+            self._base.robot.frames.imu,
+            yaw_rad=float(sensed.pose[2]),
+            turn_rad_s=float(sensed.velocity[2]),
+            acceleration=sensed.acceleration,
+        )
+
+    def _bumper(self, moment: Moment) -> bytes:
+        return ros_messages.bumper(moment.sensed.bumper)
+
+    def _scan(self, moment: Moment) -> bytes:
+        base = self._base
+        return ros_messages.laser_scan(
+            moment.sequence,
+            moment.time,
+            base.robot.frames.laser,
+            moment.sensed.ranges_m,
+            angle_min=base.first_ray_rad,
+            angle_increment=base.ray_step_rad,
+            range_max=base.range_m,
+            scan_s=self._control_s,
+        )
+
+
+class LockstepRecorder:
+    """The applications of all lanes, with a log of one lane; see ``Lockstep``.
+
+    Args:
+        lockstep: Has the applications.
+        base: The robot's base.
+        control_s: Simulated time of a control step.
+        lane: Which is kept.
+    """
+
+    def __init__(self, lockstep: Lockstep, base: Base, control_s: float, lane: int = 0) -> None:
+        self._inner, self._lane = lockstep, lane
+        self._messages = SensorMessages(base, control_s)
+        self._control_ns = round(control_s * 1e9)
+        self._entries: list[Entry] = []
+        self._goal: tuple[float, float] | None = None
+        self._step = 0
+
+    @property
+    def failures(self) -> Mapping[int, str]:
+        """Returns why applications failed, by lane."""
+        return self._inner.failures
+
+    @property
+    def cancelled(self) -> frozenset[int]:
+        """Returns the lanes whose application called ``/robomaker/job/cancel``."""
+        return self._inner.cancelled
+
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+        """Waits until every application is ready, and lets it warm up; of that nothing is kept."""
+        self._inner.begin(sensed, floors)
+        own = sensed[self._lane]
+        if own is not None:
+            fixed = self._messages.fixed(Moment(0, FIRST_NS, own), floors[self._lane])
+            self._entries += [Entry(FIRST_NS, topic, data) for topic, data in fixed.items()]
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+        """Returns each lane's command for the control step to come, having kept what one lane's robot said."""
+        own, before = sensed[self._lane], self._inner.tally(self._lane).commands
+        if own is not None:
+            self._keep_sensed(Moment(self._step, FIRST_NS + self._step * self._control_ns, own))
+        commands = self._inner.exchange(sensed)
+        if own is not None and self._inner.tally(self._lane).commands > before:
+            at_ns, command = FIRST_NS + self._step * self._control_ns, commands[self._lane]
+            self._entries.append(Entry(at_ns, self._messages.commands.name, twist(PlanarTwist(*command))))
+        self._step += 1
+        return commands
+
+    def tally(self, lane: int) -> Tally:
+        """Returns how the exchange of a lane went so far."""
+        return self._inner.tally(lane)
+
+    def tags(self, lane: int) -> Mapping[str, str]:
+        """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
+        return self._inner.tags(lane)
+
+    def close(self) -> None:
+        """Ends every process; the log stays."""
+        self._inner.close()
+
+    def log(self) -> MessageLog:
+        """Returns what was kept, in times since the episode began; in a control step the last command."""
+        topics = (*self._messages.topics, self._messages.commands)
+        # The clock is latched for nodes that come late; in a bag it is a topic like others.
+        channels = tuple(Channel(each.name, each.kind, latched=each.latched and each.name != CLOCK) for each in topics)
+        return MessageLog(channels, tuple(self._entries))
+
+    def _keep_sensed(self, moment: Moment) -> None:
+        for topic in self._messages.order:
+            self._entries.append(Entry(moment.time_ns, topic, self._messages.write(topic, moment)))
+        x_m, y_m = map(float, moment.sensed.goal)
+        found = self._messages.goal(moment) if self._goal != (x_m, y_m) else None
+        if found is not None:
+            self._goal = (x_m, y_m)
+            self._entries.append(Entry(moment.time_ns, *found))

@@ -1,0 +1,236 @@
+"""Drives lanes through a control step, each as fast as its own application comes to rest.
+
+Before the first step it waits until an application is ready; in an episode it looks whether nodes have begun to poll.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from tasks.ros.lockstep.idle_detector import Verdict
+from tasks.ros.lockstep.ros_lane import EventPump, RosLane
+
+_SOON_S = 0.00003
+_FIRST_NAP_S = 0.0001
+_NAP_GROWTH = 1.5
+_LONGEST_NAP_S = 0.001
+_CHECK_S = 0.25
+
+
+class Patience(NamedTuple):
+    """How long an application may take.
+
+    Attributes:
+        stage_s: Until it comes to rest after a message; see ``QuietJudge.has_time``.
+        late_limit: How often it may not; then it has failed.
+    """
+
+    stage_s: float = 2.0
+    late_limit: int = 5
+
+    @property
+    def nap_s(self) -> float:
+        """Returns how long a callback may sleep by the wall's clock."""
+        return self.stage_s / 2.0
+
+
+class StepDriver:
+    """Brings lanes through a control step; none waits for another one before all have come to its end.
+
+    Args:
+        pump: Serves their graphs.
+        patience: With an application.
+        fail: Called with a lane that failed, to end its application at once.
+    """
+
+    def __init__(self, pump: EventPump, patience: Patience, fail: Callable[[RosLane], None]) -> None:
+        self._pump, self._patience, self._fail = pump, patience, fail
+        self._checked_s = 0.0
+
+    def run(self, lanes: Sequence[RosLane], time_ns: int) -> None:
+        """Sends what is planned, and returns when all of these lanes are at rest, or have failed."""
+        now_s = time.perf_counter()
+        active = [lane for lane in lanes if not lane.failure and lane.send(now_s, fresh=False)]
+        while active:
+            self._pump.serve()
+            now_s = time.perf_counter()
+            due = [lane for lane in active if lane.look_s <= now_s]
+            over = [lane for lane in due if not self._advance(lane, time_ns)]
+            if over:
+                active = [lane for lane in active if lane not in over]
+                continue
+            self._check(active, now_s)
+            wait_s = min(lane.look_s for lane in active) - time.perf_counter()
+            if wait_s > 0.0 and self._pump.nap(wait_s):
+                for lane in active:
+                    lane.collect(time_ns)
+
+    def _advance(self, lane: RosLane, time_ns: int) -> bool:
+        """Looks at a lane, and sends it the next message if it is quiet; returns False if it is through."""
+        now_s = time.perf_counter()
+        if lane.failure:
+            self._fail(lane)
+            return False
+        verdict = lane.judge.look(now_s)
+        if verdict is Verdict.QUIET:
+            lane.settle()
+        elif verdict is Verdict.STOPPED:
+            lane.failure = lane.application.stopped()
+        elif lane.judge.has_time(self._patience.stage_s, now_s):
+            self._postpone(lane, verdict, now_s)
+            return True
+        else:
+            self._late(lane)
+        lane.collect(time_ns)
+        if lane.failure:
+            self._fail(lane)
+            return False
+        return lane.send(now_s, fresh=True)
+
+    def _postpone(self, lane: RosLane, verdict: Verdict, now_s: float) -> None:
+        if verdict is Verdict.SOON:
+            lane.look_s = now_s + _SOON_S
+        elif verdict is Verdict.WAITS:
+            lane.look_s = max(lane.judge.next_s, now_s + _SOON_S)
+        else:
+            lane.nap_s = min(max(_FIRST_NAP_S, _NAP_GROWTH * lane.nap_s), _LONGEST_NAP_S)
+            lane.look_s = now_s + lane.nap_s
+
+    def _late(self, lane: RosLane) -> None:
+        lane.late += 1
+        if lane.late >= self._patience.late_limit:
+            limit_s = self._patience.stage_s
+            lane.failure = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
+
+    def _check(self, active: Sequence[RosLane], now_s: float) -> None:
+        """Looks now and then, while lanes take long, what they use: one that uses too much is ended next."""
+        if now_s - self._checked_s < _CHECK_S:
+            return
+        self._checked_s = now_s
+        for lane in active:
+            if now_s - lane.begun_s > _CHECK_S:
+                lane.failure = lane.failure or lane.application.excess()
+                lane.look_s = now_s
+
+
+_IDLE_S = 0.25
+# A node that sleeps within its start-up has not published its commands yet; a relay does so with the first message.
+_IDLE_WITHOUT_COMMANDS_S = 1.5
+_ROUND_S = 0.02
+_PAUSE_S = 0.0005
+
+
+class Readiness:
+    """Waits for lanes.
+
+    Args:
+        pump: Serves their graphs.
+        commands: Name of the topic that drives the robot.
+        limit_s: How long they may take.
+        fail: Called with a lane that failed.
+    """
+
+    def __init__(self, pump: EventPump, commands: str, limit_s: float, fail: Callable[[RosLane], None]) -> None:
+        self._pump, self._commands, self._limit_s, self._fail = pump, commands, limit_s, fail
+        self._changes: dict[int, int] = {}
+        self._since_s: dict[int, float] = {}
+
+    def wait(self, lanes: Sequence[RosLane]) -> None:
+        """Returns when each lane is ready, or has failed with a reason."""
+        begun_s, waiting = time.perf_counter(), [lane for lane in lanes if not lane.failure]
+        while waiting:
+            self._pump.turn()
+            self._pump.serve()
+            for lane in list(waiting):
+                lane.drain()
+                lane.check()
+                if lane.failure or self._ready(lane):
+                    waiting.remove(lane)
+                elif time.perf_counter() - begun_s > self._limit_s:
+                    lane.failure = f"not ready within {self._limit_s:g} s: {self._missing(lane)}"
+                    waiting.remove(lane)
+                if lane.failure:
+                    self._fail(lane)
+            self._rest()
+
+    def _rest(self) -> None:
+        ends_s = time.perf_counter() + _ROUND_S
+        while (left_s := ends_s - time.perf_counter()) > 0.0:
+            self._pump.nap(left_s)
+            self._pump.serve()
+            # Commands end a nap at once, and are not read here.
+            time.sleep(_PAUSE_S)
+
+    def _ready(self, lane: RosLane) -> bool:
+        """Returns whether a lane has been complete and at rest for a while."""
+        key, now_s = id(lane), time.perf_counter()
+        if self._changes.get(key) != lane.graph.changes or self._missing(lane):
+            self._changes[key] = lane.graph.changes
+            self._since_s.pop(key, None)
+            return False
+        if not self._rests(lane):
+            self._since_s.pop(key, None)
+            return False
+        if key not in self._since_s:
+            self._since_s[key] = now_s
+            lane.judge.count(now_s)
+            return False
+        commanded = lane.graph.publishers(self._commands)
+        if now_s - self._since_s[key] < (_IDLE_S if commanded else _IDLE_WITHOUT_COMMANDS_S):
+            return False
+        lane.judge.find_pollers(now_s)
+        lane.judge.find_sleepers()
+        return True
+
+    def _rests(self, lane: RosLane) -> bool:
+        """Returns whether a lane sleeps: one look in three will do, for a process that polls is awake now and then."""
+        for _ in range(3):
+            if lane.judge.look(time.perf_counter()) is not Verdict.AWAKE:
+                return True
+            time.sleep(_PAUSE_S)
+            self._pump.serve()
+        return False
+
+    def _missing(self, lane: RosLane) -> str:
+        """Returns what a lane lacks, for a person; empty if it is complete."""
+        unknown = sorted(lane.application.names - lane.graph.nodes())
+        if unknown:
+            return f"{', '.join(unknown)} did not register with the master"
+        unconnected = lane.graph.unconnected()
+        if unconnected:
+            return "; ".join(unconnected)
+        return "its nodes did not come to rest" if lane.graph.busy else ""
+
+
+_FIRST_STEP = 5
+_WATCHED_S = 0.05
+
+
+class PollAudit:
+    """Watches lanes at rest for a moment, at control step 5, and when one of them is suspected.
+
+    From one time to the next the number of steps doubles at least: a node that makes threads all the time may not cost
+    more than that.
+
+    Args:
+        pump: Serves their graphs.
+    """
+
+    def __init__(self, pump: EventPump) -> None:
+        self._pump, self._next = pump, _FIRST_STEP
+
+    def run(self, lanes: Sequence[RosLane], step: int) -> None:
+        """Finds threads that wake up by themselves, if it is time for that."""
+        suspect = step == _FIRST_STEP or any(lane.judge.suspect for lane in lanes)
+        if step < self._next or not suspect:
+            return
+        self._next = 2 * step
+        begun_s = time.perf_counter()
+        lanes = [lane for lane in lanes if not lane.failure]
+        for lane in lanes:
+            lane.judge.count(begun_s)
+        while (left_s := begun_s + _WATCHED_S - time.perf_counter()) > 0.0:
+            time.sleep(left_s)
+            self._pump.serve()
+        for lane in lanes:
+            lane.judge.find_pollers(time.perf_counter())

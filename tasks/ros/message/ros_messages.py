@@ -1,0 +1,361 @@
+"""Messages that the robot sends and reads, as bytes, in ROS 1's form or in CDR (wiki.ros.org/msg).
+
+They tell where the robot is and what it shall do (clock, odometry, transforms, goal, map, command), what it senses
+(laser scan, inertia, joints, bumper), and what RoboMaker's services ask and answer (tags of a job, and its end).
+"""
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float
+from pydantic import TypeAdapter, ValidationError
+
+from specs.field_types import TagMap
+
+_LENGTH = struct.Struct("<I")
+_TIMES = struct.Struct("<III")
+
+
+class Stamp(NamedTuple):
+    """Simulated time."""
+
+    seconds: int
+    nanoseconds: int
+
+
+def stamp(time_ns: int) -> Stamp:
+    """Returns the time of whole nanoseconds; sums of floats would drift."""
+    return Stamp(*divmod(time_ns, 1_000_000_000))
+
+
+@lru_cache(maxsize=1024)
+def text(value: str) -> bytes:
+    """Returns a text with its length before it. The robot's texts are few: names of frames and joints."""
+    data = value.encode()
+    return _LENGTH.pack(len(data)) + data
+
+
+def header(sequence: int, time: Stamp, frame: str) -> bytes:
+    """Returns a ``std_msgs/Header``.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        frame: The frame that they are in.
+    """
+    return _TIMES.pack(sequence & 0xFFFFFFFF, time.seconds, time.nanoseconds) + text(frame)
+
+
+def frame_message(data: bytes) -> bytes:
+    """Returns a message as TCPROS sends it: its length, and its bytes."""
+    return _LENGTH.pack(len(data)) + data
+
+
+def yaw_quaternion(yaw_rad: float) -> tuple[float, float, float, float]:
+    """Returns (x, y, z, w) of a turn about the vertical axis."""
+    return 0.0, 0.0, math.sin(yaw_rad / 2.0), math.cos(yaw_rad / 2.0)
+
+
+TWIST_BYTES = 48
+_CLOCK = struct.Struct("<II")
+_POSE = struct.Struct("<7d")
+_TWIST = struct.Struct("<6d")
+_COUNT = struct.Struct("<I")
+_GRID = struct.Struct("<IIfII7dI")
+_NO_POSE_COVARIANCE = bytes(36 * 8)
+
+
+class FrameTransform(NamedTuple):
+    """Where a frame is in another.
+
+    Attributes:
+        parent, child: Names of the frames.
+        pose: Of the child in the parent: (x m, y m, yaw rad).
+    """
+
+    parent: str
+    child: str
+    pose: tuple[float, float, float]
+
+
+class PlanarTwist(NamedTuple):
+    """The parts of a Twist that a planar base can follow: m/s ahead and to the left, rad/s counter-clockwise."""
+
+    ahead_m_s: float
+    left_m_s: float
+    turn_rad_s: float
+
+
+def clock(time: Stamp) -> bytes:
+    """Returns a ``rosgraph_msgs/Clock``."""
+    return _CLOCK.pack(*time)
+
+
+def odometry(
+    sequence: int,
+    time: Stamp,
+    pose: Float[np.ndarray, "3"],
+    velocity: Float[np.ndarray, "3"],
+    *,
+    frame: str = "odom",
+    child: str = "base_link",
+) -> bytes:
+    """Returns a ``nav_msgs/Odometry`` without covariances.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        pose: Of the child in the frame: (x m, y m, yaw rad).
+        velocity: In the child's own frame: (m/s ahead, m/s to the left, rad/s).
+        frame: Where odometry counts from.
+        child: The robot's base.
+    """
+    x, y, yaw = map(float, pose)
+    ahead, left, turn = map(float, velocity)
+    return b"".join(
+        (
+            header(sequence, time, frame),
+            text(child),
+            _POSE.pack(x, y, 0.0, *yaw_quaternion(yaw)),
+            _NO_POSE_COVARIANCE,
+            _TWIST.pack(ahead, left, 0.0, 0.0, 0.0, turn),
+            _NO_POSE_COVARIANCE,
+        )
+    )
+
+
+def transforms(sequence: int, time: Stamp, each: Sequence[FrameTransform | tuple[str, str, Sequence[float]]]) -> bytes:
+    """Returns a ``tf2_msgs/TFMessage``.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the transforms were true.
+        each: Where the frames are; behind a pose may stand its height (m).
+    """
+    parts = [_COUNT.pack(len(each))]
+    for parent, child, (x, y, yaw, *height) in each:
+        pose = _POSE.pack(float(x), float(y), float(sum(height)), *yaw_quaternion(float(yaw)))
+        parts += [header(sequence, time, parent), text(child), pose]
+    return b"".join(parts)
+
+
+def pose_stamped(sequence: int, time: Stamp, frame: str, pose: Sequence[float] | Float[np.ndarray, "3"]) -> bytes:
+    """Returns a ``geometry_msgs/PoseStamped``.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the pose was given.
+        frame: The frame that it is in.
+        pose: (x m, y m, yaw rad).
+    """
+    x, y, yaw = map(float, pose)
+    return header(sequence, time, frame) + _POSE.pack(x, y, 0.0, *yaw_quaternion(yaw))
+
+
+def occupancy_grid(
+    sequence: int, time: Stamp, frame: str, cells: np.ndarray, *, origin_m: tuple[float, float], cell_m: float
+) -> bytes:
+    """Returns a ``nav_msgs/OccupancyGrid``.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the map was made.
+        frame: The frame that its origin is in.
+        cells: Rows along y from the origin: 0 free, 100 not free, -1 not known.
+        origin_m: The outer corner of the first cell.
+        cell_m: Side of a cell.
+    """
+    rows, columns = cells.shape
+    origin = (*map(float, origin_m), 0.0, *yaw_quaternion(0.0))
+    numbers = _GRID.pack(*time, cell_m, columns, rows, *origin, rows * columns)
+    return header(sequence, time, frame) + numbers + np.ascontiguousarray(cells, np.int8).tobytes()
+
+
+def twist(command: PlanarTwist) -> bytes:
+    """Returns a ``geometry_msgs/Twist``."""
+    return _TWIST.pack(command.ahead_m_s, command.left_m_s, 0.0, 0.0, 0.0, command.turn_rad_s)
+
+
+def read_twist(data: bytes) -> PlanarTwist:
+    """Returns what a ``geometry_msgs/Twist`` asks of a planar base.
+
+    Raises:
+        ValueError: If the bytes are not a Twist.
+    """
+    if len(data) != TWIST_BYTES:
+        raise ValueError(f"a message of {len(data)} bytes: a geometry_msgs/Twist has {TWIST_BYTES}")
+    ahead, left, _, _, _, turn = _TWIST.unpack(data)
+    return PlanarTwist(ahead, left, turn)
+
+
+_SCAN = struct.Struct("<7fI")
+_IMU = struct.Struct("<37d")
+_LAYOUT = struct.Struct("<II")
+_NONE = _COUNT.pack(0)
+_NO_IMU_COVARIANCE = (0.0,) * 9
+
+
+def laser_scan(
+    sequence: int,
+    time: Stamp,
+    frame: str,
+    ranges_m: Float[np.ndarray, "rays"],
+    *,
+    angle_min: float,
+    angle_increment: float,
+    range_max: float,
+    scan_s: float,
+) -> bytes:
+    """Returns a ``sensor_msgs/LaserScan``; a ray that meets nothing reads +inf, as REP 117 has it.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the scan was taken: all rays at once.
+        frame: The lidar's.
+        ranges_m: Counter-clockwise; ``range_max`` or more where nothing is seen, NaN where a ray failed.
+        angle_min: Direction of the first ray (rad).
+        angle_increment: From one ray to the next (rad).
+        range_max: How far the lidar sees (m).
+        scan_s: From one scan to the next.
+    """
+    count = len(ranges_m)
+    angle_max = angle_min + angle_increment * max(count - 1, 0)
+    ranges = np.array(ranges_m, "<f4")
+    # Compared as the message holds them, so that no finite range ever equals ``range_max``.
+    ranges[ranges >= np.float32(range_max)] = np.inf
+    numbers = _SCAN.pack(angle_min, angle_max, angle_increment, 0.0, scan_s, 0.0, range_max, count)
+    return b"".join((header(sequence, time, frame), numbers, ranges.tobytes(), _NONE))
+
+
+def imu(
+    sequence: int,
+    time: Stamp,
+    frame: str,
+    *,
+    yaw_rad: float,
+    turn_rad_s: float,
+    acceleration: Sequence[float] | Float[np.ndarray, "2"],
+    gravity_m_s2: float = 9.81,
+) -> bytes:
+    """Returns a ``sensor_msgs/Imu`` of a robot on a level floor, without covariances.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        frame: The sensor's.
+        yaw_rad: Where it faces.
+        turn_rad_s: How fast it turns.
+        acceleration: In its own frame: (m/s2 ahead, m/s2 to the left).
+        gravity_m_s2: What a sensor at rest feels upward.
+    """
+    ahead, left = map(float, acceleration)
+    turning = (0.0, 0.0, float(turn_rad_s), *_NO_IMU_COVARIANCE)
+    pushed = (ahead, left, gravity_m_s2, *_NO_IMU_COVARIANCE)
+    return header(sequence, time, frame) + _IMU.pack(
+        *yaw_quaternion(float(yaw_rad)), *_NO_IMU_COVARIANCE, *turning, *pushed
+    )
+
+
+def joint_state(
+    sequence: int,
+    time: Stamp,
+    names: Sequence[str],
+    position: Float[np.ndarray, "joints"],
+    speed: Float[np.ndarray, "joints"],
+    *,
+    frame: str = "",
+) -> bytes:
+    """Returns a ``sensor_msgs/JointState`` without efforts.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        names: Of the joints.
+        position: Of each (rad or m).
+        speed: Of each (rad/s or m/s).
+        frame: Joints have none.
+    """
+    parts = [header(sequence, time, frame), _COUNT.pack(len(names)), *map(text, names)]
+    for values in (position, speed):
+        parts += [_COUNT.pack(len(values)), np.asarray(values, "<f8").tobytes()]
+    return b"".join((*parts, _NONE))
+
+
+def bumper(sectors: Bool[np.ndarray, "sectors"]) -> bytes:
+    """Returns a ``std_msgs/UInt8MultiArray`` of one dimension: 1 for each sector that touches."""
+    count = len(sectors)
+    layout = _COUNT.pack(1) + text("sectors") + _LAYOUT.pack(count, count) + _NONE
+    return layout + _COUNT.pack(count) + np.asarray(sectors, np.uint8).tobytes()
+
+
+REQUEST_BYTES = 64 * 1024
+"""A request to one of the robot's services."""
+_TAGS: TypeAdapter[dict[str, str]] = TypeAdapter(TagMap)
+
+
+def read_tags(data: bytes) -> dict[str, str]:
+    """Returns the tags of an ``AddTags`` request; of two with one key, the last.
+
+    Raises:
+        ValueError: If the bytes are not such a request.
+    """
+    texts = _read_texts(data, 2)
+    return dict(zip(texts[::2], texts[1::2], strict=True))
+
+
+def read_keys(data: bytes) -> list[str]:
+    """Returns the keys of a ``RemoveTags`` request.
+
+    Raises:
+        ValueError: If the bytes are not such a request.
+    """
+    return _read_texts(data, 1)
+
+
+def write_tags(tags: Mapping[str, str]) -> bytes:
+    """Returns a list of tags."""
+    parts = [text(key) + text(value) for key, value in tags.items()]
+    return b"".join((_LENGTH.pack(len(tags)), *parts))
+
+
+def joined_tags(tags: Mapping[str, str], more: Mapping[str, str]) -> dict[str, str]:
+    """Returns the tags of a job after an application gave it more.
+
+    Raises:
+        ValueError: RoboMaker takes no such tags, or not so many; says why.
+    """
+    try:
+        return _TAGS.validate_python({**tags, **more})
+    except ValidationError as exc:
+        faults = (f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in exc.errors()[:5])
+        raise ValueError("; ".join(faults)) from exc
+
+
+def write_outcome(*, success: bool, message: str) -> bytes:
+    """Returns what the response of each service begins with, and all of that of ``AddTags`` and ``Cancel``."""
+    return struct.pack("<?", success) + text(message)
+
+
+def _read_texts(data: bytes, each: int) -> list[str]:
+    """Returns the texts of a list whose items have so many texts each."""
+    if len(data) < 4:
+        raise ValueError(f"a list within {len(data)} bytes")
+    (count,) = _LENGTH.unpack_from(data)
+    texts: list[str] = []
+    at = 4
+    for _ in range(each * count):
+        if at + 4 > len(data):
+            raise ValueError(f"a list of {count} that ends after {len(texts) // each}")
+        (length,) = _LENGTH.unpack_from(data, at)
+        part = data[at + 4 : at + 4 + length]
+        if len(part) != length:
+            raise ValueError(f"a text of {length} bytes where {len(part)} are left")
+        texts.append(part.decode())
+        at += 4 + length
+    if at != len(data):
+        raise ValueError(f"{len(data) - at} bytes after a list of {count}")
+    return texts

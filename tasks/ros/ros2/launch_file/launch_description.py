@@ -1,0 +1,355 @@
+"""Launch files of ROS 2, resolved in a process of their own: a launch file in Python is the application's code.
+
+ROS 2's own ``launch`` evaluates them where it is installed, the stand-ins elsewhere.
+"""
+
+import ast
+import configparser
+import json
+import os
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import tasks
+from specs.errors import LaunchRefused
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_apart
+from tasks.ros.launch.packages import read_manifest
+from tasks.ros.ros2.interface_types import DEFAULT_DISTRIBUTION, DISTRIBUTIONS
+
+_OPT = Path("/opt/ros")
+_PYTHON = "/usr/bin/python3"
+
+
+class Ros2Installation(NamedTuple):
+    """ROS 2 as it is found here.
+
+    Attributes:
+        prefixes: Where packages are installed, the nearest first; empty without ROS 2.
+        distribution: Such as ``jazzy``.
+        python: What runs nodes in Python; with ROS 2 the system's.
+    """
+
+    prefixes: tuple[Path, ...]
+    distribution: str
+    python: str = _PYTHON
+
+    @property
+    def here(self) -> bool:
+        """Returns whether launch files run with ROS 2's own ``launch`` and ``launch_ros``."""
+        return bool(self.python_paths("launch_ros"))
+
+    @property
+    def sentence(self) -> str:
+        """Returns the same for a person."""
+        if not self.here:
+            return "no ROS 2 with launch_ros: launch files run with Simyard's own stand-ins of launch and launch_ros"
+        return f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}"
+
+    def python_paths(self, module: str = "") -> list[str]:
+        """Returns the folders of ROS 2's Python modules, or of those that have one."""
+        found = [each for prefix in self.prefixes for each in sorted(prefix.glob("lib/python3*/*-packages"))]
+        return [str(each) for each in found if not module or (each / module).is_dir()]
+
+    def environment(self) -> dict[str, str]:
+        """Returns what ROS 2's own set-up files would set, as far as programs need it."""
+        own = {
+            "PATH": ":".join([*(f"{each}/bin" for each in self.prefixes), "/usr/bin:/bin:/usr/sbin:/sbin"]),
+            "ROS_VERSION": "2",
+            "ROS_PYTHON_VERSION": "3",
+            "ROS_DISTRO": self.distribution,
+        }
+        if self.prefixes:
+            own["AMENT_PREFIX_PATH"] = ":".join(map(str, self.prefixes))
+            own["LD_LIBRARY_PATH"] = ":".join(f"{each}/lib" for each in self.prefixes)
+            own["PYTHONPATH"] = ":".join(self.python_paths())
+        return own
+
+
+def ros2_installation(variables: Mapping[str, str] | None = None) -> Ros2Installation:
+    """Returns the ROS 2 of this machine: that of ``AMENT_PREFIX_PATH``, or the newest known below ``/opt/ros``.
+
+    Args:
+        variables: Where ``AMENT_PREFIX_PATH`` and ``ROS_DISTRO`` are looked up; this process's own by default.
+    """
+    given = os.environ if variables is None else variables
+    prefixes = [Path(each) for each in given.get("AMENT_PREFIX_PATH", "").split(":") if each]
+    named = given.get("ROS_DISTRO", "")
+    if prefixes:
+        return Ros2Installation(tuple(prefixes), named if named in DISTRIBUTIONS else DEFAULT_DISTRIBUTION)
+    for name in reversed(DISTRIBUTIONS):
+        if (_OPT / name / "share/ament_index").is_dir():
+            return Ros2Installation((_OPT / name,), name)
+    return Ros2Installation((), named if named in DISTRIBUTIONS else DEFAULT_DISTRIBUTION)
+
+
+_DEPTH = 6
+_INDEX = "share/ament_index/resource_index/packages"
+_SCRIPT = re.compile(r"^\s*([\w.-]+)\s*=\s*([\w.]+):(\w+)\s*$")
+# Folders of a source package that hold no programs.
+_NO_PROGRAMS = frozenset({"launch", "test", "tests", "config", "params", "doc", "docs"})
+
+
+class AmentPackage(NamedTuple):
+    """A package.
+
+    Attributes:
+        share: Its folder of launch files, parameters and models.
+        prefix: Where it is installed; its own folder if it is a source package.
+        programs: Commands by an executable's name.
+        python: Folders of Python modules that it brings.
+    """
+
+    share: str
+    prefix: str
+    programs: Mapping[str, list[str]]
+    python: list[str]
+
+
+def ament_packages(bundle: Path, installed: tuple[Path, ...], python: str) -> dict[str, AmentPackage]:
+    """Returns the packages that a launch file may name; those of the bundle come before ROS 2's.
+
+    Args:
+        bundle: Folder that holds the ROS packages.
+        installed: Where ROS 2 is installed.
+        python: What runs executables of Python packages that are not built.
+
+    Raises:
+        LaunchRefused: A package.xml, setup.py or setup.cfg cannot be read.
+    """
+    found: dict[str, AmentPackage] = {}
+    for prefix in reversed(installed):
+        found.update(_installed(prefix))
+    for folder in _package_folders(bundle):
+        if (folder / _INDEX).is_dir():
+            found.update(_installed(folder))
+        else:
+            name = read_manifest(folder / "package.xml").findtext("name", folder.name).strip()
+            found[name] = AmentPackage(str(folder), str(folder), *_source_programs(folder, python))
+    return found
+
+
+def _package_folders(bundle: Path) -> Iterator[Path]:
+    """Yields install spaces and folders with a package.xml; none lies inside another one."""
+    todo = [(bundle, 0)]
+    while todo:
+        folder, depth = todo.pop()
+        if (folder / _INDEX).is_dir() or (folder / "package.xml").is_file():
+            yield folder
+        elif depth < _DEPTH:
+            todo += [(each, depth + 1) for each in sorted(folder.iterdir()) if each.is_dir() and not each.is_symlink()]
+
+
+def _installed(prefix: Path) -> dict[str, AmentPackage]:
+    """Returns the packages of an install space."""
+    python = [str(each) for each in sorted(prefix.glob("lib/python3*/*-packages"))]
+    found: dict[str, AmentPackage] = {}
+    for name in sorted(each.name for each in (prefix / _INDEX).glob("*")):
+        folder = prefix / "lib" / name
+        programs = {each.name: [str(each)] for each in sorted(folder.glob("*")) if os.access(each, os.X_OK)}
+        found[name] = AmentPackage(str(prefix / "share" / name), str(prefix), programs, python)
+    return found
+
+
+def _source_programs(folder: Path, python: str) -> tuple[dict[str, list[str]], list[str]]:
+    """Returns the executables of a source package, and the folders of its Python modules."""
+    programs: dict[str, list[str]] = {}
+    for root, folders, files in os.walk(folder):
+        folders[:] = sorted(each for each in folders if each not in _NO_PROGRAMS and not each.startswith("."))
+        for path in (Path(root, each) for each in sorted(files)):
+            if os.access(path, os.X_OK):
+                programs.setdefault(path.name, [str(path)])
+    modules = [each for each in (folder / "src", folder) if any(each.glob("*/__init__.py"))]
+    for name, module, function in _console_scripts(folder):
+        call = f"import sys; sys.argv[0] = {name!r}; from {module} import {function}; sys.exit({function}())"
+        programs[name] = [python, "-c", call]
+    return programs, [str(each) for each in modules]
+
+
+def _console_scripts(folder: Path) -> list[tuple[str, str, str]]:
+    """Returns name, module and function of a Python package's executables."""
+    lines: list[str] = []
+    try:
+        if (folder / "setup.py").is_file():
+            tree = ast.parse((folder / "setup.py").read_text())
+            texts = (each.value for each in ast.walk(tree) if isinstance(each, ast.Constant))
+            lines += [each for each in texts if isinstance(each, str)]
+        if (folder / "setup.cfg").is_file():
+            parser = configparser.ConfigParser(interpolation=None)
+            parser.read(folder / "setup.cfg")
+            lines += parser.get("options.entry_points", "console_scripts", fallback="").splitlines()
+    except (SyntaxError, ValueError, RecursionError, MemoryError, configparser.Error) as exc:
+        why = " ".join(str(exc).split())[:300]
+        raise LaunchRefused(f"{folder.name}: its setup.py or setup.cfg cannot be read: {why}") from exc
+    found = (_SCRIPT.match(each) for each in lines)
+    return [(each[1], each[2], each[3]) for each in found if each]
+
+
+PROGRAM = r"""
+import json, os, sys, tempfile
+request = json.load(sys.stdin)
+tempfile.tempdir = request["folder"]
+from launch import LaunchContext
+from launch.actions import ExecuteLocal, ExecuteProcess, RegisterEventHandler, Shutdown, TimerAction
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+import launch_ros.actions
+
+noted, before = [], dict(os.environ)
+refused = (RegisterEventHandler, TimerAction, launch_ros.actions.LifecycleNode, launch_ros.actions.LoadComposableNodes,
+           launch_ros.actions.ComposableNodeContainer)
+
+def note(self, context):
+    self.prepare(context)
+    details = self.process_description
+    given = dict(details.final_env if details.final_env is not None else context.environment)
+    changes = {name: value for name, value in given.items() if before.get(name) != value}
+    changes.update({name: "" for name in before if name not in given})
+    command = list(details.final_cmd)
+    if getattr(self, "_ExecuteLocal__shell", False):
+        command = ["/bin/sh", "-c", " ".join(command)]
+    ros = isinstance(self, launch_ros.actions.Node)
+    name = "/" + os.path.basename(details.final_cmd[0])
+    if ros and self.is_node_name_fully_specified():
+        name = self.node_name
+    noted.append({
+        "name": name, "package": str(getattr(self, "node_package", "") or "") if ros else "",
+        "kind": os.path.basename(details.final_cmd[0]), "ros": ros, "command": command,
+        "environment": sorted(changes.items()), "cwd": details.final_cwd or "",
+        "required": isinstance(getattr(self, "_ExecuteLocal__on_exit", None), Shutdown),
+        "respawn": bool(getattr(self, "_ExecuteLocal__respawn", False)),
+    })
+
+ExecuteLocal.execute = note
+
+def visit(entity, context):
+    if isinstance(entity, refused):
+        raise RuntimeError("%s is not done in lock-step: take it out of the launch file" % type(entity).__name__)
+    for each in entity.visit(context) or ():
+        visit(each, context)
+
+try:
+    context = LaunchContext()
+    context.extend_locals({
+        "current_launch_file_path": request["file"], "current_launch_file_directory": os.path.dirname(request["file"]),
+    })
+    visit(AnyLaunchDescriptionSource(request["file"]).get_launch_description(context), context)
+    answer = {"processes": noted}
+except (Exception, SystemExit) as exc:
+    # What launch raises has no common root below Exception.
+    answer = {"refused": " ".join(("%s: %s" % (type(exc).__name__, exc)).split())}
+sys.stdout.write("\n" + json.dumps(answer) + "\n")
+"""
+
+
+_LIMIT_S = 60.0
+_STAND_IN = "tasks.ros.ros2.launch_file.stand_in_program"
+_LAUNCH_FILES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".py")
+# Simulated time, after whatever the launch file says of it.
+_SIMULATED_TIME = ("-p", "use_sim_time:=true")
+
+
+def is_ros2_launch_file(name: str) -> bool:
+    """Returns whether a launch file's name is one of ROS 2: ROS 1 has ``.launch`` alone."""
+    return name.endswith(_LAUNCH_FILES)
+
+
+def resolve_description(source: LaunchSource, variables: Mapping[str, str], folder: Path) -> LaunchPlan:
+    """Returns what a launch file of ROS 2 starts.
+
+    Args:
+        source: The launch file.
+        variables: The episode's environment variables.
+        folder: Where files of parameters are written to, for the nodes to read.
+
+    Raises:
+        LaunchRefused: It is not there, it needs what is not done, or it fails; says why.
+    """
+    installation, where = ros2_installation(), f"{source.package} {source.launch_file}"
+    packages = ament_packages(source.bundle, installation.prefixes, installation.python)
+    try:
+        path = _launch_file(packages, source)
+        nodes = _nodes(_answer(installation, packages, path, variables, folder))
+    except (LaunchRefused, OSError) as exc:
+        raise LaunchRefused(f"{where}: {exc}") from exc
+    except (ValueError, LookupError, TypeError) as exc:  # the file's own code may print what it likes
+        raise LaunchRefused(f"{where}: it answers what is no list of processes") from exc
+    if not nodes:
+        raise LaunchRefused(f"{where}: it starts no node")
+    return LaunchPlan(str(path), _distinct(nodes), {})
+
+
+def _launch_file(packages: Mapping[str, AmentPackage], source: LaunchSource) -> Path:
+    if source.package not in packages:
+        have = ", ".join(sorted(packages)) or "no package at all"
+        raise LaunchRefused(f"there is no ROS 2 package {source.package!r} in the bundle, which has {have}")
+    share = Path(packages[source.package].share)
+    for path in (share / source.launch_file, share / "launch" / source.launch_file):
+        if path.is_file():
+            return path
+    found = sorted(share.rglob(Path(source.launch_file).name))
+    if len(found) != 1:
+        raise LaunchRefused(
+            f"the package has {'more than one' if found else 'no'} launch file of that name below {share}"
+        )
+    return found[0]
+
+
+def _answer(
+    installation: Ros2Installation,
+    packages: Mapping[str, AmentPackage],
+    path: Path,
+    variables: Mapping[str, str],
+    folder: Path,
+) -> dict[str, Any]:
+    """Returns what the launch file starts, or ``refused`` and why."""
+    own = {**variables, **installation.environment(), "LANG": "C.UTF-8", "HOME": str(folder), "TMPDIR": str(folder)}
+    own["PYTHONDONTWRITEBYTECODE"] = "1"
+    command = [installation.python, "-c", PROGRAM]
+    if not installation.here:
+        command = [sys.executable, "-m", _STAND_IN]
+        own |= {"PYTHONPATH": str(Path(tasks.__file__).parents[1]), "PYTHONSAFEPATH": "1"}
+    own["AMENT_PREFIX_PATH"] = ":".join(dict.fromkeys([*_prefixes(packages), *map(str, installation.prefixes)]))
+    folder.mkdir(parents=True, exist_ok=True)
+    request = {
+        "file": str(path),
+        "folder": str(folder),
+        "packages": {name: each._asdict() for name, each in packages.items()},
+    }
+    return json.loads(read_apart(command, own, folder, json.dumps(request), _LIMIT_S))
+
+
+def _prefixes(packages: Mapping[str, AmentPackage]) -> list[str]:
+    return [each.prefix for each in packages.values() if each.prefix != each.share]
+
+
+def _nodes(answer: Mapping[str, Any]) -> tuple[NodePlan, ...]:
+    if "refused" in answer:
+        raise LaunchRefused(str(answer["refused"]))
+    return tuple(_node(each) for each in answer["processes"])
+
+
+def _node(answer: Mapping[str, Any]) -> NodePlan:
+    command = [*map(str, answer["command"]), *(_SIMULATED_TIME if answer["ros"] else ())]
+    return NodePlan(
+        name=str(answer["name"]),
+        package=str(answer["package"]),
+        kind=str(answer["kind"]),
+        command=tuple(command),
+        environment=tuple((str(name), str(value)) for name, value in answer["environment"]),
+        cwd=str(answer["cwd"]),
+        required=bool(answer["required"]),
+        respawn=bool(answer["respawn"]),
+    )
+
+
+def _distinct(nodes: tuple[NodePlan, ...]) -> tuple[NodePlan, ...]:
+    """Returns nodes of different names: two processes of one name get a number."""
+    counts: dict[str, int] = {}
+    found: list[NodePlan] = []
+    for node in nodes:
+        counts[node.name] = counts.get(node.name, 0) + 1
+        again = counts[node.name]
+        found.append(node if again == 1 else node._replace(name=f"{node.name}_{again}"))
+    return tuple(found)

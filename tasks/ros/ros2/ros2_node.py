@@ -1,0 +1,164 @@
+"""The robot among an episode's nodes of ROS 2: publishes what it senses, takes commands, offers services."""
+
+import struct
+from collections.abc import Mapping
+from typing import NamedTuple
+from uuid import UUID
+
+from rosbags.serde import SerdeError
+from rosbags.typesys.store import Typestore
+
+from tasks.ros.message.ros_messages import REQUEST_BYTES, joined_tags
+from tasks.ros.ros2.dds_domain import EpisodeDomain
+from tasks.ros.ros2.dds_node import DEFAULT, MAP, STATIC_TRANSFORMS, TRANSFORMS, DdsNode, Profile, ServiceServer, Writer
+from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, DEFAULT_DISTRIBUTION, type_store
+
+NODE_NAME = "simyard_robot"
+TWIST = "geometry_msgs/msg/Twist"
+_LITTLE = b"\x00\x01"
+_TWIST_CDR = {_LITTLE: struct.Struct("<6d"), b"\x00\x00": struct.Struct(">6d")}
+_ENCAPSULATION_BYTES = 4
+# All that the robot writes is reliable, so that nothing is lost and its arrival is acknowledged; a reader that asks for
+# less, as of sensor data and of the clock, gets the same samples.
+_PROFILES = {
+    "tf2_msgs/msg/TFMessage": TRANSFORMS,
+    "nav_msgs/msg/OccupancyGrid": MAP,
+    "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
+}
+_STATIC = "/tf_static"
+# What rosbags raises of bytes that are no message.
+_NO_MESSAGE = (SerdeError, struct.error, ValueError, LookupError, AssertionError, TypeError)
+_FAULT_CHARACTERS = 500
+
+
+class Matches(NamedTuple):
+    """Who is connected to the robot.
+
+    Attributes:
+        readers: How many, by topic.
+        commanders: How many write commands.
+        refused: How many write commands and offer less than the robot asks for.
+        others: How many other processes are in the domain.
+    """
+
+    readers: Mapping[str, int]
+    commanders: int
+    refused: int
+    others: int
+
+
+class RobotNode:
+    """The robot's node in an episode's domain.
+
+    Args:
+        domain: The episode's.
+        topics: What it publishes: types such as ``sensor_msgs/msg/LaserScan`` by topic.
+        command: The topic that it takes commands from.
+        distribution: The release of ROS 2 that is spoken to.
+
+    Attributes:
+        tags: What was given to ``/robomaker/job/add_tags``.
+        cancelled: Whether ``/robomaker/job/cancel`` was called.
+    """
+
+    def __init__(
+        self, domain: EpisodeDomain, topics: Mapping[str, str], command: str, distribution: str = DEFAULT_DISTRIBUTION
+    ) -> None:
+        self.tags: dict[str, str] = {}
+        self.cancelled = False
+        self._store, self._topics = type_store(distribution), dict(topics)
+        self._node = DdsNode(domain, NODE_NAME, distribution)
+        self._writers = {topic: self._publisher(topic, kind) for topic, kind in topics.items()}
+        self._commands = self._node.subscription(command, TWIST, DEFAULT)
+        self._services = [
+            ServiceServer(self._node, "/robomaker/job/add_tags", ADD_TAGS, self._add_tags),
+            ServiceServer(self._node, "/robomaker/job/cancel", CANCEL, self._cancel),
+        ]
+        self._sent: set[str] = set()
+        self._node.announce()
+
+    def _publisher(self, topic: str, kind: str) -> Writer:
+        profile = STATIC_TRANSFORMS if topic == _STATIC else _PROFILES.get(kind, DEFAULT)
+        return self._node.publisher(topic, kind, profile)
+
+    def send(self, topic: str, ros1: bytes) -> None:
+        """Publishes a message, given in ROS 1's form."""
+        self._writers[topic].write(bytes(self._store.ros1_to_cdr(ros1, self._topics[topic])))
+        self._sent.add(topic)
+
+    def acknowledged(self) -> bool:
+        """Returns whether all reliable readers have what was sent."""
+        self._sent = {topic for topic in self._sent if not self._writers[topic].acknowledged()}
+        return not self._sent
+
+    def take_commands(self) -> list[bytes]:
+        """Returns the Twists that have come since the last call, in ROS 1's form."""
+        return [twist_bytes(each) for each in self._commands.take()]
+
+    def serve(self) -> int:
+        """Answers calls of services; returns how many there were."""
+        return sum(each.serve() for each in self._services)
+
+    def matches(self) -> Matches:
+        """Returns who is connected now."""
+        readers = {topic: each.readers for topic, each in self._writers.items()}
+        return Matches(readers, self._commands.writers, self._commands.refused, self._node.others())
+
+    @property
+    def guid(self) -> UUID:
+        """Returns the GUID of the robot's participant."""
+        return self._node.participant.get_guid()
+
+    @property
+    def threads(self) -> frozenset[int]:
+        """Returns the threads of this process that receive and send for the robot."""
+        return self._node.threads
+
+    def close(self) -> None:
+        """Takes the robot out of its domain."""
+        self._writers.clear()
+        self._services.clear()
+        self.__dict__.pop("_commands", None)
+        if "_node" in self.__dict__:
+            self.__dict__.pop("_node").close()
+
+    def _add_tags(self, request: bytes) -> bytes:
+        try:
+            self.tags = joined_tags(self.tags, given_tags(self._store, request))
+        except ValueError as exc:
+            return self._outcome(f"{ADD_TAGS}_Response", fault=str(exc)[:_FAULT_CHARACTERS])
+        return self._outcome(f"{ADD_TAGS}_Response")
+
+    def _cancel(self, request: bytes) -> bytes:  # noqa: ARG002 - it says nothing
+        self.cancelled = True
+        return self._outcome(f"{CANCEL}_Response")
+
+    def _outcome(self, kind: str, fault: str = "") -> bytes:
+        return bytes(self._store.serialize_cdr(self._store.types[kind](success=not fault, message=fault), kind))
+
+
+def twist_bytes(cdr: bytes) -> bytes:
+    """Returns a ``geometry_msgs/msg/Twist`` in ROS 1's form, whose reader says what is wrong with another message."""
+    form = _TWIST_CDR.get(cdr[:2])
+    if form is None or len(cdr) != _ENCAPSULATION_BYTES + form.size:
+        return cdr
+    return _TWIST_CDR[_LITTLE].pack(*form.unpack_from(cdr, _ENCAPSULATION_BYTES))
+
+
+def given_tags(store: Typestore, request: bytes) -> dict[str, str]:
+    """Returns the tags of an ``AddTags`` request.
+
+    Args:
+        store: Has its type.
+        request: Its CDR.
+
+    Raises:
+        ValueError: It is none, or larger than any.
+    """
+    if len(request) > REQUEST_BYTES:
+        raise ValueError(f"a request of {len(request)} bytes, {REQUEST_BYTES} are taken")
+    try:
+        message = store.deserialize_cdr(request, f"{ADD_TAGS}_Request")
+    except _NO_MESSAGE as exc:
+        raise ValueError(f"no request: {exc}") from exc
+    return {each.key: each.value for each in message.tags}  # type: ignore[attr-defined]

@@ -1,0 +1,234 @@
+"""Places a chunk's episodes: their program, their lanes, and which lanes have arrays of the same shapes.
+
+What an application gets is of its own episode alone: its map, its goals, what its scenario gave. A compiled program has
+one shape for each, so episodes of other shapes are a part of their own, run after one another
+(docs/decisions/0019-arrays-of-ones-own.md).
+
+Before lanes of such a form run, the applications are checked: once for each form and each set of numbers, on a machine.
+To trace them takes a third of a second, and says the same each time.
+"""
+
+import functools
+import weakref
+from collections.abc import Generator, Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, failed_result
+from specs.data.world import World
+from tasks.simulate.application.bundle_code import BundleCrash, load_factory
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engines.engine_table import ENGINES, choose_engine
+from tasks.simulate.engines.program import Program
+from tasks.simulate.engines.program_cache import applications_identity
+from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
+from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
+from tasks.simulate.host.declaration import controller_kind
+from tasks.simulate.lane.chunk_applications import Applications, check_robot, check_scenario
+from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.staging import Lane, place, stack_lanes, with_shortest_paths
+from tasks.simulate.plan.chunks import split_environment, without_job_variables
+from tasks.simulate.sensors.sensor_table import read_sensors
+
+_PROGRAMS_KEPT = 8
+_NUMBERS_KEPT = 1024
+# A part that fits into a quarter of the lanes takes no more: halves would spare less time than their programs take to
+# load, and idle lanes cost as much as others.
+_NARROW = 4
+Shape = tuple[object, ...]
+
+
+class PlacedChunk(NamedTuple):
+    """Episodes of one program that have a start and goals.
+
+    Attributes:
+        program: With as many lanes as the chunk has.
+        parts: The episodes that can run, those together whose arrays have the same shapes.
+        rows: Of the episodes that cannot.
+        worlds: At least theirs.
+    """
+
+    program: Program
+    parts: list[list[Lane]]
+    rows: list[EpisodeResult]
+    worlds: Mapping[str, World]
+
+
+def place_chunk(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+) -> PlacedChunk:
+    """Returns episodes of one program with their starts, their goals and the lengths of their shortest ways.
+
+    Args:
+        requests: Episodes that share a program, at least one.
+        worlds: At least theirs.
+        bundles: Unpacked folders of their applications, by digest.
+        lanes: At least so many has the program.
+        engine: ``auto``, or the engine that must run them.
+
+    Raises:
+        BundleCrash: The applications do not import, or the engine refuses the robot.
+    """
+    steps = placing(requests, worlds, bundles, lanes=lanes, engine=engine)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            placed: PlacedChunk = end.value
+            return placed._replace(parts=[with_shortest_paths(part) for part in placed.parts])
+
+
+def placing(
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str = "auto",
+) -> Generator[None, None, PlacedChunk]:
+    """Returns what ``place_chunk`` does but for the ways; yields after each piece of work, for others between."""
+    program = program_of(requests[0], bundles, lanes, engine)
+    used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
+    yield
+    stages = arrays_of_worlds(used, program.hull, program.applications.lidar.height_m)
+    yield
+    placed, rows = yield from _place_all(program, requests, used, stages)
+    return PlacedChunk(program, alike(placed), rows, used)
+
+
+def part_program(
+    placed: PlacedChunk, part: Sequence[Lane], bundles: Mapping[str, Path], *, lanes: int, engine: str
+) -> Program:
+    """Returns the program for a part of a chunk: the chunk's, or one of a quarter of the lanes if they are enough.
+
+    How many lanes there are changes no row (docs/decisions/0004-lanes-a-multiple-of-eight.md).
+    """
+    if len(placed.parts) == 1 or len(part) > lanes // _NARROW:
+        return placed.program
+    return program_of(part[0].request, bundles, lanes // _NARROW, engine)
+
+
+def alike(lanes: Sequence[Lane]) -> list[list[Lane]]:
+    """Returns lanes in groups whose arrays have the same shapes, in the order of their first."""
+    groups: dict[Shape, list[Lane]] = {}
+    for lane in lanes:
+        groups.setdefault(_shape(lane), []).append(lane)
+    return list(groups.values())
+
+
+def _shape(lane: Lane) -> Shape:
+    """Returns the shapes of all that an episode's applications get of it, and the types of what may have any."""
+    placement = lane.placement
+    given = tuple((array.shape, array.dtype.str) for array in placement.given)
+    return (lane.stage.floor.clearance_m.shape, placement.goals_m.shape, given)
+
+
+def lane_forms(lane: Lane) -> tuple[object, ...]:
+    """Returns the shapes of all arrays of a lane, and the types of what may have any."""
+    arrays = (*lane.stage.touched, *lane.stage.seen, *lane.stage.floor, lane.placement.goals_m)
+    given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
+    return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
+
+
+def program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int, engine: str) -> Program:
+    """Returns the program for episodes like one; kept, so that chunks share one.
+
+    Raises:
+        BundleCrash: The applications do not import, or the engine refuses the robot.
+    """
+    numbers, texts = split_environment(without_job_variables(request.environment))
+    folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
+    environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
+    return _program((request.robot, request.scenario), folders, environment, lanes, engine)
+
+
+@functools.lru_cache(maxsize=_PROGRAMS_KEPT)
+def _program(
+    launches: tuple[ApplicationLaunch, ApplicationLaunch],
+    folders: tuple[Path, Path],
+    environment: tuple[tuple[str, ...], tuple[tuple[str, str], ...]],
+    lanes: int,
+    engine: str,
+) -> Program:
+    """Returns the program of two applications; kept, so that a batch's chunks share one compilation.
+
+    Raises:
+        BundleCrash: An application does not import, or its robot is refused.
+    """
+    (robot, scenario), (names, texts) = launches, environment
+    bundle = HostBundle(folders[0], robot)
+    kind = controller_kind(*bundle)
+    host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
+    make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
+    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
+    identity = applications_identity(launches, folders, names, dict(texts))
+    applications = Applications(make_controller, make_scenario, dict(texts), names, sensors, identity)
+    try:
+        choice = choose_engine(engine, bundle.robot, kind, device_kind())
+        return ENGINES[choice.engine].load(bundle.robot, applications, lanes, host)
+    except RobotRefused as refused:
+        raise BundleCrash("RobotApplicationCrash", f"{robot.name}: {refused}") from refused
+
+
+def _place_all(
+    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, WorldArrays]
+) -> Generator[None, None, tuple[list[Lane], list[EpisodeResult]]]:
+    """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
+    placed: list[Lane] = []
+    rows: list[EpisodeResult] = []
+    for request in requests:
+        numbers, texts = split_environment(request.environment)
+        environment = {**texts, **{name: _on_device(value.hex()) for name, value in numbers.items()}}
+        try:
+            lidar = program.applications.episode_sensors(environment).lidar
+            scenario = program.applications.placing_scenario(environment)
+            stage = stages[request.world]
+            placement = place(scenario, request, worlds[request.world], stage, program.hull)
+        except BundleCrash as crash:
+            rows.append(failed_result(request.index, crash.failure))
+        else:
+            placed.append(Lane(request, stage, placement, lidar=lidar))
+        yield
+    return placed, rows
+
+
+@functools.lru_cache(maxsize=_NUMBERS_KEPT)
+def _on_device(number: str) -> jax.Array:
+    """Returns a number, as ``float.hex`` writes it; kept, since the episodes of a batch have few values."""
+    return jnp.float32(float.fromhex(number))
+
+
+_checked_forms: "weakref.WeakKeyDictionary[Applications, set[object]]" = weakref.WeakKeyDictionary()
+
+
+def check_applications(program: Program, lane: Lane) -> None:
+    """Traces a program's applications with what they get of a lane, unless they were with such a one.
+
+    Raises:
+        BundleCrash: They raise, or answer what they must not.
+    """
+    one: LaneInputs = jax.tree.map(
+        lambda array: jnp.asarray(array[0]), stack_lanes([lane], program.applications.names, 1)
+    )
+    forms = tuple((array.shape, str(array.dtype)) for array in (one.floor.clearance_m, one.goals_m, *one.given))
+    known, key = _checked_forms.setdefault(program.applications, set()), (forms, np.asarray(one.numbers).tobytes())
+    if key in known:
+        return
+    shapes, numbers = (one.floor, one.goals_m, one.given), np.asarray(one.numbers).tolist()
+    if not program.keeper.passed("applications", shapes, numbers):
+        joints = program.body().joints
+        check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
+        check_scenario(program.applications, one.goals_m, one.numbers, one.given)
+        program.keeper.note("applications", shapes, numbers)
+    known.add(key)

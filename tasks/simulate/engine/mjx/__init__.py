@@ -1,1 +1,0 @@
-"""The mjx engine. Only tasks.simulate.engine may import it."""

@@ -1,1 +1,0 @@
-"""The mujoco engine: C MuJoCo on the host. Only tasks.simulate.engine may import it."""

@@ -1,1 +1,0 @@
-"""The planar engine, in plain JAX. Only tasks.simulate.engine may import it."""

@@ -1,0 +1,1 @@
+"""The mjx engine. Only tasks.simulate.engines may import it."""

@@ -1,0 +1,240 @@
+"""The mjx engine: any robot that MJX can step, in a window of the obstacles nearest to it.
+
+Robots that are apart from all obstacles are driven alone; the others are looked at again, in order.
+"""
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.custom_batching import custom_vmap
+from jaxtyping import Bool, Float
+
+from tasks.simulate.application.contract import Body, Joints, Motion, Work
+from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
+from tasks.simulate.engines.mjx.mjx_robot import (
+    BOX_SLOTS,
+    CYLINDER_SLOTS,
+    ObstacleWindow,
+    RobotModel,
+    load_robot,
+    mjx,
+    nearest_obstacles,
+    with_window,
+)
+from tasks.simulate.engines.mjx.small_algebra import written_out
+from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.lane.control_step import Mechanics
+from tasks.simulate.lane.lane_state import LaneInputs
+
+Tree = TypeVar("Tree")
+Lanes = TypeVar("Lanes")
+# Driven again together: with fewer, the calls cost more than the work; with more, sound lanes fill up the last ones.
+_TOGETHER = 32
+
+
+def mended(
+    first: Lanes, sound: Bool[jax.Array, "lanes"], again: Callable[[Tree], Lanes], given: Tree, lanes: int
+) -> Lanes:
+    """Returns what was found for all lanes, with those that are not sound found again.
+
+    Args:
+        first: What was found, lanes first.
+        sound: The lanes for which it stands.
+        again: Finds the same for some lanes.
+        given: What it finds it from, lanes first.
+        lanes: How many there are.
+    """
+    together = min(lanes, _TOGETHER)
+    order, wrong = jnp.argsort(sound, stable=True), jnp.sum(~sound)
+
+    def more(carry: tuple[jax.Array, Lanes]) -> jax.Array:
+        return carry[0] < wrong
+
+    def some(carry: tuple[jax.Array, Lanes]) -> tuple[jax.Array, Lanes]:
+        begin, found = carry
+        chosen = jax.lax.dynamic_slice(order, (begin,), (together,))
+        better = again(jax.tree.map(lambda array: array[chosen], given))
+
+        def put(old: jax.Array, new: jax.Array) -> jax.Array:
+            keep = sound[chosen].reshape(-1, *[1] * (old.ndim - 1))
+            return old.at[chosen].set(jnp.where(keep, old[chosen], new), unique_indices=True)
+
+        return begin + together, jax.tree.map(put, found, better)
+
+    _, found = jax.lax.while_loop(more, some, (jnp.zeros((), wrong.dtype), first))
+    return found
+
+
+Control = Float[jax.Array, "actuators"]
+
+
+class Given(NamedTuple):
+    """What a lane's control step is driven from.
+
+    Attributes:
+        near_m: From the robot's place to the nearest obstacle, seen from above.
+    """
+
+    window: ObstacleWindow
+    near_m: Float[jax.Array, ""]
+    body: Body
+    control: Control
+
+
+class Driven(NamedTuple):
+    """What a control step's physics did to a robot."""
+
+    body: Body
+    work: Work
+
+
+def mjx_mechanics(path: Path) -> Mechanics:
+    """Returns the robot of a ``robot.xml`` on this engine.
+
+    Raises:
+        RobotRefused: MJX cannot step it; says which element, and the remedy.
+    """
+    robot = load_robot(path)
+    return Mechanics(
+        engine="mjx",
+        hull=robot.hull,
+        actuators=robot.actuators,
+        first_body=functools.partial(first_body, robot),
+        drive=functools.partial(drive, robot),
+    )
+
+
+def first_body(robot: RobotModel, start: Float[jax.Array, "3"]) -> Body:
+    """Returns a robot at rest at its start."""
+    joints = Joints(coordinates_at(robot.base, jnp.asarray(robot.rest), start, jnp), jnp.zeros(robot.host.nv))
+    return _body(robot, joints, jnp.asarray(robot.rest_act), jnp.zeros(robot.host.nv))
+
+
+def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -> Motion:
+    """Returns what a control step's physics does to a robot.
+
+    Args:
+        robot: The robot.
+        inputs: The lane's, with the obstacles.
+        body: The robot at the step's beginning.
+        control: One number for each actuator.
+    """
+    window, near_m = nearest_obstacles(inputs.boxes, inputs.cylinders, body.qpos[:2], BOX_SLOTS, CYLINDER_SLOTS)
+    driven = _drive(robot)(Given(window, near_m, body, control))
+    clearance_m = hull_distance_m(robot.parts, window.boxes, window.cylinders, driven.body.qpos)
+    return Motion(driven.body, driven.work, clearance_m)
+
+
+def _drive(robot: RobotModel) -> custom_vmap:
+    """Returns a function that drives a lane, and many at once with less work than each by itself."""
+
+    @custom_vmap
+    def one(given: Given) -> Driven:
+        lanes = jax.tree.map(lambda array: jnp.asarray(array)[None], given)
+        return jax.tree.map(lambda array: array[0], many(lanes, 1))
+
+    def many(given: Given, lanes: int) -> Driven:
+        first, sound = jax.vmap(written_out(functools.partial(drive_alone, robot)))(given)
+        again = jax.vmap(written_out(functools.partial(drive_among, robot)))
+        return mended(first, sound, again, given, lanes)
+
+    @one.def_vmap
+    def _(lanes: int, batched: list[Given], given: Given) -> tuple[Driven, Driven]:
+        whole = jax.tree.map(
+            lambda array, split: array if split else jnp.broadcast_to(array, (lanes, *jnp.shape(array))),
+            given,
+            batched[0],
+        )
+        driven = many(whole, lanes)
+        return driven, jax.tree.map(lambda _: True, driven)
+
+    return one
+
+
+def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array, ""]]:
+    """Returns what a control step does where there are no obstacles, and whether none can have been touched."""
+    center, free = given.body.qpos[:2], robot.free
+
+    def physics_step(
+        carry: tuple[Body, jax.Array, jax.Array], _: None
+    ) -> tuple[tuple[Body, jax.Array, jax.Array], None]:
+        before, energy_j, reach_m = carry
+        data = mjx.step(free.model, _data(free.data, before, given.control))
+        # Where its geoms were when contacts were looked for.
+        away_m = jnp.sqrt(jnp.sum((data.geom_xpos[free.geoms, :2] - center) ** 2, axis=-1)) + free.reach_m
+        energy_j += _power_w(data) * free.model.opt.timestep
+        return (_after(robot, data), energy_j, jnp.maximum(reach_m, away_m.max())), None
+
+    zero = jnp.zeros(())
+    (after, energy_j, reach_m), _ = jax.lax.scan(
+        physics_step, (given.body, zero, zero), None, length=robot.physics_steps
+    )
+    return Driven(after, Work(zero, jnp.zeros(2), energy_j)), reach_m < given.near_m
+
+
+def drive_among(robot: RobotModel, given: Given) -> Driven:
+    """Returns what a control step does among the obstacles of a window."""
+    model = with_window(robot, given.window)
+    step_s = model.opt.timestep
+
+    def physics_step(carry: tuple[Body, Work], _: None) -> tuple[tuple[Body, Work], None]:
+        before, work = carry
+        data = mjx.step(model, _data(robot.data, before, given.control))
+        push_n = _push_n(robot, data)
+        worked = Work(
+            work.impulse_ns + jnp.sqrt(jnp.sum(push_n**2)) * step_s,
+            work.push_ns + push_n * step_s,
+            work.energy_j + _power_w(data) * step_s,
+        )
+        return (_after(robot, data), worked), None
+
+    nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
+    (after, work), _ = jax.lax.scan(physics_step, (given.body, nothing), None, length=robot.physics_steps)
+    return Driven(after, work)
+
+
+def _data(data: mjx.Data, before: Body, control: Control) -> mjx.Data:
+    joints = before.joints or Joints(before.qpos, before.qvel)
+    return data.replace(
+        qpos=joints.qpos, qvel=joints.qvel, act=before.act, qacc_warmstart=before.warmstart, ctrl=control
+    )
+
+
+def _after(robot: RobotModel, data: mjx.Data) -> Body:
+    return _body(robot, Joints(data.qpos, data.qvel), data.act, data.qacc_warmstart)
+
+
+def _body(robot: RobotModel, joints: Joints, act: jax.Array, warmstart: jax.Array) -> Body:
+    pose, velocity = pose_of(robot.base, joints.qpos, jnp), velocity_of(robot.base, *joints, jnp)
+    return Body(pose, velocity, act, warmstart, joints if robot.base.articulated else None)
+
+
+def _power_w(data: mjx.Data) -> Float[jax.Array, ""]:
+    """Returns what the actuators spend, each by itself: sums over coordinates would depend on where the axes point."""
+    speeds = data._impl.actuator_velocity  # noqa: SLF001 - MJX has no public way to it
+    return jnp.sum(jnp.abs(data.actuator_force * speeds))
+
+
+def _push_n(robot: RobotModel, data: mjx.Data) -> Float[jax.Array, "2"]:
+    """Returns the force of obstacles on the robot in the plane; floor, limits and dry friction do not count.
+
+    What acts on the base's first two coordinates is the net force on the whole robot.
+    """
+    if robot.only_obstacles_hold:
+        return data.qfrc_constraint[:2]
+    inner = data._impl  # noqa: SLF001 - MJX has no public way to a contact's force
+    slots = np.concatenate([robot.box_slots, robot.cylinder_slots])
+    contact = inner.contact
+    by_obstacle = jnp.isin(contact.geom, slots).any(axis=1)
+    first, count = contact.efc_address, np.where(contact.dim == 1, 1, 2 * (contact.dim - 1))
+    if robot.host.opt.cone:
+        count = contact.dim
+    rows = np.concatenate([first[k] + np.arange(count[k]) for k in range(len(first))])
+    owners = np.repeat(np.arange(len(first)), count)
+    forces = jnp.where(by_obstacle[owners], inner.efc_force[rows], 0.0)
+    return forces @ inner.efc_J[rows, :2]

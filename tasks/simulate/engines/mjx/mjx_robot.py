@@ -1,0 +1,235 @@
+"""The MJX model of one robot with obstacle slots, made once and shared by all lanes and worlds.
+
+The slots are the engine's window: the nearest obstacles are written into them.
+"""
+
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+from jaxtyping import Float, Float32, Int
+
+from specs.data.episode import CONTROL_S
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_model import (
+    Base,
+    Hull,
+    add_obstacle,
+    base_of,
+    collision_bits,
+    compile_robot,
+    hull_of,
+    read_robot_mjcf,
+    rest_position,
+)
+from tasks.simulate.engines.mjx.mjx_limits import refuse_what_mjx_lacks, with_stand_ins
+from tasks.simulate.geometry.hull_distance import to_boxes_m, to_cylinders_m
+from tasks.simulate.geometry.hull_outline import HullPart, hull_parts
+from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
+from tasks.simulate.geometry.obstacles import PARKING_M
+
+# Without warp, which only its GPU backend needs, MJX prints two lines to standard output when it is imported.
+with redirect_stdout(StringIO()):
+    from mujoco import mjx
+
+__all__ = ["mjx"]
+
+
+# Against C MuJoCo with all hundred obstacles: median 1.5e-5 m after 10 s of bumping
+# (docs/reference/physics.md, section 3).
+BOX_SLOTS = 5
+CYLINDER_SLOTS = 3
+_NEWTON_ITERATIONS = 2
+_LINE_SEARCHES = 4
+_SPECK_M = 0.05
+# Beside what is touched in exact numbers: for single precision, and for the places within a step that RK4 looks at.
+_SLACK_M, _RK4_SLACK_M = 1e-4, 0.05
+# Also on a GPU, where MJX may prefer Warp: it keeps forces and contacts elsewhere, and knows no window of obstacles.
+_IMPLEMENTATION = "jax"
+
+
+@dataclass(frozen=True, eq=False)
+class FreeModel:
+    """A robot without any obstacles, on its floor if it stands on one.
+
+    Attributes:
+        geoms: Ids of those that obstacles would touch.
+        reach_m: How far from its middle each could touch one.
+    """
+
+    model: mjx.Model
+    data: mjx.Data
+    geoms: Int[np.ndarray, "geoms"]
+    reach_m: Float32[np.ndarray, "geoms"]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A robot as the engine steps it.
+
+    Attributes:
+        model: The robot with its slots parked.
+        data: The state that a step starts from, but for what changes.
+        host: The same model for C MuJoCo.
+        free: The robot where no obstacle is near.
+        base: How it stands in the world.
+        rest: Its coordinates before it is placed at a start.
+        rest_act: Its actuators' activations then.
+        box_slots: Geom ids of the boxes in ``model``.
+        cylinder_slots: Geom ids of the capsules that stand for cylinders.
+        parts: Of the hull, for its clearance.
+        physics_steps: In one control step.
+    """
+
+    model: mjx.Model
+    data: mjx.Data
+    host: mujoco.MjModel
+    free: FreeModel
+    base: Base
+    rest: Float32[np.ndarray, "coordinates"]
+    rest_act: Float32[np.ndarray, "activations"]
+    box_slots: Int[np.ndarray, "boxes"]
+    cylinder_slots: Int[np.ndarray, "cylinders"]
+    hull: Hull
+    parts: tuple[HullPart, ...]
+    physics_steps: int
+
+    @property
+    def actuators(self) -> int:
+        """Returns how many numbers a control has."""
+        return int(self.host.nu)
+
+    @property
+    def only_obstacles_hold(self) -> bool:
+        """Returns whether nothing but obstacles can hold the base: no floor, no limits, no friction of joints."""
+        host = self.host
+        held = host.jnt_limited.any() or host.dof_frictionloss.any() or host.neq or host.ntendon
+        return not (self.base.free or self.base.articulated or held)
+
+
+def load_robot(path: Path) -> RobotModel:
+    """Returns the model of a ``robot.xml``.
+
+    Raises:
+        RobotRefused: The robot cannot be represented; says which element, and the remedy.
+    """
+    spec = read_robot_mjcf(path)
+    alone = compile_robot(spec)
+    base, hull = base_of(alone), hull_of(alone)
+    refuse_what_mjx_lacks(with_stand_ins(spec))
+    _tune(spec, alone, base)
+    free_host = compile_robot(spec)
+    boxes, cylinders = _add_slots(spec)
+    host = compile_robot(spec)
+    (model, data), free = _put(host), _put(free_host)
+    return RobotModel(
+        model=model,
+        data=data,
+        host=host,
+        free=FreeModel(*free, *_reach(free_host, host)),
+        base=base,
+        rest=rest_position(host).astype(np.float32),
+        rest_act=np.array(host.key_act[0] if host.nkey else np.zeros(host.na), np.float32),
+        box_slots=np.array([host.geom(name).id for name in boxes]),
+        cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
+        hull=hull,
+        parts=hull_parts(alone),
+        physics_steps=round(CONTROL_S / host.opt.timestep),
+    )
+
+
+def _put(host: mujoco.MjModel) -> tuple[mjx.Model, mjx.Data]:
+    try:
+        model = mjx.put_model(host, impl=_IMPLEMENTATION)
+        return model, mjx.make_data(model)
+    except NotImplementedError as exc:
+        raise RobotRefused(f"robot.xml: MJX refuses: {exc}: set engine: mujoco") from exc
+
+
+def _reach(
+    alone: mujoco.MjModel, among: mujoco.MjModel
+) -> tuple[Int[np.ndarray, "geoms"], Float32[np.ndarray, "geoms"]]:
+    """Returns the geoms that an obstacle could touch, and how far from its middle each of them could.
+
+    Args:
+        alone: The robot.
+        among: The same with slots, whose margins a default of the robot's file may set.
+    """
+    moving = alone.body_weldid[alone.geom_bodyid] != 0
+    geoms = np.flatnonzero(moving & ((alone.geom_contype != 0) | (alone.geom_conaffinity != 0)))
+    endless = alone.geom_type[geoms] == mujoco.mjtGeom.mjGEOM_PLANE
+    slack_m = _RK4_SLACK_M if alone.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4 else _SLACK_M
+    margins_m = alone.geom_margin[geoms] + among.geom_margin.max() + slack_m
+    return geoms, np.where(endless, np.inf, alone.geom_rbound[geoms] + margins_m).astype(np.float32)
+
+
+def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:
+    """Adds parked slots; cylinders are capsules, since MJX's cylinders are slow, and equal beside their caps."""
+    bits = collision_bits(spec)
+    boxes = [f"box-slot-{k}" for k in range(BOX_SLOTS)]
+    cylinders = [f"cylinder-slot-{k}" for k in range(CYLINDER_SLOTS)]
+    for k, name in enumerate(boxes + cylinders):
+        kind = mujoco.mjtGeom.mjGEOM_BOX if name in boxes else mujoco.mjtGeom.mjGEOM_CAPSULE
+        geom = add_obstacle(spec, name, kind, bits)
+        geom.pos = [PARKING_M + k, PARKING_M, 0.0]
+        geom.size = [_SPECK_M] * 3
+    return boxes, cylinders
+
+
+def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
+    """Sets the solver as measured: two Newton iterations hold for a hull among eight obstacles.
+
+    All of MuJoCo's solvers look for the same forces; Newton's is the one that MJX is fastest with.
+    """
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    if not (base.free or base.articulated):
+        spec.option.iterations = _NEWTON_ITERATIONS
+        spec.option.ls_iterations = _LINE_SEARCHES
+    if not alone.dof_damping.any():
+        # There is nothing to damp implicitly, and MJX need not factor a matrix for it.
+        spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
+
+
+class ObstacleWindow(NamedTuple):
+    """The nearest obstacles of one lane."""
+
+    boxes: Boxes
+    cylinders: Cylinders
+
+
+def nearest_obstacles(
+    boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
+) -> tuple[ObstacleWindow, Float[jax.Array, ""]]:
+    """Returns the boxes and cylinders nearest to a point, seen from above, and how near the nearest is.
+
+    Args:
+        boxes: Of the world, in the hull's band of heights.
+        cylinders: Likewise.
+        center_m: The point (x, y).
+        box_count: How many boxes.
+        cylinder_count: How many cylinders.
+    """
+    to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
+    _, box_index = jax.lax.top_k(-to_boxes, box_count)
+    _, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
+    window = ObstacleWindow(boxes[box_index], cylinders[cylinder_index])
+    return window, jnp.minimum(to_boxes.min(), to_cylinders.min())
+
+
+def with_window(robot: RobotModel, window: ObstacleWindow) -> mjx.Model:
+    """Returns the robot's model with the window's obstacles in its slots."""
+    base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
+    half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2
+    flat = jnp.zeros_like(half_yaw)
+    turn = jnp.stack([jnp.cos(half_yaw), flat, flat, jnp.sin(half_yaw)], axis=-1)
+    return base.replace(
+        geom_pos=base.geom_pos.at[box].set(window.boxes[:, :3]).at[cylinder].set(window.cylinders[:, :3]),
+        geom_quat=base.geom_quat.at[box].set(turn),
+        geom_size=base.geom_size.at[box].set(window.boxes[:, 3:6]).at[cylinder, :2].set(window.cylinders[:, 3:5]),
+    )

@@ -1,0 +1,291 @@
+"""The mujoco engine: C MuJoCo on the host's threads among all solids of each lane's world, for any robot.
+
+Sensors, controller and scenario are the same JAX functions as on the other engines, over all lanes at once; between the
+two halves of a control step C MuJoCo drives those lanes that are not done. One call settles
+a step and decides the next one.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Bool, Float, Float32
+
+from specs.data.world import World
+from specs.field_types import EngineName
+from tasks.simulate.application.contract import Body, Joints, Motion, Observation, State, Work
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.devices import device_count
+from tasks.simulate.engines.mujoco.world_stepper import HostBody, HostRobot, HostWork, Stepper, host_robot, world_models
+from tasks.simulate.engines.program import (
+    LaneTransfer,
+    lane_mesh,
+    lane_sharding,
+    padded_lanes,
+    put_lanes,
+    split_over,
+    stacked_records,
+    strong_types,
+    with_stand_in,
+)
+from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
+from tasks.simulate.engines.pytree_schema import flatten_state, unflatten_state
+from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
+from tasks.simulate.lane.chunk_applications import Applications
+from tasks.simulate.lane.control_step import decide, finish_step, observe
+from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, StepRecord, begin_lane
+from tasks.simulate.lane.staging import Lane
+from tasks.simulate.plan.chunks import SLICE_STEPS
+
+# Of a lane, as one row of numbers: what was driven, and what the host needs of it: each array more that goes from the
+# host to JAX, or back, costs a tenth of a millisecond, whatever the number of lanes.
+Row = Float[Array, "numbers"]
+# So few lanes on a device cost little more than none: what a step costs then is to hand it to one device more.
+_LANES_A_DEVICE = 32
+# Of a settled row: pose, velocity, the goal's index, the impulse, and whether the lane is done; the scan follows.
+_SETTLED = 9
+# Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
+Changed = dict[int, Array]
+# What the controllers changed, their controls, and the scans that they saw, lanes first.
+Decided = tuple[Changed, Float[Array, "lanes actuators"], Float[Array, "lanes rays"]]
+
+
+@dataclass(frozen=True, eq=False)
+class HostProgram:
+    """A robot and its applications on C MuJoCo; see ``tasks.simulate.engines.program.Program``.
+
+    Attributes:
+        begin: Returns the lanes' state before the first control step.
+        sense: Returns what the robots sense, for controllers that are plain Python.
+        decide: Returns what the controllers change of their states, their controls, and what they saw.
+        settle: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
+            state given is used up.
+        step: Returns what ``settle`` does, and what is decided then, all that the host needs of both as one array; what
+            it is given of either is used up.
+        keeper: Of the functions, for processes to come.
+        host: The robot application, if it runs on the host.
+    """
+
+    robot: HostRobot
+    applications: Applications
+    lanes: int
+    threads: int
+    mesh: Mesh
+    begin: Callable[[LaneInputs, Body], LaneState]
+    sense: Callable[[LaneInputs, LaneState], Observation]
+    decide: Callable[[LaneInputs, LaneState], Decided]
+    settle: Callable[[LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, jax.Array]]
+    step: Callable[
+        [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
+    ]
+    keeper: ProgramCache
+    host: HostApplication | None
+    engine: EngineName = "mujoco"
+
+    @property
+    def hull(self) -> Hull:
+        """Returns the robot's hull."""
+        return self.robot.hull
+
+    @property
+    def actuators(self) -> int:
+        """Returns how many numbers a control has."""
+        return self.robot.actuators
+
+    def body(self) -> Body:
+        """Returns a robot at rest, to check applications with."""
+        stepper = Stepper(self.robot, [self.robot.alone], np.zeros((1, 3)), 1)
+        return _body(jax.tree.map(lambda array: array[0], stepper.body()))
+
+    def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "HostRun":
+        """Returns episodes ready to run."""
+        models = world_models(self.robot, {lane.request.world: worlds[lane.request.world] for lane in lanes})
+        filled = [*lanes, *[lanes[0]] * (self.lanes - len(lanes))]
+        each = [models[lane.request.world] for lane in filled]
+        stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
+        controllers = None
+        if self.host is not None:
+            controllers = self.host.start(HostStart(lanes, self.lanes, self.actuators, self.applications.sensors))
+        return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers, LaneTransfer(self.mesh))
+
+
+@dataclass(eq=False)
+class HostRun:
+    """Episodes on C MuJoCo; see ``tasks.simulate.engines.program.Run``. It runs once."""
+
+    program: HostProgram
+    inputs: LaneInputs
+    stepper: Stepper
+    host: HostControllers | None
+    transfer: LaneTransfer
+    _ahead: tuple[Decided, Float[np.ndarray, "lanes actuators"]] | None = None
+
+    def begin(self) -> LaneState:
+        """Returns the lanes before the first control step."""
+        return self.program.begin(self.inputs, _body(self.stepper.body()))
+
+    def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
+        """Returns the lanes a slice later, or when all are done, and the records up to then."""
+        records: list[StepRecord] = []
+        moving = ~self._fetched(state.done)
+        while len(records) < SLICE_STEPS:
+            if records and not moving.any():
+                break
+            decided, controls = self._decided(state, moving)
+            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving)))
+            state, rows = self._settled(state, decided, driven)
+            moving = rows[:, _SETTLED - 1] == 0.0
+            records.append(_record(rows, controls))
+        return state, stacked_records(records)
+
+    def _decided(
+        self, state: LaneState, moving: Bool[np.ndarray, "lanes"]
+    ) -> tuple[Decided, Float[np.ndarray, "lanes actuators"]]:
+        if self._ahead is not None:
+            return self._ahead
+        if self.host is None:
+            decided = self.program.decide(self.inputs, state)
+            return decided, self._fetched(decided[1])
+        observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
+        controls = self.host.controls(observed, moving)
+        return ({}, self.transfer.put(controls), self.transfer.put(observed.ranges_m)), controls
+
+    def _settled(
+        self, state: LaneState, decided: Decided, driven: jax.Array
+    ) -> tuple[LaneState, Float32[np.ndarray, "lanes numbers"]]:
+        """Returns the lanes after a control step, and what is recorded of it; what comes next is decided as well."""
+        if self.host is not None:
+            state, settled = self.program.settle(self.inputs, state, decided, driven)
+            return state, self._fetched(settled)
+        state, after, together = self.program.step(self.inputs, state, decided, driven)
+        rows, actuators = self._fetched(together), self.program.actuators
+        self._ahead = after, rows[:, rows.shape[1] - actuators :]
+        return state, rows[:, : rows.shape[1] - actuators]
+
+    def _fetched(self, array: jax.Array) -> np.ndarray:
+        return np.concatenate(self.transfer.fetch(array))
+
+
+def host_program(
+    path: Path,
+    applications: Applications,
+    lanes: int,
+    host: HostApplication | None = None,
+    *,
+    threads: int | None = None,
+) -> HostProgram:
+    """Returns the program of a robot and its applications; compiles nothing yet.
+
+    Args:
+        path: The ``robot.xml``.
+        applications: The robot application and the scenario.
+        lanes: At least so many.
+        host: The robot application, if it runs on the host.
+        threads: To step robots on; one for each core if None.
+
+    Raises:
+        RobotRefused: It does not load, or cannot be driven about.
+    """
+    robot, mesh = host_robot(path), lane_mesh(most=-(-lanes // _LANES_A_DEVICE))
+    seen = with_stand_in(applications, robot.actuators, host=host is not None)
+    keeper = open_program_cache(lane_sharding(mesh), seen, "mujoco", host=host is not None)
+
+    def split(name: str, kernel: Callable[..., object], arguments: int) -> Callable[..., Any]:
+        return keeper.kept(name, split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments))
+
+    return HostProgram(
+        robot=robot,
+        applications=seen,
+        lanes=padded_lanes(lanes, mesh.size),
+        threads=threads or device_count(),
+        mesh=mesh,
+        begin=jax.jit(split("begin", _begin_lane, 2)),
+        sense=jax.jit(split("sense", observe, 2)),
+        decide=jax.jit(split("decide", _decide_lane, 2)),
+        settle=jax.jit(split("settle", functools.partial(_settle_lane, robot), 4), donate_argnums=1),
+        step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
+        keeper=keeper,
+        host=host,
+    )
+
+
+def _begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
+    return flatten_state(strong_types(begin_lane(applications, inputs, body)))
+
+
+def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decided:
+    state = unflatten_state(applications, inputs, state)
+    after, control, ranges_m = decide(applications, inputs, state)
+    before = jax.tree.leaves(state.controller)
+    changed = {place: leaf for place, leaf in enumerate(jax.tree.leaves(after)) if leaf is not before[place]}
+    return changed, control, ranges_m
+
+
+def _settle_lane(  # noqa: PLR0917 - as the program maps it
+    robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
+) -> tuple[LaneState, Row]:
+    changed, control, ranges_m = decided
+    state = unflatten_state(applications, inputs, state)
+    body, work = _from_row(robot, driven)
+    clearance_m = hull_distance_m(robot.parts, inputs.boxes, inputs.cylinders, body.qpos)
+    decision = Decision(_with_changes(state.controller, changed), control, ranges_m)
+    after, record = finish_step(applications, inputs, state, decision, Motion(body, work, clearance_m))
+    numbers = (record.pose, record.velocity, record.goal_index, record.impulse_ns, after.done, record.ranges_m)
+    return flatten_state(after), jnp.concatenate([jnp.ravel(each).astype(jnp.float32) for each in numbers])
+
+
+def _step_lane(  # noqa: PLR0917 - as the program maps it
+    robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
+) -> tuple[LaneState, Decided, Row]:
+    after, settled = _settle_lane(robot, applications, inputs, state, decided, driven)
+    following = _decide_lane(applications, inputs, after)
+    return after, following, jnp.concatenate([settled, following[1].astype(jnp.float32)])
+
+
+def _driven_rows(body: HostBody, work: HostWork) -> Float32[np.ndarray, "lanes numbers"]:
+    joints = body.joints or ()
+    return np.concatenate([*body[:3], *joints, work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None]], axis=1)
+
+
+def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work]:
+    """Returns what a row of ``_driven_rows`` tells."""
+    model, articulated = robot.alone, robot.base.articulated
+    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1]
+    pose, velocity, act, *joints, impulse, push, energy = jnp.split(row, np.cumsum(sizes)[:-1])
+    body = Body(pose, velocity, act, jnp.zeros(0), Joints(*joints) if articulated else None)
+    return body, Work(impulse[0], push, energy[0])
+
+
+def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarray, "lanes actuators"]) -> StepRecord:
+    found: Any = rows  # a record's arrays are NumPy's on the host
+    given: Any = controls
+    return StepRecord(
+        pose=found[:, :3],
+        velocity=found[:, 3:6],
+        goal_index=found[:, 6].astype(np.int32),
+        control=given,
+        ranges_m=found[:, _SETTLED:],
+        impulse_ns=found[:, 7],
+    )
+
+
+def _with_changes(before: State, changed: Changed) -> State:
+    leaves, form = jax.tree.flatten(before)
+    return jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
+
+
+def _body(host: HostBody) -> Body:
+    joints = None if host.joints is None else Joints(*_arrays(host.joints))
+    pose, velocity, act, warmstart = _arrays((*host[:3], np.zeros((*host.qpos.shape[:-1], 0), np.float32)))
+    return Body(pose, velocity, act, warmstart, joints)
+
+
+def _arrays(host: Iterable[np.ndarray]) -> tuple[jax.Array, ...]:
+    return tuple(jnp.asarray(array) for array in host)

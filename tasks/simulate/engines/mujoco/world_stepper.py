@@ -1,0 +1,302 @@
+"""Many robots, each among all solids of its world, stepped by C MuJoCo on the host's threads, in double precision.
+
+All geoms are as they are, and so is the solver of the ``robot.xml``.
+"""
+
+import contextlib
+import logging
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Lock
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float, Float32, Float64, Int
+from mujoco.rollout import Rollout
+
+from specs.data.episode import CONTROL_S
+from specs.data.world import Solid, World, solids
+from tasks.simulate.application.robot_model import (
+    Base,
+    Hull,
+    add_obstacle,
+    base_of,
+    collision_bits,
+    compile_robot,
+    coordinates_at,
+    hull_of,
+    pose_of,
+    read_robot_mjcf,
+    rest_position,
+    velocity_of,
+)
+from tasks.simulate.geometry.hull_outline import HullPart, hull_parts
+from tasks.simulate.geometry.obstacles import PARKING_M
+
+_SOLIDS = "simyard/solids"
+_PUSH_SENSOR = "simyard/push"
+_FORCE = "simyard/force/"
+_SPEED = "simyard/speed/"
+_SPECK_M = 0.05
+# Of a contact sensor: what it reports (the force), how contacts become one (their sum), how many it reports.
+_CONTACT_FORCE, _NET_FORCE, _ONE = 1 << 1, 3, 1
+
+
+@dataclass(frozen=True, eq=False)
+class HostRobot:
+    """A robot as C MuJoCo steps it.
+
+    Attributes:
+        spec: To which a world's solids are added.
+        alone: The robot without any.
+        rest: Its coordinates before it is placed at a start.
+        rest_act: Its actuators' activations then.
+        parts: Of the hull, for its clearance.
+        physics_steps: In one control step.
+    """
+
+    spec: mujoco.MjSpec
+    alone: mujoco.MjModel
+    base: Base
+    hull: Hull
+    parts: tuple[HullPart, ...]
+    rest: Float64[np.ndarray, "coordinates"]
+    rest_act: Float64[np.ndarray, "activations"]
+    physics_steps: int
+
+    @property
+    def actuators(self) -> int:
+        """Returns how many numbers a control has."""
+        return int(self.alone.nu)
+
+
+def host_robot(path: Path) -> HostRobot:
+    """Returns the robot of a ``robot.xml``.
+
+    Raises:
+        RobotRefused: It does not load, or cannot be driven about.
+    """
+    spec = read_robot_mjcf(path)
+    _name_parts(spec)
+    alone = compile_robot(spec)
+    return HostRobot(
+        spec=spec,
+        alone=alone,
+        base=base_of(alone),
+        hull=hull_of(alone),
+        parts=hull_parts(alone),
+        rest=rest_position(alone),
+        rest_act=np.array(alone.key_act[0] if alone.nkey else np.zeros(alone.na)),
+        physics_steps=round(CONTROL_S / alone.opt.timestep),
+    )
+
+
+def world_models(robot: HostRobot, worlds: Mapping[str, World]) -> dict[str, mujoco.MjModel]:
+    """Returns the robot's model in each world, all of the same sizes: worlds with fewer solids get specks far away.
+
+    MuJoCo's state of one then fits all of them. Specks touch nothing and come last, so that a world's results are the
+    same bits whatever worlds it is compiled with.
+    """
+    most = max((len(solids(world)) for world in worlds.values()), default=0)
+    return {name: world_model(robot, world, most) for name, world in worlds.items()}
+
+
+def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjModel:
+    """Returns a robot among all solids of a world, with at least so many places for solids.
+
+    Its sensors are, for each physics step, the net force of the solids on the robot, then each actuator's force, then
+    its speed.
+    """
+    spec = robot.spec.copy()
+    bits = collision_bits(spec)
+    body = spec.worldbody.add_body(name=_SOLIDS)
+    given = solids(world)
+    for solid in given:
+        _add_solid(spec, body, solid, bits)
+    for number in range(len(given), places):
+        geom = add_obstacle(spec, f"{_SOLIDS}/{number}", mujoco.mjtGeom.mjGEOM_SPHERE, bits, body)
+        geom.pos, geom.size = [PARKING_M, PARKING_M, -PARKING_M], [_SPECK_M] * 3
+    _add_sensors(spec, robot)
+    # A state that blows up stays as it is, and is reported, instead of starting anew.
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    return compile_robot(spec)
+
+
+def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tuple[int, int]) -> None:
+    kind = mujoco.mjtGeom.mjGEOM_BOX if solid.shape == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
+    geom = add_obstacle(spec, f"solid/{solid.name}", kind, bits, body)
+    x, y, z = solid.half_extents_m
+    geom.pos = solid.center_m
+    geom.size = [x, y, z] if solid.shape == "box" else [x, z, 0.0]
+    geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]
+
+
+def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot) -> None:
+    for sensor in list(spec.sensors):
+        spec.delete(sensor)
+    push = spec.add_sensor(name=_PUSH_SENSOR, type=mujoco.mjtSensor.mjSENS_CONTACT)
+    push.objtype, push.objname = mujoco.mjtObj.mjOBJ_BODY, _SOLIDS
+    push.reftype, push.refname = mujoco.mjtObj.mjOBJ_XBODY, robot.alone.body(robot.base.body).name
+    push.intprm[:3] = [_CONTACT_FORCE, _NET_FORCE, _ONE]
+    for prefix, kind in ((_FORCE, mujoco.mjtSensor.mjSENS_ACTUATORFRC), (_SPEED, mujoco.mjtSensor.mjSENS_ACTUATORVEL)):
+        for actuator in spec.actuators:
+            sensor = spec.add_sensor(name=f"{prefix}{actuator.name}", type=kind)
+            sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_ACTUATOR, actuator.name
+
+
+def _name_parts(spec: mujoco.MjSpec) -> None:
+    """Names base and actuators that have no name: sensors refer to names."""
+    for prefix, parts in (("base", spec.worldbody.bodies), ("actuator", spec.actuators)):
+        for number, part in enumerate(parts):
+            part.name = part.name or f"simyard/{prefix}/{number}"
+
+
+logger = logging.getLogger(__name__)
+_STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
+_TIME = 1  # comes first in a state, then qpos, qvel and act
+_PUSH_NUMBERS = 3
+# MuJoCo calls numbers beyond this bad and stops stepping (mjMAXVAL).
+_MOST = 1e10
+
+
+class HostBody(NamedTuple):
+    """The robots' mechanical states as the applications get them; fields as in ``application.motion.Body``."""
+
+    qpos: Float32[np.ndarray, "lanes 3"]
+    qvel: Float32[np.ndarray, "lanes 3"]
+    act: Float32[np.ndarray, "lanes activations"]
+    joints: tuple[Float32[np.ndarray, "lanes coordinates"], Float32[np.ndarray, "lanes speeds"]] | None
+
+
+class HostWork(NamedTuple):
+    """What a control step's physics did; fields as in ``application.motion.Work``."""
+
+    impulse_ns: Float32[np.ndarray, "lanes"]
+    push_ns: Float32[np.ndarray, "lanes 2"]
+    energy_j: Float32[np.ndarray, "lanes"]
+
+
+class Stepper:
+    """The robots of a chunk; what one of them does depends neither on the others nor on the number of threads.
+
+    Args:
+        robot: What they all are.
+        models: Each lane's, all of the same sizes (``mujoco_model.world_models``).
+        starts: Each lane's (x m, y m, yaw rad).
+        threads: To step them on.
+    """
+
+    def __init__(
+        self,
+        robot: HostRobot,
+        models: Sequence[mujoco.MjModel],
+        starts: Float[np.ndarray, "lanes 3"],
+        threads: int,
+    ) -> None:
+        self._robot, self._models = robot, list(models)
+        self._pool = Rollout(nthread=threads if threads > 1 else 0)
+        self._datas = [mujoco.MjData(models[0]) for _ in range(threads)]
+        first = models[0]
+        self._qpos = slice(_TIME, _TIME + first.nq)
+        self._qvel = slice(self._qpos.stop, self._qpos.stop + first.nv)
+        self._act = slice(self._qvel.stop, self._qvel.stop + first.na)
+        self._states = self._initial(starts.astype(np.float64))
+        self._warmstarts = np.zeros((len(models), first.nv))
+
+    def body(self) -> HostBody:
+        """Returns all robots as they are."""
+        qpos, qvel, base = self._states[:, self._qpos], self._states[:, self._qvel], self._robot.base
+        joints = (_single(qpos), _single(qvel)) if base.articulated else None
+        pose, velocity = pose_of(base, qpos, np), velocity_of(base, qpos, qvel, np)
+        return HostBody(_single(pose), _single(velocity), _single(self._states[:, self._act]), joints)
+
+    def drive(
+        self, controls: Float[np.ndarray, "lanes actuators"], moving: Bool[np.ndarray, "lanes"]
+    ) -> tuple[HostBody, HostWork]:
+        """Returns the robots a control step later, and what was done; those that are not moving stay as they are."""
+        chosen = np.flatnonzero(moving)
+        work = HostWork(*(np.zeros((len(moving), *shape), np.float32) for shape in ((), (2,), ())))
+        if len(chosen):
+            path, sensed = self._rolled_out(chosen, controls[chosen].astype(np.float64))
+            self._warmstarts[chosen] = self._accelerations(np.concatenate([self._states[chosen, None], path], axis=1))
+            self._states[chosen] = path[:, -1]
+            # MuJoCo would take a control that it calls bad for 0, and say so in a log.
+            self._states[chosen[(np.abs(controls[chosen]) > _MOST).any(axis=1)]] = np.nan
+            for total, done in zip(work, self._work(sensed), strict=True):
+                total[chosen] = done
+        return self.body(), work
+
+    def _initial(self, starts: Float64[np.ndarray, "lanes 3"]) -> Float64[np.ndarray, "lanes state"]:
+        model, data = self._models[0], self._datas[0]
+        mujoco.mj_resetData(model, data)
+        state = np.empty(mujoco.mj_stateSize(model, _STATE))
+        mujoco.mj_getState(model, data, state, _STATE)
+        states = np.tile(state, (len(starts), 1))
+        states[:, self._qpos] = coordinates_at(self._robot.base, self._robot.rest, starts, np)
+        states[:, self._act] = self._robot.rest_act
+        return states
+
+    def _rolled_out(
+        self, chosen: Int[np.ndarray, "chosen"], controls: Float64[np.ndarray, "chosen actuators"]
+    ) -> tuple[Float64[np.ndarray, "chosen steps state"], Float64[np.ndarray, "chosen steps sensors"]]:
+        """Returns the states after each physics step of a control step, and what the sensors read in it."""
+        steps = self._robot.physics_steps
+        states = np.empty((len(chosen), steps, self._states.shape[1]))
+        sensed = np.empty((len(chosen), steps, self._models[0].nsensordata))
+        with _no_log():
+            self._pool.rollout(
+                [self._models[lane] for lane in chosen],
+                self._datas,
+                self._states[chosen],
+                np.repeat(controls[:, None], steps, axis=1),
+                control_spec=int(mujoco.mjtState.mjSTATE_CTRL),
+                skip_checks=True,
+                nstep=steps,
+                initial_warmstart=self._warmstarts[chosen],
+                state=states,
+                sensordata=sensed,
+            )
+        return states, sensed
+
+    def _accelerations(self, path: Float64[np.ndarray, "chosen states state"]) -> Float64[np.ndarray, "chosen speeds"]:
+        """Returns the last step's accelerations, which the solver starts from in the next one."""
+        return (path[:, -1, self._qvel] - path[:, -2, self._qvel]) / self._models[0].opt.timestep
+
+    def _work(self, sensed: Float64[np.ndarray, "chosen steps sensors"]) -> HostWork:
+        step_s, forces = self._models[0].opt.timestep, self._robot.actuators
+        push_n = sensed[:, :, :2]
+        powers_w = sensed[:, :, _PUSH_NUMBERS : _PUSH_NUMBERS + forces] * sensed[:, :, _PUSH_NUMBERS + forces :]
+        return HostWork(
+            _single(np.hypot(push_n[:, :, 0], push_n[:, :, 1]).sum(axis=1) * step_s),
+            _single(push_n.sum(axis=1) * step_s),
+            _single(np.abs(powers_w).sum(axis=(1, 2)) * step_s),
+        )
+
+
+def _single(values: Float64[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
+    """Returns values for the applications; what MuJoCo calls bad is no number."""
+    return np.where(np.abs(values) < _MOST, values, np.nan).astype(np.float32)
+
+
+class _QuietSteps:
+    """How many threads step now, while MuJoCo's warnings go to this module's log."""
+
+    turn = Lock()
+    threads = 0
+
+
+@contextlib.contextmanager
+def _no_log() -> Generator[None]:
+    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory: a state that blows up is a row."""
+    with _QuietSteps.turn:
+        _QuietSteps.threads += 1
+        mujoco.set_mju_user_warning(logger.debug)
+    try:
+        yield
+    finally:
+        with _QuietSteps.turn:
+            _QuietSteps.threads -= 1
+            if not _QuietSteps.threads:
+                mujoco.set_mju_user_warning(None)

@@ -1,0 +1,1 @@
+"""The planar engine, in plain JAX. Only tasks.simulate.engines may import it."""

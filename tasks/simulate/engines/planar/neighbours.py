@@ -1,0 +1,239 @@
+"""The obstacles near a robot, picked out once for a slice of control steps, and the nearest of them at each step.
+
+The nearest obstacles are asked for at each control step, and a robot moves by less than a metre in a slice. Few can be
+among the nearest anywhere in a disc around it, and the nearest of those are the nearest of all, in the same order. A
+robot that has left its disc is looked up among all again (docs/decisions/0043).
+"""
+
+import functools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from tasks.simulate.geometry.hull_distance import to_boxes_m, to_cylinders_m
+from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
+
+_NEVER = 2**31 - 1
+# A disc is as large as the slots allow: the first is what a courier drives in a slice.
+_RADII_M = (0.8, 0.6, 0.4)
+# As many as this, or a share of the world's. More take time at each step, fewer make discs small in clutter.
+_SLOTS, _SHARE = 64, 6
+# For what single precision rounds of distances, and of coordinates.
+_LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
+_GROUPS, _TOGETHER = 32, 128
+_ROW = 16
+# Places of so many obstacles: as many bits whatever fills a world up, or rows would hang on the worlds beside it.
+_PLACE_BITS = 12
+# Of an obstacle: (x, y, half x, half y, cos yaw, sin yaw, radius, z, half z), as in Obstacle of the window.
+Columns = Float[Array, "9 obstacles"]
+
+
+class Neighbours(NamedTuple):
+    """Obstacles that can be among the nearest ones while a robot is in a disc.
+
+    Attributes:
+        center_m: The disc's (x, y).
+        radius_m: Below 0 if there is none: too many obstacles are near.
+        columns: Of the obstacles, boxes first, each kind in the world's order.
+        round: Which are cylinders.
+        used: Which places hold one.
+    """
+
+    center_m: Float[Array, "2"]
+    radius_m: Float[Array, ""]
+    columns: Columns
+    round: Bool[Array, "obstacles"]
+    used: Bool[Array, "obstacles"]
+
+
+class Nearest(NamedTuple):
+    """The obstacles nearest to a point, nearest first.
+
+    Attributes:
+        columns: Of them.
+        round: Which are cylinders.
+    """
+
+    columns: Columns
+    round: Bool[Array, "obstacles"]
+
+
+def neighbours(boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], count: int) -> Neighbours:
+    """Returns the obstacles that can be among the nearest ones around a point.
+
+    One that is left out is farther from the point than ``count`` others by more than the disc's diameter.
+
+    Args:
+        boxes: Of the world, in the hull's band of heights.
+        cylinders: Likewise.
+        center_m: The point (x, y).
+        count: How many nearest ones will be asked for.
+    """
+    apart_m, total = jnp.maximum(_apart_m(boxes, cylinders, center_m), 0.0), len(boxes) + len(cylinders)
+    slots = max(_SLOTS, total // _SHARE)
+    rounded_m = _LEAST_M + _OF_COORDINATES * (jnp.abs(center_m).sum() + _extent_m(boxes) + _extent_m(cylinders))
+    # A place is written into the last bits of a distance, which is less by that.
+    share = 2.0 ** (_place_bits(total) - 22)
+    enough_m = _at_least_m(apart_m, count) + rounded_m
+    radii_m = jnp.array(_RADII_M)
+    limits_m = (enough_m + 2.0 * radii_m) * (1.0 + share)
+    fits = (apart_m <= limits_m[:, None]).sum(axis=1, dtype=jnp.int32) <= slots
+    chosen = jnp.argmax(fits)
+    places = _first(apart_m <= limits_m[chosen], slots)
+    return Neighbours(
+        center_m=center_m,
+        radius_m=jnp.where(fits.any(), radii_m[chosen], -1.0),
+        columns=jnp.concatenate([_of_boxes(boxes), _of_cylinders(cylinders)], axis=1)[:, places],
+        round=places >= len(boxes),
+        used=places < total,
+    )
+
+
+def nearest(
+    boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], count: int, near: Neighbours | None
+) -> Nearest:
+    """Returns the obstacles nearest to a point.
+
+    Args:
+        boxes: Of the world.
+        cylinders: Likewise.
+        center_m: The point (x, y).
+        count: How many.
+        near: Those that were picked out before; None if none were.
+    """
+    most = min(count, len(boxes) + len(cylinders))
+    if near is None:
+        return _of_all(most, boxes, cylinders, center_m)
+    return _of_lane(most)(boxes, cylinders, center_m, near)
+
+
+@functools.cache
+def _of_lane(count: int) -> Callable[..., Nearest]:
+    """Returns the function of a lane; mapped, it looks at all obstacles if any lane must, since a branch costs both."""
+
+    def of_lanes(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
+        away_m = center_m - near.center_m
+        inside = (jnp.sum(away_m**2, axis=-1) <= near.radius_m**2) & (near.radius_m > 0.0)
+
+        def of_near(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
+            return jax.vmap(functools.partial(_of_near, count))(boxes, cylinders, center_m, near)
+
+        def of_all(boxes: Boxes, cylinders: Cylinders, center_m: Array, _: Neighbours) -> Nearest:
+            return jax.vmap(functools.partial(_of_all, count))(boxes, cylinders, center_m)
+
+        return jax.lax.cond(inside.all(), of_near, of_all, boxes, cylinders, center_m, near)
+
+    @jax.custom_batching.custom_vmap
+    def one(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
+        lanes = jax.tree.map(lambda array: array[None], (boxes, cylinders, center_m, near))
+        return jax.tree.map(lambda array: array[0], of_lanes(*lanes))
+
+    @one.def_vmap
+    def _(lanes: int, mapped: Sequence[Any], *given: Any) -> tuple[Nearest, Nearest]:  # noqa: ANN401 - JAX's own form
+        def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
+            return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
+
+        found = of_lanes(*jax.tree.map(repeated, given, tuple(mapped)))
+        return found, jax.tree.map(lambda _: True, found)
+
+    return one
+
+
+def _of_all(count: int, boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"]) -> Nearest:
+    places = _smallest(_apart_m(boxes, cylinders, center_m), count, len(boxes) + len(cylinders), None)
+    is_round = places >= len(boxes)
+    of_boxes = _of_boxes(boxes[jnp.minimum(places, len(boxes) - 1)])
+    of_cylinders = _of_cylinders(cylinders[jnp.maximum(places - len(boxes), 0)])
+    return Nearest(jnp.where(is_round, of_cylinders, of_boxes), is_round)
+
+
+def _of_near(count: int, boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], near: Neighbours) -> Nearest:
+    x, y, half_x, half_y, cos, sin, radius, z, half_z = near.columns
+    as_boxes = to_boxes_m(jnp.stack([x, y, z, half_x, half_y, half_z, cos, sin], axis=1), center_m)
+    as_cylinders = to_cylinders_m(jnp.stack([x, y, z, radius, half_z], axis=1), center_m)
+    # These are in the order of all, so that equal distances stand in the same order.
+    chosen = _smallest(jnp.where(near.round, as_cylinders, as_boxes), count, len(boxes) + len(cylinders), near.used)
+    return Nearest(near.columns[:, chosen], near.round[chosen])
+
+
+def _apart_m(boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"]) -> Float[Array, "obstacles"]:
+    return jnp.concatenate([to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)])
+
+
+def _smallest(
+    distances: Float[Array, "obstacles"], count: int, total: int, used: Bool[Array, "obstacles"] | None
+) -> Int[Array, "nearest"]:
+    """Returns the places of the smallest distances.
+
+    A place is written into the last bits of its distance (as integers, floats from 0 up sort as they do), so that each
+    round is one minimum over whole vectors; ``top_k`` takes six times as long as all of a control step's physics.
+    Distances that differ by less than a 2,000th of themselves stand in the order of places.
+
+    Args:
+        distances: Of the obstacles.
+        count: How many.
+        total: Of the world, also if these are some of them: as many bits hold a place. They are the same up to 4,096.
+        used: Which are none; None if all are.
+    """
+    place_mask = (1 << _place_bits(total)) - 1
+    ordered = jax.lax.bitcast_convert_type(jnp.maximum(distances, 0.0), jnp.int32)
+    keys = (ordered & ~place_mask) | jnp.arange(distances.shape[0], dtype=jnp.int32)
+    keys = keys if used is None else jnp.where(used, keys, _NEVER)
+    chosen: list[Int[Array, ""]] = []
+    last = jnp.int32(-1)
+    for _ in range(count):
+        last = _least(jnp.where(keys > last, keys, _NEVER))
+        chosen.append(last & place_mask)
+    return jnp.stack(chosen)
+
+
+def _least(keys: Int[Array, "keys"]) -> Int[Array, ""]:
+    """Returns the least key. Halves are compared as vectors first; a minimum along a row takes one key at a time."""
+    while len(keys) > _ROW and len(keys) % 2 == 0:
+        keys = jnp.minimum(keys[: len(keys) // 2], keys[len(keys) // 2 :])
+    return jnp.min(keys)
+
+
+def _place_bits(total: int) -> int:
+    return max(_PLACE_BITS, (total - 1).bit_length())
+
+
+def _extent_m(shapes: Boxes | Cylinders) -> Float[Array, ""]:
+    """Returns more than any coordinate or size of boxes, or of cylinders."""
+    return jnp.abs(shapes).max(axis=0).sum()
+
+
+def _at_least_m(apart_m: Float[Array, "obstacles"], count: int) -> Float[Array, ""]:
+    """Returns a distance within which so many obstacles are: of so many groups' nearest ones, the farthest."""
+    filled_m = jnp.concatenate([apart_m, jnp.full(-len(apart_m) % _GROUPS, jnp.inf)]).reshape(-1, _GROUPS)
+    least_m = filled_m.min(axis=0)
+    return jax.lax.fori_loop(0, count, lambda _, last: jnp.min(jnp.where(least_m > last, least_m, jnp.inf)), -1.0)
+
+
+def _first(kept: Bool[Array, "obstacles"], most: int) -> Int[Array, "most"]:
+    """Returns the places of what is kept, in order, at most so many; the number of all for a slot that is not used.
+
+    How many are kept before each is a product with a triangle of ones: sums one after the other take ten times as long.
+    """
+    together = min(_TOGETHER, len(kept))
+    parts = jnp.concatenate([kept, jnp.zeros(-len(kept) % together, bool)]).reshape(-1, together)
+    before = parts.astype(jnp.float32) @ np.triu(np.ones((together, together), np.float32), 1)
+    totals = parts.sum(axis=1, dtype=jnp.int32)
+    rank = (before.astype(jnp.int32) + (jnp.cumsum(totals) - totals)[:, None]).reshape(-1)[: len(kept)]
+    places = jnp.arange(len(kept), dtype=jnp.int32)
+    return jnp.full(most, len(kept), jnp.int32).at[jnp.where(kept, rank, most)].set(places, mode="drop")
+
+
+def _of_boxes(boxes: Boxes) -> Columns:
+    x, y, z, half_x, half_y, half_z, cos, sin = boxes.T
+    return jnp.stack([x, y, half_x, half_y, cos, sin, jnp.zeros_like(x), z, half_z])
+
+
+def _of_cylinders(cylinders: Cylinders) -> Columns:
+    x, y, z, radius, half_z = cylinders.T
+    nil = jnp.zeros_like(x)
+    return jnp.stack([x, y, nil, nil, nil + 1.0, nil, radius, z, half_z])

@@ -1,0 +1,208 @@
+"""The scan of a planar lidar: exact intersections of rays with outlines, all lanes at once.
+
+The outlines of a world in the lidar's plane are sorted by what a ray costs: upright boxes, turned boxes, circles. Rays
+lie in the last axis, so vector units work on neighbouring rays of one lane and every outline is read once. How many
+outlines are looked at is decided while running, by the fullest world among the lanes: padding costs nothing.
+"""
+
+import functools
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float32, Int, Int32
+
+from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles
+
+# A box counts as upright when its corners lie this near to those of the upright one: no ray can tell.
+_UPRIGHT_M = 1e-6
+# Unused places cost memory and no time, so one size fits nearly all worlds; beyond it sizes double.
+_LEAST = (256, 64, 64)
+_SPECK_M = 0.05
+
+
+class LidarOutlines(NamedTuple):
+    """What a lidar can see of a world (metres).
+
+    Attributes:
+        upright: Boxes along the axes (x, y, half x, half y).
+        turned: Other boxes (x, y, half x, half y, cos yaw, sin yaw).
+        circles: (x, y, radius).
+        counts: How many of each there are; what follows them is padding.
+    """
+
+    upright: Float[jax.Array, "upright 4"]
+    turned: Float[jax.Array, "turned 6"]
+    circles: Float[jax.Array, "circles 3"]
+    counts: Int[jax.Array, "3"]
+
+
+class HostLidarOutlines(NamedTuple):
+    """Silhouettes before they go to a device; fields as there."""
+
+    upright: Float32[np.ndarray, "upright 4"]
+    turned: Float32[np.ndarray, "turned 6"]
+    circles: Float32[np.ndarray, "circles 3"]
+    counts: Int32[np.ndarray, "3"]
+
+
+def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
+    """Returns the outlines of the obstacles that cross the lidar's plane, without padding."""
+    boxes = seen.boxes.astype(np.float64)
+    half, turn = boxes[:, 3:5], boxes[:, 6:8]
+    off = np.abs(turn).min(axis=1, initial=1.0) * half.max(axis=1, initial=0.0)
+    upright = off <= _UPRIGHT_M
+    across = np.abs(turn[:, 1]) > np.abs(turn[:, 0])
+    half_along = np.where(across[:, None], half[:, ::-1], half)
+    straight = np.hstack([boxes[:, :2], half_along])[upright]
+    turned = np.hstack([boxes[:, :2], half, turn])[~upright]
+    circles = seen.cylinders[:, [0, 1, 3]]
+    counts = np.array([len(straight), len(turned), len(circles)], np.int32)
+    return HostLidarOutlines(straight.astype(np.float32), turned.astype(np.float32), circles.astype(np.float32), counts)
+
+
+def pad_lidar_outlines(worlds: Iterable[HostLidarOutlines]) -> list[HostLidarOutlines]:
+    """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes."""
+    given = list(worlds)
+    # By what the arrays hold, not by how many outlines there are: some may be filled up already.
+    most = np.max([[len(array) for array in each[:3]] for each in given], axis=0) if given else np.zeros(3, np.int32)
+    upright, turned, circles = (_bucket(int(count), least) for count, least in zip(most, _LEAST, strict=True))
+    return [
+        HostLidarOutlines(
+            _filled(each.upright, upright), _filled(each.turned, turned), _filled(each.circles, circles), each.counts
+        )
+        for each in given
+    ]
+
+
+def _bucket(count: int, least: int) -> int:
+    size = least
+    while size < count:
+        size *= 2
+    return size
+
+
+def _filled(shapes: Float32[np.ndarray, "shapes columns"], size: int) -> Float32[np.ndarray, "size columns"]:
+    parked = np.full((size, shapes.shape[1]), _SPECK_M, np.float32)
+    parked[:, :2] = PARKING_M
+    parked[:, 4:] = (1.0, 0.0)[: max(shapes.shape[1] - 4, 0)]
+    parked[: len(shapes)] = shapes
+    return parked
+
+
+# A direction's part below this would divide by zero; raising it turns a ray by far less than a beam's width.
+_TINY = 1e-9
+_TOGETHER = 8
+Boxes = Float[Array, "boxes 8"]
+Cylinders = Float[Array, "cylinders 5"]
+Rays = Float[Array, "lanes rays"]
+Outlines = Float[Array, "lanes columns"]
+
+
+def scan_ranges(
+    seen: LidarOutlines, pose: Float[Array, "3"], angles: Float32[np.ndarray, "rays"], range_m: float
+) -> Float[Array, "rays"]:
+    """Returns the distance along each ray to the nearest outline, at most the range.
+
+    Args:
+        seen: What crosses the lidar's plane.
+        pose: (x m, y m, yaw rad) of the lidar.
+        angles: The rays' directions in the lidar's frame, radians.
+        range_m: Where nothing is nearer.
+    """
+    # In double precision: NumPy's sines of single ones have other last bits on processors without AVX2.
+    exact_rad = angles.astype(np.float64)
+    rays = jnp.asarray(np.stack([np.cos(exact_rad), np.sin(exact_rad)]), pose.dtype)
+    return _scan_lane(seen, pose, rays, jnp.asarray(range_m, pose.dtype))
+
+
+@jax.custom_batching.custom_vmap
+def _scan_lane(
+    seen: LidarOutlines, pose: Float[Array, "3"], rays: Float[Array, "2 rays"], range_m: Float[Array, ""]
+) -> Float[Array, "rays"]:
+    return _scan_lanes(LidarOutlines(*(each[None] for each in seen)), pose[None], rays, range_m)[0]
+
+
+@_scan_lane.def_vmap
+def _scan_mapped(  # noqa: PLR0917 - JAX's own form
+    lanes: int,
+    mapped: Sequence[Any],
+    seen: LidarOutlines,
+    pose: Array,
+    rays: Array,
+    range_m: Array,
+) -> tuple[Rays, bool]:
+    """Returns the ranges of all lanes. Mapped one by one, each would have a loop of its own length."""
+
+    def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
+        return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
+
+    each_seen = LidarOutlines(*map(repeated, seen, mapped[0]))
+    return _scan_lanes(each_seen, repeated(pose, mapped[1]), rays, range_m), True
+
+
+def _scan_lanes(
+    seen: LidarOutlines, pose: Float[Array, "lanes 3"], rays: Float[Array, "2 rays"], range_m: Float[Array, ""]
+) -> Rays:
+    """Returns the ranges of all lanes; ``seen`` has the lanes in front."""
+    cos, sin = jnp.cos(pose[:, 2:]), jnp.sin(pose[:, 2:])
+    ray_x, ray_y = cos * rays[0] - sin * rays[1], sin * rays[0] + cos * rays[1]
+    per_x, per_y = _inverse(ray_x), _inverse(ray_y)
+    reach_x, reach_y = jnp.abs(per_x), jnp.abs(per_y)
+    x, y = pose[:, 0:1], pose[:, 1:2]
+
+    def past_upright(nearest: Rays, box: Outlines) -> Rays:
+        middle = (box[:, 0:1] - x) * per_x, (box[:, 1:2] - y) * per_y
+        return _past_slabs(nearest, middle, (box[:, 2:3] * reach_x, box[:, 3:4] * reach_y))
+
+    def past_turned(nearest: Rays, box: Outlines) -> Rays:
+        turn_x, turn_y = box[:, 4:5], box[:, 5:6]
+        dx, dy = box[:, 0:1] - x, box[:, 1:2] - y
+        along = _inverse(turn_x * ray_x + turn_y * ray_y)
+        across = _inverse(turn_x * ray_y - turn_y * ray_x)
+        middle = (turn_x * dx + turn_y * dy) * along, (turn_x * dy - turn_y * dx) * across
+        return _past_slabs(nearest, middle, (box[:, 2:3] * jnp.abs(along), box[:, 3:4] * jnp.abs(across)))
+
+    def past_circle(nearest: Rays, circle: Outlines) -> Rays:
+        dx, dy = circle[:, 0:1] - x, circle[:, 1:2] - y
+        along, across = dx * ray_x + dy * ray_y, dx * ray_y - dy * ray_x
+        half_chord_2 = circle[:, 2:3] ** 2 - across**2
+        entry = along - jnp.sqrt(jnp.where(half_chord_2 > 0.0, half_chord_2, 0.0))
+        return _nearer(nearest, entry, half_chord_2 > 0.0)
+
+    nearest = jnp.full(ray_x.shape, range_m)
+    most = jnp.max(seen.counts, axis=0)
+    nearest = _past_all(past_upright, nearest, seen.upright, most[0])
+    nearest = _past_all(past_turned, nearest, seen.turned, most[1])
+    return _past_all(past_circle, nearest, seen.circles, most[2])
+
+
+def _past_all(
+    past: Callable[[Rays, Outlines], Rays], nearest: Rays, outlines: Float[Array, "lanes outlines columns"], most: Array
+) -> Rays:
+    """Returns the ranges after all outlines, some at a time: sizes are multiples of that."""
+
+    def past_some(block: Array, nearest: Rays) -> Rays:
+        some = jax.lax.dynamic_slice_in_dim(outlines, block * _TOGETHER, _TOGETHER, axis=1)
+        return functools.reduce(past, (some[:, k] for k in range(_TOGETHER)), nearest)
+
+    return jax.lax.fori_loop(0, (most + _TOGETHER - 1) // _TOGETHER, past_some, nearest)
+
+
+def _past_slabs(nearest: Rays, middle: tuple[Rays, Rays], reach: tuple[Rays, Rays]) -> Rays:
+    """Returns the ranges after a box, given where each ray passes its middle and how far it is inside its slabs."""
+    near_x, near_y = middle[0] - reach[0], middle[1] - reach[1]
+    far_x, far_y = middle[0] + reach[0], middle[1] + reach[1]
+    entry = jnp.where(near_x > near_y, near_x, near_y)
+    leave = jnp.where(far_x < far_y, far_x, far_y)
+    return _nearer(nearest, entry, entry <= leave)
+
+
+def _nearer(nearest: Rays, entry: Rays, hit: Bool[Array, "lanes rays"]) -> Rays:
+    return jnp.where(hit & (entry >= 0.0) & (entry < nearest), entry, nearest)
+
+
+def _inverse(part: Rays) -> Rays:
+    return 1.0 / jnp.where(jnp.abs(part) > _TINY, part, _TINY)

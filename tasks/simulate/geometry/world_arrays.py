@@ -1,0 +1,184 @@
+"""Worlds as arrays, kept for the chunks to come: most chunks of a batch drive in the worlds of the one before.
+
+What an application gets of a world is shared by all episodes in it, so that its arrays cannot be written to. The map
+that a robot plans on holds the clearance to the nearest solid, on a grid whose size follows from the world alone.
+"""
+
+from collections import OrderedDict
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64
+
+from specs.data.world import World
+from tasks.simulate.application.contract import HostMap
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.lidar_scan import HostLidarOutlines, lidar_outlines, pad_lidar_outlines
+from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
+from tasks.simulate.geometry.rooms import RoomMap, room_map
+from tasks.simulate.geometry.shortest_path import Ways
+
+CELL_M = 0.1
+_SIZES = (144, 192, 256, 384, 512)
+
+
+def grid_cells(world: World) -> int:
+    """Returns how many cells a side the world's grid has: one of five sizes, so that few array shapes exist."""
+    return next((cells for cells in _SIZES if cells * CELL_M >= _extent_m(world)), _SIZES[-1])
+
+
+def floor_map(world: World, obstacles: Obstacles) -> HostMap:
+    """Returns the clearance map of a world, centred on it.
+
+    Its size follows from the world alone and never from other worlds: applications may look at it
+    (docs/decisions/0019-arrays-of-ones-own.md).
+
+    Args:
+        world: Gives the outer faces; outside them the clearance is 0. Where the largest grid does not cover them at
+            10 cm, cells grow.
+        obstacles: The solids in the robot's band of heights.
+    """
+    cells, outer = grid_cells(world), world.footprint
+    bounds = np.array([outer.x_min_m, outer.y_min_m, outer.x_max_m, outer.y_max_m])
+    cell_m = max(CELL_M, _extent_m(world) / cells)
+    origin = (bounds[:2] + bounds[2:]) / 2 - cell_m * (cells - 1) / 2
+    x, y = (origin[axis] + cell_m * np.arange(cells) for axis in (0, 1))
+    columns, rows = (x >= bounds[0]) & (x <= bounds[2]), (y >= bounds[1]) & (y <= bounds[3])
+    clearance = np.zeros((cells, cells), np.float32)
+    clearance[np.ix_(rows, columns)] = np.maximum(_distance(x[columns], y[rows], obstacles), 0.0)
+    return HostMap(clearance, origin.astype(np.float32), np.asarray(cell_m, np.float32), bounds.astype(np.float32))
+
+
+def _distance(
+    x: Float64[np.ndarray, "columns"], y: Float64[np.ndarray, "rows"], obstacles: Obstacles
+) -> Float64[np.ndarray, "rows columns"]:
+    """Returns the distance to the nearest obstacle, seen from above; 0 or less inside one."""
+    squared = np.full((len(y), len(x)), np.inf)
+    for box in obstacles.boxes.astype(np.float64):
+        np.minimum(squared, _to_box_squared(x, y, box), out=squared)
+    nearest = np.sqrt(squared)
+    for cylinder in obstacles.cylinders.astype(np.float64):
+        away = np.sqrt((x - cylinder[0]) ** 2 + ((y - cylinder[1]) ** 2)[:, None]) - cylinder[3]
+        np.minimum(nearest, away, out=nearest)
+    return nearest
+
+
+def _to_box_squared(
+    x: Float64[np.ndarray, "columns"], y: Float64[np.ndarray, "rows"], box: Float64[np.ndarray, "8"]
+) -> Float64[np.ndarray, "rows columns"]:
+    dx, dy, (half_x, half_y), (cos, sin) = x - box[0], (y - box[1])[:, None], box[3:5], box[6:8]
+    # Most boxes stand upright: how far a cell is beyond their faces is known by its row and column alone.
+    along, across = (dx, dy) if sin == 0.0 else (cos * dx + sin * dy, cos * dy - sin * dx)
+    return np.maximum(np.abs(along) - half_x, 0.0) ** 2 + np.maximum(np.abs(across) - half_y, 0.0) ** 2
+
+
+def _extent_m(world: World) -> float:
+    outer = world.footprint
+    return max(outer.x_max_m - outer.x_min_m, outer.y_max_m - outer.y_min_m)
+
+
+_SEEN_M = 1e-3  # half the thickness of the lidar's plane
+# All worlds of a chunk are kept, whatever they take, and of others what this leaves room for.
+_KEPT_BYTES = 96 << 20
+
+
+class WorldArrays(NamedTuple):
+    """One world as arrays: what is touched, what is seen, the map, the rooms on it, and the ways about it."""
+
+    touched: Obstacles
+    seen: HostLidarOutlines
+    floor: HostMap
+    rooms: RoomMap
+    ways: Ways
+
+
+class _Kept(NamedTuple):
+    """A stage without what fills it up, and its world: as long as it is kept, no other can have its identity."""
+
+    world: World
+    stage: WorldArrays
+
+
+class _Most(NamedTuple):
+    """Obstacles and outlines of a world, each kind filled up to the most that worlds had until now."""
+
+    touched: Obstacles
+    seen: HostLidarOutlines
+
+
+_most: dict[tuple[Hull, float], _Most] = {}
+_Key = tuple[int, Hull, float]
+_kept: OrderedDict[_Key, _Kept] = OrderedDict()
+
+
+def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) -> dict[str, WorldArrays]:
+    """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
+
+    What fills them up is out of reach and no application ever gets it. The counts are those of worlds before, for the
+    same robot, where these have at most twice as many: a program that is loaded takes them then. No row hangs on it.
+
+    Args:
+        worlds: By name.
+        hull: The robot's.
+        seen_at_m: The height of its lidar's plane.
+    """
+    if not worlds:
+        return {}
+    stages = [_arrays_of(world, hull, seen_at_m) for world in worlds.values()]
+    _forget(len(stages))
+    touched, seen = _filled(stages, (hull, seen_at_m))
+    filled = [stage._replace(touched=one, seen=other) for stage, one, other in zip(stages, touched, seen, strict=True)]
+    return dict(zip(worlds, filled, strict=True))
+
+
+def _filled(
+    stages: Sequence[WorldArrays], robot: tuple[Hull, float]
+) -> tuple[list[Obstacles], list[HostLidarOutlines]]:
+    touched, seen = pad_obstacles(stage.touched for stage in stages), pad_lidar_outlines(stage.seen for stage in stages)
+    most = _most.get(robot)
+    if most is not None and _at_most_twice(most.touched, touched[0]) and _at_most_twice(most.seen, seen[0]):
+        touched, seen = pad_obstacles([most.touched, *touched])[1:], pad_lidar_outlines([most.seen, *seen])[1:]
+    most = most or _Most(touched[0], seen[0])
+    larger = _larger(most.seen[:3], seen[0][:3])
+    _most[robot] = _Most(
+        Obstacles(*_larger(most.touched, touched[0])), HostLidarOutlines(*larger, counts=most.seen.counts)
+    )
+    return touched, seen
+
+
+def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> bool:
+    return all(len(one) <= 2 * len(other) for one, other in zip(some, others, strict=True))
+
+
+def _larger(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> list[np.ndarray]:
+    return [max(pair, key=len) for pair in zip(some, others, strict=True)]
+
+
+def _arrays_of(world: World, hull: Hull, seen_at_m: float) -> WorldArrays:
+    key = (id(world), hull, seen_at_m)
+    kept = _kept.pop(key, None) or _Kept(world, _new_arrays(world, hull, seen_at_m))
+    _kept[key] = kept
+    return kept.stage
+
+
+def _new_arrays(world: World, hull: Hull, seen_at_m: float) -> WorldArrays:
+    touched = obstacles(world, hull.low_m, hull.high_m)
+    seen = lidar_outlines(obstacles(world, seen_at_m - _SEEN_M, seen_at_m + _SEEN_M))
+    floor = floor_map(world, touched)
+    for array in floor:
+        array.setflags(write=False)
+    return WorldArrays(touched, seen, floor, room_map(world.rooms, floor, hull.radius_m), Ways(touched, hull.radius_m))
+
+
+def _forget(used: int) -> None:
+    """Forgets the stages that were used longest ago, except so many, until the rest takes no more than it may."""
+    most = sum(_bytes(kept.stage) for kept in _kept.values())
+    while most > _KEPT_BYTES and len(_kept) > used:
+        _, gone = _kept.popitem(last=False)
+        most -= _bytes(gone.stage)
+
+
+def _bytes(stage: WorldArrays) -> int:
+    """Returns what a stage takes: its maps, and about as much as the ways on them."""
+    return 2 * (stage.floor.clearance_m.nbytes + stage.rooms.parts.nbytes)

@@ -1,0 +1,213 @@
+"""One control step of one lane: it senses and decides, drives, and is judged. The program maps it over lanes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from specs.data.episode import CONTROL_S
+from specs.field_types import EngineName
+from tasks.simulate.application.contract import CRASH, TIMEOUT, Body, Motion, Observation, Truth, Work
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.lane.chunk_applications import Applications
+from tasks.simulate.lane.lane_state import (
+    NO_CRASH,
+    ROBOT_CRASH,
+    SIMULATION_CRASH,
+    Decision,
+    EpisodeTotals,
+    LaneInputs,
+    LaneState,
+    StepRecord,
+)
+from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Situation, rotate
+from tasks.simulate.sensors.sensor_table import feel_all, observe_all
+
+
+def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> Decision:
+    """Returns what the controller keeps, its control for the step to come, and the scan that it saw."""
+    observed = observe(applications, inputs, state)
+    kept, control = applications.controller(inputs.numbers).step(state.controller, observed)
+    return Decision(kept, control, observed.ranges_m)
+
+
+def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
+    """Returns what the robot senses before a control step; without sensors of its pose it knows the true one."""
+    own, body = applications.lane_sensors(inputs.numbers), state.body
+    situation = Situation(body, inputs.seen, inputs.seed, state.step)
+    sensed: Fields = {"pose": body.qpos, "velocity": body.qvel}
+    sensed |= observe_all(applications.sensors, own, state.sensed, situation)
+    goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
+    pose = sensed["pose"]
+    return Observation(
+        time_s=state.step * CONTROL_S,
+        goal_index=goal,
+        goal_m=inputs.goals_m[goal],
+        goal_robot_m=rotate(inputs.goals_m[goal] - pose[:2], -pose[2]),
+        joints=body.joints,
+        **sensed,
+    )
+
+
+def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motion: Motion) -> dict[str, Memory]:
+    """Returns what the sensors remember after a control step that an engine drove, by name.
+
+    Args:
+        applications: With the sensors.
+        inputs: The lane's.
+        state: Before the step.
+        motion: What the engine made of it.
+    """
+    own = applications.lane_sensors(inputs.numbers)
+    return feel_all(applications.sensors, own, state.sensed, Drive(state.body, motion, inputs.seed, state.step))
+
+
+# What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
+_MOST = 1e10
+
+
+def finish_step(
+    applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decision, motion: Motion
+) -> tuple[LaneState, StepRecord]:
+    """Returns a lane after a control step that a controller decided and an engine drove.
+
+    A lane that is done stays as it is, bit for bit.
+
+    Args:
+        applications: With the scenario and the sensors.
+        inputs: The lane's.
+        state: Before the step.
+        decided: By the controller.
+        motion: What the engine made of it.
+    """
+    body, work, _ = motion
+    step = state.step + 1
+    truth = truth_after(inputs, motion, step)
+    scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
+    crash = _crash(decided, body)
+    timeout = ~verdict.done & (step >= inputs.last_step)
+    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
+    moved = LaneState(
+        body=body,
+        sensed=feel(applications, inputs, state, motion),
+        controller=decided.controller,
+        scenario=scenario_state,
+        metrics=applications.metrics(inputs.numbers, scenario_state),
+        tally=_totals(state, body, work, truth.clearance_m),
+        step=step,
+        goal_index=verdict.goal_index,
+        goal_steps=_goal_steps(state, verdict.goal_index, step),
+        done=verdict.done | timeout,
+        reason=reason,
+        crash=crash,
+    )
+    # A lane that crashes keeps its last sound state, and says only that it crashed.
+    crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
+    final = _select(state.done, state, _select(crash > 0, crashed, moved))
+    return final, _record(final, decided, work)
+
+
+def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) -> Truth:
+    """Returns what really happened in a control step.
+
+    Args:
+        inputs: The lane's.
+        motion: What the engine made of the step.
+        step: How many control steps there were with it.
+    """
+    body, work, apart_m = motion
+    # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
+    clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
+    bounds, place = inputs.floor.bounds_m, body.qpos[:2]
+    inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
+    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
+
+
+def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:
+    """Returns whether a step went wrong, and whose fault it is: a control or a body that is no number."""
+    finite_control = jnp.isfinite(decided.control).all()
+    sound_body = jnp.stack([(jnp.abs(each) < _MOST).all() for each in jax.tree.leaves((body[:2], body.joints))]).all()
+    return jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
+
+
+def _record(final: LaneState, decided: Decision, work: Work) -> StepRecord:
+    return StepRecord(
+        pose=final.body.qpos,
+        velocity=final.body.qvel,
+        goal_index=final.goal_index,
+        control=decided.control,
+        ranges_m=decided.ranges_m,
+        impulse_ns=work.impulse_ns,
+    )
+
+
+def _totals(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> EpisodeTotals:
+    tally, touching = state.tally, work.impulse_ns > 0.0
+    way = body.qpos[:2] - state.body.qpos[:2]
+    return EpisodeTotals(
+        path_length_m=tally.path_length_m + jnp.sqrt(jnp.sum(way**2)),
+        collisions=tally.collisions + (touching & ~tally.touching),
+        touching=touching,
+        impulse_ns=tally.impulse_ns + work.impulse_ns,
+        max_impulse_ns=jnp.maximum(tally.max_impulse_ns, work.impulse_ns),
+        min_clearance_m=jnp.minimum(tally.min_clearance_m, clearance_m),
+        energy_j=tally.energy_j + work.energy_j,
+    )
+
+
+def _goal_steps(state: LaneState, reached: Int[jax.Array, ""], step: Int[jax.Array, ""]) -> Int[jax.Array, "goals"]:
+    """Returns after how many steps each goal was reached, those reached in this step filled in."""
+    goals = jnp.arange(state.goal_steps.shape[0])
+    return jnp.where((goals < reached) & (state.goal_steps == 0), step, state.goal_steps)
+
+
+def _select(choose: Bool[jax.Array, ""], yes: LaneState, no: LaneState) -> LaneState:
+    """Returns one of two states; what is the same array in both, such as a plan, is not touched at all."""
+
+    def pick(a: jax.Array, b: jax.Array) -> jax.Array:
+        return a if a is b else jnp.where(choose, a, jnp.asarray(b).astype(jnp.asarray(a).dtype))
+
+    return jax.tree.map(pick, yes, no)
+
+
+def _nothing(_inputs: LaneInputs, _body: Body) -> None:
+    """Returns nothing: most engines look at all obstacles in each step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanics:
+    """A robot as an engine steps it, for one lane; the program maps it over lanes.
+
+    Attributes:
+        engine: The engine's name.
+        actuators: How many numbers a control has.
+        first_body: Returns the robot at rest at a start (x m, y m, yaw rad).
+        drive: Returns what a control step's physics does to it.
+        near: Returns what it picks out of the obstacles around a body, for control steps to come (``LaneInputs.near``).
+    """
+
+    engine: EngineName
+    hull: Hull
+    actuators: int
+    first_body: Callable[[Float[jax.Array, "3"]], Body]
+    drive: Callable[[LaneInputs, Body, Float[jax.Array, "actuators"]], Motion]
+    near: Callable[[LaneInputs, Body], Any] = _nothing
+
+
+def advance_lane(
+    mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
+) -> tuple[LaneState, StepRecord]:
+    """Returns a lane one control step later.
+
+    Args:
+        mechanics: The robot on an engine.
+        applications: Controller, scenario and sensors.
+        inputs: The lane's.
+        state: Before the step.
+    """
+    decided = decide(applications, inputs, state)
+    motion = mechanics.drive(inputs, state.body, decided.control)
+    return finish_step(applications, inputs, state, decided, motion)

@@ -1,1 +1,0 @@
-"""Lists of batches and of their jobs, in pages. Flows import it."""

@@ -1,0 +1,132 @@
+"""Replays an episode of a batch, and simulates some of its episodes again, together, as its chunks were simulated."""
+
+from collections.abc import Mapping, Sequence
+from math import inf
+from pathlib import Path
+from typing import NamedTuple
+
+from specs.base import Fault
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result
+from specs.data.world import World
+from specs.errors import ResourceNotFound
+from tasks.simulate.application.bundle_code import crash_code
+from tasks.simulate.batch.batch_record import OpenBatch, StopWatch
+from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, batch_mounts, load_worlds
+from tasks.simulate.plan.chunks import Chunk, plan_chunks, program_key
+from tasks.simulate.replay.replay_result import ReplayResult, received_replay
+from tasks.simulate.sandbox.process_pool import ask_exclusive
+from tasks.simulate.sandbox.protocol import Crashed, NoMemory, Replayed, ReplayWork
+from tasks.simulate.sandbox.sandbox_client import Results, retry_with_fewer_lanes
+from tasks.simulate.sandbox.simulator import Simulator, SimulatorEnded
+
+
+def drive_apart(
+    request: EpisodeRequest,
+    worlds: Mapping[str, World],
+    bundles: Mapping[str, Path],
+    *,
+    lanes: int,
+    engine: str,
+    rate_hz: float,
+) -> ReplayResult:
+    """Returns an episode driven to its end, as ``replay_drive.drive_again``, which takes the same.
+
+    Raises:
+        MemoryError: There is not enough memory for so many lanes.
+        SimulatorEnded: The process ended, but for in an application's code: such an episode has its row.
+    """
+
+    def question(process: Simulator) -> ReplayWork:
+        return ReplayWork(
+            request=request,
+            worlds=process.sent_worlds({request.world: worlds[request.world]}),
+            bundles={digest: str(folder) for digest, folder in bundles.items()},
+            lanes=lanes,
+            engine=engine,
+            rate_hz=rate_hz,
+        )
+
+    try:
+        answer, arrays = ask_exclusive(bundles, question)
+    except SimulatorEnded as ended:
+        if ended.out_of_memory:
+            raise
+        return ReplayResult(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
+    match answer:
+        case Replayed() as again:
+            return received_replay(again, arrays)
+        case Crashed() as crashed:
+            return ReplayResult(failed_result(request.index, Failure(crashed.code, crashed.reason)))
+        case NoMemory() as lack:
+            raise MemoryError(lack.text)
+        case other:
+            raise SimulatorEnded(f"it answered {other.kind!r} to a replay", None, "", killed="limit")
+
+
+class Replay(NamedTuple):
+    """An episode simulated once more.
+
+    Attributes:
+        request: What it was asked for.
+        world: Where.
+        driven: What came of it this time.
+    """
+
+    request: EpisodeRequest
+    world: World
+    driven: ReplayResult
+
+
+def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine: str = "") -> Replay:
+    """Returns an episode simulated once more: as its batch did it, with its lanes, world, seed and bundles.
+
+    Args:
+        batch: The batch.
+        index: Which of its episodes.
+        bundles: Unpacked folders of its applications, by digest.
+        engine: What drove it, where that is known; else what the batch asked for.
+
+    Raises:
+        ResourceNotFound: Its world or its data are gone, or not what they were.
+        SimulatorEnded: The process that simulates ended over it.
+    """
+    request = batch.layout.request(index)
+    worlds, missing = load_worlds(batch, [request])
+    mounted = batch_mounts(batch)
+    if why := missing.get(request.world) or mounted.failure(request):
+        fault = Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=f"one that can be replayed: {why}")
+        raise ResourceNotFound([fault], source="simyard")
+    driven = drive_apart(
+        mounted.resolved(request),
+        worlds,
+        bundles,
+        lanes=batch.plan.lanes,
+        engine=engine or batch.plan.engine,
+        rate_hz=batch.plan.recordings.rateHz,
+    )
+    return Replay(request, worlds[request.world], driven)
+
+
+def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: Simulate) -> list[EpisodeResult]:
+    """Returns the results of some episodes, simulated again; a lane's do not depend on those beside it.
+
+    Args:
+        batch: The batch.
+        requests: Some of its episodes, in any order.
+        simulate: Simulates a part of a chunk.
+    """
+    worlds, missing = load_worlds(batch, requests)
+    mounted = batch_mounts(batch)
+    why_not = {each.index: missing.get(each.world) or mounted.failure(each) for each in requests}
+    rows = {index: failed_result(index, failure) for index, failure in why_not.items() if failure}
+    watch = StopWatch(batch, [each.index for each in requests], inf)
+
+    def part(chunk: Chunk, lanes: int) -> Results:
+        asked = tuple(mounted.resolved(each) for each in chunk.requests)
+        program = program_key(chunk.requests[0])
+        return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None, program))
+
+    for chunk in plan_chunks([each for each in requests if each.index not in rows], batch.plan.lanes):
+        found = retry_with_fewer_lanes(chunk, batch.plan.lanes, part, lambda: False).rows
+        rows |= {row.index: row for row in found}
+    return [rows[each.index] for each in requests]

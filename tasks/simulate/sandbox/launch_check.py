@@ -1,0 +1,190 @@
+"""What a ROS launch file would start, found without starting it: in the confinement that applications run in.
+
+A launch file runs programs when it is read (``<param command="...">``): reading one is running what its author wrote.
+``python -m tasks.simulate.sandbox.launch_check`` is the process that reads it.
+"""
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from specs.base import Spec
+from specs.errors import LaunchRefused
+from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve
+from tasks.ros.launch.packages import missing_packages, ros_installation
+from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
+from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.host.declaration import read_ros_robot
+from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
+
+_MODULE = "tasks.simulate.sandbox.launch_check"
+_LIMIT_S = 90.0
+_CLOCK = "/use_sim_time"
+_NOT_OWN = "it is not this document's own bundle, and reading it would run what it says: install bubblewrap"
+_NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
+# What nodes are written with, by what their package.xml, their Python or their linked program says.
+_CLIENT_LIBRARIES = {"rclpy": (b">rclpy<", b"import rclpy", b"from rclpy"), "rclcpp": (b">rclcpp<", b"librclcpp.so")}
+_PROGRAM_BYTES = 64 << 20
+_ROS2_PLACES = "AMENT_PREFIX_PATH, or below /opt/ros"
+
+
+class LaunchReport(Spec):
+    """What is known of a launch file before it is launched.
+
+    Attributes:
+        ros: Which ROS is here, and where; or why none is, and what to install.
+        has_ros: Whether one is.
+        nodes: What is started for each lane, such as ``/roam (roamer roam.py)``.
+        refusals: Why roslaunch refuses it, once for each environment that it does so for.
+        missing: Packages that its package names and that are not here.
+        simulated_clock: Whether it asks nodes itself to go by ``/clock``, as a robot has none.
+        unread: Why it was not read; or empty.
+        declaration: What is wrong with the bundle's ``ros.yaml``; or empty.
+    """
+
+    ros: str
+    has_ros: bool
+    nodes: tuple[str, ...] = ()
+    refusals: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+    simulated_clock: bool = False
+    unread: str = ""
+    declaration: str = ""
+
+
+def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:
+    """Returns what a launch file would start.
+
+    Args:
+        source: The launch file.
+        environments: Environment variables of episodes.
+        own: Whether the bundle is the user's own; where nothing shuts it in, no other one is read.
+    """
+    ros2 = is_ros2(source.launch_file)
+    report = (_ros2_report if ros2 else _ros1_report)(source, environments, own=own)
+    try:
+        read_ros_robot(source.bundle)
+    except RobotRefused as refused:
+        return report.model_copy(update={"declaration": str(refused)})
+    return report
+
+
+def _ros1_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:
+    installation = ros_installation()
+    report = LaunchReport(ros=installation.sentence, has_ros=not installation.missing)
+    if installation.missing:
+        return report
+    try:
+        report = report.model_copy(
+            update={"missing": tuple(each.sentence for each in missing_packages(source.bundle, source.package))}
+        )
+    except LaunchRefused as exc:
+        return report.model_copy(update={"refusals": (str(exc),)})
+    return report.model_copy(update=_read(source, environments, own=own))
+
+
+def _ros2_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:
+    """Returns what a launch file of ROS 2 would start; without ROS 2, Simyard's stand-ins read it.
+
+    What they refuse is then no fault of the document: another machine may have ROS 2.
+    """
+    installation = ros2_installation()
+    report = LaunchReport(ros=installation.sentence, has_ros=True)
+    if find_spec("cyclonedds") is None:
+        return report.model_copy(update={"ros": _NO_DDS, "has_ros": False})
+    report = report.model_copy(update=_read(source, environments, own=own))
+    if installation.here or not (report.missing or report.refusals):
+        return report
+    why = "; ".join((*report.missing, *report.refusals))
+    said = f"no ROS 2 is here ({_ROS2_PLACES}), and {source.package} {source.launch_file} needs it: {why}"
+    return report.model_copy(update={"ros": said, "has_ros": False, "missing": (), "refusals": ()})
+
+
+def _read(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> dict[str, object]:
+    """Returns the fields of a report that are known once the launch file was read."""
+    if confinement().level == "process" and not own:
+        return {"unread": _NOT_OWN}
+    return _read_apart(source, environments)
+
+
+def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> dict[str, object]:
+    """Returns the fields of a report that a process of its own finds out."""
+    asked = json.dumps([dict(each) for each in environments])
+    with tempfile.TemporaryDirectory(prefix="simyard-check-") as folder:
+        programs = Path(folder)
+        arguments = ["-m", _MODULE, str(source.bundle), source.package, source.launch_file]
+        try:
+            command = confined_command(arguments, programs, [source.bundle])
+            said = read_apart(command, confined_environment(os.environ, programs), programs, asked, _LIMIT_S)
+            answer = LaunchReport.model_validate_json(said)
+        except LaunchRefused as exc:
+            return {"unread": f"the process that reads it: {exc}"}
+        except ValidationError:
+            return {"unread": "the process that reads it says nothing"}
+    return answer.model_dump(include=answer.model_fields_set - {"ros", "has_ros"})
+
+
+def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> LaunchReport:
+    plans = _plans(source, environments)
+    good = [plan for plan in plans if isinstance(plan, LaunchPlan)]
+    nodes = dict.fromkeys(f"{node.name} ({node.package} {node.kind})" for plan in good for node in plan.nodes)
+    refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
+    clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
+    needed = dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
+    return LaunchReport(
+        ros="", has_ros=True, nodes=(*nodes,), refusals=(*refusals,), missing=(*needed,), simulated_clock=clock
+    )
+
+
+def _plans(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> Sequence[LaunchPlan | LaunchRefused]:
+    if not is_ros2(source.launch_file):
+        try:
+            return resolve(source, environments)
+        except LaunchRefused as exc:
+            return [exc]
+    found: list[LaunchPlan | LaunchRefused] = []
+    with tempfile.TemporaryDirectory(prefix="simyard-check-") as folder:
+        for number, variables in enumerate(environments):
+            try:
+                found.append(resolve_description(source, variables, Path(folder) / str(number)))
+            except LaunchRefused as exc:
+                found.append(exc)
+    return found
+
+
+def _needed_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
+    """Yields what nodes need of ROS 2 that is not here, as their packages and their programs' own text tell."""
+    if not is_ros2(source.launch_file) or ros2_installation().prefixes:
+        return
+    files = bundle_files(source.bundle)
+    for node in plan.nodes:
+        manifests = (source.bundle / each / PACKAGE_XML for each in package_folders(files, node.package))
+        told = b"".join(map(_text, (*manifests, Path(node.command[0])))) if node.package else b""
+        found = [name for name, marks in _CLIENT_LIBRARIES.items() if any(mark in told for mark in marks)]
+        yield from (f"{node.name} ({node.package} {node.kind}) needs {name}" for name in found)
+
+
+def _text(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(_PROGRAM_BYTES)
+    except OSError:
+        return b""
+
+
+def main(arguments: Sequence[str]) -> None:
+    """Prints the report of a launch file as its last line: bundle, package, launch file; environments come as input."""
+    bundle, package, launch_file = arguments
+    report = _found(LaunchSource(Path(bundle), package, launch_file), json.load(sys.stdin))
+    sys.stdout.write("\n" + report.model_dump_json())
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,161 @@
+"""The table of sensors, and the sensors of a robot: read from its controller object, and checked.
+
+A controller has its sensors as attributes: ``lidar``, ``odometry``, ``bumper``. Each is an object with the attributes
+of the tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is
+the same in all episodes of a program; the other numbers may follow from environment variables, and are then traced
+values.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, NamedTuple, cast
+
+from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
+from tasks.simulate.sensors.bumper import BUMPER, Bumper
+from tasks.simulate.sensors.lidar import LIDAR, Lidar
+from tasks.simulate.sensors.odometry import ODOMETRY, Odometry
+from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Sensor, Situation
+
+_ROBOT: CrashCode = "RobotApplicationCrash"
+_NOT_NEGATIVE = (0.0, 1e4)
+
+
+class Sensors(NamedTuple):
+    """All sensors of a robot, in the order of ``SENSORS``; see the record of each for a robot without it."""
+
+    lidar: Lidar
+    odometry: Odometry | None
+    bumper: Bumper
+
+
+SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER)
+
+
+def sensors_of(controller: object) -> Sensors:
+    """Returns what a controller declares; its numbers may be traced, and none is checked."""
+    declared = ((sensor, getattr(controller, sensor.name, None)) for sensor in SENSORS)
+    values: list[Any] = [sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared]
+    return Sensors(*values)
+
+
+def read_sensors(make_controller: Callable[..., object], environment: Mapping[str, object]) -> Sensors:
+    """Returns the sensors of a robot application in plain numbers, for given environment variables.
+
+    Raises:
+        BundleCrash: The controller cannot be made, or declares what cannot be; tells of all faults at once.
+    """
+    made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    found = call_bundle(_ROBOT, "the controller's sensors", sensors_of, made)
+    faults = [
+        fault
+        for sensor, declared in zip(SENSORS, found, strict=True)
+        if declared is not sensor.absent
+        for fault in _faults(sensor, declared)
+    ]
+    if faults:
+        raise BundleCrash(_ROBOT, "; ".join(faults))
+    return Sensors(*(_plain(sensor, declared) for sensor, declared in zip(SENSORS, found, strict=True)))
+
+
+def require_shared(program: Sensors, episode: Sensors) -> None:
+    """Checks that an episode's sensors fit the program that it shares with others.
+
+    Raises:
+        BundleCrash: What decides array shapes differs between episodes, so it follows from a numeric variable.
+    """
+    for name, one, other in _shared(program, episode):
+        if one != other:
+            raise BundleCrash(
+                _ROBOT,
+                f"controller.{name}: {other} in this episode, {one} in its program: must not follow from a variable "
+                "that is a number; a text, such as 'x64' instead of '64', makes each value a program of its own",
+            )
+
+
+def begin_sensors(program: Sensors, start: Any) -> dict[str, Memory]:  # noqa: ANN401 - one lane's array
+    """Returns what the sensors remember at a start (x m, y m, yaw rad), by name."""
+    return {sensor.name: sensor.begin(declared, start) for sensor, declared in zip(SENSORS, program, strict=True)}
+
+
+def feel_all(program: Sensors, own: Sensors, memories: Mapping[str, Memory], drive: Drive) -> dict[str, Memory]:
+    """Returns what the sensors remember after a control step that an engine drove, by name.
+
+    Args:
+        program: The sensors that all lanes share.
+        own: The lane's.
+        memories: What they remembered before.
+        drive: The control step.
+    """
+    return {
+        sensor.name: sensor.feel(shared, declared, memories[sensor.name], drive)
+        for sensor, shared, declared in zip(SENSORS, program, own, strict=True)
+    }
+
+
+def observe_all(program: Sensors, own: Sensors, memories: Mapping[str, Memory], situation: Situation) -> Fields:
+    """Returns what the sensors give before a control step, as fields of the observation.
+
+    Args:
+        program: The sensors that all lanes share.
+        own: The lane's.
+        memories: What they remember, by name.
+        situation: The lane before the step.
+    """
+    fields: Fields = {}
+    for sensor, shared, declared in zip(SENSORS, program, own, strict=True):
+        fields |= sensor.observe(shared, declared, memories[sensor.name], situation)
+    return fields
+
+
+def blank_fields(program: Sensors) -> Fields:
+    """Returns what the sensors give before anything runs, to check a controller with."""
+    return {
+        name: value
+        for sensor, declared in zip(SENSORS, program, strict=True)
+        for name, value in sensor.blank(declared).items()
+    }
+
+
+def _shared(program: Sensors, episode: Sensors) -> Iterator[tuple[str, object, object]]:
+    """Yields what a program's and an episode's sensors must have in common, by name."""
+    each = list(zip(SENSORS, program, episode, strict=True))
+    for sensor, one, other in each:
+        for name in sensor.shared if one is not None and other is not None else ():
+            yield f"{sensor.name}.{name}", getattr(one, name), getattr(other, name)
+    for sensor, one, other in each:
+        yield sensor.name, one is not None, other is not None
+
+
+def _filled(sensor: Sensor[Any], declared: object) -> Any:  # noqa: ANN401 - the sensor's own tuple
+    """Returns the sensor's tuple with what a bundle declares; None for what is missing and has no default."""
+    kind = sensor.kind
+    values: list[Any] = [getattr(declared, name, kind._field_defaults.get(name)) for name in kind._fields]
+    return kind(*values)
+
+
+def _faults(sensor: Sensor[Any], declared: Any) -> Iterator[str]:  # noqa: ANN401 - the sensor's own tuple
+    for name, value in declared._asdict().items():
+        least, most = sensor.limits.get(name, _NOT_NEGATIVE)
+        number, whole = _number(value), name in sensor.whole
+        if number is None or not least <= number <= most or (whole and number % 1):
+            shown = "missing" if value is None else repr(value)
+            kind = "a whole number" if whole else "a number"
+            yield f"controller.{sensor.name}.{name}: {shown}: must be {kind} from {least:g} to {most:g}"
+
+
+def _number(value: object) -> float | None:
+    """Returns a scalar as a number, or None for whatever else a bundle has there."""
+    if isinstance(value, str):
+        return None
+    try:
+        number = float(cast("float", value))
+    except (TypeError, ValueError):
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _plain(sensor: Sensor[Any], declared: Any) -> Any:  # noqa: ANN401 - the sensor's own tuple
+    if declared is None:
+        return None
+    pairs = declared._asdict().items()
+    return sensor.kind(*(int(each) if name in sensor.whole else float(each) for name, each in pairs))

@@ -1,1 +1,0 @@
-"""Pieces that stand together, in one frame. Furnishing may import it."""

@@ -1,1 +1,0 @@
-"""A template to begin with, for any rooms. Flows may import it."""
