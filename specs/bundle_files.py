@@ -1,4 +1,4 @@
-"""The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, the sensors of both."""
+"""The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, and sensors."""
 
 import math
 from typing import Annotated, Literal, Self

@@ -1,4 +1,4 @@
-"""Text of strangers for terminals, pages and CI: what steers a terminal goes, what Markdown and HTML obey is escaped."""
+"""Text of strangers for terminals, pages and CI, without what steers a terminal or what Markdown and HTML obey."""
 
 import hashlib
 import re

@@ -257,12 +257,9 @@ _MODULES: tuple[ModuleType, ...] = (
     field_types,
     applications,
     deployment,
-    deployment,
-    simulation,
     simulation,
     simulation_descriptions,
     shared_operations,
-    world_jobs,
     world_jobs,
 )
 
