@@ -33,7 +33,7 @@ class EventLoop:
         self.failure = ""
         self._new_socket = new_socket
         self._listeners: list[socket.socket] = []
-        self._channels: set[Connection] = set()
+        self._connections: set[Connection] = set()
 
     def fail(self, reason: str) -> None:
         """Notes why the episode cannot go on; the first reason counts."""
@@ -63,10 +63,10 @@ class EventLoop:
         self.loop.add_reader(sock, self._accept, sock, accept)
         return int(sock.getsockname()[1])
 
-    def channel(self, sock: socket.socket, on_data: Callable[[], None], on_end: Callable[[], None]) -> "Connection":
+    def connection(self, sock: socket.socket, on_data: Callable[[], None], on_end: Callable[[], None]) -> "Connection":
         """Returns a connection whose socket this episode closes in the end."""
         made = Connection(self, sock, on_data, on_end)
-        self._channels.add(made)
+        self._connections.add(made)
         return made
 
     def connect(self, port: int, on_data: Callable[[], None], on_end: Callable[[], None]) -> "Connection":
@@ -78,11 +78,11 @@ class EventLoop:
         sock = self._new_socket()
         sock.settimeout(0.0)
         sock.connect_ex((HOST, port))
-        return self.channel(sock, on_data, on_end)
+        return self.connection(sock, on_data, on_end)
 
-    def forget(self, channel: "Connection") -> None:
+    def forget(self, connection: "Connection") -> None:
         """Drops a connection that is closed, or in other hands."""
-        self._channels.discard(channel)
+        self._connections.discard(connection)
 
     def close(self) -> None:
         """Closes every socket; a second time does nothing."""
@@ -90,8 +90,8 @@ class EventLoop:
             if sock.fileno() >= 0:
                 self.loop.remove_reader(sock)
                 sock.close()
-        for channel in list(self._channels):
-            channel.drop()
+        for connection in list(self._connections):
+            connection.drop()
 
     def _accept(self, listener: socket.socket, accept: Callable[[socket.socket], None]) -> None:
         try:
@@ -105,7 +105,7 @@ class EventLoop:
             self.loop.call_later(_ACCEPT_AGAIN_S, self._resume, listener, accept)
             return
         self.served += 1
-        if len(self._channels) >= limits.CONNECTIONS:
+        if len(self._connections) >= limits.CONNECTIONS:
             self.fail(f"its nodes hold more than {limits.CONNECTIONS} connections to the simulation")
             sock.close()
             return
@@ -127,17 +127,17 @@ class Connection:
     """
 
     def __init__(
-        self, wire: EventLoop, sock: socket.socket, on_data: Callable[[], None], on_end: Callable[[], None]
+        self, events: EventLoop, sock: socket.socket, on_data: Callable[[], None], on_end: Callable[[], None]
     ) -> None:
         self.incoming = bytearray()
         self.closed = False
-        self._wire, self._sock = wire, sock
+        self._events, self._sock = events, sock
         self._on_data, self._on_end = on_data, on_end
         self._outgoing = bytearray()
         self._counted = 0
         self._ends = False
         self._deadline: asyncio.TimerHandle | None = None
-        wire.loop.add_reader(sock, self._read)
+        events.loop.add_reader(sock, self._read)
 
     def use(self, on_data: Callable[[], None], on_end: Callable[[], None]) -> None:
         """Gives the connection to somebody else, who hears of data and of its end from now on."""
@@ -163,8 +163,8 @@ class Connection:
                 sent = 0
         if sent < len(data):
             if not self._outgoing:
-                self._wire.busy += 1
-                self._wire.loop.add_writer(self._sock, self._write)
+                self._events.busy += 1
+                self._events.loop.add_writer(self._sock, self._write)
             self._outgoing += memoryview(data)[sent:]
             self._count()
 
@@ -172,7 +172,7 @@ class Connection:
         """Closes the connection after so much wall time; None lets it stay."""
         if self._deadline is not None:
             self._deadline.cancel()
-        self._deadline = None if seconds is None else self._wire.loop.call_later(seconds, self.close)
+        self._deadline = None if seconds is None else self._events.loop.call_later(seconds, self.close)
 
     def limited(self) -> bool:
         """Returns whether a deadline runs."""
@@ -206,21 +206,21 @@ class Connection:
     def _release(self) -> None:
         self.closed = True
         self.limit_time(None)
-        self._wire.loop.remove_reader(self._sock)
-        self._wire.loop.remove_writer(self._sock)
+        self._events.loop.remove_reader(self._sock)
+        self._events.loop.remove_writer(self._sock)
         if self._outgoing:
-            self._wire.busy -= 1
+            self._events.busy -= 1
             self._outgoing.clear()
-        self._wire.buffer(-self._counted)
+        self._events.buffer(-self._counted)
         self._counted = 0
-        self._wire.forget(self)
+        self._events.forget(self)
 
     def _count(self) -> None:
         """Closes the connection if the episode's connections hold too much."""
         kept = len(self.incoming) + len(self._outgoing)
         if self.closed:
             return
-        if self._wire.buffer(kept - self._counted):
+        if self._events.buffer(kept - self._counted):
             self._counted = kept
         elif kept > self._counted:
             self.close()
@@ -232,7 +232,7 @@ class Connection:
             return
         except OSError:
             data = b""
-        self._wire.served += 1
+        self._events.served += 1
         if not data:
             self.close()
             return
@@ -251,7 +251,7 @@ class Connection:
         del self._outgoing[:sent]
         self._count()
         if not self._outgoing:
-            self._wire.busy -= 1
-            self._wire.loop.remove_writer(self._sock)
+            self._events.busy -= 1
+            self._events.loop.remove_writer(self._sock)
             if self._ends:
                 self.close()

@@ -73,7 +73,7 @@ class RobotServices:
             "/robomaker/job/remove_tags": self._remove_tags,
         }
 
-    def connect(self, channel: Connection, fields: Mapping[str, str]) -> None:
+    def connect(self, connection: Connection, fields: Mapping[str, str]) -> None:
         """Answers a client's header, and its requests from now on."""
         service = fields.get("service", "")
         kind = SERVICES.get(service)
@@ -84,8 +84,8 @@ class RobotServices:
         else:
             fault = ""
         if kind is None or fault:
-            channel.send(write_header({"error": fault}))
-            channel.finish()
+            connection.send(write_header({"error": fault}))
+            connection.finish()
             return
         answer = {
             "callerid": ROBOT,
@@ -94,30 +94,30 @@ class RobotServices:
             "response_type": f"{kind}Response",
             "type": kind,
         }
-        channel.send(write_header(answer))
+        connection.send(write_header(answer))
         if fields.get("probe") == "1":
-            channel.finish()
+            connection.finish()
             return
         kept = fields.get("persistent", "0").lower() in ("1", "true")
-        channel.use(lambda: self._take(channel, service, kept=kept), lambda: None)
-        self._take(channel, service, kept=kept)
+        connection.use(lambda: self._take(connection, service, kept=kept), lambda: None)
+        self._take(connection, service, kept=kept)
 
-    def _take(self, channel: Connection, service: str, *, kept: bool) -> None:
-        incoming = channel.incoming
-        while not channel.closed and len(incoming) >= 4:
+    def _take(self, connection: Connection, service: str, *, kept: bool) -> None:
+        incoming = connection.incoming
+        while not connection.closed and len(incoming) >= 4:
             (length,) = _LENGTH.unpack_from(incoming)
             if length > REQUEST_BYTES:
                 fault = f"{service}: a request of {length} bytes, {REQUEST_BYTES} are taken"
-                channel.send(b"\0" + frame_message(fault.encode()))
-                channel.finish()
+                connection.send(b"\0" + frame_message(fault.encode()))
+                connection.finish()
                 return
             if len(incoming) < 4 + length:
                 return
             request = bytes(incoming[4 : 4 + length])
             del incoming[: 4 + length]
-            channel.send(self._answer(service, request))
+            connection.send(self._answer(service, request))
             if not kept:
-                channel.finish()
+                connection.finish()
                 return
 
     def _answer(self, service: str, request: bytes) -> bytes:
@@ -156,11 +156,11 @@ class RobotNode:
     """
 
     def __init__(
-        self, wire: EventLoop, publications: Publications, subscriptions: Subscriptions, services: RobotServices
+        self, events: EventLoop, publications: Publications, subscriptions: Subscriptions, services: RobotServices
     ) -> None:
-        self._wire, self._services = wire, services
+        self._events, self._services = events, services
         self._publications, self._subscriptions = publications, subscriptions
-        self.port = wire.listen(self._accept)
+        self.port = events.listen(self._accept)
 
     def methods(self, master_uri: str) -> Mapping[str, Method]:
         """Returns the slave API by its methods' names."""
@@ -190,22 +190,22 @@ class RobotNode:
         return [[number, node, way, "TCPROS", topic, True] for number, (node, way, topic) in enumerate(ends)]
 
     def _accept(self, sock: socket.socket) -> None:
-        channel = self._wire.channel(sock, lambda: self._take(channel), lambda: None)
-        channel.limit_time(limits.REQUEST_S)
+        connection = self._events.connection(sock, lambda: self._take(connection), lambda: None)
+        connection.limit_time(limits.REQUEST_S)
 
-    def _take(self, channel: Connection) -> None:
+    def _take(self, connection: Connection) -> None:
         """Reads the header that a connection begins with: it is for a service or a topic."""
         try:
-            fields = take_header(channel.incoming)
+            fields = take_header(connection.incoming)
         except HeaderError as exc:
-            channel.send(write_header({"error": str(exc)}))
-            channel.finish()
+            connection.send(write_header({"error": str(exc)}))
+            connection.finish()
             return
         if fields is None:
             return
-        channel.limit_time(None)
+        connection.limit_time(None)
         chosen = self._services if "service" in fields else self._publications
-        chosen.connect(channel, fields)
+        chosen.connect(connection, fields)
 
 
 def _types(topics: Sequence[Topic]) -> Value:
@@ -235,15 +235,15 @@ class Graph:
         subscribes: Sequence[Topic],
         new_socket: Callable[[], socket.socket] = socket.socket,
     ) -> None:
-        self._wire = EventLoop(loop, new_socket)
+        self._events = EventLoop(loop, new_socket)
         self._tables = Registrations()
         self.parameters = ParameterTree()
         self.services = RobotServices()
-        calls = NodeCalls(self._wire)
-        self._publications = Publications(self._wire, publishes)
-        self._subscriptions = Subscriptions(self._wire, self._tables, calls, subscribes)
-        node = RobotNode(self._wire, self._publications, self._subscriptions, self.services)
-        port = self._wire.listen(self._serve)
+        calls = NodeCalls(self._events)
+        self._publications = Publications(self._events, publishes)
+        self._subscriptions = Subscriptions(self._events, self._tables, calls, subscribes)
+        node = RobotNode(self._events, self._publications, self._subscriptions, self.services)
+        port = self._events.listen(self._serve)
         self.uri = f"http://{HOST}:{port}/"
         changed = self._subscriptions.publishers_changed
         self._master = Master(
@@ -261,12 +261,12 @@ class Graph:
     @property
     def busy(self) -> int:
         """Returns how many answers of nodes the graph waits for: no episode is quiet while there are any."""
-        return self._wire.busy
+        return self._events.busy
 
     @property
     def served(self) -> int:
         """Returns a number that grows with every part of a request and every connection."""
-        return self._wire.served
+        return self._events.served
 
     @property
     def changes(self) -> int:
@@ -276,7 +276,7 @@ class Graph:
     @property
     def failure(self) -> str:
         """Returns why the episode cannot go on, for a person; empty while it can."""
-        return self._wire.failure
+        return self._events.failure
 
     @property
     def outgoing(self) -> dict[str, list[Subscriber]]:
@@ -362,10 +362,10 @@ class Graph:
     def close(self) -> None:
         """Closes every port and connection; a second time does nothing."""
         self._subscriptions.close()
-        self._wire.close()
+        self._events.close()
 
     def _serve(self, sock: socket.socket) -> None:
-        HttpConnection(self._wire, sock, self._dispatch.answer)
+        HttpConnection(self._events, sock, self._dispatch.answer)
 
     def _register_robot(self, publishes: Sequence[Topic], subscribes: Sequence[Topic], port: int) -> None:
         self._tables.enter(ROBOT, self.uri)

@@ -82,7 +82,7 @@ class Subscriber(NamedTuple):
     """A connection to a node that listens to a topic of the robot."""
 
     node: str
-    channel: Connection
+    connection: Connection
 
 
 class Publications:
@@ -94,8 +94,8 @@ class Publications:
         changes: Grows with every connection that begins.
     """
 
-    def __init__(self, wire: EventLoop, topics: Sequence[Topic]) -> None:
-        self._wire = wire
+    def __init__(self, events: EventLoop, topics: Sequence[Topic]) -> None:
+        self._events = events
         self.topics: Mapping[str, Topic] = {topic.name: topic for topic in topics}
         self.outgoing: dict[str, list[Subscriber]] = {topic.name: [] for topic in topics}
         self.latched: dict[str, bytes] = {}
@@ -120,13 +120,13 @@ class Publications:
         """Keeps a message for those who subscribe to a latched topic from now on."""
         self.latched[topic] = frame_message(data)
 
-    def connect(self, channel: Connection, fields: Mapping[str, str]) -> None:
+    def connect(self, connection: Connection, fields: Mapping[str, str]) -> None:
         """Answers a subscriber's header, and lets it have what is published from now on."""
         node, topic = fields.get("callerid", "a node without callerid")[:200], fields.get("topic", "")
         fault = self._fault(node, topic, fields)
         if fault:
-            channel.send(write_header({"error": fault}))
-            channel.finish()
+            connection.send(write_header({"error": fault}))
+            connection.finish()
             return
         kind = self.topics[topic].kind
         answer = {
@@ -137,25 +137,25 @@ class Publications:
             "topic": topic,
             "type": kind,
         }
-        channel.send(write_header(answer))
-        subscriber = Subscriber(node, channel)
+        connection.send(write_header(answer))
+        subscriber = Subscriber(node, connection)
         self.outgoing[topic].append(subscriber)
-        channel.use(channel.incoming.clear, lambda: self._forget(topic, subscriber))
+        connection.use(connection.incoming.clear, lambda: self._forget(topic, subscriber))
         self.changes += 1
         if topic in self.latched:
-            channel.send(self.latched[topic])
+            connection.send(self.latched[topic])
 
     def _send(self, topic: str, subscriber: Subscriber, frame: bytes) -> None:
-        if subscriber.channel.backlog_bytes > limits.BACKLOG_BYTES:
-            waiting = subscriber.channel.backlog_bytes
-            self._wire.fail(f"{subscriber.node} subscribed to {topic} and does not read it: {waiting} bytes wait")
-            subscriber.channel.close()
+        if subscriber.connection.backlog_bytes > limits.BACKLOG_BYTES:
+            waiting = subscriber.connection.backlog_bytes
+            self._events.fail(f"{subscriber.node} subscribed to {topic} and does not read it: {waiting} bytes wait")
+            subscriber.connection.close()
         else:
-            subscriber.channel.send(frame)
+            subscriber.connection.send(frame)
 
     def _forget(self, topic: str, subscriber: Subscriber) -> None:
         # By identity: a node may have two connections.
-        self.outgoing[topic] = [each for each in self.outgoing[topic] if each.channel is not subscriber.channel]
+        self.outgoing[topic] = [each for each in self.outgoing[topic] if each.connection is not subscriber.connection]
 
     def _fault(self, node: str, topic: str, fields: Mapping[str, str]) -> str:
         """Returns why a subscriber cannot be served; empty if it can."""
@@ -167,7 +167,7 @@ class Publications:
             return ""
         kind = fields.get("type", "no type")[:200]
         fault = f"{topic} has {own.kind} with md5sum {digest(own.kind)}, not {kind} with {asked[:40]!r}"
-        self._wire.fail(f"{node} cannot subscribe: {fault}")
+        self._events.fail(f"{node} cannot subscribe: {fault}")
         return fault
 
 
@@ -205,8 +205,8 @@ class Subscriptions:
         changes: Grows with every connection that begins.
     """
 
-    def __init__(self, wire: EventLoop, tables: Registrations, calls: NodeCalls, topics: Sequence[Topic]) -> None:
-        self._wire, self._tables, self._calls = wire, tables, calls
+    def __init__(self, events: EventLoop, tables: Registrations, calls: NodeCalls, topics: Sequence[Topic]) -> None:
+        self._events, self._tables, self._calls = events, tables, calls
         self.topics: Mapping[str, Topic] = {topic.name: topic for topic in topics}
         self.incoming: list[Source] = []
         self.faults: dict[tuple[str, str], str] = {}
@@ -231,9 +231,9 @@ class Subscriptions:
         if not any(each.topic in topics for each in self._pending):
             send()
             return
-        timer = self._wire.loop.call_later(limits.HOLD_S, self._release, topics)
+        timer = self._events.loop.call_later(limits.HOLD_S, self._release, topics)
         self._held.append(_Held(topics, send, timer))
-        self._wire.busy += 1
+        self._events.busy += 1
 
     def take(self) -> list[tuple[str, bytes]]:
         """Returns the commands that have come since the last call: topic and message, a node's in their order."""
@@ -258,10 +258,10 @@ class Subscriptions:
 
     def _begin(self, publisher: _Publisher) -> None:
         if len(self.incoming) + len(self._pending) >= limits.PUBLISHERS:
-            self._wire.fail(f"more than {limits.PUBLISHERS} nodes publish {', '.join(self.topics)}")
+            self._events.fail(f"more than {limits.PUBLISHERS} nodes publish {', '.join(self.topics)}")
             return
         self._pending.add(publisher)
-        self._wire.busy += 1
+        self._events.busy += 1
         protocols: Value = [["TCPROS"]]
         asked = (ROBOT, publisher.topic, protocols)
         self._calls.call(publisher.uri, "requestTopic", asked, lambda answer: self._connect(publisher, answer))
@@ -275,13 +275,13 @@ class Subscriptions:
 
     def _shake_hands(self, publisher: _Publisher, port: int) -> None:
         try:
-            _Handshake(self._wire, self.topics[publisher.topic], port, lambda each: self._finish(publisher, each))
+            _Handshake(self._events, self.topics[publisher.topic], port, lambda each: self._finish(publisher, each))
         except OSError as exc:
             self._finish(publisher, str(exc))
 
     def _finish(self, publisher: _Publisher, found: Connection | str) -> None:
         self._pending.discard(publisher)
-        self._wire.busy -= 1
+        self._events.busy -= 1
         key = publisher.topic, publisher.node
         if isinstance(found, str):
             self.faults[key] = found
@@ -302,12 +302,12 @@ class Subscriptions:
         for each in ready:
             each.timer.cancel()
             # rospy writes its header before it enters the connection in its list: an answer at once would come first.
-            timer = self._wire.loop.call_later(limits.LINK_S, self._answer, each)
+            timer = self._events.loop.call_later(limits.LINK_S, self._answer, each)
             self._ready.append(each._replace(timer=timer))
 
     def _answer(self, held: _Held) -> None:
         self._ready = [each for each in self._ready if each.send is not held.send]
-        self._wire.busy -= 1
+        self._events.busy -= 1
         held.send()
 
     def _receive(self, source: Source) -> bool:
@@ -324,7 +324,7 @@ class Subscriptions:
             if not data:
                 return True
             if len(source.buffer) - before > limits.COMMAND_BYTES:
-                self._wire.fail(f"{source.node} floods {source.topic}: more than {limits.COMMAND_BYTES} bytes at once")
+                self._events.fail(f"{source.node} floods {source.topic}: more than {limits.COMMAND_BYTES} bytes at once")
                 return True
             if len(data) < _CHUNK_BYTES:
                 return False
@@ -335,7 +335,7 @@ class Subscriptions:
         while len(buffer) - at >= 4:
             (length,) = _LENGTH.unpack_from(buffer, at)
             if length > limits.COMMAND_MESSAGE_BYTES:
-                self._wire.fail(
+                self._events.fail(
                     f"{source.node} announces a message of {length} bytes on {source.topic}: "
                     f"at most {limits.COMMAND_MESSAGE_BYTES} are taken"
                 )
@@ -352,10 +352,10 @@ class Subscriptions:
 class _Handshake:
     """The headers of a connection to a publisher."""
 
-    def __init__(self, wire: EventLoop, topic: Topic, port: int, done: Callable[[Connection | str], None]) -> None:
-        self._wire, self._topic, self._done = wire, topic, done
-        self._channel: Connection = wire.connect(port, self._take, lambda: done("it closed the connection"))
-        self._channel.limit_time(limits.CALL_S)
+    def __init__(self, events: EventLoop, topic: Topic, port: int, done: Callable[[Connection | str], None]) -> None:
+        self._events, self._topic, self._done = events, topic, done
+        self._connection: Connection = events.connect(port, self._take, lambda: done("it closed the connection"))
+        self._connection.limit_time(limits.CALL_S)
         # Without tcp_nodelay a node's second command within 40 ms would wait for an acknowledgement that is delayed.
         fields = {
             "callerid": ROBOT,
@@ -364,24 +364,24 @@ class _Handshake:
             "topic": topic.name,
             "type": topic.kind,
         }
-        self._channel.send(write_header(fields))
+        self._connection.send(write_header(fields))
 
     def _take(self) -> None:
         try:
-            fields = take_header(self._channel.incoming)
+            fields = take_header(self._connection.incoming)
         except HeaderError as exc:
             fields = {"error": str(exc)}
         if fields is None:
             return
-        self._channel.limit_time(None)
+        self._connection.limit_time(None)
         fault = fields.get("error", "")
         if not fault and fields.get("md5sum") != digest(self._topic.kind):
             fault = f"it has {fields.get('type', 'no type')[:200]} with md5sum {fields.get('md5sum', '')[:40]!r}"
         if not fault:
-            self._done(self._channel)
+            self._done(self._connection)
             return
         caller = fields.get("callerid", "a node")[:200]
         takes = f"the robot takes {self._topic.kind} with md5sum {digest(self._topic.kind)}"
-        self._wire.fail(f"{caller} cannot command the robot on {self._topic.name}: {takes}; {fault[:500]}")
-        self._channel.drop()
+        self._events.fail(f"{caller} cannot command the robot on {self._topic.name}: {takes}; {fault[:500]}")
+        self._connection.drop()
         self._done(fault)

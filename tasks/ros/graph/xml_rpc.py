@@ -92,43 +92,43 @@ def parse_head(data: bytearray) -> Head | None:
 class HttpConnection:
     """One connection of a node to the graph's XML-RPC server; its requests are answered one after the other."""
 
-    def __init__(self, wire: EventLoop, sock: socket.socket, answer: Callable[[bytes, Reply], None]) -> None:
+    def __init__(self, events: EventLoop, sock: socket.socket, answer: Callable[[bytes, Reply], None]) -> None:
         self._answer = answer
         self._waiting = False
         self._held = False
         self._invited = False
-        self._channel = wire.channel(sock, self._take, lambda: None)
+        self._connection = events.connection(sock, self._take, lambda: None)
 
     def _take(self) -> None:
         try:
             self._check_backlog()
-            while not self._waiting and not self._channel.closed and self._next():
+            while not self._waiting and not self._connection.closed and self._next():
                 self._check_backlog()
         except HttpError as exc:
             reason = f"{exc.status} {_REASONS[exc.status]}"
             body = f"{exc}\n".encode()
             head = f"HTTP/1.1 {reason}\r\nContent-Type: text/plain\r\nContent-Length: {len(body)}\r\nConnection: close"
-            self._channel.send(head.encode() + _END + body)
-            self._channel.finish()
+            self._connection.send(head.encode() + _END + body)
+            self._connection.finish()
 
     def _check_backlog(self) -> None:
-        unread = self._channel.backlog_bytes and not self._waiting
-        if unread or len(self._channel.incoming) > limits.BODY_BYTES + limits.HEADER_BYTES:
+        unread = self._connection.backlog_bytes and not self._waiting
+        if unread or len(self._connection.incoming) > limits.BODY_BYTES + limits.HEADER_BYTES:
             raise HttpError(413, "more requests at once than are taken: read the answer first")
 
     def _next(self) -> bool:
         """Answers the next request, if all of it is there."""
-        incoming = self._channel.incoming
+        incoming = self._connection.incoming
         head = parse_head(incoming)
         length = 0 if head is None else _body_length(head)
         if head is None or len(incoming) < head.size + length:
-            if incoming and not self._channel.limited():
-                self._channel.limit_time(limits.REQUEST_S)
+            if incoming and not self._connection.limited():
+                self._connection.limit_time(limits.REQUEST_S)
             if head is not None and head.fields.get("expect", "").lower() == "100-continue" and not self._invited:
                 self._invited = True
-                self._channel.send(b"HTTP/1.1 100 Continue" + _END)
+                self._connection.send(b"HTTP/1.1 100 Continue" + _END)
             return False
-        self._channel.limit_time(None)
+        self._connection.limit_time(None)
         self._invited = False
         body = bytes(incoming[head.size : head.size + length])
         del incoming[: head.size + length]
@@ -140,10 +140,10 @@ class HttpConnection:
     def _reply(self, head: Head, data: bytes) -> None:
         kept = not head.line.endswith("HTTP/1.0") and head.fields.get("connection", "").lower() != "close"
         fields = f"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\nContent-Length: {len(data)}\r\n"
-        self._channel.send(f"{fields}Connection: {'keep-alive' if kept else 'close'}".encode() + _END + data)
+        self._connection.send(f"{fields}Connection: {'keep-alive' if kept else 'close'}".encode() + _END + data)
         self._waiting = False
         if not kept:
-            self._channel.finish()
+            self._connection.finish()
         elif self._held:
             # What came while the answer was held.
             self._held = False
@@ -286,8 +286,8 @@ def node_port(uri: str) -> int:
 class NodeCalls:
     """Calls that wait or are under way, by the nodes' ports."""
 
-    def __init__(self, wire: EventLoop) -> None:
-        self._wire = wire
+    def __init__(self, events: EventLoop) -> None:
+        self._events = events
         self._queues: dict[int, deque[_Waiting]] = {}
 
     def call(self, uri: str, method: str, arguments: tuple[Value, ...], heard: Heard = lambda _: None) -> None:
@@ -309,26 +309,26 @@ class NodeCalls:
         if (len(self._queues) >= limits.NODES) if queue is None else (len(queue) >= limits.CALLS):
             heard(NodeAnswer(None, f"{uri} cannot be called: too many calls are under way"))
             return
-        if not self._wire.buffer(len(waiting.body)):
-            heard(NodeAnswer(None, f"{uri} cannot be called: {self._wire.failure}"))
+        if not self._events.buffer(len(waiting.body)):
+            heard(NodeAnswer(None, f"{uri} cannot be called: {self._events.failure}"))
             return
         queue = self._queues.setdefault(port, deque())
         queue.append(waiting)
-        self._wire.busy += 1
+        self._events.busy += 1
         if len(queue) == 1:
             self._begin(port)
 
     def _begin(self, port: int) -> None:
         try:
-            _Call(self._wire, port, self._queues[port][0].body, lambda answer: self._finish(port, answer))
+            _Call(self._events, port, self._queues[port][0].body, lambda answer: self._finish(port, answer))
         except OSError as exc:
-            self._wire.loop.call_soon(self._finish, port, NodeAnswer(None, f"port {port}: {exc}"))
+            self._events.loop.call_soon(self._finish, port, NodeAnswer(None, f"port {port}: {exc}"))
 
     def _finish(self, port: int, answer: NodeAnswer) -> None:
         queue = self._queues[port]
         done = queue.popleft()
-        self._wire.buffer(-len(done.body))
-        self._wire.busy -= 1
+        self._events.buffer(-len(done.body))
+        self._events.busy -= 1
         if queue:
             self._begin(port)
         else:
@@ -339,12 +339,12 @@ class NodeCalls:
 class _Call:
     """One request and its answer, on a connection of its own."""
 
-    def __init__(self, wire: EventLoop, port: int, body: bytes, heard: Heard) -> None:
+    def __init__(self, events: EventLoop, port: int, body: bytes, heard: Heard) -> None:
         self._port, self._heard = port, heard
-        self._channel: Connection = wire.connect(port, self._take, self._end)
-        self._channel.limit_time(limits.CALL_S)
+        self._connection: Connection = events.connect(port, self._take, self._end)
+        self._connection.limit_time(limits.CALL_S)
         head = f"POST /RPC2 HTTP/1.1\r\nHost: {HOST}:{port}\r\nContent-Type: text/xml\r\nConnection: close\r\n"
-        self._channel.send(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        self._connection.send(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
 
     def _take(self) -> None:
         try:
@@ -354,11 +354,11 @@ class _Call:
         except xmlrpc.client.Fault as exc:
             answer = NodeAnswer(None, f"port {self._port}: {exc.faultString}")
         if answer is not None:
-            self._channel.drop()
+            self._connection.drop()
             self._heard(answer)
 
     def _read(self) -> NodeAnswer | None:
-        incoming = self._channel.incoming
+        incoming = self._connection.incoming
         head = parse_head(incoming)
         if head is None:
             return None

@@ -29,7 +29,7 @@ class Listener(Protocol):
         ...
 
     @property
-    def channel(self) -> Sends:
+    def connection(self) -> Sends:
         """Returns what it listens on."""
         ...
 

@@ -43,7 +43,7 @@ class DomainThreads(ThreadWatch):
             self._forget(tid)
 
 
-class TopicChannel(NamedTuple):
+class TopicConnection(NamedTuple):
     """All readers of a topic at once."""
 
     robot: RobotNode
@@ -58,7 +58,7 @@ class TopicReaders(NamedTuple):
     """The nodes that read a topic: DDS has no order among them."""
 
     node: str
-    channel: TopicChannel
+    connection: TopicConnection
 
 
 class Commanders(NamedTuple):
@@ -90,7 +90,7 @@ class DdsGraph:
         self._watch = DomainThreads(self._robot.threads)
         self._command, (self._expected, self._names) = command, processes
         self._quiet, self._other = socket.socketpair()
-        self._channels = {name: [TopicReaders("", TopicChannel(self._robot, name))] for name in topics}
+        self._connections = {name: [TopicReaders("", TopicConnection(self._robot, name))] for name in topics}
         self._matches, self._matched_s = Matches({}, 0, 0, 0), 0.0
         self._changes = self._served = 0
         self._closed = False
@@ -125,7 +125,7 @@ class DdsGraph:
     def outgoing(self) -> Mapping[str, list[TopicReaders]]:
         """Returns who is connected to the robot's topics."""
         readers = self._matches.readers
-        return {topic: each if readers.get(topic) else [] for topic, each in self._channels.items()}
+        return {topic: each if readers.get(topic) else [] for topic, each in self._connections.items()}
 
     @property
     def incoming(self) -> list[Commanders]:
@@ -179,7 +179,7 @@ class DdsGraph:
             return
         self._closed = True
         self._watch.close()
-        self._channels = {}
+        self._connections = {}
         self._robot.close()
         self._quiet.close()
         self._other.close()

@@ -136,7 +136,7 @@ class RosLane:
                     self.graph.keep(self._topic, data)
                 self._to = deque(sorted(subscribers, key=lambda each: each.node))
         self.judge.begin(now_s, fresh=fresh, ticked=self._topic == CLOCK)
-        self._to.popleft().channel.send(self._frame)
+        self._to.popleft().connection.send(self._frame)
         self.begun_s, self.nap_s = now_s, 0.0
         self.look_s = now_s + min(_SHARE * self._usual_s.get(self._topic, 0.0), _LONGEST_GUESS_S)
         return True

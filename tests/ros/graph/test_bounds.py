@@ -27,7 +27,7 @@ def test_calls_whose_answers_nobody_reads_are_not_answered(episode: Episode, mon
     with connected(episode.port) as sock:
         episode.during(sock.sendall, call * 50)
         episode.serve_until(lambda: episode.graph.busy == 1)
-        assert episode.graph._wire._buffered < 15_000_000
+        assert episode.graph._events._buffered < 15_000_000
         episode.serve_until(lambda: episode.graph.busy == 0)
     assert not episode.graph.failure
 
@@ -48,7 +48,7 @@ def test_connections_that_hold_too_much_together_fail_the_episode(episode: Episo
     assert episode.call("getUri")[0] == 1
     for each in socks:
         each.close()
-    episode.serve_until(lambda: episode.graph._wire._buffered == 0)
+    episode.serve_until(lambda: episode.graph._events._buffered == 0)
 
 
 def test_updates_that_wait_for_nodes_are_bounded_in_bytes(episode: Episode, monkeypatch: pytest.MonkeyPatch):
@@ -58,9 +58,9 @@ def test_updates_that_wait_for_nodes_are_bounded_in_bytes(episode: Episode, monk
         episode.call("subscribeParam", f"http://127.0.0.1:{silent.getsockname()[1]}/", "/a")
         for _ in range(20):
             episode.graph.set_parameter("/a", "a" * 100_000)
-        assert episode.graph._wire._buffered <= 1_000_000
+        assert episode.graph._events._buffered <= 1_000_000
         episode.serve_until(lambda: not episode.graph.busy)
-        assert episode.graph._wire._buffered == 0
+        assert episode.graph._events._buffered == 0
 
 
 def test_nodes_are_bounded(episode: Episode, monkeypatch: pytest.MonkeyPatch):
