@@ -123,6 +123,7 @@ class Connection:
 
     Attributes:
         incoming: What has come; whoever uses it cuts it off.
+        held_bytes: How much of that whoever uses it has cut off and keeps, such as half a request: it counts as well.
         closed: Whether its socket is closed or in other hands.
     """
 
@@ -130,6 +131,7 @@ class Connection:
         self, events: EventLoop, sock: socket.socket, on_data: Callable[[], None], on_end: Callable[[], None]
     ) -> None:
         self.incoming = bytearray()
+        self.held_bytes = 0
         self.closed = False
         self._events, self._sock = events, sock
         self._on_data, self._on_end = on_data, on_end
@@ -217,7 +219,7 @@ class Connection:
 
     def _count(self) -> None:
         """Closes the connection if the episode's connections hold too much."""
-        kept = len(self.incoming) + len(self._outgoing)
+        kept = len(self.incoming) + self.held_bytes + len(self._outgoing)
         if self.closed:
             return
         if self._events.buffer(kept - self._counted):

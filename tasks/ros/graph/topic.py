@@ -324,7 +324,9 @@ class Subscriptions:
             if not data:
                 return True
             if len(source.buffer) - before > limits.COMMAND_BYTES:
-                self._events.fail(f"{source.node} floods {source.topic}: more than {limits.COMMAND_BYTES} bytes at once")
+                self._events.fail(
+                    f"{source.node} floods {source.topic}: more than {limits.COMMAND_BYTES} bytes at once"
+                )
                 return True
             if len(data) < _CHUNK_BYTES:
                 return False

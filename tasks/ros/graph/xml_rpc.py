@@ -6,22 +6,16 @@ import socket
 import xmlrpc.client
 from collections import deque
 from collections.abc import Callable
+from http import HTTPStatus
 from typing import Any, NamedTuple, NoReturn, TypeAlias, cast
 from xml.parsers import expat
+
+import h11
 
 from tasks.ros.graph import graph_limits as limits
 from tasks.ros.graph.event_loop import HOST, Connection, EventLoop
 
 Reply = Callable[[bytes], None]
-_END = b"\r\n\r\n"
-_REASONS = {
-    400: "Bad Request",
-    405: "Method Not Allowed",
-    411: "Length Required",
-    413: "Content Too Large",
-    431: "Request Header Fields Too Large",
-    501: "Not Implemented",
-}
 
 
 class HttpError(ValueError):
@@ -36,57 +30,62 @@ class HttpError(ValueError):
         super().__init__(reason)
 
 
-class Head(NamedTuple):
-    """First line and fields of a request or answer.
+class HttpMessage:
+    """One request or answer of a connection, read as it comes; its head and its body are bounded.
+
+    Args:
+        role: ``h11.SERVER`` reads a request, ``h11.CLIENT`` an answer.
+        connection: What it comes on. A message after it stays there.
 
     Attributes:
-        line: The first line.
-        fields: By their names in small letters.
-        size: Bytes of the head with its end.
+        http: The rules of HTTP for this message and the one that answers it.
     """
 
-    line: str
-    fields: dict[str, str]
-    size: int
+    def __init__(self, role: type[h11.CLIENT] | type[h11.SERVER], connection: Connection) -> None:
+        self.http = h11.Connection(role, max_incomplete_event_size=limits.HEADER_BYTES)
+        self._connection = connection
+        self._body = bytearray()
 
-    def length(self) -> int | None:
-        """Returns how long the body is; None if it does not say.
+    def read(self) -> bytes | None:
+        """Takes what has come off the connection; returns the body once all of it is there.
 
         Raises:
-            HttpError: If the length is no number, or above the limit.
+            HttpError: If it is no HTTP, does not say how long its body is, or is too long.
         """
-        if "transfer-encoding" in self.fields:
-            raise HttpError(501, "a body in parts: send Content-Length")
-        value = self.fields.get("content-length")
-        if value is None:
-            return None
-        if not (value.isascii() and value.isdigit()):
-            raise HttpError(400, f"Content-Length {value!r}")
-        if len(value) > 10 or int(value) > limits.BODY_BYTES:
-            raise HttpError(413, f"a body of {value[:20]} bytes: {limits.BODY_BYTES} are taken")
-        return int(value)
-
-
-def parse_head(data: bytearray) -> Head | None:
-    """Returns the head that the bytes begin with; None while it is not complete.
-
-    Raises:
-        HttpError: If it is too long, or not one.
-    """
-    end = data.find(_END, 0, limits.HEADER_BYTES)
-    if end < 0:
-        if len(data) > limits.HEADER_BYTES:
-            raise HttpError(431, f"a head of more than {limits.HEADER_BYTES} bytes")
+        incoming = self._connection.incoming
+        if incoming:
+            self.http.receive_data(bytes(incoming))
+            incoming.clear()
+        while isinstance(event := self._next_event(), h11.Event):
+            if isinstance(event, h11.Request | h11.Response):
+                _check_head(event)
+            elif isinstance(event, h11.Data):
+                self._body += event.data
+            elif isinstance(event, h11.EndOfMessage):
+                incoming += self.http.trailing_data[0]
+                self._connection.held_bytes = 0
+                return bytes(self._body)
+        self._connection.held_bytes = len(self._body)
         return None
-    line, *rest = data[:end].decode("latin-1").split("\r\n")
-    fields: dict[str, str] = {}
-    for each in rest:
-        name, colon, value = each.partition(":")
-        key = name.strip().lower()
-        if not colon or (key == "content-length" and fields.get(key, value.strip()) != value.strip()):
-            raise HttpError(400, f"a field of the head: {each[:80]!r}")
-        fields[key] = value.strip()
-    return Head(line, fields, end + len(_END))
+
+    def _next_event(self) -> h11.Event | type[h11.NEED_DATA] | type[h11.PAUSED]:
+        try:
+            return self.http.next_event()
+        except h11.RemoteProtocolError as exc:
+            raise HttpError(exc.error_status_hint, str(exc)) from exc
+
+
+def _check_head(head: h11.Request | h11.Response) -> None:
+    if isinstance(head, h11.Request) and head.method != b"POST":
+        raise HttpError(405, "calls are sent with POST")
+    fields = dict(head.headers)
+    if b"transfer-encoding" in fields:
+        raise HttpError(501, "a body in parts: send Content-Length")
+    length = fields.get(b"content-length")
+    if length is None:
+        raise HttpError(411, "a call or answer without Content-Length")
+    if int(length) > limits.BODY_BYTES:
+        raise HttpError(413, f"a body of {int(length)} bytes: {limits.BODY_BYTES} are taken")
 
 
 class HttpConnection:
@@ -96,8 +95,8 @@ class HttpConnection:
         self._answer = answer
         self._waiting = False
         self._held = False
-        self._invited = False
         self._connection = events.connection(sock, self._take, lambda: None)
+        self._message = HttpMessage(h11.SERVER, self._connection)
 
     def _take(self) -> None:
         try:
@@ -105,11 +104,10 @@ class HttpConnection:
             while not self._waiting and not self._connection.closed and self._next():
                 self._check_backlog()
         except HttpError as exc:
-            reason = f"{exc.status} {_REASONS[exc.status]}"
-            body = f"{exc}\n".encode()
-            head = f"HTTP/1.1 {reason}\r\nContent-Type: text/plain\r\nContent-Length: {len(body)}\r\nConnection: close"
-            self._connection.send(head.encode() + _END + body)
-            self._connection.finish()
+            self._waiting = False
+            # An answer to HEAD has no body.
+            body = b"" if exc.status == HTTPStatus.METHOD_NOT_ALLOWED else f"{exc}\n".encode()
+            self._send(exc.status, "text/plain", body, close=True)
 
     def _check_backlog(self) -> None:
         unread = self._connection.backlog_bytes and not self._waiting
@@ -118,45 +116,42 @@ class HttpConnection:
 
     def _next(self) -> bool:
         """Answers the next request, if all of it is there."""
-        incoming = self._connection.incoming
-        head = parse_head(incoming)
-        length = 0 if head is None else _body_length(head)
-        if head is None or len(incoming) < head.size + length:
-            if incoming and not self._connection.limited():
+        if not self._connection.incoming:
+            return False
+        body = self._message.read()
+        http = self._message.http
+        if body is None:
+            if not self._connection.limited():
                 self._connection.limit_time(limits.REQUEST_S)
-            if head is not None and head.fields.get("expect", "").lower() == "100-continue" and not self._invited:
-                self._invited = True
-                self._connection.send(b"HTTP/1.1 100 Continue" + _END)
+            if http.they_are_waiting_for_100_continue:
+                self._connection.send(http.send(h11.InformationalResponse(status_code=100, headers=[])) or b"")
             return False
         self._connection.limit_time(None)
-        self._invited = False
-        body = bytes(incoming[head.size : head.size + length])
-        del incoming[: head.size + length]
         self._waiting = True
-        self._answer(body, lambda data: self._reply(head, data))
+        self._answer(body, self._reply)
         self._held = self._waiting
         return True
 
-    def _reply(self, head: Head, data: bytes) -> None:
-        kept = not head.line.endswith("HTTP/1.0") and head.fields.get("connection", "").lower() != "close"
-        fields = f"HTTP/1.1 200 OK\r\nContent-Type: text/xml\r\nContent-Length: {len(data)}\r\n"
-        self._connection.send(f"{fields}Connection: {'keep-alive' if kept else 'close'}".encode() + _END + data)
+    def _reply(self, data: bytes) -> None:
+        if not self._waiting:
+            return
         self._waiting = False
-        if not kept:
-            self._connection.finish()
-        elif self._held:
+        self._send(200, "text/xml", data)
+        if self._held and not self._connection.closed:
             # What came while the answer was held.
             self._held = False
             self._take()
 
-
-def _body_length(head: Head) -> int:
-    if not head.line.startswith("POST "):
-        raise HttpError(405, "calls are sent with POST")
-    length = head.length()
-    if length is None:
-        raise HttpError(411, "a call without Content-Length")
-    return length
+    def _send(self, status: int, kind: str, body: bytes, *, close: bool = False) -> None:
+        """Answers the message; the connection ends where HTTP or ``close`` says so, else the next message follows."""
+        http = self._message.http
+        fields = [("Content-Type", kind), ("Content-Length", str(len(body))), *([("Connection", "close")] * close)]
+        head = h11.Response(status_code=status, reason=HTTPStatus(status).phrase, headers=fields)
+        parts = (http.send(event) for event in (head, h11.Data(data=body), h11.EndOfMessage()))
+        self._connection.send(b"".join(filter(None, parts)))
+        if http.our_state is h11.MUST_CLOSE or close:
+            self._connection.finish()
+        self._message = HttpMessage(h11.SERVER, self._connection)
 
 
 Value: TypeAlias = "bool | int | float | str | bytes | datetime.datetime | list[Value] | dict[str, Value] | None"
@@ -343,8 +338,12 @@ class _Call:
         self._port, self._heard = port, heard
         self._connection: Connection = events.connect(port, self._take, self._end)
         self._connection.limit_time(limits.CALL_S)
-        head = f"POST /RPC2 HTTP/1.1\r\nHost: {HOST}:{port}\r\nContent-Type: text/xml\r\nConnection: close\r\n"
-        self._connection.send(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+        self._message = HttpMessage(h11.CLIENT, self._connection)
+        fields = {"Host": f"{HOST}:{port}", "Content-Type": "text/xml", "Connection": "close"}
+        fields["Content-Length"] = str(len(body))
+        head = h11.Request(method="POST", target="/RPC2", headers=[*fields.items()])
+        parts = (self._message.http.send(event) for event in (head, h11.Data(data=body), h11.EndOfMessage()))
+        self._connection.send(b"".join(filter(None, parts)))
 
     def _take(self) -> None:
         try:
@@ -358,17 +357,10 @@ class _Call:
             self._heard(answer)
 
     def _read(self) -> NodeAnswer | None:
-        incoming = self._connection.incoming
-        head = parse_head(incoming)
-        if head is None:
+        body = self._message.read()
+        if body is None:
             return None
-        length = head.length()
-        if length is None:
-            raise HttpError(411, "an answer without Content-Length")
-        if len(incoming) < head.size + length:
-            return None
-        values, _ = read(bytes(incoming[head.size : head.size + length]))
-        match values:
+        match read(body)[0]:
             case ([1, _, value],):
                 return NodeAnswer(value)
             case ([_, message, *_],):
