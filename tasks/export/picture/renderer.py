@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from itertools import islice
@@ -18,6 +19,7 @@ from pydantic import TypeAdapter
 
 from specs.base import Spec
 from specs.data.world import World
+from specs.errors import SimyardError
 from tasks.export.drawing.building_plan import area_m2
 from tasks.export.picture.contact_sheet import MOST_WORLDS, wishes_kept
 from tasks.export.surface.textures import encode_rgb
@@ -36,6 +38,8 @@ CAPTION_LINE = 26
 _GL = "MUJOCO_GL"
 _BACKENDS = ("egl", "osmesa")
 _SAMPLES = 40
+# A renderer that hangs is ended. One that works starts in seconds; a large picture on a slow machine takes a minute.
+_START_S, _ANSWER_S = 120.0, 1200.0
 
 
 @contextmanager
@@ -88,7 +92,11 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
 
 
 def _start_process(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
-    """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any."""
+    """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any.
+
+    Raises:
+        SimyardError: It says nothing and does not end.
+    """
     wanted = os.environ.get(_GL)
     for backend in (wanted,) if wanted else _BACKENDS:
         process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
@@ -98,7 +106,12 @@ def _start_process(module: str, arguments: Sequence[str], complaints: BinaryIO) 
             stderr=complaints,
             env={**os.environ, _GL: backend},
         )
-        if process.stdout is not None and process.stdout.read(len(READY)) == READY:
+        try:
+            ready = _ask(process, b"", len(READY), _START_S) == READY
+        except TimeoutError as exc:
+            process.communicate()
+            raise SimyardError(f"the renderer hangs at its start with {_GL}={backend}: {exc}; set another") from exc
+        if ready:
             return process
         process.communicate()
     return None
@@ -109,24 +122,45 @@ def _answer(process: subprocess.Popen[bytes], what: str, question: bytes, length
 
     Raises:
         RuntimeError: It ended, which a GL that works is no reason for.
+        SimyardError: It does not answer.
     """
-    answer = _ask(process, question + b"\n", length)
+    try:
+        answer = _ask(process, question + b"\n", length, _ANSWER_S)
+    except TimeoutError as exc:
+        raise SimyardError(f"rendering {what} failed: {exc}") from exc
     if len(answer) < length:
         complaints.seek(0)
         raise RuntimeError(f"rendering {what} failed: {complaints.read().decode(errors='replace')[-2000:]}")
     return answer
 
 
-def _ask(process: subprocess.Popen[bytes], question: bytes, length: int) -> bytes:
-    """Returns the answer, shorter than ``length`` when the process has ended."""
+def _ask(process: subprocess.Popen[bytes], question: bytes, length: int, limit_s: float) -> bytes:
+    """Returns the answer, shorter than ``length`` when the process has ended.
+
+    Raises:
+        TimeoutError: It took longer than the limit, and was ended.
+    """
     if process.stdin is None or process.stdout is None:
         return b""
+    expired = threading.Event()
+
+    def end() -> None:
+        expired.set()
+        process.kill()
+
+    watchdog = threading.Timer(limit_s, end)
+    watchdog.start()
     try:
         process.stdin.write(question)
         process.stdin.flush()
+        answer = process.stdout.read(length)
     except BrokenPipeError:
-        return b""
-    return process.stdout.read(length)
+        answer = b""
+    finally:
+        watchdog.cancel()
+    if len(answer) < length and expired.is_set():
+        raise TimeoutError(f"no answer within {limit_s:g} s")
+    return answer
 
 
 Shoot = Callable[[float, float, float], Pixels]

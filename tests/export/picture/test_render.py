@@ -1,11 +1,15 @@
 """Pictures in three dimensions, where a GL is there."""
 
+import sys
 from collections.abc import Generator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from specs.data.world import Finish, World
+from specs.errors import SimyardError
+from tasks.export.picture import renderer
 from tasks.export.picture.renderer import Pixels, Render, open_renderer, render_png
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
@@ -89,3 +93,23 @@ def test_a_renderer_that_fails_says_why(render: Render):
         assert mine is not None
         with pytest.raises(RuntimeError, match=r"(?s)rendering world-1-1 failed.*repeated name"):
             mine(twice, ())
+
+
+@pytest.mark.parametrize(
+    ("limit", "says", "why"),
+    [
+        ("_START_S", "", "hangs at its start with MUJOCO_GL=osmesa"),
+        ("_ANSWER_S", "echo GL;", "rendering world-1-1 failed"),
+    ],
+)
+def test_a_renderer_that_hangs_is_ended_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, limit: str, says: str, why: str
+):
+    silent = tmp_path / "python"
+    silent.write_text(f"#!/bin/sh\n{says} exec sleep 1000\n")
+    silent.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(silent))
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setattr(renderer, limit, 0.2)
+    with pytest.raises(SimyardError, match=rf"{why}.*no answer within 0\.2 s"):
+        render_png(apartment(), 80, 60)
