@@ -44,6 +44,7 @@ from tasks.storage.jobs.queue import QueueEntry, QueueView, change_entry, find_e
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import open_store, store_id
 
+_MODULE = "flows.queue.pool"  # where Prefect finds the flows, also when this is the program that hands jobs over
 _DESCRIPTION = "A job of RoboMaker's API, handed over by simyard serve --pool or simyard worker --pool."
 
 
@@ -174,7 +175,7 @@ def _deploy(client: SyncPrefectClient, flow: Flow[..., object], pool: str) -> UU
         flow_id=client.create_flow_from_name(flow.name),
         name=f"api-{pool}",
         work_pool_name=pool,
-        entrypoint=f"{__name__}.{flow.name.replace('-', '_')}",
+        entrypoint=f"{_MODULE}.{flow.name.replace('-', '_')}",
         description=flow.description,
         tags=[TAG],
         parameter_openapi_schema=parameter_schema(flow).model_dump_for_openapi(),
