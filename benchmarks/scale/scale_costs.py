@@ -32,9 +32,8 @@ from tasks.documents.template_source import find_template
 from tasks.results.tables.result_files import write_batch_tables
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
 from tasks.simulate.batch.chunk_store import counted_columns
-from tasks.simulate.batch.result_stream import PART_EPISODES
+from tasks.simulate.batch.result_stream import PART_EPISODES, request_columns
 from tasks.simulate.plan.plan_batch import output_location
-from tasks.simulate.plan.request_columns import request_columns
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.store_url import open_store, store_id

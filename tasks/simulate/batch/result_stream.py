@@ -1,6 +1,7 @@
 """The results of a batch in the order of its jobs, some at a time, so that a large batch fits into memory.
 
-A batch that is stopped while nobody works on it is given up here: its unfinished chunks are committed as Canceled.
+What the jobs were asked for comes as columns, computed from the layout without an object a row. A batch that is stopped
+while nobody works on it is given up here: its unfinished chunks are committed as Canceled.
 """
 
 from collections.abc import Iterator, Sequence
@@ -8,11 +9,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from specs.data.episode import EpisodeResult, unfinished_result
-from specs.data.episode_columns import EpisodeColumns, RequestColumns
+from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct
 from specs.errors import ObjectNotFound
 from tasks.simulate.batch.batch_record import STOP_CODES, OpenBatch, StopCode, canceled_jobs, canceled_row
 from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_columns, counted_columns
-from tasks.simulate.plan.request_columns import request_columns
+from tasks.simulate.plan.episode_layout import Layout
 
 # Some 40 MB if all of them failed and left long trajectories; as many as a row group of a table.
 PART_EPISODES = 8192
@@ -102,3 +103,29 @@ def _row(index: int, code: StopCode, alone: frozenset[int]) -> EpisodeResult:
     if index in alone:
         return unfinished_result(index, "Canceled", failure_code="", failure_reason="the job was canceled")
     return canceled_row(index, code)
+
+
+def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:
+    """Returns the episodes from ``first`` to before ``end``.
+
+    Args:
+        layout: The batch's.
+        first: Position of the first one.
+        end: Position after the last one.
+    """
+    plan, offsets, index = layout.plan, np.array(layout.offsets), np.arange(first, end)
+    template = np.searchsorted(offsets, index, side="right") - 1
+    rest, seed = np.divmod(index - offsets[template], len(plan.seeds))
+    world, setting = np.divmod(rest, layout.settings)
+    worlds = [plan.worlds_of(asked) for asked in plan.templates]
+    place = {name: number for number, name in enumerate(dict.fromkeys(name for names in worlds for name in names))}
+    codes = np.array([place[name] for names in worlds for name in names], np.int64)
+    starts = np.cumsum([0, *map(len, worlds)])
+    launches, launch = distinct([template, setting])
+    return RequestColumns(
+        index=index,
+        seeds=np.array(plan.seeds, np.int64)[seed],
+        worlds=Cells(codes=codes[starts[template] + world], labels=tuple(place)),
+        launches=tuple(layout.request(first + row) for row in launches),
+        launch=launch,
+    )

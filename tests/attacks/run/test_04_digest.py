@@ -1,7 +1,7 @@
 """Point 4: what ran is what the digest says, and a robot's file neither leads out of its bundle nor explodes.
 
 The check of MJCF is fuzzed in tests/simulate/application/test_mjcf_check.py, the seal is attacked file by file in
-tests/storage/test_sealed_bundle.py, and bytecode in a bundle in tests/simulate/application/test_code.py.
+tests/storage/test_sealed_bundle.py, and bytecode in a bundle in tests/simulate/application/test_bundle_code.py.
 """
 
 import json

@@ -281,7 +281,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
 def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine: str):
-    tree.write("tasks/simulate/sensor/imu.py", IMU)
+    tree.write("tasks/simulate/sensors/imu.py", IMU)
     table = "tasks/simulate/sensors/sensor_table.py"
     tree.add_before(
         table, "from tasks.simulate.sensors.lidar import", "from tasks.simulate.sensors.imu import IMU, Imu\n"
@@ -337,7 +337,7 @@ IMU = Sensor(
 @pytest.mark.long
 def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
     tree.write(
-        "tasks/simulate/engine/tin/engine.py",
+        "tasks/simulate/engines/tin/tin_engine.py",
         '"""The tin engine."""\n\nfrom dataclasses import replace\n\n'
         "from tasks.simulate.engines.planar.planar_engine import planar_mechanics\n\n\n"
         "def tin_mechanics(path):\n    return replace(planar_mechanics(path), engine='tin')\n",
@@ -353,7 +353,7 @@ def test_an_engine_is_a_folder_and_a_record(tree: TreeCopy):
         "ENGINES: Mapping[EngineName, Engine] = {\n",
         "def _load_tin(robot, applications, lanes, host):\n"
         "    from tasks.simulate.engines.compiled_program import compiled_program\n"
-        "    from tasks.simulate.engines.tin.engine import tin_mechanics\n\n"
+        "    from tasks.simulate.engines.tin.tin_engine import tin_mechanics\n\n"
         "    return compiled_program(tin_mechanics(robot), applications, lanes, host)\n\n\n",
     )
     tree.add_before(

@@ -1,20 +1,85 @@
-"""Samples are taken where they should be, however slices fall, and tell how an episode ended."""
+"""Which episodes are recorded follows from how they end, and from who asked for them."""
 
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
-from specs.data.episode import EpisodeResult
+from specs.data.episode import EpisodeResult, unfinished_result
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.lane import recording
-from tasks.simulate.lane.recording import Columns, Ends, Recorder
+from tasks.simulate.lane.recording import Columns, Ends, Overflow, Recorder, RecordingChoice
 from tasks.simulate.plan.chunks import Chunk
-from tests.factories.episodes import passed
+from tests.factories.episodes import collided, crashed, passed
 from tests.factories.simulations import pushing, simulate_lanes
 from tests.simulate.conftest import FOLDERS, PUSHER_LANES
+
+ROWS = EpisodeColumns.of(
+    [
+        passed(0),
+        collided(1),
+        crashed(2),
+        passed(3),
+        unfinished_result(4, "Canceled", failure_code="", failure_reason=""),
+    ]
+)
+
+
+@pytest.mark.parametrize(
+    ("choice", "chosen"),
+    [
+        (RecordingChoice(), []),
+        (RecordingChoice(failed=True), [1, 2]),
+        (RecordingChoice(always=(3, 4)), [3]),
+        (RecordingChoice(always=(0, 4), failed=True), [0, 1, 2]),
+    ],
+)
+def test_episodes_that_were_asked_for_or_failed_are_recorded_if_they_came_to_an_end(
+    choice: RecordingChoice, chosen: list[int]
+):
+    assert ROWS.index[choice.chosen(ROWS)].tolist() == chosen
+
+
+ARRAYS = st.lists(arrays(st.sampled_from([np.float32, np.int32, np.bool_]), array_shapes(min_side=0)), max_size=6)
+
+OPEN = Path("/proc/self/fd")
+
+
+@given(ARRAYS, st.integers(0, 200))
+def test_arrays_come_back_as_they_were(given_: list[np.ndarray], memory_bytes: int):
+    overflow = Overflow(memory_bytes)
+    kept = [overflow.keep(array) for array in given_]
+    for array, each in zip(given_, kept, strict=True):
+        back = overflow.get(each)
+        assert (back.dtype, back.shape) == (array.dtype, array.shape)
+        assert back.tobytes() == array.tobytes()
+    late = overflow.keep(np.arange(5))
+    assert overflow.get(late).tolist() == [0, 1, 2, 3, 4]
+
+
+def test_a_view_of_every_other_row_is_kept_whole():
+    array = np.arange(40, dtype=np.float32).reshape(8, 5)
+    overflow = Overflow(0)
+    assert np.array_equal(overflow.get(overflow.keep(array[::2])), array[::2])
+
+
+@pytest.mark.skipif(not OPEN.exists(), reason="counts open files as Linux tells them")
+def test_a_thousand_arrays_need_one_file():
+    before = len(list(OPEN.iterdir()))
+    overflow = Overflow(100)
+    kept = [overflow.keep(np.full(64, number)) for number in range(1000)]
+    assert all(overflow.get(each)[0] == number for number, each in enumerate(kept))
+    assert len(list(OPEN.iterdir())) - before <= 3
+
+
+def test_row_bytes_are_those_of_one_entry():
+    assert Overflow(0).keep(np.zeros((4, 3, 2), np.float32)).row_bytes == 24
+
 
 CONTROL_S, ACTUATORS, RAYS = 0.05, 2, 3
 

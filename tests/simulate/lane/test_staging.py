@@ -1,6 +1,7 @@
 """Shortest ways of staged episodes: those of equal tasks are measured once, also where the tasks are chunks apart."""
 
 from collections.abc import Sequence
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from tasks.simulate.application.contract import Placement
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane import staging
-from tasks.simulate.lane.staging import Lane, with_shortest_paths
+from tasks.simulate.lane.staging import Lane, moved_lane, with_shortest_paths
 from tests.factories.simulations import cluttered, delivery
 
 HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38)
@@ -68,3 +69,22 @@ def test_the_tasks_that_were_found_first_are_forgotten_first(measured: list[int]
     for goal in (GOALS[0], GOALS[1], GOALS[1], GOALS[0]):
         with_shortest_paths(placed(here, goal))
     assert sum(measured) == 3
+
+
+def lane(x_m: float) -> Lane:
+    placement = Placement(np.array([x_m, 2.0, 0.5]), np.array([[1.0, 1.0]]))
+    return Lane(delivery(0, world="hand/apartment-0"), cast("Any", None), placement, None)
+
+
+@pytest.mark.parametrize("x_m", [0.0, 3.7, 900.0, -900.0])
+@pytest.mark.parametrize("beside_m", [1e-6, -1e-6])
+def test_a_robot_starts_beside_its_place_even_far_from_the_origin(x_m: float, beside_m: float):
+    moved = moved_lane(lane(x_m), (beside_m, 0.0)).placement
+    apart_m = float(np.float32(moved.start[0])) - float(np.float32(x_m))
+    assert np.sign(apart_m) == np.sign(beside_m)
+    assert abs(apart_m) < 1e-4
+    assert tuple(moved.start[1:]) == (2.0, 0.5)
+
+
+def test_a_lane_that_is_not_moved_is_the_same():
+    assert np.array_equal(moved_lane(lane(3.7), (0.0, 0.0)).placement.start, lane(3.7).placement.start)

@@ -1,12 +1,48 @@
-"""Episodes fall into chunks by program, whole and in order."""
+"""What an application is told of the job that it is in."""
+
+import re
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from specs.arn import ArnForm
 from specs.data.episode import EpisodeRequest
-from tasks.simulate.plan.chunks import plan_chunks, program_key, split_environment
+from tasks.simulate.plan.chunks import (
+    JOB_ARN,
+    JOB_ID,
+    RUN_ID,
+    Shuffle,
+    job_variables,
+    plan_chunks,
+    program_key,
+    split_environment,
+    without_job_variables,
+)
 from tests.factories.simulations import delivery, pushing
+
+FORM = ArnForm("0123456789ab", "us-west-2")
+BATCH = "simb-0123456789abcdef"
+
+
+def test_a_jobs_id_is_what_its_arn_ends_in():
+    told = job_variables(FORM, BATCH, 12)
+    assert told[JOB_ID] == "sim-0123456789abcdef12"
+    assert told[JOB_ARN] == f"arn:aws:robomaker:us-west-2:{FORM.account}:simulation-job/sim-0123456789abcdef12"
+    assert re.fullmatch("run-[0-9a-f]{16}", told[RUN_ID])
+
+
+def test_each_job_has_its_own_and_always_the_same():
+    told = [job_variables(FORM, BATCH, index) for index in (0, 1, 0)]
+    assert told[0] == told[2]
+    assert not set(told[0].values()) & set(told[1].values())
+
+
+def test_what_tells_jobs_apart_decides_no_program():
+    asked = delivery(0, world="g/w")
+    own = asked.model_copy(update={"environment": {**asked.environment, **job_variables(FORM, BATCH, 0)}})
+    assert program_key(own) == program_key(asked)
+    assert without_job_variables(own.environment) == asked.environment
 
 
 @st.composite
@@ -58,3 +94,15 @@ def test_what_is_no_plain_finite_number_stays_a_text(text: str):
 def test_no_lanes_are_refused():
     with pytest.raises(ValueError, match="at least 1"):
         plan_chunks([], 0)
+
+
+@given(st.integers(0, 200), st.text(max_size=3))
+def test_each_position_has_one_turn(size: int, seed: str):
+    shuffle = Shuffle(size, seed)
+    assert sorted(shuffle.order) == list(range(size))
+    assert [shuffle.order[turn] for turn in shuffle.turn] == list(range(size))
+
+
+def test_the_order_follows_from_the_seed_and_is_the_same_on_any_machine():
+    assert Shuffle(8, "simyard").order == (3, 4, 7, 2, 6, 1, 5, 0)
+    assert Shuffle(100, "a").order != Shuffle(100, "b").order

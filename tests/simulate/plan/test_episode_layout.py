@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from specs.data.episode import EpisodeRequest
+from tasks.simulate.batch.result_stream import request_columns
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate, lane_count
 from tasks.simulate.plan.chunks import plan_chunks, program_key
 from tasks.simulate.plan.episode_layout import Layout
-from tasks.simulate.plan.request_columns import request_columns
 from tests.factories.simulations import PUSHER, ROBOT, SCENARIO
 
 TEMPLATE = JobTemplate(

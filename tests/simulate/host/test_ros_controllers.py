@@ -1,6 +1,8 @@
-"""The lanes of a chunk as their ROS applications know them, and what becomes of lanes whose application fails."""
+"""The folder of a chunk's nodes goes with the chunk, or with the next one if its process was killed."""
 
 import errno
+import os
+import shutil
 import tempfile
 from pathlib import Path
 
@@ -8,15 +10,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.world import World
 from specs.errors import StageFailed
 from tasks.ros.lockstep.exchange import Command, Launch, Sensed
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.host.controllers import HostBundle, HostStart
-from tasks.simulate.host.ros_controllers import LockstepMaker, RosLanes, ros_application
+from tasks.simulate.host.ros_controllers import LockstepMaker, RosHome, RosLanes, remove_abandoned, ros_application
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sensors.sensor_table import read_sensors
-from tests.factories.simulations import delivery
+from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, delivery, pushing, simulate_lanes
+from tests.ros.conftest import courier, wheel
 from tests.simulate.host.fake_lockstep import (
     CANCELS,
     CRASHES,
@@ -30,6 +36,67 @@ from tests.simulate.host.fake_lockstep import (
     ros_bundle,
 )
 
+
+@pytest.fixture(autouse=True)
+def _temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+
+
+def aged(path: Path) -> Path:
+    os.utime(path, (0, 0))
+    return path
+
+
+def test_it_is_gone_with_all_that_lies_in_it():
+    home = RosHome()
+    (home.path / "log").mkdir()
+    home.close()
+    home.close()
+    assert not home.path.exists()
+
+
+def test_what_nodes_of_a_lane_printed_last_is_told_and_no_link_is_followed(tmp_path: Path):
+    home, secret = RosHome(), tmp_path / "secret"
+    secret.write_text("of the machine")
+    log = home.path / "lane-3" / "log"
+    log.mkdir(parents=True)
+    (log / "wander.out").write_text("x" * 3000 + "\nhello\nworld\n")
+    (log / "other.out").symlink_to(secret)
+    said = home.printed(3).splitlines()
+    assert said[1:] == ["wander: hello", "wander: world"]
+    assert (len(said[0]), home.printed(4)) == (len("wander: ") + 1987, "")
+    home.close()
+
+
+def test_a_killed_processs_folder_is_removed_and_a_living_ones_kept(tmp_path: Path):
+    living = RosHome()
+    (living.path / "note").touch()
+    aged(living.path)
+    abandoned = tmp_path / "simyard-ros-abandoned"
+    (abandoned / "log").mkdir(parents=True)
+    aged(abandoned)
+    remove_abandoned(tmp_path)
+    assert living.path.exists()
+    assert not abandoned.exists()
+    living.close()
+
+
+def test_a_folder_that_may_be_about_to_be_locked_is_kept(tmp_path: Path):
+    (tmp_path / "simyard-ros-young").mkdir()
+    remove_abandoned(tmp_path)
+    assert (tmp_path / "simyard-ros-young").exists()
+
+
+def test_what_is_no_such_folder_is_kept(tmp_path: Path):
+    kept = tmp_path / "elsewhere"
+    kept.mkdir()
+    aged(kept)
+    (tmp_path / "simyard-ros-link").symlink_to(kept)
+    remove_abandoned(tmp_path)
+    assert kept.exists()
+    assert (tmp_path / "simyard-ros-link").is_symlink()
+
+
 _FLOOR = HostMap(
     clearance_m=np.array([[0.0, 0.2, 0.0], [0.0, 0.1, 0.0]], np.float32),
     origin_m=np.array([1.0, 2.0], np.float32),
@@ -37,11 +104,6 @@ _FLOOR = HostMap(
     bounds_m=np.zeros(4, np.float32),
 )
 _WIDTH = 8
-
-
-@pytest.fixture(autouse=True)
-def _temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
 
 
 def lane(index: int, kind: str) -> Lane:
@@ -246,3 +308,43 @@ def test_the_observation_may_be_jaxs(tmp_path: Path):
     seen = observed()
     lanes.controls(seen._replace(pose=jnp.asarray(seen.pose)), moving(0))
     assert not lanes.crashes
+
+
+__all__ = ["courier", "wheel"]
+
+COURIER = "6" * 64
+SEEDS, SECONDS = 4, 4.0
+
+
+def requests(application: str) -> list[EpisodeRequest]:
+    launch = f"{application}.launch"
+    robot = ApplicationLaunch(name="courier", version="1", digest=COURIER, package="courier", launch_file=launch)
+    return [
+        pushing(index, world=f"hand/pen-{index % 3}", seed=index % SEEDS, duration_s=SECONDS).model_copy(
+            update={"robot": robot, "environment": {}}
+        )
+        for index in range(32)
+    ]
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize("application", ["answer", "listen", "steady", "relay", "wheel"])
+def test_rows_are_the_same_with_one_eight_and_thirty_two_lanes(
+    wheel: Path, pens: dict[str, World], tmp_path: Path, application: str
+):
+    bundle = tmp_path / "bundle"
+    shutil.copytree(wheel, bundle)
+    shutil.copy(BUNDLES / "patrol" / "robot.xml", bundle / "robot.xml")
+    folders, asked = {COURIER: bundle, DRIFT: FOLDERS[DRIFT]}, requests(application)
+
+    def rows(part: list[EpisodeRequest], lanes: int) -> list[str]:
+        chunk = Chunk(number=0, requests=tuple(part))
+        found = simulate_lanes(chunk, pens, folders, lanes=lanes, should_stop=lambda: False)
+        assert {(row.status, row.late, row.stray) for row in found} == {("Completed", 0, 0)}
+        assert all(row.path_length_m > 0.0 for row in found)
+        return [row.model_dump_json() for row in found]
+
+    together = rows(asked, 32)
+    assert [row for start in range(0, 32, 8) for row in rows(asked[start : start + 8], 8)] == together
+    assert [row for each in asked[:SEEDS] for row in rows([each], 8)] == together[:SEEDS]

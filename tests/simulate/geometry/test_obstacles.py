@@ -1,7 +1,11 @@
 """Worlds become arrays of the solids at the robot's height, of few different sizes."""
 
+import jax.numpy as jnp
+import jaxtyping
 import numpy as np
+import pytest
 
+from tasks.simulate.geometry.lidar_scan import LidarOutlines, scan_ranges
 from tasks.simulate.geometry.obstacles import PARKING_M, obstacles, pad_obstacles
 from tests.factories.simulations import cluttered
 from tests.factories.worlds import apartment
@@ -36,3 +40,11 @@ def test_another_world_does_not_change_the_shapes():
     together = pad_obstacles([obstacles(cluttered(seed), 0.02, 0.38) for seed in range(5)])[0]
     assert alone.boxes.shape == together.boxes.shape
     assert alone.cylinders.shape == together.cylinders.shape
+
+
+NOTHING = LidarOutlines(jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros(3, jnp.int32))
+
+
+def test_an_array_of_the_wrong_shape_is_refused_in_tests():
+    with pytest.raises(jaxtyping.TypeCheckError):
+        scan_ranges(NOTHING, jnp.zeros(4), np.zeros(8, np.float32), 1.0)

@@ -1,7 +1,8 @@
-"""Files from buckets, pinned when a batch is planned and mounted read-only where its episodes are simulated."""
+"""Data sources as a plan has them: pinned by content, or with why they cannot be had."""
 
 import errno
 import io
+import os
 import stat
 import tarfile
 import zipfile
@@ -11,22 +12,99 @@ from typing import Any
 import pytest
 
 from specs.data.episode import EpisodeResult
-from specs.errors import DocumentError
+from specs.errors import DocumentError, StoreUnreachable
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.data.data_sources import DATA_PREFIX, PinnedSource
+from tasks.simulate.data.data_sources import DATA_PREFIX, PinnedFile, PinnedSource, within_limits
 from tasks.simulate.data.mounts import Mounts, pin_source
 from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.chunks import ProgramKey, program_key
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import plan_batch
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tasks.storage.store_url import open_store
 from tests.factories.data_buckets import ONE, cache, source
 from tests.factories.episodes import passed
-from tests.factories.planned_batches import begun, plan, put_world, template
+from tests.factories.planned_batches import all_pass, begun, plan, put_world, template
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (source("maps/lost.yaml"), ("InvalidS3Resource", "there is no maps-bucket/maps/lost.yaml")),
+        (source("maps"), ("InvalidS3Resource", "there is no maps-bucket/maps")),
+        (source("../", type="Prefix"), ("InvalidInput", "'..'")),
+        (source("/etc/passwd"), ("InvalidInput", "'/etc/passwd'")),
+        (source(".hidden"), ("InvalidInput", "'.hidden'")),
+        (source("lost/", type="Prefix"), ("InvalidS3Resource", "nothing below maps-bucket/lost/")),
+        (source("maps/one.yaml", type="Archive"), ("InvalidInput", ".zip or .tar.gz")),
+        (source("../one.yaml"), ("InvalidInput", "../one.yaml")),
+        (source("maps/one.yaml", destination="/../etc"), ("InvalidInput", "'/../etc'")),
+    ],
+)
+def test_what_cannot_be_fetched_is_told_with_robomakers_code(
+    file_store: Store, bucket: Store, tmp_path: Path, asked: DataSourceConfig, why: tuple[str, str]
+):
+    found = pin_source(file_store, cache(tmp_path), asked)
+    assert found.failure_code == why[0]
+    assert why[1] in found.failure_reason
+    assert found.failure_reason.startswith("data source maps: ")
+
+
+def test_what_a_row_says_does_not_depend_on_where_the_store_is(bucket: Store, tmp_path: Path):
+    elsewhere = open_store((tmp_path / "elsewhere").as_uri())
+    open_bucket(elsewhere, "maps-bucket").put("other", b"")
+    here = open_store(bucket.url.rpartition("/buckets/")[0])
+    for asked in (source("maps/lost.yaml"), source("lost/", type="Prefix")):
+        assert pin_source(here, cache(tmp_path), asked) == pin_source(elsewhere, cache(tmp_path), asked)
+
+
+def test_a_bucket_that_is_not_there_is_no_jobs_fault(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("SIMYARD_BUCKETS", "s3://")
+    with pytest.raises(StoreUnreachable, match="SIMYARD_BUCKETS"):
+        pin_source(s3_store, cache(tmp_path), source("maps/one.yaml", s3Bucket="nobody-has-this"))
+
+
+def test_planning_again_fetches_nothing_that_nobody_wrote(
+    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    first = pin_source(file_store, cache(tmp_path), source("maps/one.yaml"))
+    fetched: list[str] = []
+    download = type(bucket).download
+
+    def counted(self: Store, key: str, target: Path) -> None:
+        fetched.append(key)
+        download(self, key, target)
+
+    monkeypatch.setattr(type(bucket), "download", counted)
+    again = pin_source(file_store, cache(tmp_path), source("maps/one.yaml"))
+    assert again == first
+    assert [file.etag for file in again.files] == [bucket.etag("maps/one.yaml").strip('"')]
+    assert fetched == []
+    bucket.put("maps/one.yaml", b"new")
+    assert pin_source(file_store, cache(tmp_path), source("maps/one.yaml")) != first
+    assert fetched == ["maps/one.yaml"]
+
+
+def test_the_same_content_is_the_same_source_whatever_the_bucket_calls_it():
+    file = PinnedFile(key="k", sha256="0" * 64, size_bytes=1)
+    pinned = PinnedSource(name="a", bucket="b", type="File", destination="d", files=(file,))
+    named = pinned.model_copy(update={"files": (file.model_copy(update={"etag": "5-2"}),)})
+    assert (named.digest, named.model_dump(mode="json")) == (pinned.digest, pinned.model_dump(mode="json"))
+
+
+def test_more_than_a_job_may_have_is_refused_for_all_its_sources():
+    file = PinnedFile(key="k", sha256="0" * 64, size_bytes=1)
+    half = PinnedSource(name="a", bucket="b", type="Prefix", destination="d", files=(file,) * 50)
+    assert not any(each.failure_code for each in within_limits((half, half)))
+    full = within_limits((half, half, half))
+    assert {each.failure_code for each in full} == {"LimitExceeded"}
+    big = half.model_copy(update={"files": (file.model_copy(update={"size_bytes": (25 << 30) + 1}),)})
+    assert within_limits((big,))[0].failure_code == "LimitExceeded"
 
 
 def mounted(store: Store, found: PinnedSource, tmp_path: Path) -> Path:
@@ -246,3 +324,75 @@ def test_on_s3_it_is_the_same(s3_store: Store, tmp_path: Path, monkeypatch: pyte
     found = pin_source(s3_store, cache(tmp_path), source("maps/", type="Prefix"))
     assert (mounted(s3_store, found, tmp_path) / "maps/one.yaml").read_bytes() == ONE
     assert pin_source(s3_store, cache(tmp_path), source("maps/lost")).failure_code == "InvalidS3Resource"
+
+
+CONTENT = b"walls: []\n"
+ASKED = DataSourceConfig.model_validate({"name": "maps", "s3Bucket": "maps-bucket", "s3Keys": ["one.yaml"]})
+
+
+@pytest.fixture
+def map_bucket(file_store: Store) -> Store:
+    """A bucket with a map."""
+    found = open_bucket(file_store, "maps-bucket")
+    found.put("one.yaml", CONTENT)
+    return found
+
+
+def mounted_anew(store: Store, cache: Path) -> Path:
+    """Returns the folder of the map, planned and mounted as a new batch does."""
+    source = pin_source(store, cache, ASKED)
+    made = plan(store, templates=(template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"}),))
+    request = Layout(made).request(0)
+    mounts = Mounts(store, {source.digest: source}, cache)
+    assert mounts.failure(request) is None
+    return Path(mounts.resolved(request).environment["DATA_SOURCE_MAPS"])
+
+
+def overwrite(file: Path, content: bytes) -> None:
+    """Writes into a read-only file in place, as root may, and gives it back the time that it had."""
+    before = file.stat()
+    if os.geteuid() != 0:
+        file.chmod(0o644)
+    with file.open("r+b") as writer:
+        writer.write(content)
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    file.chmod(0o444)
+
+
+def test_a_write_into_a_mount_reaches_neither_the_cache_nor_the_next_batch(
+    file_store: Store, map_bucket: Store, tmp_path: Path
+):
+    overwrite(mounted_anew(file_store, tmp_path) / "one.yaml", CONTENT[::-1])
+    assert [path.read_bytes() for path in (tmp_path / "objects").iterdir()] == [CONTENT]
+    assert (mounted_anew(file_store, tmp_path) / "one.yaml").read_bytes() == CONTENT
+
+
+def test_a_file_put_into_a_mount_is_not_there_for_the_next_batch(file_store: Store, map_bucket: Store, tmp_path: Path):
+    folder = mounted_anew(file_store, tmp_path)
+    folder.chmod(0o755)
+    (folder / "stranger").touch()
+    assert [path.name for path in mounted_anew(file_store, tmp_path).iterdir()] == ["one.yaml"]
+
+
+def test_a_chunk_is_timed_as_the_program_that_plans_know(
+    file_store: Store, map_bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
+    source = pin_source(file_store, tmp_path / "data", ASKED)
+    reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
+    batch = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
+    timed: list[tuple[ProgramKey, ProgramKey]] = []
+
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
+        timed.append((part.program, program_key(part.chunk.requests[0])))
+        return all_pass(part)
+
+    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    ((planned, resolved),) = timed
+    assert planned == program_key(batch.layout.request(0)) != resolved
+
+
+def test_a_mount_that_nobody_wrote_into_is_used_again(file_store: Store, map_bucket: Store, tmp_path: Path):
+    before = (mounted_anew(file_store, tmp_path) / "one.yaml").stat()
+    assert (mounted_anew(file_store, tmp_path) / "one.yaml").stat().st_ino == before.st_ino
+    assert len(list((tmp_path / "mounts").iterdir())) == 1
