@@ -136,17 +136,17 @@ class RosFrames(Spec):
 
 
 class DifferentialDrive(Spec):
-    """Two driven wheels; a Twist becomes a speed of each.
+    """Driven wheels on either side; a Twist becomes a speed of each.
 
     Attributes:
-        left, right: Names of the actuators in ``robot.xml``.
-        track_m: From one wheel to the other.
+        left, right: Names of the actuators in ``robot.xml``; a list where a side has several wheels.
+        track_m: From one side to the other. Wheels that slip when the robot turns stand for a wider track.
         wheel_radius_m: If the actuators take turning speeds of wheels (rad/s); None if they take speeds over the floor.
     """
 
     kind: Literal["differential"] = "differential"
-    left: str = "left"
-    right: str = "right"
+    left: str | Annotated[tuple[str, ...], Field(min_length=1)] = "left"
+    right: str | Annotated[tuple[str, ...], Field(min_length=1)] = "right"
     track_m: Annotated[float, Field(gt=0.0, le=100.0)]
     wheel_radius_m: Annotated[float, Field(gt=0.0, le=10.0)] | None = None
 
@@ -176,7 +176,7 @@ class RosRobot(Spec):
         lidar: None for a robot without.
         odometry: Errors of its wheels; None for none.
         bumper: None for a robot without.
-        drive: How a Twist becomes controls; None if it follows from ``robot.xml``.
+        drive: How a Twist becomes controls; None for a planar base, where it follows from ``robot.xml``.
         command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
         ready_s: Wall time that the nodes may take to be ready.
     """
