@@ -14,15 +14,31 @@ SimyardError
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 ├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
 ├── WorldChanged                      a world has another SHA-256 than it had
-└── StoreError                        the store could not do it: exit code 3
-    ├── StoreUnreachable              no answer, or no such place
-    │   └── StoreAway                 no answer now: the same request may succeed in a minute
-    ├── StoreUnsafe                   answers, but ignores conditions on writes
-    ├── StoreAccessDenied             answers, and refuses
-    ├── ObjectNotFound                no object under that key
-    ├── ObjectTooBig                  more bytes than whoever reads it reckons with
-    ├── ObjectExists                  create: somebody else was first
-    └── ObjectConflict                compare-and-swap: the object has changed
+├── StoreError                        the store could not do it: exit code 3
+│   ├── StoreUnreachable              no answer, or no such place
+│   │   ├── BucketNotFound            the server answers, and has no such bucket
+│   │   └── StoreAway                 no answer now: the same request may succeed in a minute
+│   │       └── StoreThrottled        the store asks to be asked less often
+│   ├── StoreFull                     no room: a full disk, a quota, an object that is too big for the store
+│   ├── StoreDamaged                  what arrived is not what was sent
+│   ├── StoreUnsafe                   answers, but ignores conditions on writes
+│   ├── StoreAccessDenied             answers, and refuses
+│   ├── ObjectNotFound                no object under that key
+│   ├── ObjectCorrupt                 an object is not what Simyard writes there
+│   ├── ObjectTooBig                  more bytes than whoever reads it reckons with
+│   ├── ObjectExists                  create: somebody else was first
+│   └── ObjectConflict                compare-and-swap: the object has changed
+├── WorldRejected                     a world cannot be generated; its job goes on      (these nine are declared
+├── WorkerDied                        a process that makes worlds ended                  where they are raised)
+├── RobotRefused                      a robot.xml does not load, or no engine can represent it
+│   └── MjcfRefused                   a robot.xml leads out of its bundle, or grows beyond any robot
+├── DriveUnclear                      it cannot be seen what a Twist does to a robot
+├── BundleCrash                       an application's own code failed
+├── SimulatorEnded                    the process that simulates ended before it answered
+├── MessageRefused                    that process sent a message of no known form
+└── JaxAlreadyImported                JAX was imported before its devices were set
+
+All of them survive the way from a worker's process: pickled and read again, an error is the same.
 """
 
 from collections.abc import Sequence
@@ -33,6 +49,16 @@ from specs.data.run_report import PipelineReport
 
 class SimyardError(Exception):
     """The root of the tree: catching it catches what Simyard can explain, and nothing else."""
+
+    def __reduce__(self) -> "tuple[object, ...]":
+        """Returns what it is made of again in another process: its text and its fields, and not what it was made of."""
+        return _restored_error, (type(self), self.args, vars(self))
+
+
+def _restored_error(kind: type[SimyardError], args: tuple[object, ...], fields: dict[str, object]) -> SimyardError:
+    error = kind.__new__(kind, *args)
+    vars(error).update(fields)
+    return error
 
 
 NO_SOURCE = "document"
@@ -109,10 +135,6 @@ class StageFailed(SimyardError):  # noqa: N818 - a state, as RoboMaker names it
         self.reason = reason
         self.arn = arn
         super().__init__(f"{code}: {reason}" + (f" ({arn})" if arn else ""))
-
-    def __reduce__(self) -> "tuple[type[StageFailed], tuple[str, str, str]]":
-        """Returns what it is made of again in the process that asked a worker."""
-        return StageFailed, (self.code, self.reason, self.arn)
 
 
 class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
