@@ -140,7 +140,7 @@ def total_share(strata: Sequence[FlipShare]) -> TotalShare:
 
 
 def share_bounds(rate: float, effective: float, confidence: float) -> tuple[float, float]:
-    """Returns the two-sided interval of a share from weighted lanes; ``tasks.results.statistics.intervals`` says the same.
+    """Returns the two-sided interval of a weighted share; ``tasks.results.statistics.intervals`` says the same.
 
     The exact interval of Clopper and Pearson 1934 (Biometrika 26:404), whose bounds are quantiles of beta
     distributions, with the effective number of lanes (Korn and Graubard 1998, Survey Methodology 24:193).

@@ -382,12 +382,12 @@ def batch_describe_jobs(store: Store, jobs: Sequence[str]) -> BatchDescribeSimul
     found: list[SimulationJob] = []
     missing: list[str] = []
     batches = functools.cache(lambda batch: Jobs(store, batch))  # as they stand now, each read once
-    for arn in jobs:
+    for job in jobs:
         try:
-            batch, index = job_of(store, _job_path(arn))
+            batch, index = job_of(store, _job_path(job))
             found.append(SimulationJob.model_validate(batches(batch.id).described(index)))
         except ResourceNotFound:
-            missing.append(arn)
+            missing.append(job)
     return BatchDescribeSimulationJobResponse(jobs=tuple(found), unprocessedJobs=tuple(missing) or None)
 
 

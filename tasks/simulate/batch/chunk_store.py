@@ -1,8 +1,8 @@
 """The chunks of a batch in the store: when each was begun, and its committed results.
 
-A chunk begins with what vouches for all that follows (``tasks.storage.jobs.authenticator``), so that nothing is counted that
-somebody else has written there: columns, or in one of an older version rows of JSON
-(docs/decisions/0040-results-as-columns.md). One that this owner cannot vouch for is simulated anew and compared.
+A chunk begins with the owner's MAC of the columns that follow (``tasks.storage.jobs.authenticator``), so that nothing
+is counted that somebody else has written there (docs/decisions/0040-results-as-columns.md). One whose MAC is not this
+owner's is simulated anew and compared.
 
 NumPy is imported when a chunk is read or written: who lists jobs does neither.
 """

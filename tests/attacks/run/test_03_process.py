@@ -1,7 +1,7 @@
 """Strangers' code in a run: a controller that ends the process, interrupts it, hangs or prints judges no batch.
 
 On commit d54b1a2 controllers ran in the process that holds keys and the exit code. That an application has no file to
-write, no network, and no environment of the run is in tests/simulate/process/test_lanes.py.
+write, no network, and no environment of the run is in tests/simulate/sandbox/test_sandbox_client.py.
 """
 
 import signal

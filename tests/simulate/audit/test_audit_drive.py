@@ -1,7 +1,11 @@
 """The audit drives a sample again on C MuJoCo, and finds what is wrong with rows."""
 
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
@@ -11,11 +15,10 @@ from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_drive import DrivenEpisode, Drives, audit, drive_sample
 from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.chunk.byproducts import ChunkWatch
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES, Simulate
-
-pytestmark = pytest.mark.long
 
 REQUESTS = [delivery(k, world=f"hand/apartment-{k % 4}", seed=k, duration_s=20.0) for k in range(8)]
 
@@ -34,6 +37,7 @@ def sample(requests: Sequence[EpisodeRequest], rows: Sequence[EpisodeResult]) ->
     return [SampledEpisode(request, row, 2.0) for request, row in zip(requests, rows, strict=True)]
 
 
+@pytest.mark.long
 def test_sound_rows_pass(report: AuditReport):
     assert (report.verdict, report.engine, report.lanes, report.compared) == ("SOUND", "planar", 8, 8)
     assert (report.flips, report.unreproduced, report.elsewhere) == ((), (), ())
@@ -45,6 +49,7 @@ def test_sound_rows_pass(report: AuditReport):
     assert 0.0 < report.way.median_m <= report.way.p90_m <= report.way.max_m < 1e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -70,6 +75,7 @@ def test_a_wrong_row_is_found(rows: list[EpisodeResult], apartments: dict[str, W
         assert found.final.max_m > 0.1
 
 
+@pytest.mark.long
 def test_rows_of_another_kind_of_device_are_compared_but_not_made_again(
     rows: list[EpisodeResult], apartments: dict[str, World]
 ):
@@ -79,6 +85,7 @@ def test_rows_of_another_kind_of_device_are_compared_but_not_made_again(
     assert found.way is None
 
 
+@pytest.mark.long
 def test_rows_that_mujoco_made_are_made_again_and_not_called_evidence(pens: dict[str, World]):
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k) for k in range(4)]
     made = _mujoco(requests, pens)
@@ -92,6 +99,7 @@ def test_rows_that_mujoco_made_are_made_again_and_not_called_evidence(pens: dict
     assert audit(sample(requests[:1], tampered), pens, FOLDERS, lanes=PUSHER_LANES, engine="mujoco").unreproduced
 
 
+@pytest.mark.long
 def test_an_application_that_crashes_now_is_told(push: Simulate, pens: dict[str, World]):
     requests = [pushing(0, world="hand/pen-0")]
     rows = push(requests)
@@ -105,6 +113,7 @@ def _mujoco(requests: list[EpisodeRequest], worlds: dict[str, World]) -> list[Ep
     return simulate_lanes(chunk, worlds, FOLDERS, lanes=PUSHER_LANES, engine="mujoco", should_stop=lambda: False)
 
 
+@pytest.mark.long
 def test_an_engine_that_leaves_out_furniture_is_found(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
     empty = {name: world.model_copy(update={"furniture": ()}) for name, world in pens.items()}
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
@@ -123,6 +132,7 @@ def test_an_engine_that_leaves_out_furniture_is_found(pens: dict[str, World], mo
     assert "which stay together when they start a micrometre beside" in found.sentence
 
 
+@pytest.mark.long
 def test_the_control_is_the_same_again_and_a_micrometre_beside(pens: dict[str, World]):
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k) for k in range(2)]
 
@@ -134,3 +144,101 @@ def test_the_control_is_the_same_again_and_a_micrometre_beside(pens: dict[str, W
     first_m = one[0].places_m[0] - straight[0].places_m[0]
     assert 5e-7 < first_m[0] < 2e-6
     assert abs(first_m[1]) < 5e-7
+
+
+PATIENCE_S = 30.0
+DRIVEN_REQUESTS = [delivery(k, world="hand/apartment-0", seed=k) for k in range(6)]
+
+
+class Run:
+    """A run of two slices that notes which threads drive it."""
+
+    def __init__(self, host: object = None, meanwhile: Callable[[], None] = lambda: None) -> None:
+        self.host, self.threads, self._meanwhile = host, list[int](), meanwhile
+
+    def begin(self) -> SimpleNamespace:
+        return SimpleNamespace(done=np.array([False]))
+
+    def advance(self, _state: object) -> tuple[SimpleNamespace, SimpleNamespace]:
+        self.threads.append(threading.get_ident())
+        if len(self.threads) == 2:
+            self._meanwhile()
+        return SimpleNamespace(done=np.array([len(self.threads) == 2])), SimpleNamespace(pose=np.zeros((1, 1, 3)))
+
+
+def drive(monkeypatch: pytest.MonkeyPatch, runs: Callable[[], Iterator[Run]]) -> Mapping[int, object]:
+    """Returns what comes of runs that are parts of one sample."""
+
+    def ready(*_args: object, **_more: object) -> Iterator[SimpleNamespace]:
+        for number, run in enumerate(runs()):
+            yield SimpleNamespace(run=run, watch=ChunkWatch(), number=number)
+
+    def driven(chunk: SimpleNamespace, *_more: object) -> list[SimpleNamespace]:
+        return [SimpleNamespace(row=SimpleNamespace(index=chunk.number))]
+
+    monkeypatch.setattr(audit_drive, "ready_parts", ready)
+    monkeypatch.setattr(audit_drive, "most_lanes", lambda *_: None)
+    monkeypatch.setattr(audit_drive, "_last_state", lambda state: state)
+    monkeypatch.setattr(audit_drive, "_driven_episodes", driven)
+    with Drives() as under_way:
+        return under_way.begin(DRIVEN_REQUESTS, {}, {"": Path()}, lanes=8, engine="planar")()
+
+
+def test_parts_are_driven_at_a_time(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(audit_drive, "device_count", lambda: 2)
+    met = threading.Barrier(2)
+
+    found = drive(monkeypatch, lambda: (Run(meanwhile=lambda: _meet(met)) for _ in range(2)))
+
+    assert sorted(found) == [0, 1]
+
+
+def test_no_more_parts_are_under_way_than_there_are_cores(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(audit_drive, "device_count", lambda: 2)
+    ends: list[None] = []
+    most: list[int] = []
+
+    def end() -> None:
+        threading.Event().wait(0.01)
+        ends.append(None)
+
+    def runs() -> Iterator[Run]:
+        for number in range(8):
+            most.append(number - len(ends))
+            yield Run(meanwhile=end)
+
+    found = drive(monkeypatch, runs)
+
+    assert sorted(found) == [*range(8)]
+    assert max(most) == 2
+
+
+def test_the_first_slice_is_driven_by_the_thread_that_asks(monkeypatch: pytest.MonkeyPatch):
+    made = [Run(), Run()]
+
+    drive(monkeypatch, lambda: iter(made))
+
+    assert [run.threads[0] for run in made] == [threading.get_ident()] * 2
+    assert all(run.threads[1] != threading.get_ident() for run in made)
+
+
+def test_controllers_on_the_host_stay_on_the_thread_that_asks(monkeypatch: pytest.MonkeyPatch):
+    closed: list[bool] = []
+    run = Run(host=SimpleNamespace(close=lambda: closed.append(True)))
+
+    drive(monkeypatch, lambda: iter([run]))
+
+    assert run.threads == [threading.get_ident()] * 2
+    assert closed == [True]
+
+
+def test_what_one_part_raises_is_raised(monkeypatch: pytest.MonkeyPatch):
+    def crash() -> None:
+        raise BundleCrash("RobotApplicationCrash", "it raises")
+
+    with pytest.raises(BundleCrash, match="it raises"):
+        drive(monkeypatch, lambda: iter([Run(meanwhile=crash), Run()]))
+
+
+def _meet(barrier: threading.Barrier) -> None:
+    barrier.wait(PATIENCE_S)

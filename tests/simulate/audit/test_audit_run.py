@@ -1,4 +1,4 @@
-"""An audit belongs to its batch's end, can be made again, and never loses the batch."""
+"""An audit in another process is not ended by chunks that this process worked on besides."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -14,17 +14,43 @@ from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_run
 from tasks.simulate.audit.audit_report import AuditReport, not_run, with_verdict
-from tasks.simulate.audit.audit_run import write_audit
+from tasks.simulate.audit.audit_run import ask_audit, write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.simulate.data.data_sources import DATA_PREFIX
 from tasks.simulate.data.mounts import pin_source
+from tasks.simulate.sandbox.protocol import Audited
 from tasks.simulate.sandbox.simulator import SimulatorEnded
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tests.factories.episodes import passed, request
 from tests.factories.planned_batches import begun, mixed, plan, template
 from tests.factories.worlds import apartment
+from tests.simulate.ending_simulators import ended, use_simulators
+
+REPORT = not_run("a test says so")
+
+
+def asked_audit() -> AuditReport:
+    asked = request(0)
+    return ask_audit([SampledEpisode(asked, passed(0), 1.0)], {asked.world: apartment()}, {}, lanes=8)
+
+
+def test_an_audit_whose_process_ended_beside_chunks_ahead_is_asked_once_more(monkeypatch: pytest.MonkeyPatch):
+    answer = Audited(report=REPORT.model_dump_json(), timings=())
+    asked = use_simulators(monkeypatch, [ended(beside_others=True), answer])
+    assert asked_audit() == REPORT
+    assert asked[0] == asked[1]
+
+
+@pytest.mark.parametrize("ends", [[False], [True, False], [True, True]])
+def test_an_audit_that_ends_its_process_itself_is_given_up(monkeypatch: pytest.MonkeyPatch, ends: list[bool]):
+    asked = use_simulators(monkeypatch, [ended(beside_others=each) for each in ends])
+    with pytest.raises(SimulatorEnded, match="exit code 3"):
+        asked_audit()
+    assert len(asked) == len(ends)
+
 
 PLACE = OutputLocation(s3Bucket="results", s3Prefix="nightly")
 LANES, AUDITED = 256, 32
@@ -41,7 +67,7 @@ def audited(monkeypatch: pytest.MonkeyPatch) -> Calls:
         count = len(sample)
         return with_verdict(AuditReport(verdict="NOT RUN", sentence="", sampled=drawn, lanes=count, compared=count))
 
-    monkeypatch.setattr(audit_run, "audit_apart", sound)
+    monkeypatch.setattr(audit_run, "ask_audit", sound)
     return calls
 
 
@@ -86,7 +112,7 @@ def test_an_audit_whose_process_died_is_made_again_and_then_given_up(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as broken:
-        broken.setattr(audit_run, "audit_apart", dies)
+        broken.setattr(audit_run, "ask_audit", dies)
         for _ in range(2):
             with pytest.raises(KeyboardInterrupt):
                 write_audit(batch, {}, PLACE)
@@ -109,7 +135,7 @@ def test_what_keeps_an_audit_from_running_is_data(
     def fails(*_: object, **__: object) -> AuditReport:
         raise error
 
-    monkeypatch.setattr(audit_run, "audit_apart", fails)
+    monkeypatch.setattr(audit_run, "ask_audit", fails)
     found = report(write_audit(batch, {}, PLACE))
     assert (found.verdict, found.sentence) == ("NOT RUN", why)
 
@@ -179,7 +205,7 @@ def lanes_tried(monkeypatch: pytest.MonkeyPatch, lack: Exception, *, fitting: in
             raise lack
         return not_run("a test says so")
 
-    monkeypatch.setattr(audit_run, "audit_apart", driven)
+    monkeypatch.setattr(audit_run, "ask_audit", driven)
     return tried
 
 
@@ -187,7 +213,7 @@ def test_a_defect_is_not_called_data(batch: OpenBatch, monkeypatch: pytest.Monke
     def fails(*_: object, **__: object) -> AuditReport:
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr(audit_run, "audit_apart", fails)
+    monkeypatch.setattr(audit_run, "ask_audit", fails)
     with pytest.raises(RuntimeError, match="a defect"):
         write_audit(batch, {}, PLACE)
 

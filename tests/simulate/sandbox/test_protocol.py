@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from tasks.simulate.sandbox.protocol import MessageRefused, receive, send
+from tasks.simulate.sandbox.protocol import MessageRefused, log_of, log_parts, receive, send
+from tests.ros.bag.tracks import log
 
 Pair = tuple[socket.socket, socket.socket]
 NUMBERS = st.sampled_from([np.dtype(name) for name in ("?", "u1", "i4", "i8", "f4", "f8")])
@@ -89,3 +90,22 @@ def test_an_end_in_the_middle_is_told(pair: Pair):
     theirs.close()
     with pytest.raises(EOFError):
         receive(ours)
+
+
+def test_a_log_comes_back_as_it_was():
+    assert log_of(*log_parts(log())) == log()
+
+
+@pytest.mark.parametrize("which", range(4))
+def test_parts_that_do_not_fit_together_are_refused(which: int):
+    topics, arrays = log_parts(log())
+    arrays[which] = arrays[which][:-1]
+    with pytest.raises(MessageRefused, match="do not fit together"):
+        log_of(topics, arrays)
+
+
+def test_a_topic_that_there_is_not_is_refused():
+    topics, arrays = log_parts(log())
+    arrays[1] = np.full_like(arrays[1], len(topics))
+    with pytest.raises(MessageRefused, match="do not fit together"):
+        log_of(topics, arrays)
