@@ -23,6 +23,15 @@ _LONGEST_TEXT = 256
 _MOST_ARNS = 100
 _REFUSALS_A_MINUTE = 60
 _MINUTE_S = 60
+_MOST_WAITING_BYTES = 1 << 20
+
+
+class _Lost(NamedTuple):
+    """How many lines were given up while the store was away, and the times of the first and the last of them."""
+
+    count: int
+    first: str
+    last: str
 
 
 class Action(NamedTuple):
@@ -63,6 +72,7 @@ class ActionLog:
         self._gateway = uuid4().hex[:12]
         self._turn, self._lock = Lock(), Lock()
         self._waiting: list[bytes] = []
+        self._lost: _Lost | None = None
         self._taken = self._written = 0
         self._hour, self._number, self._file = "", 0, b""
         self._swept = ""
@@ -72,7 +82,7 @@ class ActionLog:
         """Writes a line, and returns once it is in the store.
 
         Raises:
-            StoreError: The store did not take it; the line goes with the next one.
+            StoreError: The store did not take it; the line goes with the next one, while there is room for it.
         """
         self._write(self._line(action))
 
@@ -118,12 +128,36 @@ class ActionLog:
             if ticket <= self._written:  # who had the turn before took it along
                 return
             with self._lock:
-                lines, upto = b"".join(self._waiting), self._taken
+                lines, upto = b"".join([*self._lost_line(), *self._waiting]), self._taken
                 count = len(self._waiting)
-            self._put(lines)
+            try:
+                self._put(lines)
+            except StoreError:
+                self._give_up_oldest()
+                raise
             with self._lock:
                 del self._waiting[:count]
+                self._lost = None
             self._written = upto
+
+    def _give_up_oldest(self) -> None:
+        """Bounds the lines that wait for a store that is away; what was given up is counted for the next line."""
+        with self._lock:
+            size, lost = sum(map(len, self._waiting)), self._lost
+            while size > _MOST_WAITING_BYTES:
+                line = self._waiting.pop(0)
+                size -= len(line)
+                time_of = json.loads(line)["time"]
+                lost = _Lost(lost.count + 1, lost.first, time_of) if lost else _Lost(1, time_of, time_of)
+            is_new, self._lost = lost != self._lost, lost
+        if lost and is_new:
+            _LOG.error("%d lines of the log of actions are lost, %s to %s: the store is away", *lost)
+
+    def _lost_line(self) -> Iterator[bytes]:
+        if self._lost:
+            count, first, last = self._lost
+            said = {"time": last, "gateway": self._gateway, "operation": "", "linesLost": count, "lostSince": first}
+            yield json.dumps(said).encode() + b"\n"
 
     def _put(self, lines: bytes) -> None:
         hour = datetime.fromtimestamp(self._now_s(), UTC).strftime("%Y-%m-%d/%H")

@@ -136,3 +136,33 @@ def test_a_line_that_the_store_did_not_take_goes_with_the_next(
             log.record(action("first"))
     log.record(action("second"))
     assert [line["request"] for line in lines(folder_store)] == ["first", "second"]
+
+
+def test_what_waits_for_a_store_that_is_away_is_bounded_and_what_was_lost_is_said(
+    folder_store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    clock = Clock()
+    log = ActionLog(folder_store, 90, clock)
+    taken: list[int] = []
+
+    def away(_key: str, body: bytes) -> str:
+        taken.append(len(body))
+        raise StoreAway("away")
+
+    arns = ("arn:" + "x" * 200,) * 100
+    with monkeypatch.context() as patch:
+        patch.setattr(folder_store, "put", away)
+        for number in range(100):
+            clock.now_s += 1
+            with pytest.raises(StoreAway):
+                log.record(action(f"r-{number}", arns=arns))
+    assert max(taken) < (1 << 20) + 2 * taken[0]
+    clock.now_s += 1
+    log.record(action("last", arns=arns))
+
+    lost, *kept = lines(folder_store)
+    assert [line["request"] for line in kept] == [*(f"r-{number}" for number in range(100 - len(kept) + 1, 100)), "last"]
+    assert (lost["linesLost"], lost["lostSince"] < lost["time"] < kept[0]["time"]) == (101 - len(kept), True)
+    assert "lines of the log of actions are lost" in caplog.text
+    log.record(action("after", arns=arns))
+    assert sum("linesLost" in line for line in lines(folder_store)) == 1
