@@ -13,6 +13,7 @@ SimyardError
 ├── PipelineNotPassed                 the gate said FAIL, or the deployment failed: exit code 1; INCONCLUSIVE: 4
 ├── StageFailed                       a stage ended Failed, with RoboMaker's code and a reason: exit code 3
 ├── TrustRefused                      signed metadata or a desired state is not what the keys vouch for
+│   └── TrustExpired                  it was, but has expired by this machine's clock
 ├── WorldChanged                      a world has another SHA-256 than it had
 ├── StoreError                        the store could not do it: exit code 3
 │   ├── StoreUnreachable              no answer, or no such place
@@ -155,6 +156,10 @@ class PipelineNotPassed(SimyardError):  # noqa: N818 - a verdict
 
 class TrustRefused(SimyardError):  # noqa: N818 - a state
     """What the keys do not vouch for: changed, older than what was seen, expired, or signed by others."""
+
+
+class TrustExpired(TrustRefused):
+    """What the keys vouched for until a time that is over by this machine's clock; another look may find it good."""
 
 
 class WorldChanged(SimyardError):  # noqa: N818 - a state

@@ -159,13 +159,12 @@ def _place(options: argparse.Namespace, disk: Disk, stop: Stop) -> LaunchPlace:
 
 
 def _accept(robot: RobotUpdater, desired: Desired, etag: str, away: Outage) -> str:
-    """Returns the etag of what was accepted or refused; an empty text when the store was away for that."""
+    """Returns the etag of what was accepted or refused for good; an empty text for what is looked at again."""
     try:
-        robot.accept(desired)
+        return etag if robot.accept(desired) else ""
     except StoreError as exc:
         away.failed(exc)
         return ""
-    return etag
 
 
 def _check(options: argparse.Namespace, store: Store, disk: Disk) -> Check | None:

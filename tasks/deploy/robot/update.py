@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from uuid import uuid4
 
-from specs.errors import DocumentError, StoreError, TrustRefused
+from specs.errors import DocumentError, StoreError, TrustExpired, TrustRefused
 from specs.field_types import S3Object
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
@@ -84,6 +84,7 @@ class RobotUpdater:
         self._state = self._disk.load()
         self._application: RunningApplication | None = None
         self._owes_state = False
+        self._expired: Desired | None = None
         self._patience = Patience(place.stop, self._keep_up)
         self._boot_id = uuid4().hex[:12]
 
@@ -101,8 +102,12 @@ class RobotUpdater:
         elif self._state.outcome:
             self._reporter.tell(self._state.outcome)
 
-    def accept(self, desired: Desired) -> None:
+    def accept(self, desired: Desired) -> bool:
         """Deploys what is asked for, unless it was accepted before, or is older than what was.
+
+        Returns:
+            Whether that was the last word. Else it is to be asked again: what was signed has expired by this robot's
+            clock, which may be wrong after a start, or the owner may renew it.
 
         Raises:
             StopRequested: The agent has to end.
@@ -111,8 +116,15 @@ class RobotUpdater:
         if desired.robot != self._place.robot or self._is_old(desired):
             asked = (desired.deployment, desired.robot, desired.sequence, desired.epoch)
             _LOG.warning("refused %s for %s: sequence %d, epoch %d", *asked)
-        elif desired.sequence > self._state.sequence and self._try_accept(desired):
-            self._deploy(desired)
+        elif desired.sequence > self._state.sequence:
+            try:
+                accepted = self._try_accept(desired)
+            except TrustExpired as exc:
+                self._refuse_for_now(desired, exc)
+                return False
+            if accepted:
+                self._deploy(desired)
+        return True
 
     def supervise(self) -> None:
         """Keeps the application up, and sends a report that waits; returns at once."""
@@ -142,7 +154,8 @@ class RobotUpdater:
     def _is_still_wanted(self, desired: Desired) -> bool:
         """Returns whether the keys still vouch for what was accepted before the agent ended, which may be long ago.
 
-        While the store is away, what they said at that time counts.
+        While the store is away, what they said at that time counts. What has expired by this robot's clock is given up,
+        and taken again if another look finds it good.
         """
         try:
             if self._check:
@@ -151,6 +164,9 @@ class RobotUpdater:
             _LOG.warning("gave up %s: %s", desired.deployment, exc)
             outcome = self._attempt(desired).failed("BadPermissionError", f"refused: {exc}")
             self._save(target=None, outcome=outcome)
+            if isinstance(exc, TrustExpired):
+                self._expired = desired
+                self._save(sequence=desired.sequence - 1)
             return False
         except StoreError as exc:
             _LOG.warning("goes on with %s unasked: %s", desired.deployment, exc)
@@ -163,6 +179,8 @@ class RobotUpdater:
     def _try_accept(self, desired: Desired) -> bool:
         """Accepts and keeps a desired state, or reports why not; returns whether it was accepted.
 
+        What has expired is raised: another look may find it good.
+
         The sequence of a state that is not signed is not kept: anybody who can write to the store could make the robot
         deaf with a high one. Whatever goes wrong while it is looked at is a refusal: what runs, runs on.
         """
@@ -171,6 +189,8 @@ class RobotUpdater:
             length_bytes = self._check(desired) if self._check else None
             changed = self._state.model_copy(update={**accepted, "target": desired, "length_bytes": length_bytes})
             self._disk.save(changed)
+        except TrustExpired:
+            raise
         except TrustRefused as exc:
             self._refuse(desired, "BadPermissionError", f"refused: {exc}")
             return False
@@ -187,6 +207,12 @@ class RobotUpdater:
         if self._check is None:
             _LOG.warning("UNSIGNED: %s runs %s, which nobody's key vouches for", desired.robot, desired.digest[:12])
         return True
+
+    def _refuse_for_now(self, desired: Desired, exc: TrustExpired) -> None:
+        """Reports once that it has expired, however often it is asked again."""
+        if self._expired != desired:
+            self._refuse(desired, "BadPermissionError", f"refused: {exc}")
+        self._expired = desired
 
     def _refuse(self, desired: Desired, code: DeploymentJobErrorCode, reason: str) -> None:
         _LOG.warning("refused %s: %s", desired.deployment, one_line(reason))

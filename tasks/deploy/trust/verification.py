@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TypeGuard
 
-from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustRefused
+from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustExpired, TrustRefused
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.trust.keyring import (
     BadVersionNumberError,
@@ -68,6 +68,7 @@ class Verifier:
         """Returns the length of the bundle in bytes, for what the keys vouch for.
 
         Raises:
+            TrustExpired: They do not any more, by this robot's clock.
             TrustRefused: They do not; says what is wrong and what helps.
             StoreError: The store is away.
         """
@@ -78,7 +79,8 @@ class Verifier:
             cause = exc.__cause__
             if _is_away(cause):
                 raise cause from exc
-            raise TrustRefused(f"{_story(exc)} ({exc})") from exc
+            refusal = TrustExpired if isinstance(exc, ExpiredMetadataError) else TrustRefused
+            raise refusal(f"{_story(exc)} ({exc})") from exc
         except OSError as exc:
             raise TrustRefused(f"this robot cannot keep what it verified: {exc}") from exc
         _settle(self._folder)
@@ -93,7 +95,7 @@ class Verifier:
         keys = targets.delegations.keys if targets.delegations else {}
         verify_desired(desired, {keyid: keys[keyid] for keyid in deployer_role(targets).keyids})
         if desired.expires_at_s <= self._now_s():
-            raise TrustRefused(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
+            raise TrustExpired(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
         found = updater.get_targetinfo(bundle_target(desired.digest))
         self._require_in_force(desired)
         if found is None or found.hashes.get("sha256") != desired.digest:

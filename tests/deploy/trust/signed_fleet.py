@@ -1,6 +1,7 @@
 """A store with keys, a bundle and a robot that verifies, for tests of trust."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -109,11 +110,11 @@ class Owner:
 class CarefulRobot:
     """A robot that verifies, in the process of the test."""
 
-    def __init__(self, yard: Yard, root_of_trust: bytes) -> None:
+    def __init__(self, yard: Yard, root_of_trust: bytes, now_s: Callable[[], float] = time.time) -> None:
         self.yard = yard
         self.folder = yard.root(NAME)
         self.disk = Disk(self.folder)
-        self.check = Verifier(yard.store, self.folder / "trust", root_of_trust)
+        self.check = Verifier(yard.store, self.folder / "trust", root_of_trust, now_s)
         place = LaunchPlace(robot=NAME, disk=self.disk, stop=Stop(), grace_s=0.05)
         self.robot = RobotUpdater(yard.store, place, Reporter(yard.store, NAME), self.check)
 

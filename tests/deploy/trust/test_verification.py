@@ -1,16 +1,24 @@
 """What a robot verifies on stores of each kind, also ones that answer strangely, and what who takes over verifies."""
 
+import time
+from collections.abc import Callable
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from specs.errors import StoreAccessDenied, StoreError, StoreUnreachable, TrustRefused
+from specs.robomaker.bundle import Version
+from tasks.deploy.fleet.fleet_registry import read_reported
+from tasks.deploy.fleet.states import Reported
+from tasks.deploy.robot.agent import Poll, serve
+from tasks.deploy.robot.processes import Stop, StopRequested
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import DeploymentSigner
 from tasks.deploy.trust.verification import Verifier
 from tasks.storage.base.store import UNBOUNDED, Store, StoredObject
-from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.signed_fleet import NEWER, Owner
+from tests.deploy.one_robot import GOOD, NAME
+from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
 from tests.deploy.yard import Yard
 
 
@@ -55,6 +63,53 @@ def test_a_changed_plan_is_not_signed_by_who_takes_over(owner: Owner) -> None:
 
     with pytest.raises(TrustRefused, match="changed after it was signed"):
         signer.check_plan(b'{"job":"dep-1","plan":{"digest":"b"}}', plan)
+
+
+class _Looks(Stop):
+    """Lets an agent look a few times; after one of the looks something happens."""
+
+    def __init__(self, looks: int, after: int, happens: Callable[[], None]) -> None:
+        super().__init__()
+        self._looks, self._after, self._happens = looks, after, happens
+        self.reports: list[Reported | None] = []
+        self.report: Callable[[], Reported | None] = lambda: None
+
+    def sleep(self, seconds: float) -> None:
+        assert seconds >= 0.0
+        self.reports.append(self.report())
+        if len(self.reports) == self._after:
+            self._happens()
+        if len(self.reports) == self._looks:
+            raise StopRequested
+
+
+@pytest.mark.parametrize("was_begun", [False, True])
+def test_a_robot_whose_clock_was_wrong_at_its_start_asks_again_and_reports_once(
+    owner: Owner, yard: Yard, careful: CarefulRobot, installed: Version, *, was_begun: bool
+) -> None:
+    newer = yard.publish(NEWER)
+    wanted = asked(owner, newer, "next")
+    if was_begun:  # and the power failed in the middle
+        state = careful.disk.load()
+        accepted = {"sequence": wanted.sequence, "deployment": "next", "epoch": wanted.epoch, "target": wanted}
+        careful.disk.save(state.model_copy(update=accepted))
+    careful.robot.end()
+    clock = [time.time() + 400 * 86_400.0]
+    again = CarefulRobot(yard, owner.root, lambda: clock[0])
+    looks = _Looks(8, 4, lambda: clock.__setitem__(0, time.time()))
+    looks.report = lambda: read_reported(yard.store, NAME)
+
+    with pytest.raises(StopRequested):
+        serve(again.robot, yard.store, NAME, looks, Poll(0.0, 0.0, Random(1)))  # noqa: S311 - jitter
+
+    try:
+        early, late = looks.reports[:4], looks.reports[4:]
+        assert {each and (each.deployment, each.status) for each in early} == {("next", "Failed")}
+        assert len({each.finished_at_s for each in early if each}) == 1, "it is reported once"
+        assert {each and (each.deployment, each.status) for each in late} == {("next", "InSync")}
+        assert again.runs == (newer.digest, 1)
+    finally:
+        again.robot.end()
 
 
 class TestAnywhere:

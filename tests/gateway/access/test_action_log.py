@@ -161,7 +161,10 @@ def test_what_waits_for_a_store_that_is_away_is_bounded_and_what_was_lost_is_sai
     log.record(action("last", arns=arns))
 
     lost, *kept = lines(folder_store)
-    assert [line["request"] for line in kept] == [*(f"r-{number}" for number in range(100 - len(kept) + 1, 100)), "last"]
+    assert [line["request"] for line in kept] == [
+        *(f"r-{number}" for number in range(100 - len(kept) + 1, 100)),
+        "last",
+    ]
     assert (lost["linesLost"], lost["lostSince"] < lost["time"] < kept[0]["time"]) == (101 - len(kept), True)
     assert "lines of the log of actions are lost" in caplog.text
     log.record(action("after", arns=arns))
