@@ -57,22 +57,22 @@ def trend_address(document: str) -> str:
     return f"/batches/trends/{quote(document, safe='')}.html"
 
 
-def batch_file(visit: RequestContext, batch: str, name: str) -> HttpAnswer:
+def batch_file(context: RequestContext, batch: str, name: str) -> HttpAnswer:
     """Returns one of the files beside a batch's report, or the report.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no batch's.
     """
-    record = job(visit, BATCH, batch)
-    body = _from_bucket(visit, recorded_location(record), f"{record.id}/{name}") if name in _TYPES else None
+    record = job(context, BATCH, batch)
+    body = _from_bucket(context, recorded_location(record), f"{record.id}/{name}") if name in _TYPES else None
     if body is None:
         raise missing("simulation-job-batch", f"{batch}/{name}")
     saved = "" if name == REPORT else name
     return HttpAnswer(200, body, _TYPES[name], headers=strangers_headers(file_name=saved))
 
 
-def trend_file(visit: RequestContext, document: str) -> HttpAnswer:
+def trend_file(context: RequestContext, document: str) -> HttpAnswer:
     """Returns the page of a document's nights, which lies beside the batches of its newest runs.
 
     Raises:
@@ -80,33 +80,33 @@ def trend_file(visit: RequestContext, document: str) -> HttpAnswer:
         DocumentError: The name can be no document's.
     """
     key = trend_key(document)
-    for name in newest_jobs(visit, RUN)[:_RUNS_LOOKED_AT]:
-        run = known_job(visit.store, RUN, name)
+    for name in newest_jobs(context, RUN)[:_RUNS_LOOKED_AT]:
+        run = known_job(context.store, RUN, name)
         if run is None or run_document(run) != document:
             continue
         for kind, batch in jobs_of(run):
-            record = known_job(visit.store, BATCH, batch) if kind == BATCH else None
-            body = _from_bucket(visit, recorded_location(record), key) if record else None
+            record = known_job(context.store, BATCH, batch) if kind == BATCH else None
+            body = _from_bucket(context, recorded_location(record), key) if record else None
             if body is not None:
                 return HttpAnswer(200, body, _TYPES[REPORT], headers=strangers_headers())
     raise missing("pipeline-run", document)
 
 
-def contact_sheet(visit: RequestContext, generation: str) -> HttpAnswer:
+def contact_sheet(context: RequestContext, generation: str) -> HttpAnswer:
     """Returns the picture of a generation job's worlds.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no job's.
     """
-    visit.require("world-generation-job", generation)
-    body = read_bytes(visit.store, contact_sheet_key(generation))
+    context.require("world-generation-job", generation)
+    body = read_bytes(context.store, contact_sheet_key(generation))
     if body is None:
         raise missing("world-generation-job", generation)
     return HttpAnswer(200, body, _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
 
 
-def floor_plan(visit: RequestContext, generation: str, name: str) -> HttpAnswer:
+def floor_plan(context: RequestContext, generation: str, name: str) -> HttpAnswer:
     """Returns the drawing of a world.
 
     Raises:
@@ -114,27 +114,27 @@ def floor_plan(visit: RequestContext, generation: str, name: str) -> HttpAnswer:
         DocumentError: The name can be no world's.
         pydantic.ValidationError: What lies there is no world.
     """
-    visit.require("world", f"{generation}/{name}")
-    world = decode_world(world_body(visit, generation, name))
+    context.require("world", f"{generation}/{name}")
+    world = decode_world(world_body(context, generation, name))
     return HttpAnswer(200, floor_plan_svg(world).encode(), _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
 
 
-def world_body(visit: RequestContext, generation: str, name: str) -> bytes:
+def world_body(context: RequestContext, generation: str, name: str) -> bytes:
     """Returns the document of a world.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen, or it is bigger than any that Simyard makes.
         DocumentError: The name can be no world's.
     """
-    visit.require("world", f"{generation}/{name}")
+    context.require("world", f"{generation}/{name}")
     body = None
     with suppress(ObjectTooBig):
-        body = read_bytes(visit.store, world_key(generation, name), _MOST_WORLD_BYTES)
+        body = read_bytes(context.store, world_key(generation, name), _MOST_WORLD_BYTES)
     if body is None:
         raise missing("world", f"{generation}/{name}")
     return body
 
 
-def _from_bucket(visit: RequestContext, place: OutputLocation, name: str) -> bytes | None:
-    bucket = open_bucket(visit.store, place.s3Bucket or "")
+def _from_bucket(context: RequestContext, place: OutputLocation, name: str) -> bytes | None:
+    bucket = open_bucket(context.store, place.s3Bucket or "")
     return read_bytes(bucket, output_key(place.s3Prefix, name), _MOST_BYTES)

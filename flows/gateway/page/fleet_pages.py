@@ -18,6 +18,7 @@ from flows.gateway.page.request_context import (
     named,
     newest_jobs,
     newest_names,
+    nothing_there,
     state,
     step_of,
     tag_rows,
@@ -34,24 +35,27 @@ from tasks.gateway.page.content import Cell, Facts, Page, Table
 from tasks.storage.base.keys import applications_prefix
 from tasks.storage.jobs.records import JobRecord, is_terminal
 
-KINDS: Mapping[str, ApplicationKind] = {"robot": "robot-application", "simulation": "simulation-application"}
+_KINDS: Mapping[str, ApplicationKind] = {"robot": "robot-application", "simulation": "simulation-application"}
 
 
-def applications_page(visit: RequestContext) -> Page:
+def applications_page(context: RequestContext) -> Page:
     """Returns the list of applications of both kinds."""
-    tables = tuple(_applications_table(visit, word, kind) for word, kind in KINDS.items())
+    tables = tuple(_applications_table(context, word, kind) for word, kind in _KINDS.items())
     return Page("Applications", blocks=tables)
 
 
-def application_page(visit: RequestContext, kind: ApplicationKind, name: str) -> Page:
+def application_page(context: RequestContext, section: str, name: str) -> Page:
     """Returns the page of an application with its versions.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
-        DocumentError: The name can be no application's.
+        DocumentError: The name can be no application's, or there is no such section.
     """
-    visit.require(kind, name)
-    found = read_application(visit.store, kind, name)
+    kind = _KINDS.get(section)
+    if kind is None:
+        raise nothing_there()
+    context.require(kind, name)
+    found = read_application(context.store, kind, name)
     if found is None or found.deleted:
         raise missing(kind, name)
     rows = tuple(
@@ -68,18 +72,18 @@ def application_page(visit: RequestContext, kind: ApplicationKind, name: str) ->
     sources = tuple(
         ("source", Cell(f"s3://{each.s3Bucket}/{each.s3Key}", small=str(each.architecture))) for each in found.sources
     )
-    facts = Facts("The application", (*sources, *visit.arn_rows(visit.arn(kind, name))))
+    facts = Facts("The application", (*sources, *context.arn_rows(context.arn(kind, name))))
     title = "Robot application" if kind == "robot-application" else "Simulation application"
     return Page(name, title, trail=(("Applications", "/applications"),), blocks=(table, facts))
 
 
-def _applications_table(visit: RequestContext, word: str, kind: ApplicationKind) -> Table:
+def _applications_table(context: RequestContext, word: str, kind: ApplicationKind) -> Table:
     def name_of(key: str) -> str:
         name = PurePosixPath(key).stem
-        return name if visit.may_read(visit.arn(kind, name)) else ""
+        return name if context.may_read(context.arn(kind, name)) else ""
 
-    shown, steps = step_of(visit, newest_names(visit, applications_prefix(kind), name_of), "/applications")
-    found = at_once(partial(_application_table, visit, kind), shown)
+    shown, steps = step_of(context, newest_names(context, applications_prefix(kind), name_of), "/applications")
+    found = at_once(partial(_application_table, context, kind), shown)
     rows = tuple(
         (
             Cell(each.name, address(kind, each.name)),
@@ -93,9 +97,9 @@ def _applications_table(visit: RequestContext, word: str, kind: ApplicationKind)
     return Table(f"{word.capitalize()} applications", columns, rows, "None yet.", steps=steps)
 
 
-def _application_table(visit: RequestContext, kind: ApplicationKind, name: str) -> Application | None:
+def _application_table(context: RequestContext, kind: ApplicationKind, name: str) -> Application | None:
     try:
-        found = read_application(visit.store, kind, name)
+        found = read_application(context.store, kind, name)
     except StoreUnreachable:
         raise
     except StoreError:  # it is damaged
@@ -115,11 +119,11 @@ _NOTE = "A robot reports when something changes, and not otherwise."
 _COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
 
 
-def fleets_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
+def fleets_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the fleets; with an address for all of them, no more than the first."""
-    names = newest_names(visit, "fleets", lambda key: _fleet_name(visit, key))
-    shown, steps = step_of(visit, names, "/fleets", most)
-    fleets = at_once(partial(_fleet, visit), shown)
+    names = newest_names(context, "fleets", lambda key: _fleet_name(context, key))
+    shown, steps = step_of(context, names, "/fleets", most)
+    fleets = at_once(partial(_fleet, context), shown)
     rows = tuple(
         (
             Cell(fleet.name, address("deployment-fleet", fleet.name)),
@@ -134,30 +138,30 @@ def fleets_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -
     return Table("Fleets", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def fleets_page(visit: RequestContext) -> Page:
+def fleets_page(context: RequestContext) -> Page:
     """Returns the list of fleets."""
-    return Page("Fleets", blocks=(fleets_table(visit),))
+    return Page("Fleets", blocks=(fleets_table(context),))
 
 
-def fleet_page(visit: RequestContext, name: str) -> Page:
+def fleet_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a fleet, with how each of its robots is.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no fleet's.
     """
-    visit.require("deployment-fleet", name)
-    fleet, _ = read_fleet(visit.store, name)
-    known = _robot_names(visit)
-    records = at_once(partial(_robot, visit), known[:_ROBOTS_LOOKED_AT])
+    context.require("deployment-fleet", name)
+    fleet, _ = read_fleet(context.store, name)
+    known = _robot_names(context)
+    records = at_once(partial(_robot, context), known[:_ROBOTS_LOOKED_AT])
     members = sorted(record.name for record in records if record and record.fleet == fleet.name)
     left_out = len(known) - _ROBOTS_LOOKED_AT
     cut = f" The {_ROBOTS_LOOKED_AT:,} robots that were changed last are looked at; {left_out:,} are not."
     here = address("deployment-fleet", fleet.name)
-    shown, steps = step_of(visit, members, here)
+    shown, steps = step_of(context, members, here)
     note = f"{_NOTE}{cut if left_out > 0 else ''}"
-    table = Table("Robots", _COLUMNS, _robot_rows(visit, shown), "No robot is in it.", steps=steps, note=note)
-    last = [known_jobs(visit, _DEPLOYMENT, [fleet.deployment])] if fleet.deployment else []
+    table = Table("Robots", _COLUMNS, _robot_rows(context, shown), "No robot is in it.", steps=steps, note=note)
+    last = [known_jobs(context, _DEPLOYMENT, [fleet.deployment])] if fleet.deployment else []
     rows = (
         ("robots", Cell(f"{len(members):,}")),
         ("made", when(fleet.created_at_s)),
@@ -166,8 +170,8 @@ def fleet_page(visit: RequestContext, name: str) -> Page:
             for found in last
             for each in found
         ),
-        *visit.arn_rows(visit.arn("deployment-fleet", fleet.name)),
-        *tag_rows(visit, "deployment-fleet", name, fleet.tags),
+        *context.arn_rows(context.arn("deployment-fleet", fleet.name)),
+        *tag_rows(context, "deployment-fleet", name, fleet.tags),
     )
     going = any(not is_terminal(each) for found in last for each in found)
     return Page(
@@ -175,27 +179,27 @@ def fleet_page(visit: RequestContext, name: str) -> Page:
     )
 
 
-def robots_page(visit: RequestContext) -> Page:
+def robots_page(context: RequestContext) -> Page:
     """Returns the list of robots."""
-    shown, steps = step_of(visit, _robot_names(visit), "/robots")
+    shown, steps = step_of(context, _robot_names(context), "/robots")
     empty = "No robot yet: simyard fleet robot, or CreateRobot, makes one."
     return Page(
-        "Robots", blocks=(Table("Robots", _COLUMNS, _robot_rows(visit, shown), empty, steps=steps, note=_NOTE),)
+        "Robots", blocks=(Table("Robots", _COLUMNS, _robot_rows(context, shown), empty, steps=steps, note=_NOTE),)
     )
 
 
-def robot_page(visit: RequestContext, name: str) -> Page:
+def robot_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a robot.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no robot's.
     """
-    visit.require("robot", name)
-    record = known_robot(visit.store, name)
+    context.require("robot", name)
+    record = known_robot(context.store, name)
     if record is None:
         raise missing("robot", name)
-    now = next(iter(robots_now(visit.store, [name])), None)
+    now = next(iter(robots_now(context.store, [name])), None)
     status = now.status if now else "Registered" if record.fleet else "Available"
     who = (
         ("fleet", Cell(record.fleet, address("deployment-fleet", record.fleet)))
@@ -203,19 +207,19 @@ def robot_page(visit: RequestContext, name: str) -> Page:
         else ("fleet", Cell("none")),
         ("architecture", Cell(record.architecture)),
         ("made", when(record.created_at_s)),
-        *visit.arn_rows(visit.arn("robot", name)),
-        *tag_rows(visit, "robot", name, record.tags),
+        *context.arn_rows(context.arn("robot", name)),
+        *tag_rows(context, "robot", name, record.tags),
     )
     trail = (("Robots", "/robots"),)
-    blocks = (_desired(visit, name), _reported(visit, name, now), Facts("The robot", who))
-    why = visit.plain(now.why) if now else ""
+    blocks = (_desired(context, name), _reported(context, name, now), Facts("The robot", who))
+    why = context.plain(now.why) if now else ""
     going = status in {"Deploying", "PendingNewDeployment"}
     return Page(name, "Robot", status, why, trail, blocks=blocks, is_going=going)
 
 
-def deployments_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
+def deployments_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the newest deployments; with an address for all of them, no more than the first."""
-    shown, steps = step_of(visit, newest_jobs(visit, _DEPLOYMENT), "/deployments", most)
+    shown, steps = step_of(context, newest_jobs(context, _DEPLOYMENT), "/deployments", most)
     rows = tuple(
         (
             Cell(record.id, address(_DEPLOYMENT, record.id)),
@@ -223,36 +227,36 @@ def deployments_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = 
             named(record.request.get("fleet"), "deployment-fleet"),
             _application(record),
             when(record.updated_at_s),
-            Cell(visit.plain(record.failure_reason)),
+            Cell(context.plain(record.failure_reason)),
         )
-        for record in known_jobs(visit, _DEPLOYMENT, shown)
+        for record in known_jobs(context, _DEPLOYMENT, shown)
     )
     columns = ("Deployment", "Status", "Fleet", "Application", "Changed", "Why not")
     empty = "No deployment yet: simyard fleet deploy, or CreateDeploymentJob, begins one."
     return Table("Deployments", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def deployments_page(visit: RequestContext) -> Page:
+def deployments_page(context: RequestContext) -> Page:
     """Returns the list of deployments."""
-    return Page("Deployments", blocks=(deployments_table(visit),))
+    return Page("Deployments", blocks=(deployments_table(context),))
 
 
-def deployment_page(visit: RequestContext, name: str) -> Page:
+def deployment_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a deployment, with how far each of its robots is.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no deployment's.
     """
-    record = job(visit, _DEPLOYMENT, name)
-    described = describe_deployment_job(visit.store, name)
-    shown, steps = step_of(visit, described.robotDeploymentSummary or (), address(_DEPLOYMENT, name))
+    record = job(context, _DEPLOYMENT, name)
+    described = describe_deployment_job(context.store, name)
+    shown, steps = step_of(context, described.robotDeploymentSummary or (), address(_DEPLOYMENT, name))
     rows: list[tuple[Cell, ...]] = []
     for each in shown:
         robot, status, step, percent, why = robot_cells(each)
         done = Cell(step, small=percent)
         ended = when(each.deploymentFinishTime)
-        rows.append((Cell(robot, address("robot", robot)), state(status), done, ended, Cell(visit.plain(why))))
+        rows.append((Cell(robot, address("robot", robot)), state(status), done, ended, Cell(context.plain(why))))
     table = Table(
         "Robots", ("Robot", "Status", "Step", "Ended", "Why not"), tuple(rows), "Not planned yet.", steps=steps
     )
@@ -264,27 +268,27 @@ def deployment_page(visit: RequestContext, name: str) -> Page:
         ("at once", Cell(f"{config.concurrentDeploymentPercentage} % of the fleet"))
         if config and config.concurrentDeploymentPercentage
         else None,
-        ("signed", Cell(visit.plain(str(record.detail["trust"])))) if "trust" in record.detail else None,
+        ("signed", Cell(context.plain(str(record.detail["trust"])))) if "trust" in record.detail else None,
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        *visit.arn_rows(record.arn),
-        *tag_rows(visit, _DEPLOYMENT, name, described.tags),
+        *context.arn_rows(record.arn),
+        *tag_rows(context, _DEPLOYMENT, name, described.tags),
     ]
     blocks = (table, Facts("The deployment", tuple(row for row in facts if row)))
-    why, trail = visit.plain(record.failure_reason), (("Deployments", "/deployments"),)
+    why, trail = context.plain(record.failure_reason), (("Deployments", "/deployments"),)
     return Page(name, "Deployment job", record.status, why, trail, blocks=blocks, is_going=not is_terminal(record))
 
 
-def _robot_rows(visit: RequestContext, names: Iterable[str]) -> tuple[tuple[Cell, ...], ...]:
-    return tuple(at_once(partial(_robot_row, visit), names))
+def _robot_rows(context: RequestContext, names: Iterable[str]) -> tuple[tuple[Cell, ...], ...]:
+    return tuple(at_once(partial(_robot_row, context), names))
 
 
-def _robot_row(visit: RequestContext, name: str) -> tuple[Cell, ...]:
-    now = next(iter(robots_now(visit.store, [name])), None)
-    desired, _ = read_desired(visit.store, name)
-    reported = read_reported(visit.store, name)
-    record = _robot(visit, name)
+def _robot_row(context: RequestContext, name: str) -> tuple[Cell, ...]:
+    now = next(iter(robots_now(context.store, [name])), None)
+    desired, _ = read_desired(context.store, name)
+    reported = read_reported(context.store, name)
+    record = _robot(context, name)
     idle = "Registered" if record and record.fleet else "Available"
     return (
         Cell(name, address("robot", name)),
@@ -293,12 +297,12 @@ def _robot_row(visit: RequestContext, name: str) -> tuple[Cell, ...]:
         Cell(now.runs if now else ""),
         Cell(reported.step if reported else ""),
         when(now.reported_s) if now and now.reported_s else Cell("never"),
-        Cell(visit.plain(now.why) if now else ""),
+        Cell(context.plain(now.why) if now else ""),
     )
 
 
-def _desired(visit: RequestContext, name: str) -> Facts:
-    desired, _ = read_desired(visit.store, name)
+def _desired(context: RequestContext, name: str) -> Facts:
+    desired, _ = read_desired(context.store, name)
     if desired is None:
         return Facts("What it shall run", (("nothing", Cell("No deployment has asked it for anything.")),))
     rows = [
@@ -316,8 +320,8 @@ def _desired(visit: RequestContext, name: str) -> Facts:
     return Facts("What it shall run", tuple(row for row in rows if row))
 
 
-def _reported(visit: RequestContext, name: str, now: RobotNow | None) -> Facts:
-    reported = read_reported(visit.store, name)
+def _reported(context: RequestContext, name: str, now: RobotNow | None) -> Facts:
+    reported = read_reported(context.store, name)
     if reported is None:
         return Facts("What it reports", (("nothing", Cell("It has never reported.")),))
     rows = [
@@ -328,7 +332,7 @@ def _reported(visit: RequestContext, name: str, now: RobotNow | None) -> Facts:
         ("downloaded", Cell(f"{reported.percent_done:.0f} %")) if reported.status == "Deploying" else None,
         ("begun", when(reported.started_at_s)),
         ("ended", when(reported.finished_at_s)) if reported.finished_at_s else None,
-        ("failure", Cell(visit.plain(f"{reported.failure_code}: {reported.failure_reason}")))
+        ("failure", Cell(context.plain(f"{reported.failure_code}: {reported.failure_reason}")))
         if reported.failure_code
         else None,
     ]
@@ -345,14 +349,14 @@ def _application(record: JobRecord) -> Cell:
     return named(first.get("application"), "robot-application") if isinstance(first, dict) else Cell()
 
 
-def _fleet_name(visit: RequestContext, key: str) -> str:
+def _fleet_name(context: RequestContext, key: str) -> str:
     name = PurePosixPath(key).stem
-    return name if visit.may_read(visit.arn("deployment-fleet", name)) else ""
+    return name if context.may_read(context.arn("deployment-fleet", name)) else ""
 
 
-def _fleet(visit: RequestContext, name: str) -> FleetRecord | None:
+def _fleet(context: RequestContext, name: str) -> FleetRecord | None:
     try:
-        return read_fleet(visit.store, name)[0]
+        return read_fleet(context.store, name)[0]
     except ResourceNotFound:  # it is being deleted
         return None
     except StoreUnreachable:
@@ -361,17 +365,17 @@ def _fleet(visit: RequestContext, name: str) -> FleetRecord | None:
         return None
 
 
-def _robot_names(visit: RequestContext) -> list[str]:
+def _robot_names(context: RequestContext) -> list[str]:
     def name_of(key: str) -> str:
         _, name, file = key.split("/", 2)
-        return name if file == "record.json" and visit.may_read(visit.arn("robot", name)) else ""
+        return name if file == "record.json" and context.may_read(context.arn("robot", name)) else ""
 
-    return newest_names(visit, "robots", name_of)
+    return newest_names(context, "robots", name_of)
 
 
-def _robot(visit: RequestContext, name: str) -> RobotRecord | None:
+def _robot(context: RequestContext, name: str) -> RobotRecord | None:
     try:
-        return known_robot(visit.store, name)
+        return known_robot(context.store, name)
     except StoreUnreachable:
         raise
     except StoreError:  # it is damaged

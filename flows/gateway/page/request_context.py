@@ -154,17 +154,17 @@ def number(value: float | None, unit: str = "", digits: int = 2) -> Cell:
     return Cell(f"{text} {unit}".rstrip(), is_number=True)
 
 
-def tag_rows(visit: RequestContext, kind: ResourceKind, path: str, said: object) -> tuple[tuple[str, Cell], ...]:
+def tag_rows(context: RequestContext, kind: ResourceKind, path: str, said: object) -> tuple[tuple[str, Cell], ...]:
     """Returns a row for each tag that a resource has now.
 
     Args:
-        visit: Who looks, and where.
+        context: Who looks, and where.
         kind: The resource's.
         path: Its path, as in its ARN.
         said: The tags in its record or request; what is no map stands for none.
     """
     made_with = {str(key): str(value) for key, value in said.items()} if isinstance(said, Mapping) else {}
-    now = tags_of(visit.store, Reference(kind=kind, path=path), made_with)
+    now = tags_of(context.store, Reference(kind=kind, path=path), made_with)
     return tuple((f"tag {key}", Cell(value)) for key, value in now.items())
 
 
@@ -176,49 +176,49 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def newest_names(visit: RequestContext, prefix: str, name_of: Callable[[str], str]) -> list[str]:
+def newest_names(context: RequestContext, prefix: str, name_of: Callable[[str], str]) -> list[str]:
     """Returns the names of what lies in a folder, what was written last first; what may not be seen is left out.
 
     One listing, and nothing is read.
 
     Args:
-        visit: Who looks, and where.
+        context: Who looks, and where.
         prefix: The folder.
         name_of: Returns the name that a key stands for; empty for one that is left out.
     """
-    found = sorted(visit.store.entries(prefix), key=lambda entry: (-entry.written_s, entry.key))
+    found = sorted(context.store.entries(prefix), key=lambda entry: (-entry.written_s, entry.key))
     return [name for entry in found if (name := name_of(entry.key))]
 
 
-def newest_jobs(visit: RequestContext, kind: JobKind) -> list[str]:
+def newest_jobs(context: RequestContext, kind: JobKind) -> list[str]:
     """Returns the ids of the jobs of a kind, what was changed last first."""
     folder = f"{jobs_prefix(kind)}/"
 
     def name_of(key: str) -> str:
         name = key.removeprefix(folder).removesuffix(".json")
-        return name if visit.may_read(visit.arn(kind, name)) else ""
+        return name if context.may_read(context.arn(kind, name)) else ""
 
-    return newest_names(visit, folder.rstrip("/"), name_of)
+    return newest_names(context, folder.rstrip("/"), name_of)
 
 
 def step_of(
-    visit: RequestContext, found: Sequence[T], here: str, rows: int = PAGE_ROWS
+    context: RequestContext, found: Sequence[T], here: str, rows: int = PAGE_ROWS
 ) -> tuple[Sequence[T], Steps | None]:
     """Returns the page of a list that is wanted, and where those beside it are; None if it is the only one.
 
     Args:
-        visit: Who looks.
+        context: Who looks.
         found: All of the list.
         here: The address of the list.
         rows: How many stand on a page.
     """
-    first = (visit.step - 1) * rows
+    first = (context.step - 1) * rows
     shown = found[first : first + rows]
     if len(found) <= rows:
         return shown, None
     words = f"{first + 1:,} to {first + len(shown):,} of {len(found):,}" if shown else f"{len(found):,} in all"
-    newer = f"{here}?step={min(visit.step - 1, -(-len(found) // rows))}" if visit.step > 1 else ""
-    return shown, Steps(words, newer, f"{here}?step={visit.step + 1}" if first + rows < len(found) else "")
+    newer = f"{here}?step={min(context.step - 1, -(-len(found) // rows))}" if context.step > 1 else ""
+    return shown, Steps(words, newer, f"{here}?step={context.step + 1}" if first + rows < len(found) else "")
 
 
 def known_job(store: Store, kind: JobKind, name: str) -> JobRecord | None:
@@ -238,23 +238,23 @@ def known_job(store: Store, kind: JobKind, name: str) -> JobRecord | None:
         return None
 
 
-def job(visit: RequestContext, kind: JobKind, name: str) -> JobRecord:
+def job(context: RequestContext, kind: JobKind, name: str) -> JobRecord:
     """Returns the record of a job that may be seen.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no job's.
     """
-    visit.require(kind, name)
-    found = known_job(visit.store, kind, name)
+    context.require(kind, name)
+    found = known_job(context.store, kind, name)
     if found is None:
         raise missing(kind, name)
     return found
 
 
-def known_jobs(visit: RequestContext, kind: JobKind, names: Iterable[str]) -> list[JobRecord]:
+def known_jobs(context: RequestContext, kind: JobKind, names: Iterable[str]) -> list[JobRecord]:
     """Returns the records of jobs in the same order, without those that cannot be read."""
-    found = at_once(partial(known_job, visit.store, kind), names)
+    found = at_once(partial(known_job, context.store, kind), names)
     return [record for record in found if record]
 
 

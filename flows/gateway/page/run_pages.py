@@ -43,30 +43,30 @@ from tasks.storage.jobs.runs import KIND as RUN
 _FLOW_RUN = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
 
 
-def runs_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
+def runs_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the newest runs; with an address for all of them, no more than the first."""
-    shown, steps = step_of(visit, newest_jobs(visit, RUN), "/runs", most)
-    rows = tuple(_run_row(visit, record) for record in known_jobs(visit, RUN, shown))
+    shown, steps = step_of(context, newest_jobs(context, RUN), "/runs", most)
+    rows = tuple(_run_row(context, record) for record in known_jobs(context, RUN, shown))
     columns = ("Run", "Document", "Status", "Verdict", "Changed", "What it came to")
     empty = "No run yet: simyard run DOCUMENT begins one."
     return Table("Runs of documents", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def runs_page(visit: RequestContext) -> Page:
+def runs_page(context: RequestContext) -> Page:
     """Returns the list of runs."""
-    return Page("Runs of documents", blocks=(runs_table(visit),))
+    return Page("Runs of documents", blocks=(runs_table(context),))
 
 
-def run_page(visit: RequestContext, name: str) -> Page:
+def run_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a run.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no run's.
     """
-    record = job(visit, RUN, name)
+    record = job(context, RUN, name)
     report, document = _run_report(record), run_document(record)
-    links = [("On the Prefect server", url)] if (url := _prefect(visit, record)) else []
+    links = [("On the Prefect server", url)] if (url := _prefect(context, record)) else []
     tests = (
         any(kind == "simulation-job-batch" for kind, _ in jobs_of(record)) and record.request.get("flow") == "pipeline"
     )
@@ -85,15 +85,15 @@ def run_page(visit: RequestContext, name: str) -> Page:
         document,
         "Run of a document",
         record.status,
-        visit.plain(record.failure_reason),
+        context.plain(record.failure_reason),
         (("Runs", "/runs"),),
         tuple(links),
-        (_stages(visit, record, report), Facts("The run", tuple(row for row in rows if row))),
+        (_stages(context, record, report), Facts("The run", tuple(row for row in rows if row))),
         is_going=not is_terminal(record),
     )
 
 
-def _run_row(visit: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
+def _run_row(context: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
     report = _run_report(record)
     said = report.stages[-1].summary if report and report.stages else record.failure_reason
     return (
@@ -102,19 +102,19 @@ def _run_row(visit: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
         state(record.status),
         state(report.verdict or "" if report else ""),
         when(record.updated_at_s),
-        Cell(visit.plain(said)),
+        Cell(context.plain(said)),
     )
 
 
-def _stages(visit: RequestContext, record: JobRecord, report: PipelineReport | None) -> Table:
+def _stages(context: RequestContext, record: JobRecord, report: PipelineReport | None) -> Table:
     if report is None:
-        return _run_jobs(visit, record)
+        return _run_jobs(context, record)
     rows = tuple(
         (
             Cell(stage.name),
             state(stage.status),
             named(stage.arn),
-            Cell(visit.plain(stage.summary)),
+            Cell(context.plain(stage.summary)),
             Cell(f"{stage.seconds:,.1f} s", is_number=True),
         )
         for stage in report.stages
@@ -122,14 +122,14 @@ def _stages(visit: RequestContext, record: JobRecord, report: PipelineReport | N
     return Table("Stages", ("Stage", "Status", "Job", "What it came to", "Took"), rows)
 
 
-def _run_jobs(visit: RequestContext, record: JobRecord) -> Table:
+def _run_jobs(context: RequestContext, record: JobRecord) -> Table:
     """Returns the jobs of a run that has no report: those that it has begun, and those that it may begin."""
     rows: list[tuple[Cell, ...]] = []
     for kind, name in jobs_of(record):
-        found = known_job(visit.store, kind, name) if visit.may_read(visit.arn(kind, name)) else None
+        found = known_job(context.store, kind, name) if context.may_read(context.arn(kind, name)) else None
         link = Cell(name, address(kind, name)) if found else Cell()
         status = state(found.status) if found else Cell("not begun")
-        why = Cell(visit.plain(found.failure_reason) if found else "")
+        why = Cell(context.plain(found.failure_reason) if found else "")
         rows.append((Cell(JOB_KINDS[kind].section or kind), status, link, why))
     return Table("Stages", ("Stage", "Status", "Job", "Why not"), tuple(rows), "It has no job of its own.")
 
@@ -141,9 +141,9 @@ def _run_report(record: JobRecord) -> PipelineReport | None:
         return None
 
 
-def _prefect(visit: RequestContext, record: JobRecord) -> str:
+def _prefect(context: RequestContext, record: JobRecord) -> str:
     found = str(record.detail.get(FLOW_RUN) or record.detail.get(FLOW_RUN_BEFORE) or "")
-    pages = visit.prefect_url() if _FLOW_RUN.fullmatch(found) else ""
+    pages = context.prefect_url() if _FLOW_RUN.fullmatch(found) else ""
     return f"{pages}/runs/flow-run/{found}" if pages else ""
 
 
@@ -151,30 +151,30 @@ _TRAIL = (("Batches", "/batches"),)
 _VARIABLES = 120
 
 
-def batches_table(visit: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
+def batches_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
     """Returns the newest batches; with an address for all of them, no more than the first."""
-    names = newest_jobs(visit, KIND)
-    shown, steps = step_of(visit, names, "/batches", most)
-    rows = tuple(_batch_row(visit, record) for record in known_jobs(visit, KIND, shown))
+    names = newest_jobs(context, KIND)
+    shown, steps = step_of(context, names, "/batches", most)
+    rows = tuple(_batch_row(context, record) for record in known_jobs(context, KIND, shown))
     columns = ("Batch", "Status", "Verdict", "Passed", "Document", "Changed", "Report")
     empty = "No batch yet: simyard run, or StartSimulationJobBatch, makes one."
     return Table("Batches", columns, rows, empty, href if steps else "", None if href else steps)
 
 
-def batches_page(visit: RequestContext) -> Page:
+def batches_page(context: RequestContext) -> Page:
     """Returns the list of batches."""
-    return Page("Batches", blocks=(batches_table(visit),))
+    return Page("Batches", blocks=(batches_table(context),))
 
 
-def batch_page(visit: RequestContext, name: str) -> Page:
+def batch_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a batch.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no batch's.
     """
-    record = job(visit, KIND, name)
-    run = _run(visit, record)
+    record = job(context, KIND, name)
+    run = _run(context, record)
     document = run_document(run) if run else ""
     links = [("Report", report_address(record))] if has_report(record) else []
     if trend := trend_address(document):
@@ -183,18 +183,18 @@ def batch_page(visit: RequestContext, name: str) -> Page:
         (
             Cell(str(each.get("reason", ""))),
             number(_count(each, "episodes")),
-            Cell(visit.plain(str(each.get("sample", "")))),
+            Cell(context.plain(str(each.get("sample", "")))),
         )
         for each in _mappings(record.detail.get("why_not"))
     )
-    blocks: list[Block] = [_facts(visit, record, run), _jobs_table(visit, record)]
+    blocks: list[Block] = [_facts(context, record, run), _jobs_table(context, record)]
     if why:
         blocks.insert(1, Table("Why episodes did not pass", ("Reason", "Episodes", "The first message"), why))
     return Page(
         name,
         "Simulation job batch",
         record.status,
-        visit.plain(record.failure_reason),
+        context.plain(record.failure_reason),
         _TRAIL,
         tuple(links),
         tuple(blocks),
@@ -202,7 +202,7 @@ def batch_page(visit: RequestContext, name: str) -> Page:
     )
 
 
-def job_page(visit: RequestContext, batch: str, index: str) -> Page:
+def job_page(context: RequestContext, batch: str, index: str) -> Page:
     """Returns the page of a simulation job.
 
     Raises:
@@ -210,19 +210,19 @@ def job_page(visit: RequestContext, batch: str, index: str) -> Page:
         DocumentError: The name can be no job's.
     """
     path = f"{batch}/{index}"
-    record = job(visit, KIND, batch)
-    visit.require("simulation-job", path)
+    record = job(context, KIND, batch)
+    context.require("simulation-job", path)
     if not (index.isascii() and index.isdecimal() and len(index) < 10 and str(int(index)) == index):
         raise missing("simulation-job", path)
-    described = describe_job(visit.store, path)
-    opened = load_batch(visit.store, batch)
+    described = describe_job(context.store, path)
+    opened = load_batch(context.store, batch)
     asked, row = opened.layout.request(int(index)), _Results(opened).of(int(index))
     known = row is not None and described.status in {"Completed", "Failed", "Canceled", "RunningFailed"}
     return Page(
         f"{batch}-{index}",
         "Simulation job",
         described.status or "",
-        visit.plain(described.failureReason or ""),
+        context.plain(described.failureReason or ""),
         (*_TRAIL, (batch, address(KIND, batch))),
         blocks=(
             Facts("What came of it", _result_rows(row) if row and known else (("Result", Cell("none yet")),)),
@@ -230,8 +230,8 @@ def job_page(visit: RequestContext, batch: str, index: str) -> Page:
                 "What was asked for",
                 (
                     *_asked_rows(batch, asked),
-                    *visit.arn_rows(visit.arn("simulation-job", path)),
-                    *tag_rows(visit, "simulation-job", path, described.tags),
+                    *context.arn_rows(context.arn("simulation-job", path)),
+                    *tag_rows(context, "simulation-job", path, described.tags),
                 ),
             ),
         ),
@@ -239,8 +239,8 @@ def job_page(visit: RequestContext, batch: str, index: str) -> Page:
     )
 
 
-def _batch_row(visit: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
-    run = _run(visit, record)
+def _batch_row(context: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
+    run = _run(context, record)
     passed, asked = record.detail.get("passed"), record.detail.get("episodes")
     report = Cell("report", report_address(record)) if has_report(record) else Cell()
     return (
@@ -254,7 +254,7 @@ def _batch_row(visit: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
     )
 
 
-def _facts(visit: RequestContext, record: JobRecord, run: JobRecord | None) -> Facts:
+def _facts(context: RequestContext, record: JobRecord, run: JobRecord | None) -> Facts:
     detail, plan = record.detail, plan_of(record)
     policy, tags = policy_and_tags(record)
     metadata = detail.get("metadata")
@@ -276,12 +276,12 @@ def _facts(visit: RequestContext, record: JobRecord, run: JobRecord | None) -> F
         ),
         ("worlds", Cell(f"{len({*plan.worlds, *(world for each in plan.templates for world in each.worlds)}):,}")),
         ("engine", Cell(str(engine))),
-        ("report", Cell(visit.plain(str(detail["report_failed"])))) if "report_failed" in detail else None,
+        ("report", Cell(context.plain(str(detail["report_failed"])))) if "report_failed" in detail else None,
         ("batch policy", Cell(f"at most {policy.maxConcurrency} at once"))
         if policy and policy.maxConcurrency
         else None,
-        *visit.arn_rows(record.arn),
-        *tag_rows(visit, KIND, record.id, tags),
+        *context.arn_rows(record.arn),
+        *tag_rows(context, KIND, record.id, tags),
     ]
     return Facts("The batch", tuple(row for row in rows if row))
 
@@ -313,10 +313,10 @@ class _Results:
         return {row.index: row for row in committed_chunk(self._batch.store, self._batch.id, number) or ()}
 
 
-def _jobs_table(visit: RequestContext, record: JobRecord) -> Table:
-    batch = load_batch(visit.store, record.id)
+def _jobs_table(context: RequestContext, record: JobRecord) -> Table:
+    batch = load_batch(context.store, record.id)
     results, ended, canceled = _Results(batch), is_terminal(record), canceled_jobs(record)
-    shown, steps = step_of(visit, range(batch.layout.episodes), address(KIND, record.id))
+    shown, steps = step_of(context, range(batch.layout.episodes), address(KIND, record.id))
     rows: list[tuple[Cell, ...]] = []
     for index in shown:
         row, asked = results.of(index), batch.layout.request(index)
@@ -382,10 +382,10 @@ def _asked_rows(batch: str, asked: EpisodeRequest) -> tuple[tuple[str, Cell], ..
     )
 
 
-def _run(visit: RequestContext, record: JobRecord) -> JobRecord | None:
+def _run(context: RequestContext, record: JobRecord) -> JobRecord | None:
     """Returns the run that a batch belongs to, if it may be seen."""
     name = run_of(record.token)
-    return known_job(visit.store, RUN, name) if name and visit.may_read(visit.arn(RUN, name)) else None
+    return known_job(context.store, RUN, name) if name and context.may_read(context.arn(RUN, name)) else None
 
 
 def _verdict(run: JobRecord | None) -> str:

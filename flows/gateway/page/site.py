@@ -12,10 +12,10 @@ from typing import Protocol
 from urllib.parse import parse_qs, quote, unquote
 
 from pydantic import ValidationError
+from starlette.routing import compile_path
 
 from flows.gateway.page.files import batch_file, contact_sheet, floor_plan, trend_file
 from flows.gateway.page.fleet_pages import (
-    KINDS,
     application_page,
     applications_page,
     deployment_page,
@@ -71,18 +71,18 @@ from tasks.storage.store_url import store_id
 _ROWS, _PICTURES = 5, 4
 
 
-def home_page(visit: RequestContext) -> Page:
+def home_page(context: RequestContext) -> Page:
     """Returns the newest of everything, and where all of it is."""
     tables = (
-        batches_table(visit, _ROWS, "/batches"),
-        runs_table(visit, _ROWS, "/runs"),
-        fleets_table(visit, _ROWS, "/fleets"),
-        deployments_table(visit, _ROWS, "/deployments"),
+        batches_table(context, _ROWS, "/batches"),
+        runs_table(context, _ROWS, "/runs"),
+        fleets_table(context, _ROWS, "/fleets"),
+        deployments_table(context, _ROWS, "/deployments"),
     )
     batches, runs, fleets, deployments = tables
     going = any(cell.is_state and cell.text in GOING for table in tables for row in table.rows for cell in row)
-    blocks = (batches, runs, worlds_gallery(visit, _PICTURES, "/worlds"), fleets, deployments)
-    return Page("What is new", f"Store {visit.store_id}", blocks=blocks, is_going=going)
+    blocks = (batches, runs, worlds_gallery(context, _PICTURES, "/worlds"), fleets, deployments)
+    return Page("What is new", f"Store {context.store_id}", blocks=blocks, is_going=going)
 
 
 _HTML = "text/html; charset=utf-8"
@@ -110,44 +110,46 @@ class SignIns:
     """What one process remembers of who came: the sessions that were left, and wrong secrets."""
 
     ended: EndedSessions = field(default_factory=EndedSessions)
-    brake: LoginRateLimit = field(default_factory=LoginRateLimit)
+    rate_limit: LoginRateLimit = field(default_factory=LoginRateLimit)
 
 
-def signed_in(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> str | None:
+def signed_in(
+    sign_ins: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool
+) -> str | None:
     """Returns the id of the key that a browser has signed in with; None if it has not."""
-    session = _session(door, readers, request, now_s, is_secure=is_secure)
+    session = _session(sign_ins, readers, request, now_s, is_secure=is_secure)
     return session.key_id if session else None
 
 
-def sign_in(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
+def sign_in(sign_ins: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
     """Answers the form: with a session, or with the form once more."""
     headers = own_headers(is_secure=is_secure)
     if refusal := _not_from_here(request, headers):
         return refusal
     form = _form(request)
     key_id, back = form.get("key", "").strip(), safe_back(form.get("back", "/"))
-    wait_s = door.brake.begin(request.client, now_s)
+    wait_s = sign_ins.rate_limit.begin(request.client, now_s)
     if wait_s > 0:
         reason = f"Too many wrong keys came from your address. Try again in {wait_s:.0f} seconds."
-        return _sign_in_answer(429, sign_in_html(back, reason), {**headers, "Retry-After": f"{wait_s:.0f}"})
+        return _page_answer(sign_in_html(back, reason), {**headers, "Retry-After": f"{wait_s:.0f}"}, 429)
     secret = readers.secret_of(key_id)
     if not matches(secret, form.get("secret", "").strip()) or secret is None:
-        return _sign_in_answer(
-            403, sign_in_html(back, "That is no key with its secret, or the key may not read."), headers
+        return _page_answer(
+            sign_in_html(back, "That is no key with its secret, or the key may not read."), headers, 403
         )
-    door.brake.forgive(request.client)
+    sign_ins.rate_limit.forgive(request.client)
     cookie = _cookie(request, seal_session(new_session(key_id, now_s), secret), LIFE_S, is_secure=is_secure)
     return HttpAnswer(303, b"", _HTML, headers={**headers, "Location": back, "Set-Cookie": cookie})
 
 
-def sign_out(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
+def sign_out(sign_ins: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> HttpAnswer:
     """Ends the session of a browser."""
     headers = own_headers(is_secure=is_secure)
     if refusal := _not_from_here(request, headers):
         return refusal
-    session = _session(door, readers, request, now_s, is_secure=is_secure)
+    session = _session(sign_ins, readers, request, now_s, is_secure=is_secure)
     if session:
-        door.ended.end(session)
+        sign_ins.ended.end(session)
     cookie = _cookie(request, "", 0, is_secure=is_secure)
     return HttpAnswer(303, b"", _HTML, headers={**headers, "Location": "/sign-in", "Set-Cookie": cookie})
 
@@ -157,11 +159,13 @@ def safe_back(text: str) -> str:
     return text if _BACK.fullmatch(text) else "/"
 
 
-def _session(door: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool) -> Session | None:
+def _session(
+    sign_ins: SignIns, readers: Readers, request: HttpRequest, now_s: float, *, is_secure: bool
+) -> Session | None:
     name = cookie_name(_port(request), is_secure=is_secure)
     cookies = "; ".join(value for each, value in request.headers if each == "cookie")
     session = open_session(cookie_value(cookies, name), readers.secret_of, now_s)
-    return None if session is None or session in door.ended else session
+    return None if session is None or session in sign_ins.ended else session
 
 
 def _not_from_here(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer | None:
@@ -170,7 +174,7 @@ def _not_from_here(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnsw
     host, origin = sent.get("host", ""), sent.get("origin", "")
     if host and origin.lower() in {f"http://{host}".lower(), f"https://{host}".lower()}:
         return None
-    return _sign_in_answer(403, notice_html("Refused", "This form comes from another page.", "/sign-in"), headers)
+    return _page_answer(notice_html("Refused", "This form comes from another page.", "/sign-in"), headers, 403)
 
 
 def _form(request: HttpRequest) -> Mapping[str, str]:
@@ -193,34 +197,38 @@ def _port(request: HttpRequest) -> str:
     return found[1] if found else "80"
 
 
-def _sign_in_answer(status: int, body: bytes, headers: Mapping[str, str]) -> HttpAnswer:
-    return HttpAnswer(status, body, _HTML, headers=headers)
-
-
 _LOG = logging.getLogger(__name__)
-_LISTS: Mapping[str, Callable[[RequestContext], Page]] = {
-    "": home_page,
-    "runs": runs_page,
-    "batches": batches_page,
-    "worlds": worlds_page,
-    "generations": generations_page,
-    "exports": exports_page,
-    "templates": templates_page,
-    "applications": applications_page,
-    "fleets": fleets_page,
-    "robots": robots_page,
-    "deployments": deployments_page,
+_PAGES: Mapping[str, Callable[..., Page | HttpAnswer]] = {
+    "/": home_page,
+    "/runs": runs_page,
+    "/runs/{name}": run_page,
+    "/batches": batches_page,
+    "/batches/{name}": batch_page,
+    "/batches/trends/{document}.html": trend_file,
+    "/batches/{batch}/{file}": batch_file,
+    "/batches/{batch}/jobs/{index}": job_page,
+    "/worlds": worlds_page,
+    "/worlds/{generation}/{name}.svg": floor_plan,
+    "/worlds/{generation}/{name}": world_page,
+    "/generations": generations_page,
+    "/generations/{name}": generation_page,
+    "/generations/{name}/contact-sheet.svg": contact_sheet,
+    "/exports": exports_page,
+    "/exports/{name}": export_page,
+    "/templates": templates_page,
+    "/templates/{name}": template_page,
+    "/applications": applications_page,
+    "/applications/{section}/{name}": application_page,
+    "/fleets": fleets_page,
+    "/fleets/{name}": fleet_page,
+    "/robots": robots_page,
+    "/robots/{name}": robot_page,
+    "/deployments": deployments_page,
+    "/deployments/{name}": deployment_page,
 }
-_OF_ONE: Mapping[str, Callable[[RequestContext, str], Page]] = {
-    "runs": run_page,
-    "batches": batch_page,
-    "generations": generation_page,
-    "exports": export_page,
-    "templates": template_page,
-    "fleets": fleet_page,
-    "robots": robot_page,
-    "deployments": deployment_page,
-}
+# Matched before a part is decoded, so that an encoded slash belongs to a name, which then is none.
+_ROUTES = tuple((compile_path(path)[0], page) for path, page in _PAGES.items())
+_SECTIONS = frozenset(path.split("/")[1] for path in _PAGES)
 _FORMS = frozenset({"sign-in", "sign-out"})
 _MOST_STEP_DIGITS = 6
 _MOST_PATH = 1024
@@ -241,44 +249,45 @@ class Site:
     readers: Readers | None
     is_secure: bool = False
     prefect_url: Callable[[], str] = str
-    door: SignIns = field(default_factory=SignIns)
+    sign_ins: SignIns = field(default_factory=SignIns)
 
 
 def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
     """Returns what a browser is answered; None for an address that is no page's."""
-    parts = _parts(request.raw_path)
-    if parts is None or parts[0] not in {*_LISTS, *_FORMS}:
+    root, _, rest = request.raw_path[:_MOST_PATH].partition("/")
+    section, _, name = rest.partition("/")
+    if root or section not in _SECTIONS | _FORMS or (section in _FORMS and name):
         return None
     now_s, headers = time.time(), own_headers(is_secure=site.is_secure)
     if request.method == "POST":
-        return _posted(site, request, parts, now_s)
-    if request.method not in {"GET", "HEAD"} or parts[0] == "sign-out":
+        return _posted(site, request, section, now_s)
+    if request.method not in {"GET", "HEAD"} or section == "sign-out":
         return None
-    key = signed_in(site.door, site.readers, request, now_s, is_secure=site.is_secure) if site.readers else ""
-    if parts[0] == "sign-in":
+    key = signed_in(site.sign_ins, site.readers, request, now_s, is_secure=site.is_secure) if site.readers else ""
+    if section == "sign-in":
         back = _back(request.query) if site.readers and key is None else "/"
         return _page_answer(sign_in_html(back, ""), headers) if site.readers and key is None else _see("/", headers)
     if key is None:
         return _stranger(request, headers)
-    return _shown(site, request, parts, key, now_s)
+    return _shown(site, request, key, now_s)
 
 
-def _posted(site: Site, request: HttpRequest, parts: list[str], now_s: float) -> HttpAnswer | None:
-    if site.readers is None or len(parts) != 1 or parts[0] not in _FORMS:
+def _posted(site: Site, request: HttpRequest, section: str, now_s: float) -> HttpAnswer | None:
+    if site.readers is None or section not in _FORMS:
         return None
-    answer = sign_in if parts[0] == "sign-in" else sign_out
-    return answer(site.door, site.readers, request, now_s, is_secure=site.is_secure)
+    answer = sign_in if section == "sign-in" else sign_out
+    return answer(site.sign_ins, site.readers, request, now_s, is_secure=site.is_secure)
 
 
-def _shown(site: Site, request: HttpRequest, parts: list[str], key: str, now_s: float) -> HttpAnswer:
+def _shown(site: Site, request: HttpRequest, key: str, now_s: float) -> HttpAnswer:
     query = parse_qs(request.query[:200], max_num_fields=8)
     headers = own_headers(is_secure=site.is_secure)
     identifier = store_id(site.store)
     readers = site.readers
     may_read: Callable[[str], bool] = (lambda arn: readers.may_read(key, arn)) if readers else (lambda _: True)
-    visit = RequestContext(site.store, identifier, may_read, now_s, _step(query), site.prefect_url)
+    context = RequestContext(site.store, identifier, may_read, now_s, _step(query), site.prefect_url)
     try:
-        found = _found(visit, parts)
+        found = _found(context, request.raw_path)
     except DocumentError:
         sentence = "There is nothing at this address, or your key may not see it."
         return _page_answer(notice_html("Nothing here", sentence), headers, 404)
@@ -291,44 +300,20 @@ def _shown(site: Site, request: HttpRequest, parts: list[str], key: str, now_s: 
         return _page_answer(notice_html("This cannot be shown", sentence), headers, 500)
     if isinstance(found, HttpAnswer):
         return replace(found, headers={**found.headers, **_transport(headers)})
-    here = "/" + "/".join(quote(part) for part in parts)
-    shown = f"{here}?step={visit.step}" if visit.step > 1 else here
+    here = quote(unquote(request.raw_path))
+    shown = f"{here}?step={context.step}" if context.step > 1 else here
     frame = Frame(shown, "still" in query, key, now_s, SECTIONS)
     return _page_answer(page_html(found, frame), headers)
 
 
-def _found(visit: RequestContext, parts: list[str]) -> Page | HttpAnswer:
-    return _file(visit, parts) or _page(visit, parts)
-
-
-def _file(visit: RequestContext, parts: list[str]) -> HttpAnswer | None:
-    match parts:
-        case ["batches", "trends", name] if name.endswith(".html"):
-            return trend_file(visit, name.removesuffix(".html"))
-        case ["batches", batch, name]:
-            return batch_file(visit, batch, name)
-        case ["generations", name, "contact-sheet.svg"]:
-            return contact_sheet(visit, name)
-        case ["worlds", generation, name] if name.endswith(".svg"):
-            return floor_plan(visit, generation, name.removesuffix(".svg"))
-        case _:
-            return None
-
-
-def _page(visit: RequestContext, parts: list[str]) -> Page:
-    match parts:
-        case [section]:
-            return _LISTS[section](visit)
-        case [section, name] if section in _OF_ONE:
-            return _OF_ONE[section](visit, name)
-        case ["batches", batch, "jobs", index]:
-            return job_page(visit, batch, index)
-        case ["worlds", generation, name]:
-            return world_page(visit, generation, name)
-        case ["applications", kind, name] if kind in KINDS:
-            return application_page(visit, KINDS[kind], name)
-        case _:
-            raise nothing_there()
+def _found(context: RequestContext, raw_path: str) -> Page | HttpAnswer:
+    for pattern, page in _ROUTES if len(raw_path) <= _MOST_PATH else ():
+        if match := pattern.match(raw_path):
+            names = [unquote(each) for each in match.groups()]
+            if any("/" in each or "\0" in each for each in names):
+                break
+            return page(context, *names)
+    raise nothing_there()
 
 
 def _stranger(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer:
@@ -345,14 +330,6 @@ def _stranger(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer:
             notice_html("Simyard", "You come from another page.", safe_back(back), by_itself=True), headers
         )
     return _see(f"/sign-in?back={quote(safe_back(back), safe='')}", headers)
-
-
-def _parts(raw_path: str) -> list[str] | None:
-    """Returns the parts of a path, each decoded; None for what no page has."""
-    if not raw_path.startswith("/") or len(raw_path) > _MOST_PATH:
-        return None
-    parts = [unquote(part) for part in raw_path[1:].split("/")]
-    return None if any("/" in part or "\0" in part for part in parts) else parts
 
 
 def _step(query: Mapping[str, list[str]]) -> int:

@@ -39,20 +39,21 @@ _MOST_TEMPLATE_BYTES = 1 << 20
 _REASON_CHARACTERS = 400
 
 
-def worlds_gallery(visit: RequestContext, most: int = _PICTURES, href: str = "") -> Gallery:
+def worlds_gallery(context: RequestContext, most: int = _PICTURES, href: str = "") -> Gallery:
     """Returns the newest worlds; with an address for all of them, no more than the first."""
-    shown, steps = step_of(visit, newest_names(visit, "worlds", lambda key: _world_of(visit, key)), "/worlds", most)
+    names = newest_names(context, "worlds", lambda key: _world_of(context, key))
+    shown, steps = step_of(context, names, "/worlds", most)
     pictures = tuple(_picture(world) for world in shown)
     empty = "No world yet: simyard run, or CreateWorldGenerationJob, makes some."
     return Gallery("Worlds", pictures, empty=empty, href=href if steps else "", steps=None if href else steps)
 
 
-def worlds_page(visit: RequestContext) -> Page:
+def worlds_page(context: RequestContext) -> Page:
     """Returns the pictures of all worlds."""
-    return Page("Worlds", blocks=(worlds_gallery(visit),))
+    return Page("Worlds", blocks=(worlds_gallery(context),))
 
 
-def world_page(visit: RequestContext, generation: str, name: str) -> Page:
+def world_page(context: RequestContext, generation: str, name: str) -> Page:
     """Returns the page of a world.
 
     Raises:
@@ -60,26 +61,26 @@ def world_page(visit: RequestContext, generation: str, name: str) -> Page:
         DocumentError: The name can be no world's.
     """
     path = f"{generation}/{name}"
-    body = world_body(visit, generation, name)
+    body = world_body(context, generation, name)
     trail = (("Worlds", "/worlds"), (generation, address(_GENERATION, generation)))
     try:
         world = decode_world(body)
     except ValidationError:
         sentence = "What lies here was not written by this version of Simyard, so there is no picture of it."
         return Page(name, "World", sentence=sentence, trail=trail)
-    record = known_job(visit.store, _GENERATION, generation)
+    record = known_job(context.store, _GENERATION, generation)
     picture = Picture(f"{address('world', path)}.svg", f"Floor plan of {name} with {len(world.rooms)} rooms")
     blocks: list[Block] = [Gallery("Floor plan", (picture,), is_wide=True), _certificate(world), _rooms(world)]
     if unmet := [wish for wish in world.certificate.wishes if not wish.met]:
         rows = tuple((Cell(each.subject), Cell(each.kind), Cell(each.wished), Cell(each.found)) for each in unmet)
         blocks.append(Table("Wishes that are not met", ("Of", "Wish", "Wished", "Found"), rows))
-    blocks.append(_origin(visit, world, record))
+    blocks.append(_origin(context, world, record))
     return Page(name, "World", trail=trail, blocks=tuple(blocks))
 
 
-def generations_page(visit: RequestContext) -> Page:
+def generations_page(context: RequestContext) -> Page:
     """Returns the list of generation jobs."""
-    shown, steps = step_of(visit, newest_jobs(visit, _GENERATION), "/generations")
+    shown, steps = step_of(context, newest_jobs(context, _GENERATION), "/generations")
     rows = tuple(
         (
             Cell(record.id, address(_GENERATION, record.id)),
@@ -87,25 +88,25 @@ def generations_page(visit: RequestContext) -> Page:
             number(len(_worlds(record))),
             _template(record),
             when(record.updated_at_s),
-            Cell(visit.plain(record.failure_reason)),
+            Cell(context.plain(record.failure_reason)),
         )
-        for record in known_jobs(visit, _GENERATION, shown)
+        for record in known_jobs(context, _GENERATION, shown)
     )
     columns = ("Job", "Status", "Worlds", "Template", "Changed", "Why not")
     table = Table("Generation jobs", columns, rows, "None yet.", steps=steps)
     return Page("Generation jobs", blocks=(table,))
 
 
-def generation_page(visit: RequestContext, name: str) -> Page:
+def generation_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a generation job: its worlds, and the sheet that shows them.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no job's.
     """
-    record = job(visit, _GENERATION, name)
+    record = job(context, _GENERATION, name)
     here, worlds = address(_GENERATION, name), _worlds(record)
-    shown, steps = step_of(visit, worlds, here, _PICTURES)
+    shown, steps = step_of(context, worlds, here, _PICTURES)
     rows = [
         ("worlds made", Cell(f"{len(worlds):,}")),
         ("template", _template(record)),
@@ -113,25 +114,25 @@ def generation_page(visit: RequestContext, name: str) -> Page:
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        *visit.arn_rows(record.arn),
-        *tag_rows(visit, _GENERATION, name, record.request.get("tags")),
+        *context.arn_rows(record.arn),
+        *tag_rows(context, _GENERATION, name, record.request.get("tags")),
     ]
     blocks: list[Block] = [Facts("The job", tuple(row for row in rows if row))]
-    if failures := _failures(visit, record):
+    if failures := _failures(context, record):
         blocks.append(Table("Worlds that could not be made", ("Code", "Worlds", "Why one of them"), failures))
-    if visit.store.exists(contact_sheet_key(name)):
+    if context.store.exists(contact_sheet_key(name)):
         sheet = Picture(f"{here}/contact-sheet.svg", f"Contact sheet of the worlds of {name}")
         blocks.append(Gallery("Contact sheet", (sheet,), is_wide=True))
     pictures = tuple(_picture(world) for world in shown)
     blocks.append(Gallery("Worlds", pictures, empty="No world yet.", steps=steps))
-    why, going = visit.plain(record.failure_reason), not is_terminal(record)
+    why, going = context.plain(record.failure_reason), not is_terminal(record)
     trail = (("Generation jobs", "/generations"),)
     return Page(name, "World generation job", record.status, why, trail, blocks=tuple(blocks), is_going=going)
 
 
-def exports_page(visit: RequestContext) -> Page:
+def exports_page(context: RequestContext) -> Page:
     """Returns the list of export jobs."""
-    shown, steps = step_of(visit, newest_jobs(visit, _EXPORT), "/exports")
+    shown, steps = step_of(context, newest_jobs(context, _EXPORT), "/exports")
     rows = tuple(
         (
             Cell(record.id, address(_EXPORT, record.id)),
@@ -139,73 +140,73 @@ def exports_page(visit: RequestContext) -> Page:
             number(len(_texts(record.request.get("worlds")))),
             Cell(_place(record)),
             when(record.updated_at_s),
-            Cell(visit.plain(record.failure_reason)),
+            Cell(context.plain(record.failure_reason)),
         )
-        for record in known_jobs(visit, _EXPORT, shown)
+        for record in known_jobs(context, _EXPORT, shown)
     )
     columns = ("Job", "Status", "Worlds", "Bucket", "Changed", "Why not")
     return Page("Export jobs", blocks=(Table("Export jobs", columns, rows, "None yet.", steps=steps),))
 
 
-def export_page(visit: RequestContext, name: str) -> Page:
+def export_page(context: RequestContext, name: str) -> Page:
     """Returns the page of an export job.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no job's.
     """
-    record = job(visit, _EXPORT, name)
+    record = job(context, _EXPORT, name)
     worlds = _texts(record.request.get("worlds"))
-    shown, steps = step_of(visit, worlds, address(_EXPORT, name))
+    shown, steps = step_of(context, worlds, address(_EXPORT, name))
     rows = [
         ("bucket", Cell(_place(record))),
         ("formats", Cell(", ".join(_texts(record.request.get("formats"))))),
-        ("zip", Cell(visit.plain(str(record.detail["zip"])))) if "zip" in record.detail else None,
+        ("zip", Cell(context.plain(str(record.detail["zip"])))) if "zip" in record.detail else None,
         ("SHA-256", Cell(str(record.detail["sha256"]), is_code=True)) if "sha256" in record.detail else None,
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,
-        *visit.arn_rows(record.arn),
-        *tag_rows(visit, _EXPORT, name, record.request.get("tags")),
+        *context.arn_rows(record.arn),
+        *tag_rows(context, _EXPORT, name, record.request.get("tags")),
     ]
     facts = Facts("The job", tuple(row for row in rows if row and (row[1].text or row[1].at_s)))
     table = Table("Worlds", ("World",), tuple((named(world, "world"),) for world in shown), "None.", steps=steps)
-    why, going = visit.plain(record.failure_reason), not is_terminal(record)
+    why, going = context.plain(record.failure_reason), not is_terminal(record)
     trail = (("Export jobs", "/exports"),)
     return Page(name, "World export job", record.status, why, trail, blocks=(facts, table), is_going=going)
 
 
-def templates_page(visit: RequestContext) -> Page:
+def templates_page(context: RequestContext) -> Page:
     """Returns the list of templates: those that somebody named, and the bodies that jobs have used."""
 
     def name_of(key: str) -> str:
         name = PurePosixPath(key).stem
-        return name if visit.may_read(visit.arn("world-template", name)) else ""
+        return name if context.may_read(context.arn("world-template", name)) else ""
 
-    shown, steps = step_of(visit, newest_names(visit, named_templates_prefix(), name_of), "/templates")
+    shown, steps = step_of(context, newest_names(context, named_templates_prefix(), name_of), "/templates")
     named_rows = tuple(
         (Cell(each.name or each.id, address("world-template", each.id)), Cell(each.version), when(each.updated_at_s))
-        for each in (read_template(visit.store, template)[0] for template in shown)
+        for each in (read_template(context.store, template)[0] for template in shown)
     )
     columns = ("Template", "Version", "Changed")
     templates = Table("Templates", columns, named_rows, "CreateWorldTemplate makes one.", steps=steps)
-    shown, steps = step_of(visit, newest_names(visit, "templates", name_of), "/templates")
+    shown, steps = step_of(context, newest_names(context, "templates", name_of), "/templates")
     rows = tuple((Cell(name, address("world-template", name)),) for name in shown)
     bodies = Table("Bodies", ("Digest",), rows, "A generation job keeps the one that it used.", steps=steps)
     return Page("Templates", blocks=(templates, bodies))
 
 
-def template_page(visit: RequestContext, name: str) -> Page:
+def template_page(context: RequestContext, name: str) -> Page:
     """Returns the page of a template: its body.
 
     Raises:
         ResourceNotFound: There is none, or it may not be seen.
         DocumentError: The name can be no template's.
     """
-    visit.require("world-template", name)
-    template = read_template(visit.store, name)[0] if name.startswith(NAMED_TEMPLATE_PREFIX) else None
+    context.require("world-template", name)
+    template = read_template(context.store, name)[0] if name.startswith(NAMED_TEMPLATE_PREFIX) else None
     digest = template.digest if template else name
-    body = read_bytes(visit.store, template_key(digest), _MOST_TEMPLATE_BYTES)
+    body = read_bytes(context.store, template_key(digest), _MOST_TEMPLATE_BYTES)
     if body is None:
         raise missing("world-template", name)
     try:
@@ -214,12 +215,12 @@ def template_page(visit: RequestContext, name: str) -> Page:
         text = body.decode(errors="replace")
     times = (("made", when(template.created_at_s)), ("changed", when(template.updated_at_s))) if template else ()
     rows = (
-        *visit.arn_rows(visit.arn("world-template", name)),
+        *context.arn_rows(context.arn("world-template", name)),
         ("body", Cell(digest, is_code=True)),
         *times,
     )
     facts = Facts(
-        "The template", (*rows, *tag_rows(visit, "world-template", name, template.tags if template else None))
+        "The template", (*rows, *tag_rows(context, "world-template", name, template.tags if template else None))
     )
     title = template.name or name if template else name
     return Page(title, "World template", trail=(("Templates", "/templates"),), blocks=(facts, Text("Body", text)))
@@ -256,7 +257,7 @@ def _rooms(world: World) -> Table:
     return Table("Rooms", ("Room", "Type", "Area", "Free floor", "Reached", "Pieces"), rows)
 
 
-def _origin(visit: RequestContext, world: World, record: JobRecord | None) -> Facts:
+def _origin(context: RequestContext, world: World, record: JobRecord | None) -> Facts:
     path = f"{world.generation}/{world.name}"
     rows = [
         ("generation job", Cell(record.id, address(_GENERATION, record.id))) if record else None,
@@ -264,15 +265,15 @@ def _origin(visit: RequestContext, world: World, record: JobRecord | None) -> Fa
         ("made", when(record.created_at_s)) if record else None,
         ("seed", Cell(str(world.seed))),
         ("generator", Cell(world.generator)),
-        *visit.arn_rows(visit.arn("world", path)),
-        *tag_rows(visit, "world", path, record.request.get("worldTags") if record else None),
+        *context.arn_rows(context.arn("world", path)),
+        *tag_rows(context, "world", path, record.request.get("worldTags") if record else None),
     ]
     return Facts("Where it is from", tuple(row for row in rows if row))
 
 
-def _world_of(visit: RequestContext, key: str) -> str:
+def _world_of(context: RequestContext, key: str) -> str:
     path, dot, ending = key.removeprefix("worlds/").rpartition(".")
-    is_world = ending == "json" and path.count("/") == 1 and visit.may_read(visit.arn("world", path))
+    is_world = ending == "json" and path.count("/") == 1 and context.may_read(context.arn("world", path))
     return path if dot and is_world else ""
 
 
@@ -301,14 +302,14 @@ def _place(record: JobRecord) -> str:
     return "/".join(str(fields[name]) for name in ("s3Bucket", "s3Prefix") if fields.get(name))
 
 
-def _failures(visit: RequestContext, record: JobRecord) -> tuple[tuple[Cell, ...], ...]:
+def _failures(context: RequestContext, record: JobRecord) -> tuple[tuple[Cell, ...], ...]:
     found = record.detail.get("failures")
     given: Mapping[str, JsonValue] = found if isinstance(found, dict) else {}
     return tuple(
         (
             Cell(code),
             Cell(str(each.get("count", ""))),
-            Cell(visit.plain(str(each.get("sample_reason", "")))[:_REASON_CHARACTERS]),
+            Cell(context.plain(str(each.get("sample_reason", "")))[:_REASON_CHARACTERS]),
         )
         for code, each in given.items()
         if isinstance(each, dict)

@@ -1,10 +1,10 @@
 """A browser's session: a cookie that only who knows the key's secret can make, good for some hours.
 
-Who guesses secrets is slowed down: after a few that were wrong, an address has to wait, longer each time.
+Nothing is stored for it. What it is signed with is made from the secret of the key that signed in, so that every
+gateway of a store knows it, and it ends with the key. Who guesses secrets is slowed down: after a few that were wrong,
+an address has to wait, longer each time.
 """
 
-import base64
-import binascii
 import hashlib
 import hmac
 import re
@@ -13,13 +13,16 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from http.cookies import CookieError, SimpleCookie
+
+from itsdangerous import Signer
+from starlette.requests import cookie_parser
+from starlette.responses import Response
 
 LIFE_S = 8 * 3600
-_PURPOSE = b"simyard page session 1\n"
+_PURPOSE = b"simyard page session 1"
 _MOST_CHARACTERS = 1024
 _MOST_ENDED = 10_000
-_BODY = re.compile(rb"([A-Za-z0-9._-]{1,128})\|([0-9]{1,12})\|([0-9a-f]{32})")
+_BODY = re.compile(r"([A-Za-z0-9._-]{1,128})\|([0-9]{1,12})\|([0-9a-f]{32})\.[A-Za-z0-9_-]+\Z", re.ASCII)
 SecretOf = Callable[[str], str | None]
 
 
@@ -45,8 +48,7 @@ def new_session(key_id: str, now_s: float) -> Session:
 
 def seal_session(session: Session, secret: str) -> str:
     """Returns the value of the cookie."""
-    body = f"{session.key_id}|{session.ends_at_s}|{session.number}".encode()
-    return f"{_text(body)}.{_text(_mac(secret, body))}"
+    return _signer(secret).sign(f"{session.key_id}|{session.ends_at_s}|{session.number}").decode()
 
 
 def open_session(value: str, secret_of: SecretOf, now_s: float) -> Session | None:
@@ -57,13 +59,12 @@ def open_session(value: str, secret_of: SecretOf, now_s: float) -> Session | Non
         secret_of: Returns the secret of a key; None for a key that is not known.
         now_s: The time, seconds since 1970.
     """
-    body, mac = _parts(value)
-    session = _decoded(body)
-    if session is None:
+    said = _BODY.match(value) if len(value) <= _MOST_CHARACTERS else None
+    if said is None:
         return None
+    session = Session(said[1], int(said[2]), said[3])
     secret = secret_of(session.key_id)
-    expected = _mac(secret or secrets.token_hex(16), body)
-    is_good = hmac.compare_digest(mac, expected) and secret is not None
+    is_good = _signer(secret or secrets.token_hex(16)).validate(value) and secret is not None
     # A life that is longer than any that was given is none, whatever the clock was.
     return session if is_good and 0 <= session.ends_at_s - now_s <= LIFE_S else None
 
@@ -81,17 +82,14 @@ def cookie_name(port: str, *, is_secure: bool) -> str:
 
 def cookie_header(name: str, value: str, life_s: int, *, is_secure: bool) -> str:
     """Returns the header Set-Cookie; a life of 0 removes the cookie."""
-    secure = "; Secure" if is_secure else ""
-    return f"{name}={value}; Path=/; Max-Age={life_s}; HttpOnly; SameSite=Strict{secure}"
+    answer = Response()
+    answer.set_cookie(name, value, max_age=life_s, secure=is_secure, httponly=True, samesite="strict")
+    return answer.headers["set-cookie"]
 
 
 def cookie_value(header: str, name: str) -> str:
     """Returns what a cookie of a request holds; empty if it is not there."""
-    try:
-        found = SimpleCookie(header[:8192]).get(name)
-    except CookieError:
-        return ""
-    return found.value if found else ""
+    return cookie_parser(header[:8192]).get(name, "")
 
 
 @dataclass
@@ -116,33 +114,8 @@ class EndedSessions:
         return session.number in self._ends
 
 
-def _mac(secret: str, body: bytes) -> bytes:
-    key = hmac.digest(secret.encode(), _PURPOSE, "sha256")
-    return hmac.digest(key, body, "sha256")
-
-
-def _text(data: bytes) -> str:
-    return base64.urlsafe_b64encode(data).decode().rstrip("=")
-
-
-def _parts(value: str) -> tuple[bytes, bytes]:
-    """Returns what stands in a cookie and what vouches for it; empty bytes for what is no such text."""
-    body, dot, mac = value.partition(".")
-    if not dot or len(value) > _MOST_CHARACTERS or not value.isascii():
-        return b"", b""
-    try:
-        return _bytes(body), _bytes(mac)
-    except binascii.Error:
-        return b"", b""
-
-
-def _bytes(text: str) -> bytes:
-    return base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
-
-
-def _decoded(body: bytes) -> Session | None:
-    found = _BODY.fullmatch(body)
-    return Session(found[1].decode(), int(found[2]), found[3].decode()) if found else None
+def _signer(secret: str) -> Signer:
+    return Signer(secret, salt=_PURPOSE, key_derivation="hmac", digest_method=hashlib.sha256)
 
 
 _FREE = 5

@@ -40,32 +40,25 @@ def test_a_session_of_tomorrow_is_none():
 
 
 def test_a_session_does_not_become_another_keys():
-    body, _, mac = sealed().partition(".")
-    other = base64.urlsafe_b64encode(base64.urlsafe_b64decode(body + "==").replace(b"YARD1", b"YARD2")).decode()
-    assert open_session(f"{other.rstrip('=')}.{mac}", KEYS.get, NOW_S) is None
+    assert open_session(sealed().replace("SIMYARD1", "SIMYARD2"), KEYS.get, NOW_S) is None
 
 
 def test_a_session_does_not_become_longer():
-    body, _, mac = sealed(now_s=NOW_S - LIFE_S - 9).partition(".")
-    whole = base64.urlsafe_b64decode(body + "==").replace(b"|1", b"|2", 1)
-    assert open_session(f"{base64.urlsafe_b64encode(whole).decode().rstrip('=')}.{mac}", KEYS.get, NOW_S) is None
+    assert open_session(sealed(now_s=NOW_S - LIFE_S - 9).replace("|1", "|2", 1), KEYS.get, NOW_S) is None
 
 
 def test_the_secret_itself_is_no_key_of_a_session():
     # A signature of a request, which is made from the secret too, must never be one of a session.
-    body = sealed().partition(".")[0]
+    body = sealed().rpartition(".")[0]
     for mac in ("", "AA", base64.urlsafe_b64encode(b"one secret").decode()):
         assert open_session(f"{body}.{mac}", KEYS.get, NOW_S) is None
 
 
 def test_no_byte_of_a_session_can_be_changed():
     value = sealed()
-    for at in range(len(value)):
+    for at in range(len(value) - 1):  # the last sign has bits that mean nothing
         other = "A" if value[at] != "A" else "B"
-        changed = f"{value[:at]}{other}{value[at + 1 :]}"
-        session = open_session(changed, KEYS.get, NOW_S)
-        # The last sign of each part has bits that mean nothing.
-        assert session is None or (session.key_id == "SIMYARD1" and value[at + 1 : at + 2] in {"", "."})
+        assert open_session(f"{value[:at]}{other}{value[at + 1 :]}", KEYS.get, NOW_S) is None
 
 
 @given(st.text(max_size=300))
@@ -75,7 +68,7 @@ def test_no_text_is_a_session_by_chance(value: str):
 
 @pytest.mark.parametrize("header", ["", "simyard", "a=b", 'simyard="', "simyard=x; simyard", "\x00", "=" * 9000])
 def test_any_header_of_cookies_can_be_read(header: str):
-    assert len(cookie_value(header, "simyard")) <= 1
+    assert cookie_value(header, "simyard") in {"", "x", '"'}
 
 
 def test_an_ended_session_is_known_as_such():
