@@ -110,7 +110,7 @@ def _creation(number: int, name: str, material: dict[str, Any]) -> Request | Non
 
 def material_of(store: Store) -> dict[str, Any]:
     """Returns what jobs and templates are made of; the store has the applications and the world."""
-    from tests.flows.gateway.jobs.asked import TEMPLATE, Asked  # noqa: PLC0415 - only here
+    from tests.flows.gateway.asked import TEMPLATE, Asked  # noqa: PLC0415 - only here
 
     asked = Asked(store)
     world = asked.world()

@@ -1,7 +1,7 @@
 """One unsigned object ends no verifying robot, stops no application, and keeps no owner from deploying.
 
-The same with two thousand objects: ``tests/deploy/robot/hostile/test_spoiled_states.py``; with any number of forged
-sequences: ``tests/deploy/rollout/test_robot_requests.py``.
+The same with two thousand objects: ``tests/deploy/robot/test_spoiled_states.py``; with any number of forged
+sequences: ``tests/deploy/rollout/test_controller.py``.
 """
 
 import json

@@ -1,8 +1,8 @@
 """What a robot runs cannot read what its agent knows, and whatever it is given, its agent goes on.
 
-An agent that is not root's: ``tests/deploy/robot/hostile/test_account.py``; more archives, files and storms:
+An agent that is not root's: ``tests/deploy/robot/test_account.py``; more archives, files and storms:
 ``tests/storage/base/test_tar_headers.py``, ``tests/storage/backends/test_local.py``,
-``tests/deploy/robot/hostile/test_sweep.py``.
+``tests/deploy/robot/test_processes.py``.
 """
 
 import os

@@ -14,7 +14,7 @@ from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_ro
 from tasks.deploy.rollout.job import run_deployment_job
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.trust.signed_fleet import Owner
-from tests.deploy.trust.test_secrets import private_forms
+from tests.deploy.trust.test_keyring import private_forms
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill, programs_of
 from tests.servers.seaweed import ACCESS_KEY, SECRET_KEY
 

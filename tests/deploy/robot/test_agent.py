@@ -1,5 +1,6 @@
-"""The agent as a process of its own: killed, told to end, and what it needs."""
+"""The agent as a process: killed, stopped, alone in its folder, with a store that is away."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -14,9 +15,9 @@ import pytest
 from specs.errors import DocumentError
 from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
-from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.agent import Poll, _lock_folder_alone, main
+from tasks.deploy.robot.agent import Poll, _lock_folder_alone, _warn_if_unknown, main
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.processes import Stop, StopRequested
 from tasks.deploy.rollout.controller import ask_robot
@@ -28,6 +29,21 @@ from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by
 from tests.repository import ROOT
 from tests.servers.faulty_proxy import faulty_proxy
 from tests.servers.seaweed import Seaweed
+
+
+def test_a_robot_that_the_store_does_not_have_is_told_with_the_store(
+    file_store: Store, caplog: pytest.LogCaptureFixture
+):
+    _warn_if_unknown(file_store, "r1")
+    assert f"no robot r1 in the store {file_store.url}" in caplog.text
+
+
+def test_a_registered_robot_needs_no_warning(file_store: Store, caplog: pytest.LogCaptureFixture):
+    create_robot(file_store, "r1")
+    with caplog.at_level(logging.INFO):
+        _warn_if_unknown(file_store, "r1")
+    assert not caplog.text
+
 
 pytestmark = pytest.mark.integration
 SLOW = '#!/bin/sh\necho "$0" >> "$HOME/runs"\nsleep 0.15\n'

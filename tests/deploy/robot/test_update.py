@@ -1,12 +1,16 @@
 """One robot: what it accepts, refuses, survives and takes up again."""
 
+import errno
+import time
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
 
 import pytest
 
 from specs.errors import StoreUnreachable
+from specs.field_types import S3Object
 from tasks.deploy.fleet.fleet_registry import read_reported
+from tasks.deploy.fleet.states import Reported
 from tasks.deploy.robot.disk import Disk, RobotState
 from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.processes import Stop, StopRequested
@@ -14,8 +18,39 @@ from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.update import RobotUpdater
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
+from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.yard import STAYS_UP, Yard, eventually
+
+
+def _condition(one: OneRobot, script: str) -> tuple[S3Object, str]:
+    bucket = open_bucket(one.yard.store, "conditions")
+    return S3Object(bucket="conditions", key="ready.sh"), bucket.put("ready.sh", script.encode())
+
+
+@pytest.mark.parametrize(
+    ("script", "code"), [("#!/bin/sh\n", None), ("#!/bin/sh\nexit 1\n", "DownloadConditionFailed")]
+)
+def test_the_download_condition_decides_before_the_download(script: str, code: str | None, one: OneRobot) -> None:
+    condition, _ = _condition(one, script)
+
+    reported = one.deploy(one.yard.publish(GOOD), 1, condition=condition)
+
+    assert reported.failure_code == code
+    assert (reported.status == "InSync") == any((one.root / "versions").iterdir())
+
+
+def test_a_download_condition_with_another_etag_is_not_run(one: OneRobot) -> None:
+    condition, etag = _condition(one, '#!/bin/sh\ntouch "$HOME/ran"\n')
+    pinned = condition.model_copy(update={"etag": "0" * len(etag)})
+
+    reported = one.deploy(one.yard.publish(GOOD), 1, condition=pinned)
+
+    assert reported.failure_code == "EtagMismatch"
+    assert not (one.root / "ran").exists()
+    assert (
+        one.deploy(one.yard.publish(GOOD), 2, condition=condition.model_copy(update={"etag": etag})).status == "InSync"
+    )
 
 
 def test_a_lower_sequence_is_refused_also_after_a_restart(one: OneRobot) -> None:
@@ -272,3 +307,131 @@ class WaitingStore(_Forwarding):
             self.waited += 1
             raise StoreUnreachable("away")
         return self._store.size(key)
+
+
+# Stays up for longer than the grace period of a launch, the first time.
+CRASHES = """#!/bin/sh
+echo crashing >> "$HOME/crashes"
+if [ -e "$HOME/started-once" ]; then exit 7; fi
+touch "$HOME/started-once"
+sleep 0.5
+exit 7
+"""
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tasks.deploy.robot.launch._FIRST_PAUSE_S", 0.001)
+
+
+def supervised(one: OneRobot, status: str) -> Reported:
+    def look() -> bool:
+        one.robot.supervise()
+        time.sleep(0.002)
+        reported = read_reported(one.yard.store, NAME)
+        return reported is not None and reported.status == status
+
+    eventually(look)
+    found = read_reported(one.yard.store, NAME)
+    assert found
+    return found
+
+
+def test_a_crash_loop_goes_back_and_is_told(one: OneRobot) -> None:
+    good, bad = one.yard.publish(GOOD), one.yard.publish({"run.sh": CRASHES})
+    one.deploy(good, 1)
+    assert one.deploy(bad, 2).status == "InSync"
+
+    told = supervised(one, "Failed")
+
+    assert (told.deployment, told.failure_code, told.running_digest) == ("dep-2", "EnvironmentSetupError", good.digest)
+    assert told.failure_reason.startswith(
+        "the application ended 5 times, each soon after its start; run.sh exited with 7"
+    )
+    assert told.failure_reason.endswith(f"went back to version {good.number}")
+    assert one.yard.current(NAME) == good.digest
+    assert [program for program in one.programs if "sleep 1000" in program]
+
+
+def test_after_a_restart_it_still_runs_what_it_went_back_to(one: OneRobot) -> None:
+    good, bad = one.yard.publish(GOOD), one.yard.publish({"run.sh": CRASHES})
+    one.deploy(good, 1)
+    one.deploy(bad, 2)
+    supervised(one, "Failed")
+    one.robot.end()
+    one.restarted().recover()
+    assert one.yard.current(NAME) == good.digest
+    reported = read_reported(one.yard.store, NAME)
+    assert reported
+    assert reported.status == "Failed"
+
+
+def test_the_only_version_there_is_is_tried_for_ever(one: OneRobot) -> None:
+    bad = one.yard.publish({"run.sh": CRASHES})
+    one.deploy(bad, 1)
+
+    def often() -> bool:
+        one.robot.supervise()
+        return len((one.root / "crashes").read_text().splitlines()) > 7
+
+    eventually(often)
+    assert one.yard.current(NAME) == bad.digest
+
+
+def test_a_robot_without_room_says_so_and_runs_what_it_ran(one: OneRobot) -> None:
+    good, big = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    Disk(one.root).download(big.digest).symlink_to("/dev/full")
+
+    reported = one.deploy(big, 2)
+
+    assert (reported.failure_code, reported.step) == ("EnvironmentSetupError", "DownloadingExtracting")
+    assert "no room for the bundle" in reported.failure_reason
+    assert one.yard.current(NAME) == good.digest
+    eventually(lambda: one.programs == ["sleep 1000"])
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EIO])
+def test_a_robot_that_cannot_keep_its_state_refuses_and_runs_what_it_ran(
+    code: int, one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, new = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    with monkeypatch.context() as full:
+        full.setattr(Disk, "save", _raising(OSError(code, "the disk says no")))
+        refused = one.deploy(new, 2)
+        one.robot.supervise()
+
+    assert (refused.failure_code, refused.sequence) == ("EnvironmentSetupError", 2)
+    eventually(lambda: one.programs == ["sleep 1000"])
+    assert one.deploy(new, 2).status == "InSync"
+
+
+def test_a_disk_that_fills_up_in_between_ends_the_deployment_and_is_written_to_later(
+    one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, new = one.yard.publish(GOOD), one.yard.publish({"run.sh": STAYS_UP + "# new\n"})
+    one.deploy(good, 1)
+    with monkeypatch.context() as full:
+        full.setattr(Disk, "switch", _raising(OSError(errno.ENOSPC, "full"), once=True))
+        full.setattr(Disk, "save", _raising(OSError(errno.ENOSPC, "full"), after=1))
+        reported = one.deploy(new, 2)
+        assert (reported.failure_code, reported.step) == ("EnvironmentSetupError", "Launching")
+        assert Disk(one.root).load().outcome != reported
+    one.robot.supervise()
+
+    kept = Disk(one.root).load()
+    assert (kept.target, kept.running and kept.running.digest) == (None, good.digest)
+    assert kept.outcome == reported
+
+
+def _raising(exc: OSError, *, after: int = 0, once: bool = False) -> Callable[..., None]:
+    """Returns a method that raises; after so many calls, which do nothing, or only the first time."""
+    calls = [0]
+
+    def method(self: Disk, *_: object) -> None:
+        calls[0] += 1
+        if calls[0] > after and not (once and calls[0] > 1):
+            raise exc
+
+    return method

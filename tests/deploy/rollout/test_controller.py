@@ -1,10 +1,10 @@
-"""Roll-outs with robots that are silent, controllers that die, and agents that outlive them."""
+"""The controller: what it asks of robots, when it waits, stops, and is continued."""
 
 import contextlib
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -15,13 +15,94 @@ from specs.errors import StageFailed, StoreUnreachable
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig
 from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, read_reported, register_robot
-from tasks.deploy.rollout.controller import ControllerPace
+from tasks.deploy.fleet.states import MOST_SEQUENCE, Desired, Withdrawn
+from tasks.deploy.fleet_descriptions import describe_deployment_job
+from tasks.deploy.rollout.controller import ControllerPace, ask_robot
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.keys import reported_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.keys import desired_key, reported_key
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import job_id, records
+from tests.deploy.one_robot import GOOD, NAME, desired
 from tests.deploy.puppets import CountingStore, FailingStore, PuppetRobots, run
+from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
+
+NOW_S = 1_700_000_000.0
+
+
+@pytest.fixture
+def owner(yard: Yard, tmp_path: Path) -> Owner:
+    return Owner(yard.store, tmp_path / "keys")
+
+
+def _ask(yard: Yard, owner: Owner, deployment: str, now_s: float = NOW_S) -> Desired:
+    wanted = desired(yard.publish(GOOD), 1, deployment=deployment, issued_at_s=now_s)
+    return ask_robot(yard.store, wanted, owner.signer.sign, own=owner.signer.is_own)
+
+
+def test_the_sequence_is_the_time_in_milliseconds(yard: Yard, owner: Owner) -> None:
+    assert _ask(yard, owner, "one").sequence == NOW_S * 1000
+
+
+def test_a_clock_that_was_set_back_still_gives_a_higher_sequence(yard: Yard, owner: Owner) -> None:
+    first = _ask(yard, owner, "one")
+
+    assert _ask(yard, owner, "two", NOW_S - 86_400).sequence == first.sequence + 1
+
+
+def test_a_clock_that_goes_on_gives_a_higher_sequence_though_the_last_state_was_deleted(
+    yard: Yard, owner: Owner
+) -> None:
+    first = _ask(yard, owner, "one")
+    yard.store.delete(desired_key(NAME))
+
+    assert _ask(yard, owner, "two", NOW_S + 1).sequence > first.sequence
+
+
+@pytest.mark.parametrize("sequence", [5, 1 << 52, MOST_SEQUENCE])
+@pytest.mark.parametrize("deployment", ["forged", "two"])
+def test_a_state_that_the_owner_did_not_sign_is_written_over_and_its_numbers_do_not_count(
+    sequence: int, deployment: str, yard: Yard, owner: Owner
+) -> None:
+    first = _ask(yard, owner, "one")
+    forged = first.model_copy(update={"sequence": sequence, "deployment": deployment, "epoch": 1 << 30})
+    yard.store.put(desired_key(NAME), encode_document(forged))
+
+    second = _ask(yard, owner, "two", NOW_S + 1)
+
+    assert second.sequence == (NOW_S + 1) * 1000
+    assert read_desired(yard.store, NAME)[0] == second
+
+
+def test_what_another_robot_was_asked_does_not_count(yard: Yard, owner: Owner) -> None:
+    wanted = desired(yard.publish(GOOD), 1, robot="r2", deployment="one", issued_at_s=NOW_S)
+    other = ask_robot(yard.store, wanted, owner.signer.sign, own=owner.signer.is_own)
+    yard.store.put(desired_key(NAME), encode_document(other))
+
+    assert _ask(yard, owner, "one").robot == NAME
+
+
+@pytest.mark.parametrize("body", [b'{"sequence": 9007199254740992}', b'{"sequence": %s}' % (b"9" * 4300)])
+def test_a_report_does_not_count(body: bytes, yard: Yard, owner: Owner) -> None:
+    yard.store.put(reported_key(NAME), body)
+
+    assert _ask(yard, owner, "one").sequence == NOW_S * 1000
+
+
+def test_a_withdrawal_that_nobody_signed_does_not_count_where_things_are_signed(yard: Yard, owner: Owner) -> None:
+    yard.store.put(desired_key(NAME), encode_document(Withdrawn(withdrawn=1 << 52)))
+
+    assert _ask(yard, owner, "one").sequence == NOW_S * 1000
+
+
+@pytest.mark.parametrize("sequence", [MOST_SEQUENCE - 1, MOST_SEQUENCE])
+def test_a_fleet_without_keys_is_asked_too_when_somebody_has_used_up_the_numbers(sequence: int, yard: Yard) -> None:
+    wanted = desired(yard.publish(GOOD), 1, deployment="two", issued_at_s=NOW_S)
+    forged = wanted.model_copy(update={"sequence": sequence, "deployment": "forged"})
+    yard.store.put(desired_key(NAME), encode_document(forged))
+
+    assert ask_robot(yard.store, wanted).sequence in {MOST_SEQUENCE, NOW_S * 1000}
+
 
 KIND = "deployment-job"
 CONTROLLER = """
@@ -252,3 +333,43 @@ def test_a_controller_process_that_is_killed_is_continued_and_every_robot_launch
     assert [(yard.root(name) / "launches").read_text() for name in agents] == ["up\n"] * 3
     after = [read_desired(yard.store, name)[0] for name in agents]
     assert [each for each in asked if each and each not in after] == [], "nobody is asked twice"
+
+
+class SpoiltRobots(PuppetRobots):
+    """One of the robots reports garbage only."""
+
+    spoils = "r1"
+
+    @property
+    def pace(self) -> ControllerPace:
+        self.silent.add(self.spoils)
+        return ControllerPace(now_s=super().pace.now_s, sleep=self._sleep_and_spoil)
+
+    def _sleep_and_spoil(self, seconds: float) -> None:
+        self.store.put(reported_key(self.spoils), b'{"robot": "r1", "status": "Succ')
+        self._sleep(60.0 if seconds else 0.0)
+
+
+def test_a_robot_whose_reports_are_garbage_gives_no_answer_and_the_others_are_deployed_to(
+    yard: Yard, caplog: pytest.LogCaptureFixture
+) -> None:
+    robots = SpoiltRobots(yard.store, 5, step_s=1000.0)
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    record = run(yard, robots, yard.request(version, "one"), version.digest)
+
+    codes = {robot: each.failure_code for robot, each in recorded_progress(record).items()}
+    assert record.status == "Succeeded"
+    assert codes == {**dict.fromkeys(robots.names), "r1": "RobotDeploymentNoResponse"}
+    assert len([each for each in caplog.messages if "r1 is without news" in each]) == 1
+    assert len(describe_deployment_job(yard.store, record.id).robotDeploymentSummary or ()) == 5
+
+
+@pytest.mark.parametrize("key", [desired_key, reported_key])
+def test_garbage_from_before_a_deployment_does_not_stop_it(key: Callable[[str], str], yard: Yard) -> None:
+    robots = PuppetRobots(yard.store, 3)
+    for name in robots.names:
+        yard.store.put(key(name), b"\xff")
+    version = yard.publish({"run.sh": STAYS_UP})
+
+    assert run(yard, robots, yard.request(version, "one"), version.digest).status == "Succeeded"

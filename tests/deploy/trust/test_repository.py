@@ -1,4 +1,4 @@
-"""What the owner of the keys does to the metadata, also without some of the keys, and against an attacker."""
+"""The owner's work on the metadata."""
 
 from pathlib import Path
 

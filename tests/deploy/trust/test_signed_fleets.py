@@ -1,227 +1,275 @@
-"""Whole deployments with real agents that verify, and what happens to those that are asked unsigned."""
-
-import json
-import os
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator
-from functools import partial
-from pathlib import Path
+"""What is in force for whom, whatever an owner does, and however long; and the signature under a desired state."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from specs.errors import DocumentError, TrustRefused
-from specs.robomaker.bundle import Version
-from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_desired, register_robot
-from tasks.deploy.kit.local_agents import local_agents
-from tasks.deploy.robot.agent import main
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
-from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.resolved_request import plan_sync
-from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, local_signer
-from tasks.deploy.trust.trust_record import is_unsigned
-from tasks.storage.base.keys import job_key
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord
-from tests.deploy.one_robot import GOOD
-from tests.deploy.trust.signed_fleet import NEWER, Owner
-from tests.deploy.yard import FLEET, Yard, kill, programs_of, wait_for_report
+from specs.errors import TrustRefused
+from specs.robomaker.deployment import DeploymentLaunchConfig
+from tasks.deploy.fleet.states import Desired, Signature
+from tasks.deploy.trust.keyring import CryptoSigner, TargetFile, Targets
+from tasks.deploy.trust.metadata import MOST_METADATA_BYTES
+from tasks.deploy.trust.signed_fleets import (
+    FIELD,
+    MOST_IN_FORCE,
+    MOST_REMEMBERED,
+    SignedFleets,
+    payload,
+    read_fleets,
+    sign_desired,
+    verify_desired,
+    write_fleets,
+)
 
-pytestmark = [pytest.mark.integration, pytest.mark.long]
+_TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
+_NAMES = st.from_regex(r"[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,7}", fullmatch=True)
+_DESIRED = st.builds(
+    Desired,
+    robot=_NAMES,
+    deployment=_NAMES,
+    sequence=st.integers(1, 2**40),
+    epoch=st.integers(1, 9),
+    application=_NAMES,
+    version=st.integers(1, 40),
+    digest=st.text("0123456789abcdef", min_size=64, max_size=64),
+    launch=st.builds(
+        DeploymentLaunchConfig,
+        packageName=st.just("courier"),
+        launchFile=st.sampled_from(["run.sh", "go"]),
+        preLaunchFile=st.sampled_from([None, "before.sh"]),
+        postLaunchFile=st.none(),
+        environmentVariables=st.none(),
+    ),
+    environment=st.dictionaries(_TEXTS, _TEXTS, max_size=2),
+    condition=st.none(),
+    timeout_s=st.floats(0, 604_800),
+    issued_at_s=st.floats(0, 1e10),
+    expires_at_s=st.floats(0, 1e10),
+    condition_sha256=st.just(""),
+    signature=st.none(),
+)
+_SIGNER = CryptoSigner.generate_ed25519()
+_KEYS = {_SIGNER.public_key.keyid: _SIGNER.public_key}
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    monkeypatch.delenv("SIMYARD_KEYS", raising=False)
-    return tmp_path / "cache"
+@pytest.mark.long
+@given(_DESIRED)
+def test_what_was_signed_is_verified_also_after_a_way_through_the_store(desired: Desired) -> None:
+    stored = sign_desired(desired, _SIGNER).model_dump_json()
+
+    verify_desired(Desired.model_validate_json(stored), _KEYS)
 
 
-def _deploy(
-    yard: Yard, version: Version, token: str, signer: DeploymentSigner | None, root_of_trust: Path | None = None
-) -> JobRecord:
-    trusting = root_of_trust or (signer.root_of_trust if signer else None)
-    return run_deployment_job(
-        yard.store,
-        yard.request(version, token),
-        digest=version.digest,
-        token=token,
-        progress=lambda *_: None,
-        robots=partial(local_agents, yard.store, FLEET, 2, yard.folder / "robots", grace_s=0.2, root_of_trust=trusting),
-        signer=signer,
+@given(_DESIRED, _DESIRED)
+def test_a_signature_fits_one_desired_state_alone(one: Desired, other: Desired) -> None:
+    signature = sign_desired(one, _SIGNER).signature
+
+    if one == other:
+        assert payload(one) == payload(other)
+    else:
+        with pytest.raises(TrustRefused, match="changed after it was signed"):
+            verify_desired(other.model_copy(update={"signature": signature}), _KEYS)
+
+
+@given(_DESIRED, st.data())
+def test_one_field_of_another_is_found_out(desired: Desired, data: st.DataObject) -> None:
+    field = data.draw(st.sampled_from(sorted(set(Desired.model_fields) - {"signature"})))
+    other = data.draw(_DESIRED)
+    changed = sign_desired(desired, _SIGNER).model_copy(update={field: getattr(other, field)})
+
+    if getattr(other, field) != getattr(desired, field):
+        with pytest.raises(TrustRefused):
+            verify_desired(changed, _KEYS)
+
+
+def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
+    thief = CryptoSigner.generate_ed25519()
+    evil = sign_desired(_example(), thief)
+    assert evil.signature is not None
+    disguised = Signature(keyid=_SIGNER.public_key.keyid, value=evil.signature.value)
+
+    with pytest.raises(TrustRefused, match="not the deployer's key"):
+        verify_desired(evil, _KEYS)
+    with pytest.raises(TrustRefused, match="changed after it was signed"):
+        verify_desired(evil.model_copy(update={"signature": disguised}), _KEYS)
+
+
+def test_numbers_that_json_does_not_have_were_never_signed() -> None:
+    evil = sign_desired(_example(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
+
+    with pytest.raises(TrustRefused, match="cannot have been signed"):
+        verify_desired(evil, _KEYS)
+
+
+def _example() -> Desired:
+    return Desired(
+        robot="r1",
+        deployment="dep-1",
+        sequence=1,
+        epoch=1,
+        application="courier",
+        version=1,
+        digest="0" * 64,
+        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
+        environment={},
+        timeout_s=5.0,
+        issued_at_s=0.0,
     )
 
 
-def test_a_fleet_of_this_machine_is_signed_for_with_keys_outside_the_store(yard: Yard, cache: Path) -> None:
-    version = yard.publish(GOOD)
-
-    record = _deploy(yard, version, "one", local_signer(yard.store))
-
-    assert record.status == "Succeeded"
-    assert str(record.detail["trust"]).startswith("signed by ")
-    desired, _ = read_desired(yard.store, f"{FLEET}-1")
-    assert desired is not None
-    assert desired.signature is not None
-    assert list(cache.rglob("deployer-*.pem"))
-    assert not list((yard.folder / "store").rglob("*.pem"))
+_DIGEST, _OTHER = "a" * 64, "b" * 64
+_BEGUN = SignedFleets().enlisted("couriers", ["r1", "r2"]).begun("couriers", "dep-1", [_DIGEST])
 
 
-@pytest.mark.long
-def test_a_fleet_on_s3_is_signed_for(s3_store: Store, tmp_path: Path) -> None:
-    yard = Yard(s3_store, tmp_path)
-    create_fleet(s3_store, FLEET)
-    record = _deploy(yard, yard.publish(GOOD), "one", local_signer(s3_store))
-
-    assert record.status == "Succeeded"
-
-
-@pytest.mark.long
-def test_robots_that_verify_refuse_an_unsigned_deployment_and_run_what_they_ran(yard: Yard) -> None:
-    good, newer, signer = yard.publish(GOOD), yard.publish(NEWER), local_signer(yard.store)
-    _deploy(yard, good, "one", signer)
-
-    record = _deploy(yard, newer, "two", None, signer.root_of_trust)
-
-    assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
-    failed = recorded_progress(record)[f"{FLEET}-1"]
-    assert (failed.failure_code, is_unsigned(record)) == ("BadPermissionError", True)
-    assert "it is not signed; deploy with the keys" in failed.failure_reason
-    assert yard.current(f"{FLEET}-1") == good.digest
-
-
-@pytest.mark.long
-def test_a_machine_that_lost_its_cache_deploys_again(yard: Yard, cache: Path) -> None:
-    good, newer = yard.publish(GOOD), yard.publish(NEWER)
-    _deploy(yard, good, "one", local_signer(yard.store))
-    cache.rename(cache.with_name("lost"))
-
-    assert _deploy(yard, newer, "two", local_signer(yard.store)).status == "Succeeded"
-    assert yard.current(f"{FLEET}-1") == newer.digest
-
-
-@pytest.mark.long
-def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) -> None:
-    record = _deploy(yard, yard.publish(GOOD), "one", owner.signer)
-    create_robot(yard.store, "late")
-    register_robot(yard.store, FLEET, "late")
-    owner.vouch("late")
-    sync = partial(run_sync_job, yard.store, FLEET, progress=lambda *_: None, signer=owner.signer)
-    key = job_key("deployment-job", record.id)
-    body = yard.store.get(key).body
-
-    yard.store.put(key, body.replace(b'"launchFile":"run.sh"', b'"launchFile":"evil.s"'))
-    with pytest.raises(TrustRefused, match="the plan was changed after it was signed"):
-        sync(token="evil")  # noqa: S106 - a client request token
-    yard.store.put(key, body)
-    request = json.loads(
-        json.dumps(record.request).replace('"packageName"', '"environmentVariables": {"X": "evil"}, "packageName"')
+def _desired(robot: str = "r1", deployment: str = "dep-1", digest: str = _DIGEST) -> Desired:
+    return Desired.model_validate(
+        {
+            "robot": robot,
+            "deployment": deployment,
+            "sequence": 1,
+            "epoch": 1,
+            "application": "courier",
+            "version": 1,
+            "digest": digest,
+            "launch": {"packageName": "courier", "launchFile": "run.sh"},
+            "environment": {},
+            "timeout_s": 5.0,
+            "issued_at_s": 0.0,
+        }
     )
-    assert plan_sync(yard.store, record.model_copy(update={"request": request})).environments == {"late": {}}
-    with local_agents(yard.store, FLEET, 2, yard.folder / "robots", root_of_trust=owner.signer.root_of_trust):
-        late = _start(yard, "late", f"--root-of-trust={owner.signer.root_of_trust}")
+
+
+def test_what_is_in_force_for_the_robots_fleet_is_accepted() -> None:
+    _BEGUN.admit(_desired())
+
+
+@pytest.mark.parametrize(
+    ("fleets", "wanted", "says"),
+    [
+        (_BEGUN, _desired(deployment="dep-2"), "'dep-2' is not in force in 'couriers'"),
+        (_BEGUN, _desired(digest=_OTHER), "not on the deployer's signed list for 'couriers'"),
+        (_BEGUN, _desired(robot="r3"), "'r3' is in no fleet that a key vouches for"),
+        (_BEGUN.dismissed({"r1"}), _desired(), "'r1' is in no fleet"),
+        (_BEGUN.enlisted("keepers", ["r1"]), _desired(), "'dep-1' is not in force in 'keepers'"),
+        (_BEGUN.withdrawn("dep-1"), _desired(), "withdrawn, or superseded; simyard fleet sync couriers"),
+        (_BEGUN.begun("couriers", "dep-2", [_DIGEST]), _desired(), "withdrawn, or superseded"),
+        (_BEGUN.dissolved("couriers"), _desired(), "'r1' is in no fleet"),
+    ],
+)
+def test_what_is_not_in_force_for_the_robots_fleet_is_refused(fleets: SignedFleets, wanted: Desired, says: str) -> None:
+    with pytest.raises(TrustRefused, match=says):
+        fleets.admit(wanted)
+
+
+def test_a_sync_leaves_in_force_what_it_brings_to_more_robots() -> None:
+    synced = _BEGUN.followed("couriers", "dep-2", "dep-1", [_DIGEST])
+
+    synced.admit(_desired())
+    synced.admit(_desired("r2", "dep-2"))
+
+
+def test_a_sync_of_what_was_withdrawn_is_refused() -> None:
+    with pytest.raises(TrustRefused, match="'dep-1' is not in force in 'couriers': it was canceled, or superseded"):
+        _BEGUN.withdrawn("dep-1").followed("couriers", "dep-2", "dep-1", [_DIGEST])
+
+
+def test_with_a_deployment_its_syncs_are_withdrawn_and_a_sync_alone() -> None:
+    synced = _BEGUN.followed("couriers", "dep-2", "dep-1", [_DIGEST])
+
+    assert synced.withdrawn("dep-1").known("couriers").deployments == []
+    assert synced.withdrawn("dep-2").known("couriers").deployments == ["dep-1"]
+
+
+def test_what_was_withdrawn_never_begins_again() -> None:
+    with pytest.raises(TrustRefused, match="'dep-1' was withdrawn, and stays so"):
+        _BEGUN.withdrawn("dep-1").begun("couriers", "dep-1", [_DIGEST])
+
+
+def test_a_withdrawal_says_until_when_an_old_copy_counts() -> None:
+    fleets = _BEGUN.replacing(1000.0).withdrawn("dep-1")
+
+    assert (fleets.ends_s("dep-1"), fleets.ends_s("dep-2")) == (1000, None)
+    assert fleets.replacing(500.0).until_s == 1000, "an older copy may be accepted for longer than the last one"
+
+
+def test_robots_of_whom_nobody_has_signed_that_they_belong_to_the_fleet_are_named() -> None:
+    with pytest.raises(TrustRefused, match=r"no key vouches that 'r3', 'r4' belong.*simyard fleet vouch couriers"):
+        _BEGUN.require_members("couriers", ["r1", "r3", "r4"])
+    _BEGUN.require_members("couriers", ["r1", "r2"])
+
+
+def test_it_does_not_grow_with_the_number_of_deployments() -> None:
+    fleets = _BEGUN
+    for number in range(2, 300):
+        last = fleets.known("couriers").deployments[-1]
+        deployment = f"dep-{number}"
+        if number < 200:
+            fleets = fleets.begun("couriers", deployment, [f"{number:064}"])
+        else:
+            fleets = fleets.followed("couriers", deployment, last, [f"{199:064}"])
+
+    couriers = fleets.known("couriers")
+    assert len(couriers.deployments) == MOST_IN_FORCE
+    assert couriers.deployments[0] == "dep-199"
+    assert couriers.deployments[-1] == "dep-299"
+    assert len(couriers.withdrawn) == MOST_REMEMBERED
+    assert len(couriers.digests) == 1
+
+
+def test_thousands_of_robots_fit_many_times() -> None:
+    robots = [f"robot-{number:06}" for number in range(10_000)]
+
+    document = _BEGUN.enlisted("couriers", robots).model_dump_json()
+
+    assert len(document) * 10 < MOST_METADATA_BYTES
+
+
+def test_metadata_lists_no_bundle_that_nothing_in_force_brings() -> None:
+    deployer = Targets()
+    for digest in (_DIGEST, _OTHER):
+        deployer.targets[f"bundles/{digest}"] = TargetFile(1, {"sha256": digest}, f"bundles/{digest}")
+
+    write_fleets(deployer, _BEGUN)
+
+    assert list(deployer.targets) == [f"bundles/{_DIGEST}"]
+    assert read_fleets(deployer) == _BEGUN
+
+
+def test_metadata_of_an_older_simyard_says_nothing_and_of_a_newer_one_no_less() -> None:
+    deployer = Targets()
+    assert read_fleets(deployer) is None
+    deployer.unrecognized_fields[FIELD] = {**_BEGUN.model_dump(mode="json"), "newer": 1}
+    assert read_fleets(deployer) == _BEGUN
+    deployer.unrecognized_fields[FIELD] = {"robots": 1}
+    with pytest.raises(TrustRefused, match="cannot be read: install a newer Simyard"):
+        read_fleets(deployer)
+
+
+_DEPLOYMENTS = st.sampled_from([f"dep-{number}" for number in range(6)])
+_STEP = st.tuples(
+    st.sampled_from(["begin", "follow", "withdraw", "move"]), st.sampled_from(["couriers", "keepers"]), _DEPLOYMENTS
+)
+
+
+@given(st.lists(_STEP, max_size=20))
+def test_whatever_is_withdrawn_stays_so(steps: list[tuple[str, str, str]]) -> None:
+    fleets, gone = SignedFleets().enlisted("couriers", ["r1"]), set[tuple[str, str]]()
+    for step, fleet, deployment in steps:
+        before = {name: list(each.deployments) for name, each in fleets.fleets.items()}
         try:
-            assert sync(token="sync").status == "Succeeded"  # noqa: S106 - a client request token
-        finally:
-            kill(late)
+            fleets = _take(fleets, step, fleet, deployment)
+        except TrustRefused:
+            continue
+        for name, deployments in before.items():
+            gone |= {(name, each) for each in deployments if each not in fleets.known(name).deployments}
+        assert not {(name, each) for name, known in fleets.fleets.items() for each in known.deployments} & gone
+        assert len({name for name, known in fleets.fleets.items() if known.deployments}) <= 2
 
 
-@pytest.mark.long
-def test_what_was_deployed_unsigned_is_not_synced_with_keys(owner: Owner, yard: Yard) -> None:
-    _deploy(yard, yard.publish(GOOD), "one", None)
-
-    with pytest.raises(TrustRefused, match="is not signed; make a new deployment"):
-        run_sync_job(yard.store, FLEET, token="sync", progress=lambda *_: None, signer=owner.signer)  # noqa: S106
-
-
-@pytest.fixture
-def agents() -> Iterator[list[subprocess.Popen[bytes]]]:
-    started: list[subprocess.Popen[bytes]] = []
-    yield started
-    for agent in started:
-        kill(agent)
-
-
-def test_an_agent_that_verifies_is_small_and_needs_nothing_heavy(
-    owner: Owner, yard: Yard, agents: list[subprocess.Popen[bytes]]
-) -> None:
-    agents.append(_start(yard, "r1", f"--root-of-trust={owner.signer.root_of_trust}"))
-    signer, version = owner.signer, yard.publish(GOOD)
-    create_robot(yard.store, "r1")
-    register_robot(yard.store, FLEET, "r1")
-    owner.vouch("r1")
-    run_deployment_job(
-        yard.store,
-        yard.request(version, "one"),
-        digest=version.digest,
-        token="one",  # noqa: S106 - a client request token
-        progress=lambda *_: None,
-        signer=signer,
-    )
-    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
-
-    status = Path(f"/proc/{agents[0].pid}/status").read_text()
-    peak_kib = int(status.split("VmHWM:")[1].split()[0])
-    assert peak_kib < 80 * 1024
-    assert len(programs_of(yard.root("r1"))) == 1
-    heavy = ["jax", "prefect", "mujoco", "pyarrow", "numpy", "scipy", "typer", "rich", "s3fs"]
-    imports = "import sys, tasks.deploy.robot.agent, tasks.deploy.trust.verification"
-    code = f"{imports}; print([n for n in {heavy} if n in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"[]\n"
-
-
-def test_an_agent_that_verifies_nothing_says_so(yard: Yard, agents: list[subprocess.Popen[bytes]]) -> None:
-    agents.append(_start(yard, "r1", "--unsigned"))
-    version = yard.publish(GOOD)
-    create_robot(yard.store, "r1")
-    register_robot(yard.store, FLEET, "r1")
-    yard.deploy(version, "one")
-
-    agents[0].send_signal(signal.SIGTERM)
-    agents[0].wait()
-    assert "UNSIGNED: r1 runs whatever anybody writes" in (yard.root("r1") / "agent.log").read_text()
-
-
-@pytest.mark.parametrize("trust", [[], ["--unsigned", "--root-of-trust=any"]])
-def test_an_agent_is_told_whether_to_verify(trust: list[str], tmp_path: Path) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["--robot=r1", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", *trust])
-
-
-def test_a_root_of_trust_that_is_not_there_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit, match="2"):
-        main(["--robot=r1", f"--root={tmp_path}", f"--store={tmp_path.as_uri()}", f"--root-of-trust={tmp_path}/none"])
-    assert "argument --root-of-trust: cannot be read" in capsys.readouterr().err
-
-
-def test_robots_elsewhere_are_not_asked_unsigned_unless_somebody_says_so(
-    file_store: Store, owner: Owner, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with pytest.raises(DocumentError, match="simyard fleet keys init --keys DIR, then SIMYARD_KEYS=DIR"):
-        chosen_signer(file_store, "signed", local=False)
-    assert chosen_signer(file_store, "unsigned", local=False) is None
-    monkeypatch.setenv("SIMYARD_KEYS", str(owner.folder))
-    for local in (False, True):
-        chosen = chosen_signer(file_store, "signed", local=local)
-        assert chosen is not None
-        assert chosen.root_of_trust == owner.folder / "root.json"
-    monkeypatch.setenv("SIMYARD_KEYS", str(owner.folder / "nothing"))
-    with pytest.raises(DocumentError, match="a folder that simyard fleet keys init"):
-        chosen_signer(file_store, "signed", local=True)
-
-
-def _start(yard: Yard, robot: str, trust: str) -> subprocess.Popen[bytes]:
-    root = yard.root(robot)
-    root.mkdir(parents=True, exist_ok=True)
-    pace = ["--poll-s=0.05", "--longest-poll-s=0.1", "--grace-s=0.3", f"--user={os.geteuid()}"]
-    argv = [
-        "-m",
-        "tasks.deploy.robot.agent",
-        f"--robot={robot}",
-        f"--root={root}",
-        f"--store={yard.store.url}",
-        trust,
-        *pace,
-    ]
-    with (root / "agent.log").open("ab") as log:
-        return subprocess.Popen([sys.executable, *argv], stdout=log, stderr=log, env={**os.environ})
+def _take(fleets: SignedFleets, step: str, fleet: str, deployment: str) -> SignedFleets:
+    if step == "begin":
+        return fleets.begun(fleet, deployment, [_DIGEST])
+    if step == "follow":
+        last = next(iter(fleets.known(fleet).deployments), "none")
+        return fleets.followed(fleet, deployment, last, [_DIGEST])
+    return fleets.withdrawn(deployment) if step == "withdraw" else fleets.enlisted(fleet, ["r1"])

@@ -20,7 +20,7 @@ from tests.servers.tools import need_tool
 pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(1200)]
 FOLDER = ROOT / "tests/integration/clients"
 OF_THE_STORE = {"Throttling", "InternalServer", "ServiceUnavailable"}
-"""Errors that a store gives which does not answer as it should: tests/flows/gateway/jobs/test_documented_errors.py."""
+"""Errors that a store gives which does not answer as it should: tests/flows/gateway/test_documented_errors.py."""
 NEVER = {
     # A list of nothing is empty, and what a filter names need not be there.
     *((name, "ResourceNotFound") for name in ("ListFleets", "ListRobots", "ListDeploymentJobs")),
