@@ -167,10 +167,7 @@ def run_child(case: Case, folder: Path) -> None:
 
     store_url = (folder / "store").as_uri()
     with prefect_server():
-        from flows.prefect.flows import (
-            simulation_batch,
-            world_generation,
-        )
+        from flows.prefect.flows import simulation_batch, world_generation  # noqa: PLC0415 - as above
         from specs.pipeline.simulation_section import SimulationBatch  # noqa: PLC0415 - as above
         from specs.pipeline.world_sections import WorldGeneration  # noqa: PLC0415 - as above
 

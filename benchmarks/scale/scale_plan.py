@@ -3,12 +3,10 @@
     .venv/bin/python -m benchmarks.scale.scale_plan [--document docs/operate/scale.md]
 
 The costs are measured on this machine (``benchmarks.scale.scale_costs``), the cluster is simulated, event by event:
-workers
-that take pieces of chunks as ``flows.prefect.worker_cluster`` hands them out and paces them, some of which are reclaimed by
-their
-cloud; the flow's process and Prefect's server, each of which does one thing at a time; and the one process that writes
-the tables at the end. What S3 bears is what AWS documents for a prefix: 3,500 requests a second that write, and 5,500
-that read.
+workers that take pieces of chunks as ``flows.prefect.worker_cluster`` hands them out and paces them, some of which are
+reclaimed by their cloud; the flow's process and Prefect's server, each of which does one thing at a time; and the one
+process that writes the tables at the end. What S3 bears is what AWS documents for a prefix: 3,500 requests a second
+that write, and 5,500 that read.
 """
 
 import argparse

@@ -17,7 +17,6 @@ from specs.errors import DocumentError
 from specs.field_types import BAG_ENDINGS, BagFormat, OutputLocation
 from tasks.applications.registry import unpack
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.export.picture.renderer import FilmScene, open_film
 from tasks.results.playback.plan_drawings import replay_svg
 from tasks.results.playback.playback import ColumnDeviation, Playback, Sight, recording_deviations, row_deviations
 from tasks.results.playback.replay_formats import is_installed, require_extra
@@ -28,7 +27,6 @@ from tasks.simulate.batch.batch_record import OpenBatch, job_of
 from tasks.simulate.batch.provenance import batch_metadata, recorded_machines, this_machine
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.simulate.replay.replay_run import Replay, replay
-from tasks.simulate.replay.robot_view import robot_view
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
@@ -233,6 +231,7 @@ def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
     if wanted.bags:
         from tasks.results.playback.ros_log import RosView, playback_log  # noqa: PLC0415 - an extra
         from tasks.ros.bag.bag_file import write_bags  # noqa: PLC0415
+        from tasks.simulate.replay.robot_view import robot_view  # noqa: PLC0415 - it loads MuJoCo
 
         log = playback_log(RosView(again.world, *robot_view(again.robot)), again.playback)
         log = with_other_topics(again.traffic, log) if again.traffic else log
@@ -242,6 +241,7 @@ def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
 
 def _write_film(path: Path, world: World, playback: Playback) -> None:
     """Writes the film: in three dimensions where a GL is there, else from above."""
+    from tasks.export.picture.renderer import FilmScene, open_film  # noqa: PLC0415 - it loads MuJoCo
     from tasks.results.playback.replay_video import frames, with_caption, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m

@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from flows.resources.kinds import KINDS
+from flows.resources.kinds import KINDS, cancel_resource, close_stopped_batch
 from specs.arn import list_name, parse_reference
 from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
@@ -177,10 +177,6 @@ def _reap_or_explain(
 
 def _reap_job(store: Store, suspect: _Suspect, runs: Sequence[JobRecord], canceled: Collection[str]) -> ReapedJob:
     # `simyard list` and `describe` answer without what these import.
-    from flows.resources.kinds import (
-        cancel_resource,
-        close_stopped_batch,
-    )
     from tasks.deploy.rollout.controller import CANCELED  # noqa: PLC0415 - see above
 
     record = suspect.record

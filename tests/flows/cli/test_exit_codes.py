@@ -109,7 +109,7 @@ run_and_exit(command, grace_s=0.0)
 def test_only_a_second_ctrl_c_does_not_wait_for_what_the_first_signal_began(second: str, code: int):
     script = f"""
 import signal, threading
-from flows.cli import exit_codes
+from flows.cli import terminal
 
 def command():
     signal.raise_signal(signal.SIGINT)
@@ -119,12 +119,12 @@ def slow_to_leave():
         command()
     except SystemExit:
         signal.signal(signal.{second}, lambda *_: None)  # as Prefect does inside a flow
-        threading.Event().wait(2 * exit_codes._SAME_KEY_S)
+        threading.Event().wait(2 * terminal._SAME_KEY_S)
         signal.raise_signal(signal.{second})
         threading.Event().wait(250 if "{second}" == "SIGINT" else 2)
         raise SystemExit(5)
 
-exit_codes.run_and_exit(slow_to_leave, grace_s=240.0)
+terminal.run_and_exit(slow_to_leave, grace_s=240.0)
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == code, ended.stderr

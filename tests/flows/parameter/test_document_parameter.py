@@ -26,7 +26,7 @@ FLOWS = ("pipeline", "world_generation", "world_export", "simulation_batch", "de
 
 
 def schema(name: str) -> dict[str, Any]:
-    return parameter_schema(getattr(import_module(f"flows.{name}"), name)).model_dump_for_openapi()
+    return parameter_schema(getattr(import_module("flows.prefect.flows"), name)).model_dump_for_openapi()
 
 
 def refused(parameters: dict[str, object]) -> str:

@@ -32,7 +32,9 @@ class Run:
 
     def __init__(self, store: Store, batch: JobRecord, spec: PipelineSpec, monkeypatch: pytest.MonkeyPatch) -> None:
         for module in ("flows.pipeline.recount", "flows.pipeline.pipeline_run"):
-            monkeypatch.setattr(f"{module}.asked_plan", lambda *_: PlannedRun(plan_of(batch), recorded_location(batch)))
+            monkeypatch.setattr(
+                f"{module}.planned_run", lambda *_: PlannedRun(plan_of(batch), recorded_location(batch))
+            )
         monkeypatch.setattr("flows.pipeline.recount.sample_changes", lambda *_: [])
         self.store, self.batch, self.spec, self.record = store, batch, spec, run_of(store)
         judge_batch_stage(spec, batch, store, self.record)

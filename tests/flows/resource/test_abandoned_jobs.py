@@ -5,7 +5,7 @@ from pydantic import JsonValue
 from typer.testing import CliRunner
 
 from flows.cli.shell import app
-from flows.resources import kinds as cancel_module
+from flows.resources import abandoned_jobs
 from flows.resources.abandoned_jobs import ReapedJob, job_notes, kind_notes, reap_jobs
 from specs.errors import StoreError
 from specs.job_kinds import JobKind
@@ -173,14 +173,14 @@ def test_a_job_that_cannot_be_reaped_does_not_keep_others_from_it(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken, sound = (a_left_export(file_store, name) for name in ("broken", "sound"))
-    cancel = cancel_module.cancel_resource
+    cancel = abandoned_jobs.cancel_resource
 
     def failing(store: Store, arn: str) -> None:
         if arn == broken.arn:
             raise StoreError("its bucket is gone")
         cancel(store, arn)
 
-    monkeypatch.setattr(cancel_module, "cancel_resource", failing)
+    monkeypatch.setattr(abandoned_jobs, "cancel_resource", failing)
     found = reaped(file_store)
     assert "its bucket is gone" in found[broken.arn].meaning
     assert found[broken.arn].status == "Canceling"

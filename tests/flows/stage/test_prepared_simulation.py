@@ -91,7 +91,7 @@ def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(stages, "_simulate", interrupted)
+    monkeypatch.setattr(stages, "_simulate_chunks", interrupted)
     robot = publish_bundle(file_store, "robot-application", "courier", FOLDERS[COURIER])
     scenario = publish_bundle(file_store, "simulation-application", "delivery", FOLDERS[DELIVERY])
     launched = template(

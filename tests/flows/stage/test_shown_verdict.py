@@ -37,7 +37,7 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> Fails:
         monkeypatch.setattr(pipeline_run, name, fail)
 
     answers = {
-        "vouch": lambda _spec, batch, *_: batch,
+        "authenticated_batch": lambda _spec, batch, *_: batch,
         "judge_batch_stage": lambda *_: (JUDGED,),
         "require_not_canceled": lambda *_: None,
         "deploy": lambda *_: (DEPLOYED,),
