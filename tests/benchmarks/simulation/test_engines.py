@@ -21,7 +21,7 @@ def test_the_best_of_what_one_writes_with_mujocos_package_is_the_measure():
     assert [table[name][3] for name in ("mj_step loop", "planar")] == ["0.25", "20.00"]
 
 
-@pytest.mark.parametrize("name", ["machine", "side by side", "lanes", "obstacles", "batch", "limits planar"])
+@pytest.mark.parametrize("name", ["machine", "side by side", "lanes", "obstacles", "batch"])
 def test_the_document_has_a_place_for_each_table(name: str):
     assert "some figures" in with_tables(DOCUMENT, name, "some figures")
 
