@@ -6,10 +6,13 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from jaxtyping import Float64
 
 from specs.data.world import Door, World, solids
 from tasks.export.format.ros_packages import package_files
-from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers, sdf_files, sdf_name
+from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers, obj, sdf_files, sdf_name
+from tasks.export.surface.sheets import FLOOR_PREFIX, Covering, sheets
+from tasks.export.surface.textures import texture_of
 from tests.export.validators import sdf_says
 from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.factories.worlds import apartment
@@ -145,3 +148,37 @@ def test_both_generations_of_ros_find_packages_and_a_launch_file(tmp_path: Path)
     launch = ET.parse(tmp_path / WORLDS_PACKAGE / "launch/world.launch").getroot()  # noqa: S314 - same
     assert launch.find("arg[@name='world']") is not None
     compile((tmp_path / WORLDS_PACKAGE / "launch/world.launch.py").read_text(), "world.launch.py", "exec")
+
+
+COVERED = apartment()
+SHEETS = [sheet for sheet in sheets(COVERED) if texture_of(sheet.finish)]
+
+
+def values(sheet: Covering, keyword: str) -> Float64[np.ndarray, "lines values"]:
+    """Returns the numbers of all lines that begin with the keyword."""
+    lines = [line.split() for line in obj(sheet).decode().splitlines()]
+    return np.array([[float(word) for word in words[1:]] for words in lines if words[0] == keyword])
+
+
+def faces(sheet: Covering) -> list[list[tuple[int, int]]]:
+    """Returns for each triangle which corner, and which place in the picture, each of its corners is."""
+    lines = [line.split() for line in obj(sheet).decode().splitlines()]
+    pairs = [[word.split("/") for word in words[1:]] for words in lines if words[0] == "f"]
+    return [[(int(corner) - 1, int(place) - 1) for corner, place in triangle] for triangle in pairs]
+
+
+@pytest.mark.parametrize("sheet", SHEETS, ids=lambda sheet: sheet.name)
+def test_triangles_are_the_sheets_in_its_order_of_corners(sheet: Covering):
+    np.testing.assert_allclose(values(sheet, "v"), sheet.vertices_m, atol=1e-6)
+    assert faces(sheet) == [[(corner, corner) for corner in triangle] for triangle in sheet.triangles.tolist()]
+
+
+@pytest.mark.parametrize("sheet", SHEETS, ids=lambda sheet: sheet.name)
+def test_pictures_stand_upright_and_have_their_size(sheet: Covering):
+    texture = texture_of(sheet.finish)
+    assert texture is not None
+    corners, along_and_up = values(sheet, "v"), values(sheet, "vt") * texture.extent_m
+    if sheet.name.startswith(FLOOR_PREFIX):
+        np.testing.assert_allclose(along_and_up, corners[:, :2] - corners[:, :2].min(axis=0), atol=2e-5)
+    else:
+        np.testing.assert_allclose(along_and_up[:, 1], corners[:, 2], atol=2e-5)

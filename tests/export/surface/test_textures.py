@@ -5,10 +5,12 @@ from typing import get_args
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy import ndimage
 
 from specs.data.world import Color, Finish, Pattern
-from tasks.export.surface.textures import TILINGS, texture_of
+from tasks.export.surface.textures import TILINGS, encode_indexed, encode_rgb, texture_of
 from tests.export.png_reader import decoded
 
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)
@@ -87,3 +89,15 @@ def test_the_pixels_are_the_same_on_any_machine():
     for pattern in PATTERNS:
         digest.update(pixels(pattern).astype(np.uint8).tobytes())
     assert digest.hexdigest()[:16] == "32a60e388b743e46"
+
+
+@given(st.integers(1, 9), st.integers(1, 9), st.integers(0, 99))
+def test_a_picture_comes_back_pixel_by_pixel(rows: int, columns: int, seed: int):
+    pixels = np.random.default_rng(seed).integers(0, 256, (rows, columns, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(decoded(encode_rgb(pixels)), pixels)
+
+
+def test_an_indexed_picture_has_the_colours_of_its_palette():
+    palette = np.array([[0, 10, 20], [255, 0, 7]], np.uint8)
+    pixels = np.array([[0, 1, 1], [1, 0, 0]], np.uint8)
+    np.testing.assert_array_equal(decoded(encode_indexed(pixels, palette)), palette[pixels])

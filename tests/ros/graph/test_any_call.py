@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from tasks.ros.graph import xml_rpc
 from tasks.ros.graph.graph import Graph
 from tests.ros.graph.episode import PUBLISHES, SUBSCRIBES
-from tests.ros.graph.wire.test_codecs import VALUES
+from tests.ros.graph.test_xml_rpc import VALUES
 
 NAMES = st.sampled_from(["/a", "/b", "~c", "d", "/cmd_vel", "/clock"])
 CALLERS = st.sampled_from(["/one", "/two", "/space/three"])

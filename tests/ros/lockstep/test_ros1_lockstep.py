@@ -1,6 +1,8 @@
 """Lanes that cannot begin, each with its own reason; no ROS is needed for nodes that are never started."""
 
 import errno
+import os
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,6 +13,8 @@ from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.process.application_processes import Application
+from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
+from tests.repository import ROOT
 from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
 
 NODE = NodePlan("/node", "x", "x", ("sleep", "600"))
@@ -51,3 +55,30 @@ def test_a_kernel_that_does_not_count_runs_is_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(ros1_lockstep, "counts_runs", lambda: False)
     with pytest.raises(LaunchRefused, match="schedstat"):
         begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
+
+
+PROGRAM = """
+import sys, tempfile
+from pathlib import Path
+sys.path.insert(0, sys.argv[2])
+from tasks.ros.lockstep.exchange import Launch
+from tests.ros.lockstep.room import drive
+home = Path(tempfile.mkdtemp()) / "home"
+environment = [{"KIND": kind} for kind in ("none", "port", "port")]
+found = drive(Launch(Path(sys.argv[1]), "courier", "fault.launch", home, environment), [0, 0, 0], 20)
+print(sorted(found.failures), len(set(found.digests)), [tuple(tally) for tally in found.tallies], home.exists())
+"""
+
+
+@pytest.mark.long
+@pytest.mark.skipif(
+    confinement().level != "bubblewrap" and os.environ.get("CI") != "true", reason=confinement().why or "there"
+)
+def test_lanes_are_driven_in_bubblewrap_each_in_a_network_of_its_own(courier: Path, tmp_path: Path) -> None:
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    arguments = ["-c", PROGRAM, str(courier), str(ROOT)]
+    command = confined_command(arguments, programs, [courier, ROOT / "tests", ROOT / "tasks", ROOT / "specs"])
+    environment = confined_environment(os.environ, programs)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200, check=False)
+    assert done.stdout == "[] 1 [(20, 0, 0), (20, 0, 0), (20, 0, 0)] False\n", done.stderr[-2000:]

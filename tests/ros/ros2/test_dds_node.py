@@ -1,166 +1,87 @@
-"""A node of ROS 2 among other participants of its domain."""
+"""CDR of every message that the robot sends: rosbags' bytes, cyclonedds' bytes, and those of ROS 1 made into CDR."""
 
-import time
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import TypeVar
-
+import numpy as np
 import pytest
-from cyclonedds.core import Qos
-from cyclonedds.domain import DomainParticipant
-from cyclonedds.pub import DataWriter
-from cyclonedds.sub import DataReader
-from cyclonedds.topic import Topic
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
-from tasks.ros.message.ros_messages import REQUEST_BYTES
-from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.dds_node import DEFAULT, SENSOR_DATA, DdsNode, dds_qos, structure
+from tasks.ros.message import ros_messages as motion
+from tasks.ros.message import ros_messages as sensor
+from tasks.ros.message.ros_messages import stamp
+from tasks.ros.ros2.dds_node import structure, wire_type
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.ros2_node import RobotNode, given_tags, twist_bytes
 
-TWIST = "geometry_msgs/msg/Twist"
-_WAIT_S = 10.0
-T = TypeVar("T")
-
-
-@pytest.fixture
-def domain() -> EpisodeDomain:
-    (found,) = episode_domains(1)
-    return found
-
-
-@pytest.fixture
-def robot(domain: EpisodeDomain) -> Iterator[RobotNode]:
-    made = RobotNode(domain, {"/scan": "sensor_msgs/msg/LaserScan"}, "/cmd_vel")
-    yield made
-    made.close()
-
-
-def _until(found: Callable[[], T]) -> T:
-    ends_s = time.monotonic() + _WAIT_S
-    while not (value := found()):
-        assert time.monotonic() < ends_s, "nothing came"
-        time.sleep(0.001)
-    return value
+NOW = stamp(12_345_678_901)
+_SOUTH = motion.FrameTransform("odom", "base_link", (1.5, -2.5, 0.7))
+_CELLS = np.array([[0, 100, -1], [100, 0, 0]], np.int8)
+ROBOT = {
+    "rosgraph_msgs/msg/Clock": motion.clock(NOW),
+    "tf2_msgs/msg/TFMessage": motion.transforms(7, NOW, [_SOUTH, _SOUTH._replace(parent="a", child="bc")]),
+    "nav_msgs/msg/Odometry": motion.odometry(7, NOW, np.array([1.5, -2.5, 0.7]), np.array([0.4, 0.0, 0.1])),
+    "geometry_msgs/msg/PoseStamped": motion.pose_stamped(7, NOW, "odom", (2.0, 3.0, 0.0)),
+    "nav_msgs/msg/OccupancyGrid": motion.occupancy_grid(0, NOW, "map", _CELLS, origin_m=(-1.0, 2.0), cell_m=0.05),
+    "sensor_msgs/msg/LaserScan": sensor.laser_scan(
+        7, NOW, "laser", np.linspace(0.1, 9.0, 31), angle_min=-1.5, angle_increment=0.1, range_max=8.0, scan_s=0.05
+    ),
+    "sensor_msgs/msg/Imu": sensor.imu(7, NOW, "imu_link", yaw_rad=0.5, turn_rad_s=0.1, acceleration=(0.2, -0.3)),
+    "sensor_msgs/msg/JointState": sensor.joint_state(
+        7, NOW, ["left", "the right one"], np.array([0.5, 1.0]), np.array([2.0, 3.0])
+    ),
+    "std_msgs/msg/UInt8MultiArray": sensor.bumper(np.array([True, False, True])),
+    "geometry_msgs/msg/Twist": motion.twist(motion.PlanarTwist(0.3, -0.1, 1.5)),
+}
 
 
-def _count(what: str) -> int:
-    return len(list(Path("/proc/self", what).iterdir()))
+def _cyclone(kind: str, cdr: bytes) -> bytes:
+    """Returns a message as cyclonedds writes it in XCDR1, having read it."""
+    whole = structure(kind)
+    padded = cdr.ljust(-(-len(cdr) // 4) * 4, b"\0")
+    return bytes(whole.deserialize(padded).serialize(use_version_2=False))
 
 
-def _qos() -> Qos:
-    return dds_qos(DEFAULT, b"")
-
-
-def _call(domain: EpisodeDomain, robot: RobotNode, service: str, kind: str, **values: object) -> object:
-    """Returns the reply to a request, as a client of rmw_cyclonedds gets it: with the header of its request."""
-    participant = DomainParticipant(domain.number)
-    asked, told = structure(f"{kind}_Request", service=True), structure(f"{kind}_Response", service=True)
-    writer = DataWriter(participant, Topic(participant, f"rq{service}Request", asked), _qos())
-    reader = DataReader(participant, Topic(participant, f"rr{service}Reply", told), _qos())
-    _until(lambda: writer.get_publication_matched_status().current_count)
-    writer.write(asked(guid=77, sequence=3, **values))  # type: ignore[call-arg]
-    _until(robot.serve)
-    (reply,) = _until(lambda: reader.take(2))
-    assert (reply.guid, reply.sequence) == (77, 3)  # type: ignore[attr-defined]
-    return reply
-
-
-def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: RobotNode) -> None:
-    tag = structure("robomaker_simulation_msgs/msg/Tag")
-    tags = [tag(key="room", value="kitchen"), tag(key="a", value="")]  # type: ignore[call-arg]
-    reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=tags)
-    assert reply.success  # type: ignore[attr-defined]
-    assert robot.tags == {"room": "kitchen", "a": ""}
-
-
-def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(domain: EpisodeDomain, robot: RobotNode) -> None:
-    tag = structure("robomaker_simulation_msgs/msg/Tag")
-    many = [tag(key=str(number), value="") for number in range(51)]  # type: ignore[call-arg]
-    reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=many)
-    assert not reply.success  # type: ignore[attr-defined]
-    assert "at most 50" in reply.message  # type: ignore[attr-defined]
-    assert robot.tags == {}
-
-
-@given(st.binary(max_size=80).map(lambda data: b"\x00\x01\x00\x00" + data) | st.binary(max_size=80))
-@example(b"\x00\x01\x00\x00\xff\xff\xff\xff")
-@example(bytes(REQUEST_BYTES + 1))
-def test_bytes_that_are_no_request_have_no_tags(request: bytes) -> None:
-    try:
-        found = given_tags(type_store(), request)
-    except ValueError:
-        return
-    assert all(isinstance(text, str) for pair in found.items() for text in pair)
-
-
-def test_robomakers_service_cancels(domain: EpisodeDomain, robot: RobotNode) -> None:
-    assert not robot.cancelled
-    assert _call(domain, robot, "/robomaker/job/cancel", CANCEL, structure_needs_at_least_one_member=0)
-    assert robot.cancelled
-
-
-def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: EpisodeDomain) -> None:
-    node = DdsNode(domain, "robot")
-    scan = node.publisher("/scan", "sensor_msgs/msg/LaserScan", DEFAULT)
-    commands = node.subscription("/cmd_vel", TWIST, DEFAULT)
-    node.announce()
-    participant = DomainParticipant(domain.number)
-    kind = "rmw_dds_common/msg/ParticipantEntitiesInfo"
-    latched = dds_qos(DEFAULT._replace(depth=1, latched=True), b"")
-    reader = DataReader(participant, Topic(participant, "ros_discovery_info", structure(kind)), latched)
-    (told,) = _until(lambda: reader.take(2))
-    assert bytes(told.gid.data) == node.participant.get_guid().bytes  # type: ignore[attr-defined]
-    (own,) = told.node_entities_info_seq  # type: ignore[attr-defined]
-    assert (own.node_namespace, own.node_name) == ("/", "robot")
-    assert [bytes(each.data) for each in own.writer_gid_seq] == [scan.guid.bytes]
-    assert [bytes(each.data) for each in own.reader_gid_seq] == [commands.guid.bytes]
-    node.close()
-
-
-def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: EpisodeDomain, robot: RobotNode) -> None:
-    participant = DomainParticipant(domain.number)
-    topic = Topic(participant, "rt/cmd_vel", structure(TWIST))
-    writer = DataWriter(participant, topic, dds_qos(SENSOR_DATA, b""))
-    _until(lambda: robot.matches().refused)
-    assert robot.matches().commanders == 0
-    assert writer.get_publication_matched_status().current_count == 0
-
-
-def test_a_robot_that_is_closed_leaves_no_thread_and_no_port(domain: EpisodeDomain) -> None:
-    before = _count("task"), _count("fd")
-    robot = RobotNode(domain, {"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel")
-    assert len(robot.threads) == _count("task") - before[0] > 0
-    robot.close()
-    robot.close()
-    assert (_count("task"), _count("fd")) == before
-
-
-def test_twists_of_both_byte_orders_are_read_and_others_are_left_as_they_are() -> None:
+@pytest.mark.parametrize("kind", ROBOT)
+def test_a_message_is_the_same_bytes_by_rosbags_and_by_cyclonedds(kind: str) -> None:
     store = type_store()
-    vector = store.types["geometry_msgs/msg/Vector3"]
-    message = store.types[TWIST](linear=vector(x=0.5, y=0.1, z=0.0), angular=vector(x=0.0, y=0.0, z=-1.0))
-    little = bytes(store.serialize_cdr(message, TWIST, little_endian=True))
-    big = bytes(store.serialize_cdr(message, TWIST, little_endian=False))
-    assert twist_bytes(little) == twist_bytes(big) == little[4:]
-    assert twist_bytes(b"\x00\x01\x00\x00short") == b"\x00\x01\x00\x00short"
+    cdr = bytes(store.ros1_to_cdr(ROBOT[kind], kind))
+    assert cdr[:4] == b"\x00\x01\x00\x00", "XCDR1, little endian"
+    assert cdr == bytes(store.serialize_cdr(store.deserialize_cdr(cdr, kind), kind))
+    assert cdr == _cyclone(kind, cdr)
 
 
-def test_each_episode_has_a_domain_and_a_tag_of_its_own() -> None:
-    found = episode_domains(102)
-    assert {each.number for each in found} == set(range(102))
-    assert len({each.tag for each in found}) == 102
-    assert all(each.environment["ROS_DOMAIN_ID"] == str(each.number) for each in found)
-    with pytest.raises(ValueError, match="simulate fewer lanes"):
-        episode_domains(103)
+@given(
+    arrays(np.float32, st.integers(0, 64), elements=st.floats(0.0, 10.0, width=32)),
+    st.text(st.characters(codec="ascii", min_codepoint=33), min_size=0, max_size=9),
+)
+def test_a_scan_of_any_length_in_any_frame_is_the_same_bytes(ranges: np.ndarray, frame: str) -> None:
+    kind = "sensor_msgs/msg/LaserScan"
+    ros1 = sensor.laser_scan(1, NOW, frame, ranges, angle_min=0.0, angle_increment=0.1, range_max=8.0, scan_s=0.1)
+    cdr = bytes(type_store().ros1_to_cdr(ros1, kind))
+    assert cdr == _cyclone(kind, cdr)
 
 
-def test_nodes_are_told_of_the_loopback_alone() -> None:
-    (domain,) = episode_domains(1)
-    environment = domain.environment
-    assert environment["RMW_IMPLEMENTATION"] == "rmw_cyclonedds_cpp"
-    assert "address='127.0.0.1'" in environment["CYCLONEDDS_URI"]
-    assert "<AllowMulticast>false" in environment["CYCLONEDDS_URI"]
-    assert domain.tag in environment["CYCLONEDDS_URI"]
+@pytest.mark.parametrize("kind", [f"{ADD_TAGS}_Response", f"{CANCEL}_Request", "rmw_dds_common/msg/Gid"])
+def test_types_of_services_and_of_discovery_are_the_same_bytes(kind: str) -> None:
+    store = type_store()
+    values = {
+        f"{ADD_TAGS}_Response": {"success": True, "message": "so"},
+        f"{CANCEL}_Request": {},
+        "rmw_dds_common/msg/Gid": {"data": np.arange(16, dtype=np.uint8)},
+    }
+    cdr = bytes(store.serialize_cdr(store.types[kind](**values[kind]), kind))
+    assert cdr == _cyclone(kind, cdr)
+
+
+def test_a_request_begins_with_whose_it_is() -> None:
+    tags = structure("robomaker_simulation_msgs/msg/Tag")(key="a", value="bcd")  # type: ignore[call-arg]
+    request = structure(f"{ADD_TAGS}_Request", service=True)(guid=5, sequence=7, tags=[tags])  # type: ignore[call-arg]
+    cdr = bytes(request.serialize(use_version_2=False))
+    assert cdr[4:20] == (5).to_bytes(8, "little") + (7).to_bytes(8, "little")
+    message = type_store().deserialize_cdr(cdr[:4] + cdr[20:], f"{ADD_TAGS}_Request")
+    assert [(each.key, each.value) for each in message.tags] == [("a", "bcd")]  # type: ignore[attr-defined]
+
+
+def test_bytes_go_through_a_wire_type_as_they_are() -> None:
+    kind = wire_type("geometry_msgs/msg/Twist")
+    assert kind(b"any bytes").serialize() == b"any bytes"
+    assert kind.deserialize(b"others").cdr == b"others"

@@ -1,7 +1,7 @@
 """Pictures in three dimensions, where a GL is there."""
 
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +10,24 @@ import pytest
 from specs.data.world import Finish, World
 from specs.errors import SimyardError
 from tasks.export.picture import renderer
-from tasks.export.picture.renderer import Pixels, Render, open_renderer, render_png
+from tasks.export.picture.renderer import (
+    CAPTION_LINE,
+    FilmScene,
+    Pixels,
+    Render,
+    Shoot,
+    open_film,
+    open_renderer,
+    render_png,
+    render_sheet_png,
+)
 from tests.export.png_reader import decoded
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
 WIDTH, HEIGHT, SAMPLES = 160, 120, 4
+FILM_WIDTH, FILM_HEIGHT = 320, 240
+SCENE = FilmScene(world=apartment(), radius_m=0.2, low_m=0.0, high_m=0.3)
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +93,12 @@ def test_a_png_holds_the_picture(render: Render):
     assert decoded(file).shape == (60, 80, 3)
 
 
-def test_without_gl_there_is_no_picture_and_no_error(monkeypatch: pytest.MonkeyPatch):
+def test_without_gl_there_is_no_picture_sheet_or_film_and_no_error(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     assert render_png(apartment(), 80, 60) is None
+    assert render_sheet_png([apartment()]) is None
+    with open_film(SCENE, FILM_WIDTH, FILM_HEIGHT) as found:
+        assert found is None
 
 
 def test_a_renderer_that_fails_says_why(render: Render):
@@ -113,3 +128,86 @@ def test_a_renderer_that_hangs_is_ended_with_the_reason(
     monkeypatch.setattr(renderer, limit, 0.2)
     with pytest.raises(SimyardError, match=rf"{why}.*no answer within 0\.2 s"):
         render_png(apartment(), 80, 60)
+
+
+@pytest.fixture(scope="module")
+def shoot() -> Generator[Shoot, None, None]:
+    with open_film(SCENE, FILM_WIDTH, FILM_HEIGHT, samples=2) as found:
+        if found is None:
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
+        yield found
+
+
+def robot(pixels: Pixels) -> np.ndarray:
+    """Returns where the robot's orange is, as rows and columns."""
+    red, green, blue = (pixels[:, :, channel].astype(int) for channel in range(3))
+    return np.argwhere((red > 150) & (red > green + 40) & (green > blue + 60))
+
+
+def test_the_robot_is_where_it_is_put(shoot: Shoot):
+    west, east = robot(shoot(-1.5, 0.5, 0.0)), robot(shoot(1.0, 0.5, 0.0))
+    assert len(west) > 20
+    assert west[:, 1].mean() + 30 < east[:, 1].mean()
+
+
+@pytest.mark.long
+def test_only_the_robot_moves(shoot: Shoot):
+    before, after = shoot(-1.5, 0.5, 0.0), shoot(1.0, 0.5, 0.0)
+    changed = np.argwhere((before != after).any(axis=2))
+    assert 50 < len(changed) < 0.02 * FILM_WIDTH * FILM_HEIGHT
+
+
+@pytest.mark.long
+def test_what_stands_still_is_rendered_as_any_picture_of_the_world(shoot: Shoot):
+    with open_renderer(FILM_WIDTH, FILM_HEIGHT, 2) as render:
+        assert render
+        alone = render(SCENE.world, ())
+    assert (shoot(1.0, 0.5, 0.0) != alone).any(axis=2).mean() < 0.01
+
+
+@pytest.mark.long
+def test_it_points_ahead(shoot: Shoot):
+    assert (shoot(0.0, 0.5, 0.0) != shoot(0.0, 0.5, np.pi / 2)).any()
+    np.testing.assert_array_equal(shoot(0.0, 0.5, 0.0), shoot(0.0, 0.5, 0.0))
+
+
+@pytest.mark.long
+def test_it_is_hidden_by_what_stands_before_it(shoot: Shoot):
+    assert len(robot(shoot(0.0, -1.5, 0.0))) == 0  # within the sofa, whose seat is higher
+
+
+@pytest.mark.usefixtures("render")
+def test_worlds_stand_side_by_side_with_something_to_see_in_each():
+    file = render_sheet_png([apartment(), apartment(name="world-2-1")])
+    assert file is not None
+    sheet = decoded(file)
+    left, right = sheet[:, : sheet.shape[1] // 2], sheet[:, sheet.shape[1] // 2 :]
+    assert left.std() > 10.0
+    assert right.std() > 10.0
+    assert sheet.shape[1] > sheet.shape[0]
+
+
+@pytest.mark.usefixtures("render")
+def test_no_more_worlds_are_read_than_asked_for():
+    def one_more() -> Iterator[World]:
+        yield apartment()
+        pytest.fail("a world was read that is not rendered")
+
+    assert render_sheet_png(one_more(), most=1) is not None
+
+
+@pytest.mark.usefixtures("render")
+def test_a_caption_is_written_below_its_picture():
+    with open_renderer(200, 150, 1) as render:
+        assert render is not None
+        plain, named = render(apartment(), ()), render(apartment(), ("world-1-1", "36.0 m2"))
+    text = named[-2 * CAPTION_LINE :]
+    assert plain.shape == named.shape
+    assert np.all(text[:, -8:] == 255)
+    for line in (text[:CAPTION_LINE], text[CAPTION_LINE:]):
+        assert line.min() < 100
+
+
+def test_a_sheet_without_worlds_is_refused():
+    with pytest.raises(ValueError, match="needs a world"):
+        render_sheet_png([])

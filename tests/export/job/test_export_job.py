@@ -1,6 +1,7 @@
 """An export job ends in a record, whatever happens to its bucket, and can be done again after any death."""
 
 import hashlib
+import random
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,6 +12,7 @@ from specs.base import canonical_document
 from specs.errors import (
     BucketNotFound,
     IdempotentParameterMismatch,
+    ObjectNotFound,
     StoreAccessDenied,
     StoreAway,
     StoreDamaged,
@@ -19,7 +21,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.export.job.export_job import KIND, run_export_job
+from tasks.export.job.export_job import KIND, put, run_export_job, upload
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -30,7 +32,9 @@ from tests.export.export_jobs import (
     OTHER_TOKEN,
     TOKEN,
     WORLDS,
+    CancelingBucket,
     break_bucket,
+    cancel,
     keep,
     request,
     run,
@@ -214,3 +218,158 @@ def test_a_format_whose_library_is_missing_fails_the_job_and_says_what_to_instal
     record = run_export_job(store, request(), formats=("usd",), token=TOKEN, progress=lambda *_: None)
     assert (record.status, record.failure_code) == ("Failed", "InvalidInput")
     assert "pip install 'simyard[usd]'" in record.failure_reason
+
+
+def test_a_job_that_is_being_canceled_ends_canceled_and_uploads_nothing(store: Store):
+    cancel(store)
+    assert run(store).status == "Canceled"
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+def test_a_job_that_is_canceled_among_its_worlds_stops_there_and_uploads_nothing(store: Store):
+    def cancel_after_one(done: int, _total: int) -> None:
+        assert done == 1
+        cancel(store)
+
+    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel_after_one)
+    assert record.status == "Canceled"
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+@pytest.mark.parametrize("status", ["Canceling", "Canceled"])  # the latter by another, who took this run for dead
+@pytest.mark.parametrize("at", [1, 2, 3])  # two plans, the zip
+def test_a_job_that_is_canceled_among_its_uploads_stops_there_and_leaves_nothing(
+    store: Store, monkeypatch: pytest.MonkeyPatch, at: int, status: str
+):
+    bucket = CancelingBucket(store, at, status=status)
+    monkeypatch.setattr("tasks.export.job.export_job.open_bucket", lambda _store, _name: bucket)
+    assert run(store).status == "Canceled"
+    assert bucket.writes == at
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+def test_a_canceled_job_ends_canceled_where_nothing_may_be_removed_and_says_so(
+    store: Store, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    bucket = CancelingBucket(store, 1, removes=False)
+    monkeypatch.setattr("tasks.export.job.export_job.open_bucket", lambda _store, _name: bucket)
+    assert run(store).status == "Canceled"
+    assert "no removing" in caplog.text
+
+
+def test_a_canceled_job_leaves_nothing_of_a_run_that_was_killed_either(store: Store, monkeypatch: pytest.MonkeyPatch):
+    with monkeypatch.context() as broken:
+        break_bucket(broken, KeyboardInterrupt(), writes=2)
+        with pytest.raises(KeyboardInterrupt):
+            run(store)
+    assert len(open_bucket(store, "worlds").keys("")) == 2
+
+    def cancel_after_one(_done: int, _total: int) -> None:
+        cancel(store)
+
+    record = run_export_job(store, request(), formats=("mjcf", "svg"), token=TOKEN, progress=cancel_after_one)
+    assert record.status == "Canceled"
+    assert open_bucket(store, "worlds").keys("") == []
+
+
+@pytest.fixture
+def waited_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """What was waited between the attempts, without waiting it."""
+    waits_s: list[float] = []
+    monkeypatch.setattr("tasks.export.job.export_job.time.sleep", waits_s.append)
+    return waits_s
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    (tmp_path / "source").write_bytes(b"body")
+    return tmp_path / "source"
+
+
+def fail(patch: pytest.MonkeyPatch, store: Store, method: str, *errors: StoreError) -> None:
+    """Makes the first calls of a store's method raise these errors, and the later ones do what they should."""
+    due, real = iter(errors), getattr(store, method)
+
+    def call(*arguments: object) -> object:
+        if error := next(due, None):
+            raise error
+        return real(*arguments)
+
+    patch.setattr(store, method, call)
+
+
+@pytest.mark.parametrize("error", [StoreDamaged("other bytes"), StoreUnreachable("gone"), StoreThrottled("slow down")])
+def test_what_may_pass_is_tried_again(
+    file_store: Store, source: Path, waited_s: list[float], monkeypatch: pytest.MonkeyPatch, error: StoreError
+):
+    fail(monkeypatch, file_store, "upload", error, error, error)
+    upload(file_store, "a.zip", source)
+    assert file_store.get("a.zip").body == b"body"
+    assert len(waited_s) == 3
+
+
+def test_after_the_last_attempt_the_error_is_told(
+    file_store: Store, source: Path, waited_s: list[float], monkeypatch: pytest.MonkeyPatch
+):
+    fail(monkeypatch, file_store, "upload", *[StoreDamaged(str(number)) for number in range(5)])
+    with pytest.raises(StoreDamaged, match="3"):
+        upload(file_store, "a.zip", source)
+    assert len(waited_s) == 3
+
+
+@pytest.mark.parametrize("error", [BucketNotFound("none"), StoreAccessDenied("no")])
+def test_what_does_not_pass_is_told_at_once(
+    file_store: Store, waited_s: list[float], monkeypatch: pytest.MonkeyPatch, error: StoreError
+):
+    fail(monkeypatch, file_store, "put", error)
+    with pytest.raises(type(error)):
+        put(file_store, "a.svg", b"body")
+    assert waited_s == []
+
+
+def test_waits_are_spread_about_ever_longer_ones(
+    file_store: Store, waited_s: list[float], monkeypatch: pytest.MonkeyPatch
+):
+    draws = iter([0.5, 1.0, 1.5] * 2)
+
+    def uniform(_self: random.SystemRandom, low: float, high: float) -> float:
+        assert (low, high) == (0.5, 1.5)
+        return next(draws)
+
+    monkeypatch.setattr(random.SystemRandom, "uniform", uniform)
+    fail(monkeypatch, file_store, "put", *[StoreUnreachable("gone")] * 3)
+    put(file_store, "a.svg", b"body")
+    assert waited_s == [0.5, 3.0, 13.5]
+
+
+def test_two_exports_that_failed_together_do_not_come_back_together(
+    file_store: Store, waited_s: list[float], monkeypatch: pytest.MonkeyPatch
+):
+    for key in ("a.svg", "b.svg"):
+        with monkeypatch.context() as patch:
+            fail(patch, file_store, "put", StoreUnreachable("gone"))
+            put(file_store, key, b"body")
+    assert len(set(waited_s)) == 2
+    assert all(0.5 <= wait_s <= 1.5 for wait_s in waited_s)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        StoreError("MethodNotAllowed (405)"),
+        ObjectNotFound("NoSuchUpload (404)"),
+        StoreAccessDenied("no"),
+        StoreUnreachable("gone"),
+    ],
+)
+def test_a_bucket_that_cannot_be_swept_gets_the_file_all_the_same(
+    file_store: Store,
+    source: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+    error: StoreError,
+):
+    fail(monkeypatch, file_store, "sweep", error)
+    upload(file_store, "a.zip", source)
+    assert file_store.get("a.zip").body == b"body"
+    assert str(error) in caplog.text
