@@ -10,50 +10,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
-import pyarrow as pa
-
-from specs.base import Fault
-from specs.errors import DocumentError
-from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, stored_rows
-from tasks.simulate.batch.batch_record import KIND, load_batch
-from tasks.simulate.plan.plan_batch import recorded_location
-from tasks.storage.base.store import Store
-from tasks.storage.resource_names import find_batch_name
-
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from simyard.answer.batch_answers import Comparison, Judgement, Replay, Report, Results
     from simyard.answer.run_answers import Run, Trend
     from simyard.document_calls import DocumentLike
-
-
-def batch_rows(store: Store, batch: str, columns: Sequence[str] | None, *, failures: bool) -> tuple[str, pa.Table]:
-    """Returns a batch's id and its rows.
-
-    Args:
-        store: The store of the batch.
-        batch: ARN or id of the batch, of one of its jobs, or of a run of a document.
-        columns: Names of columns; None for all.
-        failures: Whether to read the table of those that did not pass.
-
-    Raises:
-        ResourceNotFound: There is no such batch, or its tables are gone.
-        DocumentError: It has no tables yet, or no such column.
-        StageFailed: They are not what it wrote.
-    """
-    record = load_batch(store, find_batch_name(store, batch)).record()
-    if "results_url" not in record.detail:
-        raise _refused(KIND, record.id, f"a batch that has its tables; this one is {record.status}")
-    name = FAILURES_FILE if failures else RESULTS_FILE
-    written = cast("dict[str, str]", record.detail["sha256s"])[name]
-    table = stored_rows(store, recorded_location(record), record.id, name, sha256=written)
-    unknown = [each for each in columns or () if each not in table.column_names]
-    if unknown:
-        raise _refused("columns", ", ".join(unknown), f"columns of {name}: {', '.join(table.column_names)}")
-    return record.id, table.select(list(columns)) if columns else table
-
-
-def _refused(path: str, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=path, value=value, allowed=allowed)], "simyard")
+    from specs.errors import DocumentError
+    from tasks.storage.base.store import Store
 
 
 Place = str | os.PathLike[str]
@@ -79,7 +43,7 @@ def results(
     from simyard.answer.batch_answers import Results
 
     opened, named = _batch(batch, store)
-    found, table = batch_rows(opened, named, columns, failures=failures)
+    found, table = _batch_rows(opened, named, columns, failures=failures)
     return Results(found, table)
 
 
@@ -238,3 +202,41 @@ def trend(
     asked = TrendAsked(document=document, measure=parse_measure(measure), choice=choice, last=last, since_s=since_s)
     view = find_trend(open_existing_store(store_url(store)), asked)
     return Trend(view, trend_page(view))
+
+
+def _batch_rows(store: "Store", batch: str, columns: Sequence[str] | None, *, failures: bool) -> "tuple[str, pa.Table]":
+    """Returns a batch's id and its rows.
+
+    Args:
+        store: The store of the batch.
+        batch: ARN or id of the batch, of one of its jobs, or of a run of a document.
+        columns: Names of columns; None for all.
+        failures: Whether to read the table of those that did not pass.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or its tables are gone.
+        DocumentError: It has no tables yet, or no such column.
+        StageFailed: They are not what it wrote.
+    """
+    from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, stored_rows
+    from tasks.simulate.batch.batch_record import KIND, load_batch
+    from tasks.simulate.plan.plan_batch import recorded_location
+    from tasks.storage.resource_names import find_batch_name
+
+    record = load_batch(store, find_batch_name(store, batch)).record()
+    if "results_url" not in record.detail:
+        raise _refused(KIND, record.id, f"a batch that has its tables; this one is {record.status}")
+    name = FAILURES_FILE if failures else RESULTS_FILE
+    written = cast("dict[str, str]", record.detail["sha256s"])[name]
+    table = stored_rows(store, recorded_location(record), record.id, name, sha256=written)
+    unknown = [each for each in columns or () if each not in table.column_names]
+    if unknown:
+        raise _refused("columns", ", ".join(unknown), f"columns of {name}: {', '.join(table.column_names)}")
+    return record.id, table.select(list(columns)) if columns else table
+
+
+def _refused(path: str, value: str, allowed: str) -> "DocumentError":
+    from specs.base import Fault
+    from specs.errors import DocumentError
+
+    return DocumentError([Fault(path=path, value=value, allowed=allowed)], "simyard")

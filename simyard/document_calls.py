@@ -8,6 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+if TYPE_CHECKING:
+    from simyard.answer.run_answers import Plan, Run
+    from specs.pipeline.document import PipelineSpec
+
+    DocumentLike = str | os.PathLike[str] | Mapping[str, object] | PipelineSpec
+
+Place = str | os.PathLike[str]
+Progress = Callable[[str, int, int], None]
+
 
 def store_url(place: str | os.PathLike[str] | None) -> str | None:
     """Returns the URL of a store.
@@ -18,16 +27,6 @@ def store_url(place: str | os.PathLike[str] | None) -> str | None:
     if place is None or (isinstance(place, str) and "://" in place):
         return place
     return Path(place).resolve().as_uri()
-
-
-if TYPE_CHECKING:
-    from simyard.answer.run_answers import Plan, Run
-    from specs.pipeline.document import PipelineSpec
-
-    DocumentLike = str | os.PathLike[str] | Mapping[str, object] | PipelineSpec
-
-Place = str | os.PathLike[str]
-Progress = Callable[[str, int, int], None]
 
 
 class _Read(NamedTuple):
