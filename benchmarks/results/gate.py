@@ -1,9 +1,8 @@
 """What a gate saves that may end its batch early, and how often it errs: computed state by state, nothing is drawn.
 
 For several true success rates: how many episodes a batch of 384 drives in the mean until the gate is certain, looked at
-after every chunk, and what it answers; beside it what the test of before answered, which knew of no end (a bet on all
-alternatives), and what the batch would that is driven to its end. Then other ways to share the error among looks, and
-batches whose worlds differ.
+after every chunk, and what it answers; beside it what the batch would that is driven to its end. Then other ways to
+share the error among looks, and batches whose worlds differ.
 
     python -m benchmarks.results.gate [--json FILE]
 """
@@ -20,7 +19,6 @@ import numpy as np
 
 from benchmarks.results.gate_pairs import pairs_table
 from benchmarks.tables import markdown
-from tasks.results.statistics.anytime import log_capital_above
 from tasks.results.statistics.interim_analyses import (
     Boundary,
     Chances,
@@ -53,13 +51,6 @@ def at_looks(rate: float, chunk: int) -> Chances:
     return chances_between(looks, boundary(looks, BAR, 1.0 - ALPHA), rate)
 
 
-def with_no_end(rate: float, chunk: int) -> Chances:
-    """Returns what became of such a batch by the bet that knew of no end."""
-    looks = looks_of(EPISODES, chunk)
-    fails = tuple(look - _least_for_bet(look, 1.0 - BAR) for look in looks)
-    return chances_between(looks, Boundary(tuple(_least_for_bet(look, BAR) for look in looks), fails), rate)
-
-
 def to_the_end(rate: float) -> Chances:
     """Returns what becomes of a batch that is driven to its end and judged by Wilson's interval."""
     counts, confidence = range(EPISODES + 1), 1.0 - ALPHA
@@ -77,19 +68,17 @@ def table() -> list[tuple[str, ...]]:
             f"episodes driven, chunks of {chunks}",
             f"PASS, chunks of {chunks}",
             f"FAIL, chunks of {chunks}",
-            f"with no end in sight, chunks of {CHUNKS[1]}: driven, PASS, FAIL",
             "to its end: PASS, FAIL",
         )
     ]
     for rate in RATES:
-        found, bet, end = [at_looks(rate, chunk) for chunk in CHUNKS], with_no_end(rate, CHUNKS[1]), to_the_end(rate)
+        found, end = [at_looks(rate, chunk) for chunk in CHUNKS], to_the_end(rate)
         rows.append(
             (
                 f"{100 * rate:g} %",
                 ", ".join(f"{each.episodes:.0f}" for each in found),
                 ", ".join(_percent(each.passes) for each in found),
                 ", ".join(_percent(each.fails) for each in found),
-                f"{bet.episodes:.0f}, {_percent(bet.passes)}, {_percent(bet.fails)}",
                 f"{_percent(end.passes)}, {_percent(end.fails)}",
             )
         )
@@ -181,13 +170,6 @@ def _ever(passes: "np.ndarray", looks: Sequence[int], ends: Boundary) -> tuple[f
     counts = np.cumsum(passes, axis=1, dtype=np.int64)[:, np.array(looks) - 1]
     above, below = counts >= np.array(ends.passes), counts <= np.array(ends.fails)
     return float(above.any(axis=1).mean()), float(below.any(axis=1).mean())
-
-
-def _least_for_bet(n: int, bar: float) -> int:
-    enough = math.log(2.0 / ALPHA)
-    return bisect.bisect_left(
-        range(n + 1), x=True, key=lambda count: count >= n * bar and log_capital_above(count, n, bar) >= enough
-    )
 
 
 def _percent(share: float) -> str:

@@ -273,8 +273,7 @@ def gate_material(
         lacks=Completeness(
             canceled=counts.canceled - left_out,
             left_out=left_out,
-            sequential=(later or bool(gate.stopEarly)) and bool(plan.shuffled),
-            looks=tuple(look * (1 + both) for look in Layout(plan).looks()),
+            looks=tuple(look * (1 + both) for look in Layout(plan).looks()) if later or gate.stopEarly else (),
             paired=plan.shuffled == "pairs" and not both,
         ),
         rows=rows,

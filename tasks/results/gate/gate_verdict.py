@@ -258,12 +258,12 @@ _PAIRED = "noWorseThan"
 class InterimGate:
     """Counts a batch's episodes as they end, for the rules that can be sure early."""
 
-    def __init__(self, gate: Gate, looks: tuple[int, ...] = (), *, paired: bool = False) -> None:
+    def __init__(self, gate: Gate, looks: tuple[int, ...], *, paired: bool = False) -> None:
         """Begins to count.
 
         Args:
             gate: What is asked for.
-            looks: After how many episodes it is asked, the last being all of them; none of a batch of before.
+            looks: After how many episodes it is asked, the last being all of them.
             paired: Whether the other version drives each episode, too, before the next is looked at.
         """
         asked = [(rule, label, section) for rule in GATE_RULES for label, section in rule.asked(gate)]
@@ -300,13 +300,11 @@ class InterimGate:
         A rule that fails fails the gate. That it passes needs all of its rules, and only those that count episodes one
         by one can be asked before the end. Where narrower intervals leave it open, the right ones are not computed.
         """
-        return self._answer(inner=False) if not self._looks or self._answer(inner=True) else None
+        return self._answer(inner=False) if self._answer(inner=True) else None
 
     def _answer(self, *, inner: bool) -> Verdict | None:
         counts = self._counts()
-        lacks = Completeness(
-            canceled=counts.canceled, sequential=True, looks=self._looks, paired=self._paired, inner=inner
-        )
+        lacks = Completeness(canceled=counts.canceled, looks=self._looks, paired=self._paired, inner=inner)
         material = GateMaterial(counts, lacks, pairs=self._pairs, shares=self._shares)
         answer = combine([rule.judge(asked, material, label).verdict for rule, label, asked in self._rules])
         return answer if answer == "FAIL" or (answer == "PASS" and self._all_can_be_sure) else None

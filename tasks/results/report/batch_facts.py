@@ -29,7 +29,7 @@ class Judgement(Spec):
         confidence: Coverage of the intervals that it was judged by.
         rate: The success rate that was judged, of the tested version alone; None if none was.
         interval: Its interval, or None likewise.
-        method: What that is: ``Wilson``, or ``confidence sequence`` for a batch that may end early.
+        method: What that is: ``Wilson``, or ``repeated confidence interval`` for a batch that may end early.
         over_worlds: Whether that interval is of worlds like these, and not of these alone.
         sequential: Whether the batch might have ended early.
         rules: Each rule by itself, where there are several.

@@ -120,14 +120,5 @@ def test_a_batch_of_several_programs_runs_to_its_end_and_is_judged_as_one_that_d
     assert not found.lacks.sequential
 
 
-def test_a_batch_of_before_is_looked_at_and_judged_as_it_was(file_store: Store):
-    of_before = plan(file_store, seeds=tuple(range(80)), lanes=16, shuffled=True)
-    batch = begun(file_store, of_before)
-    ended = driven(batch)
-    verdict = judge(GATE, gate_material(GATE, closed(batch, ended), file_store, None))
-    assert (ended["episodes"], verdict.rules[0].method) == (48, "confidence sequence")
-    assert "looks" not in ended
-
-
 def test_the_record_says_after_how_many_episodes_the_gate_was_asked(file_store: Store):
     assert driven(started(file_store))["looks"] == [*range(16, 161, 16)]

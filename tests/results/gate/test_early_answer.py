@@ -11,7 +11,7 @@ Rules = dict[str, object]
 
 
 def answer(rules: Rules, successes: int, failures: int = 0, *, crashes: int = 0, cancels: int = 0) -> Verdict | None:
-    early = InterimGate(Gate.model_validate({"stopEarly": True, **rules}))
+    early = InterimGate(Gate.model_validate({"stopEarly": True, **rules}), tuple(range(20, 261, 20)))
     early.add(batch(successes, failures))
     early.add([crashed(number) for number in range(crashes)])
     early.add([canceled(number) for number in range(cancels)])
@@ -27,7 +27,7 @@ TOUCH: Rules = {"collisionRate": {"atMost": 0.1}}
     ("successes", "failures", "expected"),
     [(30, 0, None), (60, 0, "PASS"), (57, 3, None), (40, 20, "FAIL"), (0, 0, None)],
 )
-def test_a_success_rate_is_certain_when_the_confidence_sequence_is_clear_of_the_bar(
+def test_a_success_rate_is_certain_when_its_interval_at_the_look_is_clear_of_the_bar(
     successes: int, failures: int, expected: Verdict | None
 ):
     assert answer(RATE, successes, failures) == expected

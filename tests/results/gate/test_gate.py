@@ -203,14 +203,14 @@ def test_a_quantile_is_called_by_its_column():
 def test_a_batch_that_may_be_ended_early_is_judged_by_what_holds_at_any_look():
     counts = counted(batch(38, 0))
     fixed = judge(GATE, GateMaterial(counts))
-    looked = judge(GATE, GateMaterial(counts, Completeness(sequential=True)))
+    looked = judge(GATE, GateMaterial(counts, Completeness(looks=(38, 76))))
     assert (fixed.verdict, looked.verdict) == ("PASS", "INCONCLUSIVE")
     assert "95 % interval at any look" in looked.sentence
 
 
 def test_episodes_that_were_not_needed_any_more_do_not_stand_in_the_way():
     counts = counted(batch(64, 0, cancels=64))
-    verdict = judge(GATE, GateMaterial(counts, Completeness(left_out=64, sequential=True)))
+    verdict = judge(GATE, GateMaterial(counts, Completeness(left_out=64, looks=(64, 128))))
     assert verdict.verdict == "PASS"
     assert verdict.sentence.endswith("; 64 not needed any more")
 
@@ -219,7 +219,7 @@ def test_a_rule_that_needs_the_whole_batch_does_not_pass_on_a_part_of_it():
     rule = gate(quantiles=[{"column": "min_clearance_m", "quantile": 0.5, "atLeast": 0.1}])
     whole = rows(80, 0)
     assert judge(rule, whole).verdict == "PASS"
-    part = GateMaterial(whole.counts, Completeness(left_out=5, sequential=True), rows=whole.rows)
+    part = GateMaterial(whole.counts, Completeness(left_out=5, looks=(80, 85)), rows=whole.rows)
     assert judge(rule, part).verdict == "INCONCLUSIVE"
 
 

@@ -212,11 +212,11 @@ def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path:
         confidence=0.9,
         rate=0.25,
         interval=Interval(lower=0.125, upper=0.5),
-        method="confidence sequence",
+        method="repeated confidence interval",
         sequential=True,
     )
     page = report_page(view(tmp_path, judgement=judged)).decode()
-    said = "25.0\u00a0%, 90\u00a0% interval (confidence sequence) 12.5 to 50.0\u00a0% in these 2 worlds"
+    said = "25.0\u00a0%, 90\u00a0% interval (repeated confidence interval) 12.5 to 50.0\u00a0% in these 2 worlds"
     assert f"{said}; 90 % asked for</desc>" in page
     assert "This batch might have ended as soon as the gate was certain" in page
     assert "might have ended" not in report_page(view(tmp_path)).decode()

@@ -40,7 +40,7 @@ def _judge(asked: NoWorseThan, material: GateMaterial, label: str) -> RuleVerdic
     why = refusal("difference", lacks, pairs.driven_worlds()) if asked.over else ""
     if why:
         return nothing_counted(label, why)
-    at_looks = bool(lacks.sequential and lacks.looks and lacks.paired)
+    at_looks = lacks.sequential and lacks.paired
     # Where both versions were looked at together, what was left out was not needed, and nothing is assumed of it.
     gone = unseen("noWorseThan", gaps(lacks._replace(left_out=0) if at_looks else lacks))
     interval, method = _interval(pairs, asked, lacks, gone.best, at_looks=at_looks)

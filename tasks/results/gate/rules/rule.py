@@ -34,8 +34,8 @@ class RuleVerdict(Spec):
     Attributes:
         rule: Where it stands in the gate, such as ``successRate`` or ``quantiles[0]``.
         sentence: The answer and why, for a person.
-        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``confidence sequence``, ``Tango``,
-            ``order statistics``, or one over worlds.
+        method: What the interval is: ``Wilson``, ``repeated confidence interval``, ``Tango``, ``order statistics``, or
+            one over worlds.
         counted: Episodes, or pairs of them.
         estimate: The share, difference or quantile as it was seen; None of nothing.
         lower: Lower bound of the interval; None if it has none.
@@ -66,9 +66,8 @@ class Completeness(NamedTuple):
         canceled: Episodes that somebody canceled.
         missing: Episodes that never got a result.
         left_out: Episodes that were not needed any more, because the gate was certain.
-        sequential: Whether the batch may have been ended by what was counted, so that no ordinary interval holds.
-        looks: After how many episodes the gate was asked, the last being all of them; none of a batch that had no end
-            in sight, which is judged by a confidence sequence.
+        looks: After how many episodes the gate was asked, the last being all of them, of a batch that may have been
+            ended by what was counted, so that no ordinary interval holds; none of one that was driven to its end.
         paired: Whether both versions drove the same episodes at each look.
         inner: Whether an interval that is too narrow will do, to see whether the right one is worth its computation.
     """
@@ -76,10 +75,14 @@ class Completeness(NamedTuple):
     canceled: int = 0
     missing: int = 0
     left_out: int = 0
-    sequential: bool = False
     looks: tuple[int, ...] = ()
     paired: bool = False
     inner: bool = False
+
+    @property
+    def sequential(self) -> bool:
+        """Whether the batch may have been ended by what was counted."""
+        return bool(self.looks)
 
     def look(self, counted: int) -> int:
         """Returns how many episodes there were at the look, those included that ought to have been counted.

@@ -14,7 +14,6 @@ from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import CollisionRate, Over, SuccessRate
 from tasks.results.gate.missing_data import Gap, Rule, unseen
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, PlannedEpisodes, RuleVerdict, Share, WorldShare
-from tasks.results.statistics.anytime import confidence_sequence
 from tasks.results.statistics.interim_analyses import inner_interval, repeated_interval
 from tasks.results.statistics.intervals import Interval, wilson
 from tasks.results.statistics.over_worlds import rate_over_worlds, why_refused, world_spread
@@ -33,10 +32,8 @@ def share_interval(count: int, n: int, confidence: float, lacks: Completeness) -
         confidence: Coverage, between 0 and 1.
         lacks: Says whether the batch may have been ended by what was counted.
     """
-    if lacks.sequential and lacks.looks:
-        return _interval_at_look(count, n, confidence, lacks), AT_LOOKS
     if lacks.sequential:
-        return confidence_sequence(count, n, confidence), "confidence sequence"
+        return _interval_at_look(count, n, confidence, lacks), AT_LOOKS
     return wilson(count, n, confidence), "Wilson"
 
 
@@ -102,7 +99,7 @@ def rate_text(rate: float, interval: Interval, confidence: float, method: str) -
         confidence: Its coverage.
         method: What it is called.
     """
-    kind = "interval at any look" if method in (AT_LOOKS, "confidence sequence") else "interval"
+    kind = "interval at any look" if method == AT_LOOKS else "interval"
     return f"{100 * rate:.1f} %, {100 * confidence:g} % {kind} {percent_text(interval)}"
 
 
@@ -171,7 +168,7 @@ def rate_of(
         found = rate_interval_over_worlds([each.whole for each in worlds], confidence)
         return Rate(found, OVER_WORLDS, gone.blocks, where_text(driven, over), "", facts)
     # At a look, the interval itself takes what is not counted there for either.
-    best = 0 if lacks.sequential and lacks.looks else gone.best
+    best = 0 if lacks.sequential else gone.best
     more, fewer = (best, 0) if more_is_better else (0, best)
     lower, method = share_interval(share.shown, share.n + fewer, confidence, lacks)
     upper, _ = share_interval(share.shown + share.unknown + more, share.n + more, confidence, lacks)
