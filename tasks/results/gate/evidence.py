@@ -23,7 +23,7 @@ from specs.field_types import Architecture, OutputLocation
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate_verdict import GateVerdict
 from tasks.results.gate.rules.rule import RuleVerdict
-from tasks.results.gate.shipped_builds import Shipment, shipment_changes
+from tasks.results.gate.shipped_builds import Shipment, shipment_lines
 from tasks.results.statistics.batch_summary import EpisodeCounts
 from tasks.results.statistics.room_coverage import RoomCoverage
 from tasks.results.tables.result_files import RESULTS_FILE
@@ -277,6 +277,28 @@ def evidence_faults(
         *shipment_changes(evidence, ships),
         *_file_faults(store, evidence, locate),
     ]
+
+
+def shipment_changes(evidence: Evidence, ships: Shipment | None) -> Iterator[str]:
+    """Yields what is to be shipped and is not what the evidence says, a line each.
+
+    Args:
+        evidence: What the gate judged.
+        ships: What is to be shipped; None where nobody settled it.
+    """
+    if ships is None:
+        return
+    if evidence.ships != ships:
+        found = "; ".join(shipment_lines(evidence.ships)) if evidence.ships else "nothing"
+        yield f"to be shipped is {'; '.join(shipment_lines(ships))}; the evidence of {evidence.batch} names {found}"
+    judged = {robot.digest for robot in evidence.judged_robots()}
+    tested = {build.architecture for build in ships.builds if build.digest in judged}
+    for build in ships.builds:
+        if build.digest not in judged and build.tested_as not in tested:
+            yield f"the build for {build.architecture}, {build.digest}, is not one that the gate judged"
+    for name, value in ships.variables.items():
+        if value not in evidence.environments.get(name, ()):
+            yield f"variable {name} is to be {value!r} on robots, which no episode of {evidence.batch} had"
 
 
 def _robot_faults(evidence: Evidence, shipped: str) -> Iterator[str]:

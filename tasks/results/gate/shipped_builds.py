@@ -11,7 +11,6 @@ why.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 from pydantic import Field
 
@@ -19,9 +18,6 @@ from specs.base import Fault, Spec
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment, UntestedBuild
 from specs.robomaker.bundle import Version
-
-if TYPE_CHECKING:
-    from tasks.results.gate.evidence import Evidence
 
 _BUILDS = "deployment.untestedBuilds"
 
@@ -126,28 +122,6 @@ def _build_faults(
     elif named.testedAs not in tested:
         allowed = f"an architecture of {what} whose build the batch drives: {', '.join(tested) or 'none'}"
         yield Fault(path=f"{place}.testedAs", value=named.testedAs, allowed=allowed)
-
-
-def shipment_changes(evidence: "Evidence", ships: Shipment | None) -> Iterator[str]:
-    """Yields what is to be shipped and is not what the evidence says, a line each.
-
-    Args:
-        evidence: What the gate judged.
-        ships: What is to be shipped; None where nobody settled it.
-    """
-    if ships is None:
-        return
-    if evidence.ships != ships:
-        found = "; ".join(shipment_lines(evidence.ships)) if evidence.ships else "nothing"
-        yield f"to be shipped is {'; '.join(shipment_lines(ships))}; the evidence of {evidence.batch} names {found}"
-    judged = {robot.digest for robot in evidence.judged_robots()}
-    tested = {build.architecture for build in ships.builds if build.digest in judged}
-    for build in ships.builds:
-        if build.digest not in judged and build.tested_as not in tested:
-            yield f"the build for {build.architecture}, {build.digest}, is not one that the gate judged"
-    for name, value in ships.variables.items():
-        if value not in evidence.environments.get(name, ()):
-            yield f"variable {name} is to be {value!r} on robots, which no episode of {evidence.batch} had"
 
 
 def version_changes(ships: Shipment, version: Version) -> Iterator[str]:
