@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tasks.results.statistics.intervals import Interval
+from tasks.results.statistics.intervals import Interval, clopper_pearson
 
 _GAMMA = -2.0
 # The walk's density lives within eight standard deviations; Simpson's rule on so many points errs by less than 1e-9.
@@ -224,12 +224,7 @@ def inner_interval(successes: int, n: int, looks: tuple[int, ...], confidence: f
     """
     if n == 0:
         return Interval(lower=0.0, upper=1.0)
-    from scipy.stats import beta  # noqa: PLC0415
-
-    spent = spent_error(looks, (1.0 - confidence) / 2.0)[looks.index(n)]
-    lower = beta.ppf(spent, successes, n - successes + 1) if successes else 0.0
-    upper = beta.isf(spent, successes + 1, n - successes) if successes < n else 1.0
-    return Interval(lower=float(lower), upper=float(upper))
+    return clopper_pearson(successes, n, spent_error(looks, (1.0 - confidence) / 2.0)[looks.index(n)])
 
 
 def tested_shares(lowest: float, highest: float) -> Float[np.ndarray, " shares"]:
@@ -259,11 +254,11 @@ def _highest_rejected_share(successes: int, looks: Sequence[int], spent: Sequenc
     """
     if successes == 0:
         return 0
-    from scipy.stats import beta  # noqa: PLC0415 - most commands judge nothing
+    from scipy.special import betaincinv  # noqa: PLC0415 - most commands judge nothing
 
     n, before = looks[-1], spent[-2] if len(spent) > 1 else 0.0
     least = max(spent[-1] - before - _TAIL_RESERVE, 0.0)
-    certain, possible = beta.ppf([least, spent[-1]], successes, n - successes + 1)
+    certain, possible = betaincinv(successes, n - successes + 1, [least, spent[-1]])
     start = _round_down(float(certain))
     points = _grid(start, math.floor(possible * _WHOLE))
     if not len(points):

@@ -18,6 +18,8 @@ from jaxtyping import Float
 
 from specs.base import Spec
 
+_Numbers = float | Float[np.ndarray, "..."]
+
 
 class Interval(Spec):
     """Two bounds, the lower first; of a share 0-1, of a difference of shares -1 to 1."""
@@ -44,11 +46,48 @@ def wilson(successes: int, n: int, confidence: float) -> Interval:
     # The same bits as scipy.stats.binomtest, whose import takes half a second of the processor.
     from scipy.special import ndtri  # noqa: PLC0415
 
-    z, rate = ndtri(0.5 + 0.5 * confidence), successes / n
-    scale = 2 * (n + z**2)
-    centre, reach = (2 * n * rate + z**2) / scale, z / scale * math.sqrt(4 * n * rate * (1 - rate) + z**2)
+    lower, upper = _score_bounds(successes / n, n, ndtri(0.5 + 0.5 * confidence))
+    return Interval(lower=float(lower) if successes else 0.0, upper=float(upper) if successes < n else 1.0)
+
+
+def wilson_bounds(
+    successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."], confidence: float
+) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
+    """Returns the lower and upper bounds of many shares at once, as `wilson` has them; it needs no scipy.
+
+    Args:
+        successes: Each 0 to ``n``.
+        n: How many were counted, 1 at least.
+        confidence: Coverage, between 0 and 1.
+    """
+    lower, upper = _score_bounds(successes / n, n, NormalDist().inv_cdf((1.0 + confidence) / 2.0))
+    return np.maximum(lower, 0.0), np.minimum(upper, 1.0)
+
+
+def clopper_pearson(shown: float, n: float, tail: float) -> Interval:
+    """Returns the two-sided exact interval of a share (Clopper and Pearson 1934, Biometrika 26:404).
+
+    It covers at least as often as asked for, whatever the share, and also where chances differ within a group, as they
+    do between worlds: sums of unlike chances scatter less than those of equal ones (Hoeffding 1956, Annals of
+    Mathematical Statistics 27:713). Counts need not be whole: those of weighted things are effective numbers (Korn and
+    Graubard 1998, Survey Methodology 24:193).
+
+    Args:
+        shown: 0 to ``n``.
+        n: How many were counted; none says nothing, so the interval is then 0 to 1.
+        tail: How often each bound may miss, between 0 and 0.5.
+
+    Raises:
+        ValueError: The numbers are not such.
+    """
+    if not (0.0 <= shown <= n and 0.0 < tail < 0.5):
+        raise ValueError(f"{shown} of {n} with tails of {tail}: 0 <= shown <= n, 0 < tail < 0.5")
+    # The same bits as quantiles of scipy.stats.beta, whose import takes half a second of the processor.
+    from scipy.special import betaincinv  # noqa: PLC0415
+
     return Interval(
-        lower=float(centre - reach) if successes else 0.0, upper=float(centre + reach) if successes < n else 1.0
+        lower=float(betaincinv(shown, n - shown + 1.0, tail)) if shown > 0.0 else 0.0,
+        upper=float(betaincinv(shown + 1.0, n - shown, 1.0 - tail)) if shown < n else 1.0,
     )
 
 
@@ -72,9 +111,9 @@ def paired_difference(gains: int, losses: int, n: int, confidence: float) -> Int
         raise ValueError(f"{gains} gains and {losses} losses of {n} pairs with confidence {confidence}")
     if n == 0:
         return Interval(lower=-1.0, upper=1.0)
-    from scipy.stats import norm  # noqa: PLC0415
+    from scipy.special import ndtri  # noqa: PLC0415
 
-    z = float(norm.ppf((1.0 + confidence) / 2.0))
+    z = float(ndtri((1.0 + confidence) / 2.0))
     return Interval(lower=_score_bound(gains, losses, n, z), upper=-_score_bound(losses, gains, n, z))
 
 
@@ -127,6 +166,13 @@ def quantile_ranks(n: int, quantile: float, confidence: float) -> tuple[int, int
     return int(binom.ppf(tail, n, quantile)), n + 1 - int(binom.ppf(tail, n, 1.0 - quantile))
 
 
+def _score_bounds(rate: _Numbers, n: _Numbers, z: float) -> tuple[_Numbers, _Numbers]:
+    """Returns the shares whose score is z below and above a rate that was seen (Wilson 1927)."""
+    scale = 2 * (n + z**2)
+    centre, reach = (2 * n * rate + z**2) / scale, z / scale * np.sqrt(4 * n * rate * (1 - rate) + z**2)
+    return centre - reach, centre + reach
+
+
 def _score_bound(gains: int, losses: int, n: int, z: float) -> float:
     """Returns the lowest difference at which the score is not above z."""
     estimate = (gains - losses) / n
@@ -151,22 +197,6 @@ def _score(gains: int, losses: int, n: int, difference: float) -> float:
     if above == 0.0:
         return 0.0
     return above / math.sqrt(variance) if variance > 0.0 else math.copysign(math.inf, above)
-
-
-def wilson_bounds(
-    successes: Float[np.ndarray, "..."], n: Float[np.ndarray, "..."], confidence: float
-) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Returns the lower and upper bounds of many shares at once, as `wilson` has them; it needs no scipy.
-
-    Args:
-        successes: Each 0 to ``n``.
-        n: How many were counted, 1 at least.
-        confidence: Coverage, between 0 and 1.
-    """
-    z = NormalDist().inv_cdf((1.0 + confidence) / 2.0)
-    middle = (successes + z * z / 2.0) / (n + z * z)
-    half = z / (n + z * z) * np.sqrt(successes * (n - successes) / n + z * z / 4.0)
-    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
 
 
 class IntervalFamily(Spec):
@@ -195,7 +225,10 @@ class IntervalFamily(Spec):
         Raises:
             ValueError: The numbers are not such.
         """
-        return clopper_pearson(successes, n, self.each)
+        tail = (1.0 - self.each) / 2.0
+        lower, beyond = (clopper_pearson(shown, n, tail).lower for shown in (successes, n - successes))
+        # Rounded outwards, to the same number on any machine.
+        return Interval(lower=math.floor(lower * 1e9) / 1e9, upper=1.0 - math.floor(beyond * 1e9) / 1e9)
 
     def sentence(self, of: str = "reports") -> str:
         """Returns how many intervals there are and what that means; empty of none.
@@ -207,37 +240,6 @@ class IntervalFamily(Spec):
         if self.size < 2:
             return f"1 interval of a group; it holds in {sure}" if self.size else ""
         return f"{self.size:,} intervals of groups; all {self.size:,} hold together in {sure}"
-
-
-def clopper_pearson(successes: int, n: int, confidence: float) -> Interval:
-    """Returns the two-sided exact interval of a share (Clopper and Pearson 1934, Biometrika 26:404).
-
-    It covers at least as often as asked for, whatever the share, and also where chances differ within a group, as they
-    do between worlds: sums of unlike chances scatter less than those of equal ones (Hoeffding 1956, Annals of
-    Mathematical Statistics 27:713).
-
-    Args:
-        successes: 0 to ``n``.
-        n: How many were counted; none says nothing, so the interval is then 0 to 1.
-        confidence: Coverage, between 0 and 1.
-
-    Raises:
-        ValueError: The numbers are not such.
-    """
-    if not (0 <= successes <= n and 0.0 < confidence < 1.0):
-        raise ValueError(f"{successes} successes of {n} with confidence {confidence}: 0 <= successes <= n, 0 < c < 1")
-    return Interval(
-        lower=_exact_lower(successes, n, confidence), upper=1.0 - _exact_lower(n - successes, n, confidence)
-    )
-
-
-def _exact_lower(successes: int, n: int, confidence: float) -> float:
-    if not successes:
-        return 0.0
-    from scipy.special import betaincinv  # noqa: PLC0415 - most commands judge nothing
-
-    bound = float(betaincinv(successes, n - successes + 1, (1.0 - confidence) / 2.0))
-    return math.floor(bound * 1e9) / 1e9
 
 
 class Stratum(NamedTuple):
@@ -255,11 +257,7 @@ class Stratum(NamedTuple):
 
 
 def stratum_interval(stratum: Stratum, confidence: float) -> Interval:
-    """Returns the two-sided interval of a stratum's share.
-
-    The exact interval of Clopper and Pearson 1934 (Biometrika 26:404), whose bounds are quantiles of beta
-    distributions, with the effective number of lanes (Korn and Graubard 1998, Survey Methodology 24:193). It covers at
-    least as often as stated where the weights are equal.
+    """Returns the two-sided interval of a stratum's share, exact where the weights are equal.
 
     Args:
         stratum: What was seen.
@@ -271,12 +269,7 @@ def stratum_interval(stratum: Stratum, confidence: float) -> Interval:
     _, effective, rate = stratum
     if not (effective > 0.0 and 0.0 <= rate <= 1.0 and 0.0 < confidence < 1.0):
         raise ValueError(f"{stratum} with confidence {confidence}: effective > 0, 0 <= rate <= 1, 0 < c < 1")
-    from scipy.stats import beta  # noqa: PLC0415
-
-    tail, seen = (1.0 - confidence) / 2.0, rate * effective
-    lower = float(beta.ppf(tail, seen, effective - seen + 1.0)) if seen > 0.0 else 0.0
-    upper = float(beta.ppf(1.0 - tail, seen + 1.0, effective - seen)) if seen < effective else 1.0
-    return Interval(lower=lower, upper=upper)
+    return clopper_pearson(rate * effective, effective, (1.0 - confidence) / 2.0)
 
 
 def total_rate(strata: Sequence[Stratum]) -> float:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from tasks.results.statistics.dirichlet_multinomial import likelihood_drop
 from tasks.results.statistics.over_worlds import why_refused
 
 _MOST_BAD = 1 << 22
@@ -378,7 +379,7 @@ def _power(at_least: float, confidence: float, rate: float, icc: float, per_worl
     by_rate = fit.max(axis=1)  # the spread between worlds at its best; the first rate is the bar
     bad_worlds = worlds - drawn[:, -1]
     highest = np.where(bad_worlds == 0, 0.0, by_rate.max(axis=1))
-    near = np.array([needed_nearness(confidence, worlds, int(bad)) for bad in range(int(bad_worlds.max()) + 1)])
+    near = likelihood_drop(np.arange(float(bad_worlds.max()) + 1.0), worlds, confidence)
     share = drawn @ np.arange(per_world + 1) / (worlds * per_world)
     score = (share - at_least) * math.sqrt(worlds * per_world / (at_least * (1.0 - at_least)))
     shown = (highest - by_rate[:, 0] > near[bad_worlds]) & (score > _NORMAL.inv_cdf((1.0 + confidence) / 2.0))
@@ -418,42 +419,4 @@ def _log_choices(n: int) -> Float[np.ndarray, " V"]:
 
 def _all_good(at_least: float, confidence: float, worlds: int) -> bool:
     """Returns whether worlds without a bad episode are enough; each might be good or bad as a whole."""
-    return -worlds * math.log(at_least) >= needed_nearness(confidence, worlds, 0)
-
-
-def needed_nearness(confidence: float, worlds: int, bad: int) -> float:
-    """Returns what ``tasks.results.statistics.dirichlet_multinomial`` does for so many worlds with a bad episode."""
-    sure = (1.0 + confidence) / 2.0
-    bound = _poisson_bound(bad, 1.0 - sure)
-    few_events = bound - bad - (bad * math.log(bound / bad) if bad else 0.0)
-    return max(student_quantile(sure, worlds - 1) ** 2 / 2.0, few_events)
-
-
-@cache
-def _poisson_bound(count: int, chance: float) -> float:
-    """Returns the mean at which a Poisson number is at most so large with that chance (Garwood 1936)."""
-    low, high = float(count), 3.0 * count + 40.0
-    for _ in range(60):
-        mean = (low + high) / 2.0
-        logs = (each * math.log(mean) - mean - math.lgamma(each + 1) for each in range(count + 1))
-        low, high = (mean, high) if sum(map(math.exp, logs)) > chance else (low, mean)
-    return high
-
-
-@cache
-def student_quantile(probability: float, freedom: int) -> float:
-    """Returns a quantile of Student's t distribution; scipy, which has it, takes a second to import.
-
-    With t = sqrt(freedom) tan(angle), the density of the angle is proportional to cos(angle)^(freedom - 1) (Student
-    1908, Biometrika 6:1).
-
-    Args:
-        probability: 0.5 or above, and below 1.
-        freedom: Degrees of freedom, at least 1.
-    """
-    widest = math.pi / 2.0 if freedom < 200 else 12.0 / math.sqrt(freedom)
-    angles: Float[np.ndarray, " A"] = np.linspace(0.0, widest, 20_001)
-    density = np.cos(angles) ** (freedom - 1)
-    area = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
-    angle = np.interp(2.0 * probability - 1.0, area / area[-1], angles)
-    return math.sqrt(freedom) * math.tan(float(angle))
+    return -worlds * math.log(at_least) >= likelihood_drop(np.zeros(1), worlds, confidence)[0]

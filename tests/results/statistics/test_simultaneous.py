@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import beta
 
 from tasks.results.statistics.intervals import IntervalFamily, clopper_pearson, wilson_bounds
 
@@ -16,7 +17,8 @@ counts = st.integers(1, 400).flatmap(lambda n: st.tuples(st.integers(0, n), st.j
 def _missed(n: int, rate: float, confidence: float) -> float:
     """Returns how often the interval of a share does not cover it, by all outcomes."""
     outcomes = ((x, math.comb(n, x) * rate**x * (1.0 - rate) ** (n - x)) for x in range(n + 1))
-    bounds = ((clopper_pearson(x, n, confidence), chance) for x, chance in outcomes)
+    alone = IntervalFamily(size=1, confidence=confidence)
+    bounds = ((alone.interval(x, n), chance) for x, chance in outcomes)
     return sum(chance for found, chance in bounds if not found.lower <= rate <= found.upper)
 
 
@@ -44,6 +46,13 @@ def test_wilson_s_interval_would_miss_forty_times_as_often_as_it_may():
     assert math.comb(8, 7) * 0.995**7 * 0.005 > 37 * (1.0 - family.each)
 
 
+@given(counts, st.floats(1e-9, 0.49))
+def test_exact_bounds_have_the_bits_of_scipys(count: tuple[int, int], tail: float):
+    (shown, n), found = count, clopper_pearson(*count, tail)
+    assert found.lower == (float(beta.ppf(tail, shown, n - shown + 1)) if shown else 0.0)
+    assert found.upper == (float(beta.ppf(1.0 - tail, shown + 1, n - shown)) if shown < n else 1.0)
+
+
 def test_nothing_counted_says_nothing():
     found = IntervalFamily(size=3, confidence=0.95).interval(0, 0)
     assert (found.lower, found.upper) == (0.0, 1.0)
@@ -51,8 +60,8 @@ def test_nothing_counted_says_nothing():
 
 @pytest.mark.parametrize("count", [(-1, 3), (4, 3)])
 def test_impossible_counts_are_refused(count: tuple[int, int]):
-    with pytest.raises(ValueError, match="successes of 3"):
-        clopper_pearson(*count, 0.95)
+    with pytest.raises(ValueError, match="of 3"):
+        IntervalFamily(size=1, confidence=0.95).interval(*count)
 
 
 @pytest.mark.parametrize(

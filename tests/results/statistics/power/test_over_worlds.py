@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.stats import t
 
-from tasks.results.statistics.dirichlet_multinomial import likelihood_drop
 from tasks.results.statistics.over_worlds import rate_over_worlds, rates_shown
-from tasks.results.statistics.power import needed_nearness, student_quantile, world_needs
+from tasks.results.statistics.power import world_needs
 
 
 @pytest.mark.parametrize(("rate", "icc", "per_world", "worlds"), [(0.95, 0.1, 8, 48), (0.98, 0.05, 8, 28)])
@@ -37,15 +35,3 @@ def test_worlds_without_a_failure_are_enough_when_the_gates_interval_says_so():
 
 def test_what_is_not_above_the_bar_is_shown_by_no_number_of_worlds():
     assert world_needs(0.9, 0.95, 0.9, icc=0.05, per_world=8, there=48) is None
-
-
-@pytest.mark.parametrize("freedom", [1, 2, 7, 47, 199, 200, 5000])
-def test_students_quantile_is_scipys(freedom: int):
-    assert student_quantile(0.975, freedom) == pytest.approx(float(t.ppf(0.975, freedom)), abs=1e-6)
-
-
-@pytest.mark.parametrize("confidence", [0.8, 0.95, 0.999])
-@pytest.mark.parametrize(("worlds", "bad"), [(4, 0), (8, 3), (48, 48), (400, 37)])
-def test_bounds_are_planned_as_near_as_the_gate_has_them(confidence: float, worlds: int, bad: int):
-    judged = float(likelihood_drop(np.array([float(bad)]), worlds, confidence)[0])
-    assert needed_nearness(confidence, worlds, bad) == pytest.approx(judged, rel=1e-6)
