@@ -38,7 +38,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from tasks.results.statistics.intervals import Interval, clopper_pearson
+from tasks.results.statistics.intervals import Interval, clopper_pearson, likeliest_losses
 
 _GAMMA = -2.0
 # The walk's density lives within eight standard deviations; Simpson's rule on so many points errs by less than 1e-9.
@@ -329,7 +329,7 @@ def difference_tail(gains: int, losses: int, n: int, difference: float) -> float
         n: All pairs.
         difference: Between -1 and 1.
     """
-    lost = _likeliest_lost(gains, losses, n, difference)
+    lost = max(float(likeliest_losses(gains, losses, n, difference)), 0.0, -difference)
     gained = max(0.0, lost + difference)
     size = 1 << (2 * n + 1).bit_length()
     turn = np.exp(-2j * np.pi * np.arange(size // 2 + 1) / size)
@@ -355,14 +355,6 @@ def _highest_rejected_difference(gains: int, losses: int, n: int, level: float) 
         rejected = difference_tail(gains, losses, n, middle) <= level
         low, high = (middle, high) if rejected else (low, middle)
     return math.floor(low * _DIFFERENCE_DIGITS) / _DIFFERENCE_DIGITS
-
-
-def _likeliest_lost(gains: int, losses: int, n: int, difference: float) -> float:
-    """Returns the share of losses that makes what was seen likeliest, if the difference is the one given."""
-    linear = (2 * n - gains + losses) * difference - gains - losses
-    constant = -losses * difference * (1.0 - difference)
-    lost = (math.sqrt(max(0.0, linear * linear - 8 * n * constant)) - linear) / (4 * n)
-    return max(lost, 0.0, -difference)
 
 
 _BOUNDARY_DEVIATIONS = 2.0

@@ -14,10 +14,11 @@ from statistics import NormalDist
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from specs.base import Spec
 
+_Counts = int | Int[np.ndarray, "..."]
 _Numbers = float | Float[np.ndarray, "..."]
 
 
@@ -117,6 +118,20 @@ def paired_difference(gains: int, losses: int, n: int, confidence: float) -> Int
     return Interval(lower=_score_bound(gains, losses, n, z), upper=-_score_bound(losses, gains, n, z))
 
 
+def likeliest_losses(gains: _Counts, losses: _Counts, n: _Counts, difference: float) -> _Numbers:
+    """Returns the share of losses that makes what was seen likeliest, if the difference is the one given (Tango 1998).
+
+    Args:
+        gains: Pairs that succeeded with the first and not with the second.
+        losses: Pairs that succeeded with the second and not with the first.
+        n: All pairs.
+        difference: Between -1 and 1.
+    """
+    linear = (2 * n - gains + losses) * difference - gains - losses
+    constant = -losses * difference * (1.0 - difference)
+    return (np.sqrt(np.maximum(0.0, linear * linear - 8 * n * constant)) - linear) / (4 * n)
+
+
 def mcnemar(gains: int, losses: int) -> float:
     """Returns the exact two-sided p-value of McNemar's test: that gains and losses are equally likely.
 
@@ -189,9 +204,7 @@ def _score_bound(gains: int, losses: int, n: int, z: float) -> float:
 
 def _score(gains: int, losses: int, n: int, difference: float) -> float:
     """Returns Tango's statistic for a difference, standard normal where it is the true one."""
-    linear = (2 * n - gains + losses) * difference - gains - losses
-    constant = -losses * difference * (1.0 - difference)
-    lost = (math.sqrt(max(0.0, linear * linear - 8 * n * constant)) - linear) / (4 * n)
+    lost = float(likeliest_losses(gains, losses, n, difference))
     variance = n * (2.0 * lost + difference * (1.0 - difference))
     above = gains - losses - n * difference
     if above == 0.0:

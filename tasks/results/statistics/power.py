@@ -26,6 +26,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tasks.results.statistics.dirichlet_multinomial import likelihood_drop
+from tasks.results.statistics.intervals import likeliest_losses
 from tasks.results.statistics.over_worlds import why_refused
 
 _MOST_BAD = 1 << 22
@@ -279,10 +280,7 @@ def _shown(
     gains: Int[np.ndarray, "N D"], losses: Int[np.ndarray, "N D"], n: Int[np.ndarray, "N 1"], margin: float, z: float
 ) -> Bool[np.ndarray, "N D"]:
     """Returns whether the score at the margin is at least z, its nuisance parameter at the maximum likelihood."""
-    linear = -(2 * n - gains + losses) * margin - gains - losses
-    constant = losses * margin * (1.0 + margin)
-    lost = (np.sqrt(np.maximum(0.0, linear * linear - 8 * n * constant)) - linear) / (4 * n)
-    variance = n * (2.0 * lost - margin * (1.0 + margin))
+    variance = n * (2.0 * likeliest_losses(gains, losses, n, -margin) - margin * (1.0 + margin))
     return gains - losses + n * margin >= z * np.sqrt(np.maximum(variance, 0.0))
 
 
