@@ -5,71 +5,48 @@ came of it; an ``error`` says that code failed: an application's, a stage's, Sim
 has neither. The time of a stage is in wall seconds, that of a group in simulated seconds.
 """
 
+import io
 from collections.abc import Iterable, Iterator
-from typing import Literal, NamedTuple
-from xml.etree import ElementTree as ET
+
+from junitparser import Error, Failure, JUnitXml, Skipped, TestCase, TestSuite
+from junitparser.junitparser import FinalResult
 
 from specs.data.run_report import StageReport
 from specs.untrusted_text import xml_text
-from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure, WorldReport
+from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import IntervalFamily, in_worlds, percent, percent_range
 
-Kind = Literal["failure", "error", "skipped"]
 _LONGEST = 1_000
 _FINE = frozenset({"Completed", "Succeeded", "PartialFailed"})
+_NOT_PASSED = "episodes did not pass"
 _WALL, _SIMULATED = "wall seconds", "simulated seconds"
-
-
-class Trouble(NamedTuple):
-    """Why a case is not passed: what JUnit calls it, its type, and what happened, in a line and in many."""
-
-    kind: Kind
-    type: str
-    message: str
-    text: str = ""
-
-
-class Case(NamedTuple):
-    """A test case; ``output`` is shown with it whether it passed or not."""
-
-    name: str
-    seconds: float = 0.0
-    trouble: Trouble | None = None
-    output: str = ""
-
-
-class Suite(NamedTuple):
-    """A test suite: its name, its cases, the unit of their times, and what is known of it."""
-
-    name: str
-    cases: tuple[Case, ...]
-    unit: str
-    properties: tuple[tuple[str, str], ...] = ()
 
 
 def junit_xml(report: FullReport) -> bytes:
     """Returns the report as a JUnit file, the same bytes for the same report."""
-    suites = tuple(_suites(report))
-    cases = [case for suite in suites for case in suite.cases]
-    root = ET.Element("testsuites", {"name": _line(report.document), **_counts(cases)})
-    for suite in suites:
-        _add_suite(root, report.document, suite)
-    ET.indent(root)
-    return ET.tostring(root, encoding="utf-8", xml_declaration=True) + b"\n"
+    found = JUnitXml(_line(report.document))
+    found.extend(_suites(report))
+    found.update_statistics()
+    body = io.BytesIO()
+    found.write(body)
+    return body.getvalue() + b"\n"
 
 
-def _suites(report: FullReport) -> Iterator[Suite]:
-    yield Suite("run", tuple(_run_cases(report)), _WALL, (("run", report.run), ("store", report.store)))
+def _suites(report: FullReport) -> Iterator[TestSuite]:
+    name, batch = report.document, report.batch
+    yield _suite(name, "run", _run_cases(report), _WALL, run=report.run, store=report.store)
     if report.gate:
-        yield Suite("gate", tuple(map(_rule_case, report.gate.rules)) or (_gate_case(report.gate),), _WALL)
-    if report.batch:
-        yield from (_world_suite(world, report.batch) for world in report.batch.worlds)
-        if report.batch.left_out:
-            yield _rest(report.batch)
+        yield _suite(name, "gate", list(map(_rule_case, report.gate.rules)) or [_gate_case(report.gate)], _WALL)
+    if batch:
+        for world in batch.worlds:
+            cases = (_group_case(group, batch) for group in world.groups)
+            yield _suite(name, world.label, cases, _SIMULATED, world=world.world, batch=batch.arn)
+        if batch.left_out:
+            yield _suite(name, "other worlds", [_rest(batch)], _SIMULATED)
 
 
-def _run_cases(report: FullReport) -> Iterator[Case]:
+def _run_cases(report: FullReport) -> Iterator[TestCase]:
     """Yields a case for each stage, and for what keeps a run from its end."""
     failure = report.failure
     for stage in report.stages:
@@ -78,21 +55,21 @@ def _run_cases(report: FullReport) -> Iterator[Case]:
     if failure:
         yield _failure_case(failure)
     if report.problems:
-        yield Case("report", trouble=Trouble("error", "report", report.problems[0], "\n".join(report.problems)))
+        yield _case("report", _result(Error, report.problems[0], "report", "\n".join(report.problems)))
     if not (report.stages or failure or report.problems):
-        yield Case("document")  # a suite has a case
+        yield _case("document")  # a suite has a case
 
 
-def _stage_case(stage: StageReport) -> Case:
+def _stage_case(stage: StageReport) -> TestCase:
     output = "\n".join([stage.summary, *_places(stage)])
-    trouble = None
+    result = None
     if stage.name == "gate":
-        return Case(stage.name, stage.seconds, None, output)  # its rules have a suite of their own
+        return _case(stage.name, output=output, seconds=stage.seconds)  # its rules have a suite of their own
     if stage.status == "Skipped":
-        trouble = Trouble("skipped", stage.status, stage.summary)
+        result = _result(Skipped, stage.summary)
     elif stage.status not in _FINE:
-        trouble = Trouble("failure", stage.status, stage.summary, output)
-    return Case(stage.name, stage.seconds, trouble, output)
+        result = _result(Failure, stage.summary, stage.status, output)
+    return _case(stage.name, result, output, stage.seconds)
 
 
 def _places(stage: StageReport) -> Iterator[str]:
@@ -103,39 +80,34 @@ def _places(stage: StageReport) -> Iterator[str]:
         yield str(stage.facts["alarm"])
 
 
-def _failure_case(failure: RunFailure) -> Case:
+def _failure_case(failure: RunFailure) -> TestCase:
     faults = [str(fault) for fault in failure.faults]
     text = "\n".join([failure.reason, *faults, *filter(None, [failure.arn])])
-    return Case(failure.stage or "run", trouble=Trouble("error", failure.code, failure.reason, text))
+    return _case(failure.stage or "run", _result(Error, failure.reason, failure.code, text))
 
 
-def _gate_case(gate: GateReport) -> Case:
-    said = None if gate.verdict == "PASS" else Trouble("failure", gate.verdict, gate.sentence, gate.sentence)
-    return Case("gate", trouble=said, output=gate.sentence)
+def _gate_case(gate: GateReport) -> TestCase:
+    said = None if gate.verdict == "PASS" else _result(Failure, gate.sentence, gate.verdict, gate.sentence)
+    return _case("gate", said, gate.sentence)
 
 
-def _rule_case(rule: RuleVerdict) -> Case:
-    said = None if rule.verdict == "PASS" else Trouble("failure", rule.verdict, rule.sentence, rule.sentence)
+def _rule_case(rule: RuleVerdict) -> TestCase:
+    said = None if rule.verdict == "PASS" else _result(Failure, rule.sentence, rule.verdict, rule.sentence)
     name = rule.rule if rule.title == rule.rule else f"{rule.rule}: {rule.title}"
-    return Case(name, trouble=said, output=rule.sentence)
+    return _case(name, said, rule.sentence)
 
 
-def _world_suite(world: WorldReport, batch: CountedBatch) -> Suite:
-    known = (("world", world.world), ("batch", batch.arn))
-    return Suite(world.label, tuple(_group_case(group, batch) for group in world.groups), _SIMULATED, known)
-
-
-def _group_case(group: GroupReport, batch: CountedBatch) -> Case:
+def _group_case(group: GroupReport, batch: CountedBatch) -> TestCase:
     output = "\n".join(_group_lines(group, batch.family()))
     message = f"{group.passed} of {group.episodes} episodes passed"
     if group.state == "skipped":
-        return Case(group.name, group.simulated_s, Trouble("skipped", "Canceled", group.note), output)
+        return _case(group.name, _result(Skipped, group.note), output, group.simulated_s)
     if group.state == "passed":
-        return Case(group.name, group.simulated_s, None, output)
+        return _case(group.name, output=output, seconds=group.simulated_s)
     asked = "" if batch.bar is None else f"; {percent(batch.bar)} are asked for"
     reasons = ", ".join(f"{each.episodes} x {each.reason}" for each in group.reasons)
-    kind, name = ("error", "code failed") if group.state == "error" else ("failure", "episodes did not pass")
-    return Case(group.name, group.simulated_s, Trouble(kind, name, f"{message}{asked}: {reasons}", output), output="")
+    kind, name = (Error, "code failed") if group.state == "error" else (Failure, _NOT_PASSED)
+    return _case(group.name, _result(kind, f"{message}{asked}: {reasons}", name, output), seconds=group.simulated_s)
 
 
 def _group_lines(group: GroupReport, family: IntervalFamily) -> Iterator[str]:
@@ -159,50 +131,41 @@ def _group_lines(group: GroupReport, family: IntervalFamily) -> Iterator[str]:
         yield f"seed {example.seed}, {example.reason}{why}\n  {example.job}\n  {example.replay}"
 
 
-def _rest(batch: CountedBatch) -> Suite:
-    message = f"{batch.left_out} groups more are not listed here; the batch's tables have them"
+def _rest(batch: CountedBatch) -> TestCase:
+    text = f"{batch.left_out} groups more are not listed here; the batch's tables have them"
     bad = f"{batch.left_out_failed} of {batch.left_out} groups more are not as they should be"
-    trouble = Trouble("failure", "episodes did not pass", bad, message) if batch.left_out_failed else None
-    return Suite("other worlds", (Case("groups that are not listed", 0.0, trouble, message),), _SIMULATED)
+    result = _result(Failure, bad, _NOT_PASSED, text) if batch.left_out_failed else None
+    return _case("groups that are not listed", result, text)
 
 
-def _add_suite(root: ET.Element, document: str, suite: Suite) -> None:
-    name = _line(suite.name)
-    found = ET.SubElement(root, "testsuite", {"name": name, **_counts(suite.cases)})
-    properties = ET.SubElement(found, "properties")
-    for key, value in (*suite.properties, ("time", suite.unit)):
+def _suite(document: str, name: str, cases: Iterable[TestCase], unit: str, **properties: str) -> TestSuite:
+    """Returns a suite of cases whose times have a unit."""
+    suite = TestSuite(_line(name))
+    for key, value in {**properties, "time": unit}.items():
         if value:
-            ET.SubElement(properties, "property", {"name": key, "value": _line(value)})
-    for case in suite.cases:
-        _add_case(found, f"{_line(document)}.{name}", case)
+            suite.add_property(key, _line(value))
+    for case in cases:
+        case.classname = f"{_line(document)}.{_line(name)}"
+        suite.append(case)
+    return suite
 
 
-def _add_case(suite: ET.Element, class_name: str, case: Case) -> None:
-    shown = {"name": _line(case.name), "classname": class_name, "time": _seconds(case.seconds)}
-    found = ET.SubElement(suite, "testcase", shown)
-    if trouble := case.trouble:
-        said = {"message": _line(trouble.message)}
-        kind = {} if trouble.kind == "skipped" else {"type": _line(trouble.type)}
-        ET.SubElement(found, trouble.kind, kind | said).text = xml_text(trouble.text) or None
-    if case.output:
-        ET.SubElement(found, "system-out").text = xml_text(case.output)
+def _case(name: str, result: FinalResult | None = None, output: str = "", seconds: float = 0.0) -> TestCase:
+    """Returns a case; the output is shown with it whether it passed or not."""
+    case = TestCase(_line(name), time=round(seconds, 3))
+    if result:
+        case.result = result
+    if output:
+        case.system_out = xml_text(output)
+    return case
 
 
-def _counts(cases: Iterable[Case]) -> dict[str, str]:
-    """Returns the attributes of a suite; those of the root sum up all cases."""
-    listed = list(cases)
-    kinds = [case.trouble.kind for case in listed if case.trouble]
-    return {
-        "tests": str(len(listed)),
-        "failures": str(kinds.count("failure")),
-        "errors": str(kinds.count("error")),
-        "skipped": str(kinds.count("skipped")),
-        "time": _seconds(sum(case.seconds for case in listed)),
-    }
-
-
-def _seconds(seconds: float) -> str:
-    return f"{seconds:.3f}"
+def _result(kind: type[FinalResult], message: str, name: str = "", text: str = "") -> FinalResult:
+    """Returns why a case is not passed: what JUnit calls it, in a line, its type, and what happened in many lines."""
+    result = kind(_line(message), _line(name))
+    if text:
+        result.text = xml_text(text)
+    return result
 
 
 def _line(text: str) -> str:
