@@ -27,7 +27,7 @@ from tasks.results.trend.trend_view import MOST_ROWS, trend_page
 from tasks.storage.base.store import Store
 from tests.flows.trend.stored_nights import stored_night
 from tests.results.trend.histories import history
-from tests.results.trend.test_trend_page import view
+from tests.results.trend.test_trend_view import view
 
 DOCUMENT = PAGE.read_text()
 TEXT = " ".join(DOCUMENT.split())

@@ -1,17 +1,20 @@
-"""Each build that ships was driven, or the document names its digest and the build that was driven in its place."""
+"""Each build and each variable that ships was driven, or the document names it."""
+
+from collections.abc import Mapping, Sequence
 
 import pytest
 
 from specs.pipeline.simulation_section import Deployment, UntestedBuild
 from specs.robomaker.bundle import ARCHITECTURES, Build, Version
-from tasks.results.gate.evidence import ApplicationEvidence, Evidence
+from tasks.results.gate.evidence import ApplicationEvidence, Evidence, shipment_changes
 from tasks.results.gate.shipped_builds import (
     Shipment,
     build_faults,
-    shipment_changes,
+    differing_names,
     shipment_lines,
     shipment_of,
     unjudged_lines,
+    variable_faults,
     version_changes,
 )
 from tests.results.gate.test_evidence import evidence
@@ -151,3 +154,70 @@ def test_a_value_that_no_episode_had_does_not_ship_whatever_the_evidence_names()
 def test_builds_that_have_changed_since_the_run_began_are_named(now: Version, line: str):
     assert list(version_changes(shipment_of(section(), version(X86)), now)) == [line]
     assert list(version_changes(shipment_of(section(), now), now)) == []
+
+
+HALF = {"SPEED": ("0.5",)}
+PATH = "deployment.deploymentApplicationConfigs[0].launchConfig.environmentVariables"
+Builds = Sequence[Sequence[Mapping[str, Sequence[str]]]]
+
+
+def variable_faults_of(given: dict[str, str], driven: Builds, **named: str) -> list[tuple[str, str]]:
+    found = variable_faults(given, driven, named)
+    return [(fault.path.removeprefix(f"{PATH}."), fault.value) for fault in found]
+
+
+def test_a_value_that_episodes_had_ships():
+    assert variable_faults_of({"SPEED": "0.5"}, [[HALF]]) == []
+    assert variable_faults_of({"SPEED": "0.6"}, [[{"SPEED": ("0.4", "0.6")}]]) == []
+
+
+@pytest.mark.parametrize(
+    ("given", "driven", "value", "allowed"),
+    [
+        ({"SPEED": "9"}, HALF, "'9'", "a value that simulationBatch drives: '0.5'; or"),
+        ({}, HALF, "not set", "a value that simulationBatch drives: '0.5'; or"),
+        ({"SPEED": "9"}, {}, "'9'", "not set: simulationBatch does not set it; or"),
+    ],
+)
+def test_a_difference_is_a_fault_that_names_field_value_and_what_is_allowed(
+    given: dict[str, str], driven: dict[str, tuple[str]], value: str, allowed: str
+):
+    (fault,) = variable_faults(given, [[driven]], {})
+    assert (fault.path, fault.value) == (f"{PATH}.SPEED", value)
+    assert fault.allowed == f"{allowed} deployment.untestedVariables.SPEED, with the reason"
+
+
+def test_a_difference_that_the_document_names_ships():
+    assert variable_faults_of({"SPEED": "9"}, [[HALF]], SPEED="kilometres an hour on robots") == []
+    assert variable_faults_of({}, [[HALF]], SPEED="the robot's own default is half a metre a second") == []
+
+
+@pytest.mark.parametrize("name", ["SPEED", "NOBODYS"])
+def test_naming_what_does_not_differ_is_a_fault(name: str):
+    assert variable_faults_of({"SPEED": "0.5"}, [[HALF]], **{name: "why"}) == [
+        (f"deployment.untestedVariables.{name}", "'why'")
+    ]
+
+
+def test_values_that_no_episode_had_together_are_a_difference():
+    driven = [{"SPEED": ("0.5",), "GAIN": ("1",)}, {"SPEED": ("1",), "GAIN": ("2",)}]
+    assert variable_faults_of({"SPEED": "1", "GAIN": "2"}, [driven]) == []
+    assert len(variable_faults_of({"SPEED": "1", "GAIN": "1"}, [driven])) == 1
+
+
+def test_each_build_that_ships_had_the_value():
+    assert variable_faults_of({"SPEED": "0.5"}, [[HALF], [{"SPEED": ("0.4",)}]]) == [("SPEED", "'0.5'")]
+    assert variable_faults_of({"SPEED": "0.5"}, [[HALF], [{"SPEED": ("0.4",)}]], SPEED="why") == []
+
+
+def test_differences_are_found_without_a_gate_too():
+    assert differing_names({"SPEED": "9", "SAME": "1"}, [[{**HALF, "SAME": ("1",), "GONE": ("2",)}]]) == [
+        "GONE",
+        "SPEED",
+    ]
+
+
+def test_of_a_thousand_values_a_few_are_told():
+    (fault,) = variable_faults({}, [[{"SPEED": tuple(map(str, range(1000)))}]], {})
+    assert "'7', ...;" in fault.allowed
+    assert "'8'" not in fault.allowed

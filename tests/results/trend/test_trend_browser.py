@@ -7,7 +7,7 @@ import pytest
 
 from tasks.results.trend.trend_view import trend_page
 from tests.results.trend.histories import history
-from tests.results.trend.test_trend_page import view
+from tests.results.trend.test_trend_view import view
 from tests.servers.chromium import Page, browsing
 
 pytestmark = pytest.mark.integration

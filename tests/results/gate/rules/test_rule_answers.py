@@ -1,4 +1,4 @@
-"""A rate says in which worlds it holds; over worlds it counts worlds, whatever is missing, or says why it cannot."""
+"""Rates say in which worlds they hold, and what is missing never helps."""
 
 from collections.abc import Hashable, Sequence
 from random import Random
@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate_verdict import GateVerdict, judge
-from tasks.results.gate.rules.rule import Completeness, GateMaterial, Share
-from tasks.results.gate.rules.rule_answers import cuts, rate_interval_over_worlds
+from tasks.results.gate.rules.rule import Completeness, GateMaterial, PlannedEpisodes, Share
+from tasks.results.gate.rules.rule_answers import cuts, rate_interval_over_worlds, worth_line
 from tasks.results.gate.version_pairs import Drive, count_pairs
 from tasks.results.statistics.over_worlds import rate_over_worlds
 from tasks.results.tables.episode_tables import results_table
@@ -151,3 +151,9 @@ def test_an_unknown_value_is_also_tried_as_what_makes_worlds_differ_most():
     found = batch([[near] * close + lost * gone + [far] * (12 - close - gone) for close, gone in counts])
     asked = {"column": "min_clearance_m", "quantile": 0.4, "atLeast": 0.1, "over": "worlds"}
     assert judged({"quantiles": [asked]}, found).verdict == "INCONCLUSIVE"
+
+
+@pytest.mark.parametrize(("icc", "said"), [(2.1e-17, "0"), (0.0, "0"), (0.05, "0.05"), (0.123, "0.12"), (None, "0.05")])
+def test_a_correlation_of_rounding_is_none(icc: float | None, said: str) -> None:
+    planned = PlannedEpisodes(episodes=64, pairs=0, audited=0, worlds=8, icc=icc)
+    assert worth_line(planned).endswith(f"at an ICC of {said}")

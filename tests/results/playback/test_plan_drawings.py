@@ -1,4 +1,4 @@
-"""The animated drawing: to scale, in time, whole in itself, and still for who asks for that."""
+"""Drawings on the plan of a world: an episode as an animation, and the paths of failures."""
 
 from xml.etree import ElementTree as ET
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.results.playback.plan_drawings import plan_page, replay_svg
+from tasks.results.playback.plan_drawings import failure_map_svg, plan_page, replay_svg
+from tests.factories.episodes import collided, passed
 from tests.factories.playbacks import playback
 from tests.factories.worlds import apartment
 
@@ -102,3 +103,31 @@ def test_a_long_episode_is_shown_faster_and_stays_small():
 def test_a_robot_without_lidar_and_one_that_never_moved_are_drawn():
     assert 'class="scan"' not in replay_svg(PLAN, playback(rays=0), WORLD.footprint)
     assert "0.00 s" in replay_svg(PLAN, playback(1), WORLD.footprint)
+
+
+EMPTY_PLAN = (
+    '<svg xmlns="http://www.w3.org/2000/svg" data-units-per-m="100" data-origin-x="500" data-origin-y="300">'
+    "<rect/></svg>\n"
+)
+
+
+def test_a_path_is_drawn_to_scale_with_y_up():
+    result = collided(0).model_copy(update={"trajectory": ((0.0, 0.0, 0.0, 0.0), (1.0, 2.0, 1.0, 0.0))})
+    root = ET.fromstring(failure_map_svg(EMPTY_PLAN, [("b/0", result)]))  # noqa: S314 - our own document
+    [line] = root.iter(f"{SVG}polyline")
+    assert line.get("points") == "500.0,300.0 700.0,200.0"
+
+
+def test_the_tooltip_names_job_and_reason():
+    root = ET.fromstring(failure_map_svg(EMPTY_PLAN, [("b/<7>\x00", collided(7))]))  # noqa: S314 - our own document
+    assert [title.text for title in root.iter(f"{SVG}title")] == ["b/<7>\ufffd: collision"]
+
+
+def test_an_episode_without_a_trajectory_draws_nothing():
+    root = ET.fromstring(failure_map_svg(EMPTY_PLAN, [("b/0", passed(0))]))  # noqa: S314 - our own document
+    assert not list(root.iter(f"{SVG}polyline"))
+
+
+def test_a_plan_without_a_scale_is_refused():
+    with pytest.raises(ValueError, match="export it again"):
+        failure_map_svg('<svg xmlns="http://www.w3.org/2000/svg"></svg>', [])

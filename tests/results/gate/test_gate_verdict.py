@@ -1,4 +1,4 @@
-"""The gate: PASS and FAIL need proof, what is missing never helps, and of several rules the worst decides."""
+"""The gate: what its rules answer on a batch, at a look before its end, and where the engine is in doubt."""
 
 import pyarrow as pa
 import pytest
@@ -6,10 +6,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, Gate, SuccessRate
-from tasks.results.gate.gate_verdict import GATE_RULES, GateVerdict, columns_needed, count_rows, judge
-from tasks.results.gate.rules.rule import Completeness, GateMaterial
+from specs.data.run_report import Verdict
+from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, CollisionRate, FlipRate, Gate, SuccessRate
+from tasks.results.gate.gate_verdict import (
+    GATE_RULES,
+    GateVerdict,
+    InterimGate,
+    columns_needed,
+    count_rows,
+    engine_doubt,
+    judge,
+    with_engine_doubt,
+)
+from tasks.results.gate.rules.rule import Completeness, GateMaterial, RuleVerdict
 from tasks.results.gate.version_pairs import PairCounts
+from tasks.results.statistics.intervals import wilson
 from tasks.results.tables.episode_tables import results_table
 from tests.factories.episodes import batch, canceled, collided, counted, crashed, passed, request
 
@@ -248,3 +259,148 @@ def test_rows_are_counted_as_the_batch_counts_them():
 def test_every_rule_of_the_document_is_judged_in_its_order():
     assert tuple(rule.name for rule in GATE_RULES) == RULES
     assert set(SEQUENTIAL_RULES) == {"successRate", "noWorseThan", "collisionRate"}
+
+
+SUCCESS = SuccessRate(atLeast=0.9)
+COLLISIONS = CollisionRate(atMost=0.05)
+
+
+def doubted_audit(flips: int, chaotic: int = 0, chance: float | None = 0.03, lanes: int = 24) -> dict[str, JsonValue]:
+    share: dict[str, JsonValue] = {
+        "lanes": lanes,
+        "flips": flips,
+        "chaotic": chaotic,
+        "episodes": 370.0,
+        "effective": float(lanes),
+        "beyond": (flips - chaotic) / lanes,
+        "chance": chance,
+    }
+    return {"verdict": "SOUND", "false_passes": share, "missed_contacts": share}
+
+
+def success(passed: int, n: int = 384) -> RuleVerdict:
+    bounds = wilson(passed, n, 0.95)
+    sentence = f"PASS: {passed} of {n} episodes passed"
+    return RuleVerdict(
+        rule="successRate",
+        verdict="PASS",
+        sentence=sentence,
+        estimate=passed / n,
+        lower=bounds.lower,
+        upper=bounds.upper,
+    )
+
+
+@pytest.mark.parametrize(
+    "found",
+    [
+        None,
+        {"verdict": "NOT RUN"},
+        doubted_audit(0),
+        doubted_audit(2, 2),
+        doubted_audit(1, chance=0.4),
+        {"spread": {"lanes": 8, "flips": 2}},
+    ],
+)
+def test_without_a_reason_there_is_no_doubt(found: dict[str, JsonValue] | None):
+    assert engine_doubt(found, "false_passes", 0.95) is None
+    assert with_engine_doubt(success(380), SUCCESS, found) == success(380)
+
+
+def test_a_pass_that_fails_on_the_reference_leaves_the_answer_open():
+    found = with_engine_doubt(success(380), SUCCESS, doubted_audit(2))
+    assert found.verdict == "INCONCLUSIVE"
+    assert found.lower
+    assert found.lower < 0.75
+    assert found.upper == success(380).upper
+    assert found.sentence == (
+        "INCONCLUSIVE: 380 of 384 episodes passed; up to 26.7 points of these passes may be the engine's: "
+        "2 of 24 audited passes fail on C MuJoCo, and no micrometre explains it"
+    )
+
+
+def test_an_answer_that_stands_the_doubt_stays_and_says_it():
+    found = with_engine_doubt(success(380), SUCCESS, doubted_audit(1, lanes=256))
+    assert found.verdict == "PASS"
+    assert "up to 2.1 points of these passes may be the engine's" in found.sentence
+    assert found.facts["engine_doubt"] == pytest.approx(0.0115, abs=1e-4)
+
+
+def test_more_audited_lanes_make_less_doubt():
+    lows = [
+        with_engine_doubt(success(384), SUCCESS, doubted_audit(1, lanes=lanes)).lower or 0.0 for lanes in (24, 64, 256)
+    ]
+    assert lows[0] < lows[1] < lows[2]
+
+
+def test_doubt_without_a_control_counts():
+    assert engine_doubt(doubted_audit(1, chance=None), "false_passes", 0.95) is not None
+
+
+def test_contacts_that_the_engine_missed_raise_the_bound_of_collisions():
+    bounds = wilson(0, 384, 0.95)
+    answer = RuleVerdict(
+        rule="collisionRate", verdict="PASS", sentence="PASS: none", estimate=0.0, lower=0.0, upper=bounds.upper
+    )
+    found = with_engine_doubt(answer, COLLISIONS, doubted_audit(1))
+    assert found.upper
+    assert found.upper > 0.2
+    assert (found.verdict, found.lower) == ("INCONCLUSIVE", 0.0)
+    assert "points more may collide on C MuJoCo" in found.sentence
+
+
+def test_no_other_answer_changes():
+    for changed in (
+        success(300).model_copy(update={"verdict": "FAIL"}),
+        success(300).model_copy(update={"lower": None}),
+    ):
+        assert with_engine_doubt(changed, SUCCESS, doubted_audit(5)) == changed
+    assert with_engine_doubt(success(300), FlipRate(atMost=0.1), doubted_audit(5)) == success(300)
+
+
+Rules = dict[str, object]
+
+
+def answer(rules: Rules, successes: int, failures: int = 0, *, crashes: int = 0, cancels: int = 0) -> Verdict | None:
+    early = InterimGate(Gate.model_validate({"stopEarly": True, **rules}), tuple(range(20, 261, 20)))
+    early.add(batch(successes, failures))
+    early.add([crashed(number) for number in range(crashes)])
+    early.add([canceled(number) for number in range(cancels)])
+    assert early.episodes() == successes + failures + crashes
+    return early.answer()
+
+
+RATE: Rules = {"successRate": {"atLeast": 0.9}}
+TOUCH: Rules = {"collisionRate": {"atMost": 0.1}}
+
+
+@pytest.mark.parametrize(
+    ("successes", "failures", "expected"),
+    [(30, 0, None), (60, 0, "PASS"), (57, 3, None), (40, 20, "FAIL"), (0, 0, None)],
+)
+def test_a_success_rate_is_certain_when_its_interval_at_the_look_is_clear_of_the_bar(
+    successes: int, failures: int, expected: Verdict | None
+):
+    assert answer(RATE, successes, failures) == expected
+
+
+def test_a_canceled_episode_keeps_a_pass_open_and_does_not_excuse_a_failure():
+    assert answer(RATE, 60, cancels=1) is None
+    assert answer(RATE, 20, 40, cancels=1) == "FAIL"
+
+
+def test_all_rules_have_to_pass_and_one_has_to_fail():
+    assert answer({**RATE, **TOUCH}, 60) == "PASS"
+    assert answer({**RATE, **TOUCH}, 59, crashes=3) is None
+    assert answer({"successRate": {"atLeast": 0.5}, **TOUCH}, 100, 60) == "FAIL"
+
+
+def test_a_job_that_failed_might_have_collided():
+    assert answer(TOUCH, 60) == "PASS"
+    assert answer(TOUCH, 30, crashes=30) is None
+
+
+def test_a_rule_that_needs_the_whole_batch_keeps_a_pass_open_and_not_a_failure():
+    more: Rules = {**RATE, "quantiles": [{"column": "spl", "quantile": 0.5, "atLeast": 0.5}]}
+    assert answer(more, 200) is None
+    assert answer(more, 20, 60) == "FAIL"

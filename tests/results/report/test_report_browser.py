@@ -8,7 +8,7 @@ import pytest
 
 from tasks.results.report.report_page import report_page
 from tests.factories.reports import view
-from tests.results.report.test_page import hostile
+from tests.results.report.test_report_page import hostile
 from tests.servers.chromium import Page, browsing
 
 pytestmark = pytest.mark.integration
