@@ -226,9 +226,9 @@ def check_applications(program: Program, lane: Lane) -> None:
     if key in known:
         return
     shapes, numbers = (one.floor, one.goals_m, one.given), np.asarray(one.numbers).tolist()
-    if not program.keeper.passed("applications", shapes, numbers):
+    if not program.cache.passed("applications", shapes, numbers):
         joints = program.body().joints
         check_robot(program.applications, one.floor, one.goals_m, one.numbers, program.actuators, joints=joints)
         check_scenario(program.applications, one.goals_m, one.numbers, one.given)
-        program.keeper.note("applications", shapes, numbers)
+        program.cache.note_passed("applications", shapes, numbers)
     known.add(key)

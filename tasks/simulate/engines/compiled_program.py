@@ -69,14 +69,14 @@ class LaneRefill(NamedTuple):
     spread: Callable[[LaneInputs, LaneState], Occupied]
 
 
-def lane_refill(mesh: Mesh, lanes: int, begin: Callable[[LaneInputs], LaneState], keeper: ProgramCache) -> LaneRefill:
+def lane_refill(mesh: Mesh, lanes: int, begin: Callable[[LaneInputs], LaneState], cache: ProgramCache) -> LaneRefill:
     """Returns how lanes are filled; compiles nothing yet.
 
     Args:
         mesh: The devices.
         lanes: Of the program, on all devices.
         begin: Returns the state of one device's lanes before their first control step.
-        keeper: Of the program's functions.
+        cache: Of the program's functions.
     """
 
     def fill(inputs: LaneInputs, state: LaneState, fresh: LaneInputs, places: Places) -> Occupied:
@@ -84,7 +84,7 @@ def lane_refill(mesh: Mesh, lanes: int, begin: Callable[[LaneInputs], LaneState]
         return jax.tree.map(lambda old, some: old.at[places].set(some, mode="drop"), (inputs, state), new)
 
     together = lanes_together(lanes // mesh.size)
-    begun = jax.jit(keeper.kept("begin", split_over(mesh, begin, 1)))
+    begun = jax.jit(cache.cached("begin", split_over(mesh, begin, 1)))
 
     def blank(fresh: LaneInputs) -> Occupied:
         forms = (fresh, jax.eval_shape(begun, fresh))
@@ -100,8 +100,8 @@ def lane_refill(mesh: Mesh, lanes: int, begin: Callable[[LaneInputs], LaneState]
     return LaneRefill(
         together=together,
         blank=blank,
-        fill=jax.jit(keeper.kept("fill", split_over(mesh, fill, 4)), donate_argnums=(0, 1)),
-        spread=jax.jit(keeper.kept("spread", split_over(mesh, spread, 2))),
+        fill=jax.jit(cache.cached("fill", split_over(mesh, fill, 4)), donate_argnums=(0, 1)),
+        spread=jax.jit(cache.cached("spread", split_over(mesh, spread, 2))),
     )
 
 
@@ -265,7 +265,7 @@ class CompiledProgram:
         advance: Returns the state a slice later, and the records of the slice, (lanes, steps) first; the state that
             was given is used up.
         stepwise: The functions for a robot application that runs on the host.
-        keeper: Of the functions, for processes to come.
+        cache: Of the functions, for processes to come.
         refill: Puts episodes into lanes that are free.
         host: The robot application, if it runs on the host.
     """
@@ -277,7 +277,7 @@ class CompiledProgram:
     begin: Callable[[LaneInputs], LaneState]
     advance: Callable[[LaneInputs, LaneState], tuple[LaneState, StepRecord]]
     stepwise: StepwiseCalls
-    keeper: ProgramCache
+    cache: ProgramCache
     refill: LaneRefill
     host: HostApplication | None = None
 
@@ -344,9 +344,9 @@ def compiled_program(
     """
     mesh = lane_mesh()
     seen = with_stand_in(applications, mechanics.actuators, host=host is not None)
-    keeper = open_program_cache(lane_sharding(mesh), seen, mechanics.engine, host=host is not None)
+    cache = open_program_cache(lane_sharding(mesh), seen, mechanics.engine, host=host is not None)
     begin_lanes, whole = jax.vmap(functools.partial(_begin_lane, mechanics, seen)), padded_lanes(lanes, mesh.size)
-    begin = jax.jit(keeper.kept("begin", split_over(mesh, begin_lanes, 1)))
+    begin = jax.jit(cache.cached("begin", split_over(mesh, begin_lanes, 1)))
     advance = split_over(mesh, functools.partial(_advance_slice, mechanics, seen), 2)
     return CompiledProgram(
         mechanics=mechanics,
@@ -354,10 +354,10 @@ def compiled_program(
         lanes=whole,
         mesh=mesh,
         begin=begin,
-        advance=jax.jit(keeper.kept("advance", advance), donate_argnums=1),
-        keeper=keeper,
+        advance=jax.jit(cache.cached("advance", advance), donate_argnums=1),
+        cache=cache,
         stepwise=_stepwise_calls(mechanics, seen, mesh, begin),
-        refill=lane_refill(mesh, whole, begin_lanes, keeper),
+        refill=lane_refill(mesh, whole, begin_lanes, cache),
         host=host,
     )
 

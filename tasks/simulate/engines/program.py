@@ -81,7 +81,7 @@ class Program(Protocol):
         ...
 
     @property
-    def keeper(self) -> ProgramCache:
+    def cache(self) -> ProgramCache:
         """Returns what keeps its functions for processes to come."""
         ...
 

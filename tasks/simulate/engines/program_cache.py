@@ -1,4 +1,4 @@
-"""Keeps the functions of programs from one process to the next: what one process has traced, the next one loads.
+"""Caches the functions of programs for processes to come: what one process has traced, the next one loads.
 
 A program follows from the applications' files and settings, Simyard's own source, libraries, and devices; from modules
 on PYTHONPATH, too, that a person works on, which no version tells of. A file is a head line in JSON, then a program's
@@ -35,9 +35,26 @@ from tasks.simulate.lane.chunk_applications import Applications
 from tasks.storage.base.local_files import HIDDEN, cache_folder, whole_file
 from tasks.storage.sealed_bundle import FILES_FOLDER
 
+logger = logging.getLogger(__name__)
+# Raised when what is cached changes its form.
+_FORMAT = 2
 _SETTINGS = ("JAX_", "XLA_", "TF_", "LIBTPU_", "MUJOCO_")
 # Where programs lie changes none of them.
 _NO_MATTER = ("jax_compilation_cache_dir", "JAX_COMPILATION_CACHE_DIR")
+# Of each kind in a folder, which holds what one set of applications was compiled to; a program takes a tenth of a
+# megabyte or two, a passed check a few hundred bytes.
+_FILES_AT_MOST = 400
+# A program that holds so much, such as the weights of a network, is as quick to trace as to read.
+_BYTES_AT_MOST = 64 << 20
+_PROGRAM, _CHECK = ".program", ".check"
+# Digests of bundles tell of their modules, versions of what is installed, and ``machine_identity`` of what simulates.
+_BUNDLE = "simyard_bundle_"
+_INSTALLED = ("site-packages", "dist-packages")
+_PACKAGES = ("specs", "tasks", "flows", "simyard")
+Function = Callable[..., Any]
+OnCompile = Callable[[], None]
+_folders: list[Path] = []
+_listeners: list[OnCompile] = []
 
 
 def applications_identity(
@@ -68,8 +85,8 @@ def machine_identity() -> str:
     for name in _NO_MATTER:
         settings.pop(name, None)
     devices = [(each.platform, each.device_kind, each.client.platform_version) for each in jax.devices()]
-    told = [sys.version, platform.machine(), _libraries(), _source_digest(), sorted(settings.items()), devices]
-    return _digest(json.dumps(told))
+    parts = [sys.version, platform.machine(), _libraries(), _source_digest(), sorted(settings.items()), devices]
+    return _digest(json.dumps(parts))
 
 
 def _source_digest() -> str:
@@ -117,14 +134,6 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-logger = logging.getLogger(__name__)
-# Of a folder, which holds what one set of applications was compiled to; each takes a tenth of a megabyte or two.
-_FILES_AT_MOST = 400
-# A program that holds so much, such as the weights of a network, is as quick to trace as to read.
-_BYTES_AT_MOST = 64 << 20
-_SUFFIX = ".program"
-
-
 class Dependency(Spec):
     """A file that a program follows from, and no key tells of.
 
@@ -141,13 +150,13 @@ class Head(Spec):
     """What is known of a program.
 
     Attributes:
-        form: What its arrays are put together to (``tree_form``).
-        whole: False for a program that cannot be kept, so that nobody tries again.
+        schema_text: What its arrays are put together to (``pytree_schema``).
+        whole: False for a program that cannot be cached, so that nobody tries again.
         dependencies: Files that must be what they were.
         sha256: Of the program's bytes.
     """
 
-    form: str = ""
+    schema_text: str = ""
     whole: bool = True
     dependencies: tuple[Dependency, ...] = ()
     sha256: str = ""
@@ -160,9 +169,8 @@ class CachedProgram(NamedTuple):
     program: bytes
 
 
-def read_cached(folder: Path, key: str) -> CachedProgram | None:
-    """Returns what was kept under a key; None where there is nothing, or what is there is not whole or out of date."""
-    path = folder / f"{key}{_SUFFIX}"
+def read_cached(path: Path) -> CachedProgram | None:
+    """Returns what was cached in a file; None where there is nothing, or what is there is not whole or out of date."""
     try:
         line, _, program = path.read_bytes().partition(b"\n")
         head = Head.model_validate_json(line)
@@ -175,17 +183,17 @@ def read_cached(folder: Path, key: str) -> CachedProgram | None:
     return CachedProgram(head, program)
 
 
-def write_cached(folder: Path, key: str, kept: CachedProgram) -> None:
-    """Keeps a program under a key, whole or not at all; a folder that cannot be written to keeps nothing."""
-    if len(kept.program) > _BYTES_AT_MOST:
+def write_cached(path: Path, cached: CachedProgram) -> None:
+    """Writes a program into a file, whole or not at all; a folder that cannot be written to caches nothing."""
+    if len(cached.program) > _BYTES_AT_MOST:
         return
-    head = kept.head.model_copy(update={"sha256": hashlib.sha256(kept.program).hexdigest()})
+    head = cached.head.model_copy(update={"sha256": hashlib.sha256(cached.program).hexdigest()})
     try:
-        with whole_file(folder / f"{key}{_SUFFIX}") as file:
-            file.write(json.dumps(head.model_dump(mode="json")).encode() + b"\n" + kept.program)
-        _thin_out(folder)
+        with whole_file(path) as file:
+            file.write(json.dumps(head.model_dump(mode="json")).encode() + b"\n" + cached.program)
+        _thin_out(path.parent, path.suffix)
     except OSError as exc:
-        logger.debug("a program is not kept: %s", exc)
+        logger.debug("a program is not cached: %s", exc)
 
 
 def file_digest(path: Path) -> str:
@@ -200,31 +208,30 @@ def _unchanged(dependency: Dependency) -> bool:
     return file_digest(Path(dependency.path)) == dependency.sha256
 
 
-def _thin_out(folder: Path) -> None:
-    """Removes the programs that were used longest ago, and what a process left that was killed while it wrote."""
-    kept = [path for path in folder.iterdir() if path.suffix == _SUFFIX or path.name.startswith(HIDDEN)]
-    if len(kept) <= _FILES_AT_MOST:
+def _thin_out(folder: Path, suffix: str) -> None:
+    """Removes the files of a kind that were used longest ago, and what a process left that was killed as it wrote."""
+    there = [path for path in folder.iterdir() if path.suffix == suffix or path.name.startswith(HIDDEN)]
+    if len(there) <= _FILES_AT_MOST:
         return
     used_s: dict[Path, float] = {}
-    for path in kept:
+    for path in there:
         with suppress(OSError):  # another process was faster
             used_s[path] = path.stat().st_mtime
-    for path in sorted(used_s, key=lambda each: used_s[each])[: len(kept) - _FILES_AT_MOST]:
+    for path in sorted(used_s, key=lambda each: used_s[each])[: len(there) - _FILES_AT_MOST]:
         path.unlink(missing_ok=True)
 
 
-_BUNDLE = "simyard_bundle_"
-_INSTALLED = ("site-packages", "dist-packages")
-
-
 def module_dependencies() -> tuple[Dependency, ...]:
-    """Returns the files of all modules that were imported from elsewhere, as they are now."""
+    """Returns the files of all modules that come neither from a bundle nor from a library nor from Simyard.
+
+    A person may work on one, in a folder on PYTHONPATH, and no version tells of a change.
+    """
     return tuple(Dependency(path=str(path), sha256=file_digest(path)) for path in sorted(set(_elsewhere())))
 
 
 def _elsewhere() -> Iterator[Path]:
-    known = [sysconfig.get_path(name) for name in ("stdlib", "platstdlib")]
-    known += [specs.__path__[0], tasks.simulate.__path__[0]]
+    known = [Path(sysconfig.get_path(name)) for name in ("stdlib", "platstdlib")]
+    known += [Path(specs.__path__[0]).parent / name for name in _PACKAGES]
     for name, module in list(sys.modules.items()):
         file = getattr(module, "__file__", None)
         if not isinstance(file, str) or name.startswith(_BUNDLE):
@@ -234,28 +241,20 @@ def _elsewhere() -> Iterator[Path]:
             yield path
 
 
-# Raised when what is kept changes its form.
-_FORMAT = 1
-Function = Callable[..., Any]
-Told = Callable[[], None]
-_folders: list[Path] = []
-_told: list[Told] = []
-
-
-def use_cache_folder(folder: Path, on_compile: Told = lambda: None) -> None:
-    """Keeps programs in a folder from now on.
+def use_cache_folder(folder: Path, on_compile: OnCompile = lambda: None) -> None:
+    """Caches programs in a folder from now on.
 
     Args:
         folder: No other applications than this process's may write to it.
-        on_compile: Called before a function is traced and compiled that is not kept there.
+        on_compile: Called before a function is traced and compiled that is not cached there.
     """
-    _folders[:], _told[:] = [folder], [on_compile]
+    _folders[:], _listeners[:] = [folder], [on_compile]
 
 
 def open_program_cache(
     sharding: NamedSharding, applications: Applications, engine: EngineName, *, host: bool
 ) -> "ProgramCache":
-    """Returns the keeper of a program's functions.
+    """Returns the cache of a program's functions.
 
     Args:
         sharding: How their arrays are split over the devices.
@@ -269,25 +268,25 @@ def open_program_cache(
 
 @dataclass(frozen=True)
 class ProgramCache:
-    """Keeps the functions of one program.
+    """Caches the functions of one program.
 
     Attributes:
         sharding: How all their arrays, lanes first, are split over the devices.
-        identity: What they follow from besides the shapes of their arrays; empty for a program that is not kept.
+        identity: What they follow from besides the shapes of their arrays; empty for a program that is not cached.
     """
 
     sharding: NamedSharding
     identity: str
 
-    def kept(self, name: str, function: Function) -> Function:
-        """Returns a function to be compiled, which is traced only if no process has kept it before.
+    def cached(self, name: str, function: Function) -> Function:
+        """Returns a function to be compiled, which is traced only if no process has cached it before.
 
         Args:
             name: Of the function, within the program.
-            function: Takes and returns trees of arrays, with no type of an application's own (``sealed_state``); at
+            function: Takes and returns trees of arrays, with no type of an application's own (``flatten_state``); at
                 least one that it takes lies on the devices.
         """
-        if not self.keeps:
+        if not self.enabled:
             return function
 
         def called(*given: Any) -> Any:  # noqa: ANN401 - as the function has them
@@ -297,8 +296,8 @@ class ProgramCache:
         return called
 
     @property
-    def keeps(self) -> bool:
-        """Returns whether anything is kept."""
+    def enabled(self) -> bool:
+        """Returns whether anything is cached."""
         return bool(self.identity and _folders)
 
     def passed(self, check: str, arguments: object, values: object = None) -> bool:
@@ -309,61 +308,61 @@ class ProgramCache:
             arguments: Arrays of which it sees the shapes.
             values: What else it sees.
         """
-        return self.keeps and read_cached(_folders[0], self._key(f"{check} {values!r}", arguments)) is not None
+        return self.enabled and read_cached(self._file(f"{check} {values!r}", arguments, _CHECK)) is not None
 
-    def note(self, check: str, arguments: object, values: object = None) -> None:
+    def note_passed(self, check: str, arguments: object, values: object = None) -> None:
         """Notes that a check was passed; the arguments are those of ``passed``."""
-        if self.keeps:
-            kept = CachedProgram(Head(dependencies=module_dependencies()), b"")
-            write_cached(_folders[0], self._key(f"{check} {values!r}", arguments), kept)
+        if self.enabled:
+            nothing = CachedProgram(Head(dependencies=module_dependencies()), b"")
+            write_cached(self._file(f"{check} {values!r}", arguments, _CHECK), nothing)
 
     def _called(self, name: str, function: Function, arguments: tuple[Any, ...]) -> Any:  # noqa: ANN401 - as it has them
-        """Returns what a function returns of traced arguments, out of what is kept of it."""
-        key = self._key(name, arguments)
-        kept = read_cached(_folders[0], key)
-        if kept is not None and kept.head.whole:
+        """Returns what a function returns of traced arguments, out of what is cached of it."""
+        path = self._file(name, arguments, _PROGRAM)
+        cached = read_cached(path)
+        if cached is not None and cached.head.whole:
             try:
-                return _result(kept, arguments)
+                return _result(cached, arguments)
             except Exception as exc:  # noqa: BLE001 - whatever lies in the file: it is made anew
-                logger.debug("what is kept of %s cannot be loaded: %s", name, exc)
-                kept = None
-        if kept is None:
-            for tell in _told:
-                tell()
-            kept = self._traced(function, arguments)
-            write_cached(_folders[0], key, kept)
-        return _result(kept, arguments) if kept.head.whole else function(*arguments)
+                logger.debug("what is cached of %s cannot be loaded: %s", name, exc)
+                cached = None
+        if cached is None:
+            for on_compile in _listeners:
+                on_compile()
+            cached = self._traced(function, arguments)
+            write_cached(path, cached)
+        return _result(cached, arguments) if cached.head.whole else function(*arguments)
 
     def _traced(self, function: Function, arguments: tuple[Any, ...]) -> CachedProgram:
-        """Returns a function as it can be kept; what it raises while it is traced is raised here."""
+        """Returns a function as it can be cached; what it raises while it is traced is raised here."""
         leaves, structure = jax.tree.flatten(arguments)
         made: list[Any] = []
 
         def flat(*arrays: jax.Array) -> list[jax.Array]:
-            results, form = jax.tree.flatten(function(*jax.tree.unflatten(structure, arrays)))
-            made[:] = [form]
+            results, made_structure = jax.tree.flatten(function(*jax.tree.unflatten(structure, arrays)))
+            made[:] = [made_structure]
             return results
 
         shapes = [_shape(leaf, self.sharding) for leaf in leaves]
         compiled = jax.jit(flat)
         compiled.trace(*shapes)  # an application's exceptions come from here, and no others
         try:
-            form, program = schema_of(made[0]), bytes(export.export(compiled)(*shapes).serialize())
+            schema, program = schema_of(made[0]), bytes(export.export(compiled)(*shapes).serialize())
         except (NotImplementedError, ValueError, UnknownPytree) as exc:  # such as one that calls the host back
-            logger.debug("a program cannot be kept: %s", exc)
+            logger.debug("a program cannot be cached: %s", exc)
             return CachedProgram(Head(whole=False, dependencies=module_dependencies()), b"")
-        return CachedProgram(Head(form=form, dependencies=module_dependencies()), program)
+        return CachedProgram(Head(schema_text=schema, dependencies=module_dependencies()), program)
 
-    def _key(self, name: str, arguments: object) -> str:
+    def _file(self, name: str, arguments: object, suffix: str) -> Path:
         leaves, structure = jax.tree.flatten(arguments)
         shapes = [(leaf.shape, str(leaf.dtype), _is_weak(leaf)) for leaf in leaves]
-        told = [_FORMAT, machine_identity(), self.identity, name, str(self.sharding), str(structure), shapes]
-        return hashlib.sha256(json.dumps(told).encode()).hexdigest()
+        key = [_FORMAT, machine_identity(), self.identity, name, str(self.sharding), str(structure), shapes]
+        return _folders[0] / f"{_digest(json.dumps(key))}{suffix}"
 
 
-def _result(kept: CachedProgram, arguments: tuple[Any, ...]) -> Any:  # noqa: ANN401 - whatever the kept function returns
-    results: Any = export.deserialize(bytearray(kept.program)).call(*jax.tree.leaves(arguments))
-    return pytree_of(kept.head.form, results)
+def _result(cached: CachedProgram, arguments: tuple[Any, ...]) -> Any:  # noqa: ANN401 - what the cached function returns
+    results: Any = export.deserialize(bytearray(cached.program)).call(*jax.tree.leaves(arguments))
+    return pytree_of(cached.head.schema_text, results)
 
 
 def _shape(leaf: jax.Array, sharding: NamedSharding) -> jax.ShapeDtypeStruct:

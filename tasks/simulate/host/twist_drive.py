@@ -164,7 +164,7 @@ def _base_moments(
     """
     before, after = _moments(model, 0.0), _moments(model, _QUARTER_RAD)
     turned = np.stack([-before[:, 1], before[:, 0], before[:, 2]], axis=1)
-    return before, np.isclose(after, turned, atol=1e-9).all(axis=1)
+    return before, np.asarray(np.isclose(after, turned, atol=1e-9).all(axis=1))
 
 
 def _moments(model: mujoco.MjModel, yaw_rad: float) -> Float64[np.ndarray, "actuators 3"]:

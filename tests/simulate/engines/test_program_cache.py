@@ -1,5 +1,7 @@
 """What a program follows from: whatever is different of it makes another program."""
 
+import importlib
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,10 +13,16 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engines import program_cache as keeping
+from tasks.simulate.engines import program_cache
 from tasks.simulate.engines.program import lane_mesh, lane_sharding, split_over
-from tasks.simulate.engines.program_cache import ProgramCache, applications_identity, use_cache_folder
+from tasks.simulate.engines.program_cache import (
+    ProgramCache,
+    applications_identity,
+    module_dependencies,
+    use_cache_folder,
+)
 from tests.factories.simulations import FOLDERS, ROBOT, SCENARIO
+from tests.repository import ROOT
 
 LAUNCHES = (ROBOT, SCENARIO)
 BUNDLES = (FOLDERS[ROBOT.digest], FOLDERS[SCENARIO.digest])
@@ -65,7 +73,7 @@ INPUTS = np.linspace(0.0, 1.0, LANES * 3, dtype=np.float32).reshape(LANES, 3)
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder of kept programs of the test's own."""
-    monkeypatch.setattr(keeping, "_folders", [])
+    monkeypatch.setattr(program_cache, "_folders", [])
     use_cache_folder(tmp_path / "kept")
     return tmp_path / "kept"
 
@@ -89,9 +97,9 @@ def put(inputs: np.ndarray) -> jax.Array:
 
 
 def run(function: Counted, identity: str = "one", name: str = "f", inputs: np.ndarray = INPUTS) -> object:
-    """Runs a function as a new process would: by a keeper and a jit of its own."""
+    """Runs a function as a new process would: by a cache and a jit of its own."""
     whole = split_over(MESH, function, 1)
-    return jax.jit(ProgramCache(lane_sharding(MESH), identity).kept(name, whole))(put(inputs))
+    return jax.jit(ProgramCache(lane_sharding(MESH), identity).cached(name, whole))(put(inputs))
 
 
 def traced(**other: object) -> int:
@@ -220,10 +228,36 @@ def test_a_folder_that_cannot_be_written_to_keeps_nothing(tmp_path: Path):
 
 
 def test_a_check_that_was_passed_is_known_for_its_shapes_and_values():
-    keeper = ProgramCache(lane_sharding(MESH), "one")
-    assert not keeper.passed("check", INPUTS, [1.0])
-    keeper.note("check", INPUTS, [1.0])
-    assert keeper.passed("check", INPUTS + 1, [1.0])
-    assert not keeper.passed("check", INPUTS, [2.0])
-    assert not keeper.passed("check", INPUTS[:1], [1.0])
+    cache = ProgramCache(lane_sharding(MESH), "one")
+    assert not cache.passed("check", INPUTS, [1.0])
+    cache.note_passed("check", INPUTS, [1.0])
+    assert cache.passed("check", INPUTS + 1, [1.0])
+    assert not cache.passed("check", INPUTS, [2.0])
+    assert not cache.passed("check", INPUTS[:1], [1.0])
     assert not ProgramCache(lane_sharding(MESH), "two").passed("check", INPUTS, [1.0])
+
+
+def test_passed_checks_crowd_out_no_program(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(program_cache, "_FILES_AT_MOST", 3)
+    run(Counted())
+    for number in range(4):
+        ProgramCache(lane_sharding(MESH), "one").note_passed("check", INPUTS, [number])
+    assert traced() == 0
+
+
+def test_of_passed_checks_the_oldest_go_first(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(program_cache, "_FILES_AT_MOST", 3)
+    cache = ProgramCache(lane_sharding(MESH), "one")
+    for number in range(5):
+        cache.note_passed("check", INPUTS, [number])
+        newest = max(folder.iterdir(), key=lambda path: path.stat().st_mtime_ns)
+        os.utime(newest, (number, number))
+    assert [cache.passed("check", INPUTS, [number]) for number in range(5)] == [False, False, True, True, True]
+
+
+def test_no_module_of_simyard_is_a_dependency():
+    importlib.import_module("tasks.storage.store_url")
+    importlib.import_module("simyard")
+    roots = [ROOT / name for name in ("specs", "tasks", "flows", "simyard")]
+    paths = [Path(each.path) for each in module_dependencies()]
+    assert not [path for path in paths if any(path.is_relative_to(root) for root in roots)]

@@ -69,7 +69,7 @@ class HostProgram:
             state given is used up.
         step: Returns what ``settle`` does, and what is decided then, all that the host needs of both as one array; what
             it is given of either is used up.
-        keeper: Of the functions, for processes to come.
+        cache: Of the functions, for processes to come.
         host: The robot application, if it runs on the host.
     """
 
@@ -85,7 +85,7 @@ class HostProgram:
     step: Callable[
         [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
     ]
-    keeper: ProgramCache
+    cache: ProgramCache
     host: HostApplication | None
     engine: EngineName = "mujoco"
 
@@ -195,10 +195,10 @@ def host_program(
     """
     robot, mesh = host_robot(path), lane_mesh(most=-(-lanes // _LANES_A_DEVICE))
     seen = with_stand_in(applications, robot.actuators, host=host is not None)
-    keeper = open_program_cache(lane_sharding(mesh), seen, "mujoco", host=host is not None)
+    cache = open_program_cache(lane_sharding(mesh), seen, "mujoco", host=host is not None)
 
     def split(name: str, kernel: Callable[..., object], arguments: int) -> Callable[..., Any]:
-        return keeper.kept(name, split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments))
+        return cache.cached(name, split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments))
 
     return HostProgram(
         robot=robot,
@@ -211,7 +211,7 @@ def host_program(
         decide=jax.jit(split("decide", _decide_lane, 2)),
         settle=jax.jit(split("settle", functools.partial(_settle_lane, robot), 4), donate_argnums=1),
         step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
-        keeper=keeper,
+        cache=cache,
         host=host,
     )
 
