@@ -402,7 +402,7 @@ def _verdict_changes(asked: ParsedRun, gate: Gate, found: BatchRecount, store: S
     other = _baseline(asked, gate, store, run)
     if isinstance(other, str):
         return [other]
-    material = replace(gate_material(gate, found.record, store, other), tries=answer.tries)
+    material = replace(gate_material(gate, found.record, store, other), attempts=answer.attempts)
     verdict = judge(gate, material)
     if verdict.verdict != "PASS" or answer.verdict != verdict.verdict:
         return [f"{key} says the verdict {answer.verdict}; computed: {verdict.sentence}"]

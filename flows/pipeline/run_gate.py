@@ -36,7 +36,7 @@ from tasks.results.gate.evidence import (
     tested_batch,
     write_evidence,
 )
-from tasks.results.gate.gate_verdict import GateVerdict, columns_needed, count_rows, judge
+from tasks.results.gate.gate_verdict import GateVerdict, columns_needed, count_rows, false_pass_chance, judge
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.gate.version_pairs import PairCounts, count_pairs
@@ -54,12 +54,15 @@ from tasks.storage.jobs.runs import run_document
 from tasks.storage.store_url import open_store
 
 _DIGITS = 32
+_BILLION = 1_000_000_000
 # What decides neither which episodes a batch has nor what comes of them.
 _WORK = frozenset({"lanes", "timeout_s", "recordings", "audit", "shuffled", "worlds", "world_digests"})
 
 
 def attempts_name(run: JobRecord, gate: Gate, batch: JobRecord, compared_with: str) -> str:
-    """Returns what the tries of a run are counted under: its document's name, its gate, and the tested bundles.
+    """Returns what the attempts of a run are counted under: its document's name, its gate, and the tested bundles.
+
+    How sure the gate has to be makes no difference: who asks for less after each attempt goes on, and begins nothing.
 
     Args:
         run: The run.
@@ -70,29 +73,37 @@ def attempts_name(run: JobRecord, gate: Gate, batch: JobRecord, compared_with: s
     tested = candidates(plan_of(batch), compared_with)
     asked: dict[str, JsonValue] = {
         "document": run_document(run),
-        "gate": canonical_document(gate),
+        "gate": _without_confidence(canonical_document(gate)),
         "tested": [*sorted(tested)],
     }
     return hashlib.sha256(canonical_json(asked)).hexdigest()[:_DIGITS]
 
 
-def attempts_before(store: Store, ledger: str, episodes: Callable[[], str]) -> int:
-    """Returns how many other batches were judged under a ledger without a PASS.
+def _without_confidence(asked: JsonValue) -> JsonValue:
+    if isinstance(asked, dict):
+        return {name: _without_confidence(value) for name, value in asked.items() if name != "confidence"}
+    return [_without_confidence(each) for each in asked] if isinstance(asked, list) else asked
+
+
+def attempts_before(store: Store, attempts: str, episodes: Callable[[], str]) -> tuple[float, ...]:
+    """Returns of each other batch that was judged so without a PASS how often it would have passed wrongly by chance.
 
     Args:
-        store: Where the ledger is.
-        ledger: Its name.
-        episodes: Gives the name of this batch's episodes; not asked where there is no other try.
+        store: Where attempts are noted.
+        attempts: What they are counted under.
+        episodes: Gives the name of this batch's episodes; not asked where there is no other attempt.
     """
-    form = key_pattern(ATTEMPT, ledger=ledger)
-    matches = (form.fullmatch(key) for key in store.keys(attempts_prefix(ledger)))
-    known = {found["episodes"] for found in matches if found}
-    return len(known - {episodes()}) if known else 0
+    form, known = key_pattern(ATTEMPT, attempts=attempts), dict[str, int]()
+    for found in map(form.fullmatch, store.keys(attempts_prefix(attempts))):
+        if found:
+            known[found["episodes"]] = max(known.get(found["episodes"], 0), int(found["error"]))
+    known.pop(episodes() if known else "", None)
+    return tuple(sorted(error / _BILLION for error in known.values()))
 
 
-def note_attempt(store: Store, ledger: str, episodes: str, batch: str) -> None:
-    """Leaves the name of a batch's episodes under a ledger; doing it again changes nothing."""
-    store.put(attempt_key(ledger, episodes), canonical_json({"batch": batch}))
+def note_attempt(store: Store, attempts: str, episodes: str, batch: str, error: float) -> None:
+    """Notes a batch's episodes, and how often they pass wrongly by chance; doing it again changes nothing."""
+    store.put(attempt_key(attempts, episodes, round(error * _BILLION)), canonical_json({"batch": batch}))
 
 
 def episodes_name(store: Store, plan: BatchPlan) -> str:
@@ -127,7 +138,8 @@ class GateAnswer(Spec):
         evidence_url: Where its evidence is.
         evidence: SHA-256 of it.
         rooms: How much of its worlds the robots were in; None where nothing says that.
-        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
+        attempts: Of each earlier attempt, on other episodes of the same version and without a PASS, how often it passes
+            wrongly by chance.
     """
 
     batch: str
@@ -136,7 +148,7 @@ class GateAnswer(Spec):
     evidence_url: str
     evidence: str
     rooms: RoomCoverage | None = None
-    tries: int = 0
+    attempts: tuple[float, ...] = ()
 
 
 class BatchJudgement(NamedTuple):
@@ -154,7 +166,7 @@ def judge_batch(
     *,
     other: Baseline | NoBaseline | None,
     ships: Shipment | None,
-    tries: int = 0,
+    attempts: tuple[float, ...] = (),
 ) -> BatchJudgement:
     """Returns the gate's verdict on a batch, whose evidence is written; a step: a plain function of data.
 
@@ -164,11 +176,11 @@ def judge_batch(
         rule: What the document asks for.
         other: The version that ``noWorseThan`` compares with, or why there is none; None if nobody asks.
         ships: What the document ships, if it deploys.
-        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
+        attempts: Of each earlier attempt, how often it passes wrongly by chance.
     """
     store = open_store(store_url)
     record = read(store, KIND, batch)
-    found = replace(gate_material(rule, record, store, other), tries=tries)
+    found = replace(gate_material(rule, record, store, other), attempts=attempts)
     verdict = judge(rule, found)
     baseline = other if isinstance(other, Baseline) else None
     tested, left_out = tested_facts(plan_of(record), record), found.lacks.left_out
@@ -208,11 +220,11 @@ def gate_answer(
     # where one has such an input, the page of a run shows no task runs at all (3.8.8).
     name = parse_reference(batch.arn).path
     other = _baseline(gate, batch, store, run)
-    ledger = attempts_name(run, gate, batch, other.digest if isinstance(other, Baseline) else "")
+    name_of_attempts = attempts_name(run, gate, batch, other.digest if isinstance(other, Baseline) else "")
     episodes = cache(lambda: episodes_name(store, plan_of(batch)))  # for which each world is read
-    # A run that goes on says what it said, whatever was tried meanwhile.
-    tries = pinned.tries if pinned else attempts_before(store, ledger, episodes)
-    verdict, url, digest = judged(store.url, name, gate, other=other, ships=ships, tries=tries)
+    # A run that goes on says what it said, whatever was attempted meanwhile.
+    attempts = pinned.attempts if pinned else attempts_before(store, name_of_attempts, episodes)
+    verdict, url, digest = judged(store.url, name, gate, other=other, ships=ships, attempts=attempts)
     answer = GateAnswer(
         batch=batch.id,
         verdict=verdict.verdict,
@@ -220,12 +232,12 @@ def gate_answer(
         evidence_url=url,
         evidence=digest,
         rooms=verdict.rooms,
-        tries=tries,
+        attempts=attempts,
     )
     if pinned not in (None, answer):
         raise _another_answer(store, run, pinned, answer)
     if answer.verdict != "PASS":
-        note_attempt(store, ledger, episodes(), batch.id)
+        note_attempt(store, name_of_attempts, episodes(), batch.id, false_pass_chance(gate))
     _pin(store, run, _GATE, answer)
     return answer
 

@@ -137,10 +137,10 @@ def judge_batch(
     *,
     other: Baseline | NoBaseline | None,
     ships: Shipment | None,
-    tries: int = 0,
+    attempts: tuple[float, ...] = (),
 ) -> BatchJudgement:
     """Returns what `flows.pipeline.run_gate.judge_batch` does, and shows the verdict with the sentence of each rule."""
-    judged = run_gate.judge_batch(store_url, batch, rule, other=other, ships=ships, tries=tries)
+    judged = run_gate.judge_batch(store_url, batch, rule, other=other, ships=ships, attempts=attempts)
     verdict, mark = judged.verdict, _VERDICT_MARKS[judged.verdict.verdict]
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
     create_markdown_artifact(

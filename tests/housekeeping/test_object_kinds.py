@@ -88,7 +88,7 @@ def test_what_is_no_jobs_is_known_too(key: str, what: str) -> None:
         "store.json",
         line_root_key("world-export-job"),
         "housekeeping/unnamed.json",
-        attempt_key("0" * 32, "1" * 32),
+        attempt_key("0" * 32, "1" * 32, 25_000_000),
         "templates/t.json",
         named_template_key("wt-0123456789abcdef"),
         template_name_key("a flat"),
@@ -149,7 +149,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "tags",
         "world-templates",
         "template-names",
-        "tries",
+        "attempts",
     }
     assert len(forms) > 15
 

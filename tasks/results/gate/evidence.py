@@ -202,7 +202,7 @@ def gather(
         baseline=baseline,
         ships=ships,
         rooms=verdict.rooms,
-        tries=verdict.tries,
+        tries=len(verdict.attempts),
     )
 
 

@@ -59,8 +59,8 @@ class GateVerdict(Spec):
         counts: What the judged episodes came to.
         rules: The answer of each rule.
         rooms: How much of its worlds the robots were in; None where nothing says that. It decides nothing.
-        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS. It
-            decides nothing either.
+        attempts: Of each earlier attempt, on other episodes of the same version and without a PASS, how often it passes
+            wrongly by chance. It decides nothing either.
     """
 
     verdict: Verdict
@@ -68,7 +68,7 @@ class GateVerdict(Spec):
     counts: EpisodeCounts
     rules: tuple[RuleVerdict, ...]
     rooms: RoomCoverage | None = None
-    tries: int = 0
+    attempts: tuple[float, ...] = ()
 
 
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
@@ -80,14 +80,14 @@ def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
         for label, asked in rule.asked(gate)
     )
     answer = combine([rule.verdict for rule in rules])
-    sentence = "\n".join([_sentence(answer, rules), *_attempts_line(gate, material.tries)])
+    sentence = "\n".join([_sentence(answer, rules), *_attempts_line(gate, material.attempts)])
     return GateVerdict(
         verdict=answer,
         sentence=sentence,
         counts=material.counts,
         rules=rules,
         rooms=material.rooms,
-        tries=material.tries,
+        attempts=material.attempts,
     )
 
 
@@ -96,6 +96,14 @@ def combine(answers: Sequence[Verdict]) -> Verdict:
     if "FAIL" in answers:
         return "FAIL"
     return "PASS" if answers and all(answer == "PASS" for answer in answers) else "INCONCLUSIVE"
+
+
+def false_pass_chance(gate: Gate) -> float:
+    """Returns how often a gate that ought to fail passes by chance, at most.
+
+    It has a rule that ought to fail, which passes wrongly in half of its remaining doubt at most.
+    """
+    return round(max((1.0 - asked.confidence) / 2.0 for rule in GATE_RULES for _, asked in rule.asked(gate)), 9)
 
 
 def columns_needed(gate: Gate) -> list[str]:
@@ -140,16 +148,14 @@ def _values(rows: "pa.Table", columns: Sequence[str]) -> ColumnValues:
     return {name: rows.column(name).to_pylist() for name in columns}
 
 
-def _attempts_line(gate: Gate, before: int) -> Iterator[str]:
-    """Yields what earlier tries do to the chance of a false PASS, by Boole's inequality; nothing of the first try.
-
-    A gate that ought to fail has a rule that ought to, which passes wrongly in half of its remaining doubt at most.
-    """
+def _attempts_line(gate: Gate, before: Sequence[float]) -> Iterator[str]:
+    """Yields what earlier attempts do to the chance of a false PASS, by Boole's inequality; nothing of the first."""
     if before:
-        each = max((1.0 - asked.confidence) / 2.0 for rule in GATE_RULES for _, asked in rule.asked(gate))
-        most, tries = min(1.0, (before + 1) * each), before + 1
-        chance = f"{tries} x {100 * each:.3g} % = {100 * most:.3g} %"
-        yield f"try {tries} of this gate on other episodes, none passed before: a false PASS by chance up to {chance}"
+        errors = Counter([*before, false_pass_chance(gate)])
+        terms = " + ".join(f"{count} x {100 * error:.3g} %" for error, count in sorted(errors.items()))
+        chance = f"{terms} = {100 * min(1.0, sum(errors.elements())):.3g} %"
+        attempt = len(before) + 1
+        yield f"try {attempt} of this gate on other episodes, none passed before: a false PASS by chance up to {chance}"
 
 
 def _sentence(answer: Verdict, rules: Sequence[RuleVerdict]) -> str:

@@ -127,8 +127,8 @@ TEMPLATE_NAME = "template-names/{digest}.json"
 """Which template has a name; the digest is the name's."""
 RESULT = "results/{batch}/{file}"
 """Evidence and notes of a batch."""
-ATTEMPT = "tries/{ledger}/{episodes}.json"
-"""That a gate did not pass on some episodes; the ledger is the digest of document, gate and tested version."""
+ATTEMPT = "attempts/{attempts}/{episodes}/{error:010d}.json"
+"""That a gate did not pass on some episodes; attempts of document, gate and tested version are counted together."""
 BUNDLE = "bundles/{digest}"
 """An application bundle, named by its SHA-256."""
 APPLICATION = "applications/{kind}/{application}.json"
@@ -283,14 +283,14 @@ def result_key(batch: str, name: str) -> str:
     return fill(RESULT, batch=batch, file=name)
 
 
-def attempt_key(ledger: str, episodes: str) -> str:
-    """Returns the key that says that a gate did not pass on some episodes."""
-    return fill(ATTEMPT, ledger=ledger, episodes=episodes)
+def attempt_key(attempts: str, episodes: str, error: int) -> str:
+    """Returns the key that says that a gate did not pass on some episodes; by chance it does wrongly, in billionths."""
+    return fill(ATTEMPT, attempts=attempts, episodes=episodes, error=error)
 
 
-def attempts_prefix(ledger: str) -> str:
+def attempts_prefix(attempts: str) -> str:
     """Returns the folder that holds what a gate did not pass on."""
-    return folder(ATTEMPT, ledger=ledger)
+    return folder(ATTEMPT, attempts=attempts)
 
 
 def actions_key(day: str, name: str) -> str:

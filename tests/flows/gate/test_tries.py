@@ -1,4 +1,4 @@
-"""A gate that is asked again on other episodes counts its tries with one listing, and sticks to what it said."""
+"""A gate that is asked again on other episodes counts its attempts with one listing, and sticks to what it said."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -71,9 +71,9 @@ def nights(file_store: Store, tmp_path: Path) -> Nights:
     return Nights(file_store, tmp_path)
 
 
-def test_a_third_try_on_other_episodes_says_what_it_does_to_the_error(nights: Nights):
-    assert nights.run("mon", 0).tries == 0
-    assert nights.run("tue", 100).tries == 1
+def test_a_third_attempt_on_other_episodes_says_what_it_does_to_the_error(nights: Nights):
+    assert nights.run("mon", 0).attempts == ()
+    assert nights.run("tue", 100).attempts == (0.025,)
     third = nights.run("wed", 200, simulate=lambda part: [passed(each.index) for each in part.chunk.requests])
     assert third.verdict == "PASS"
     assert third.sentence.splitlines()[-1] == (
@@ -82,24 +82,39 @@ def test_a_third_try_on_other_episodes_says_what_it_does_to_the_error(nights: Ni
     assert read_evidence(nights.store, third.batch).tries == 2
 
 
-def test_the_same_episodes_judged_again_are_no_new_try(nights: Nights):
-    assert [nights.run(night, 0, lanes=lanes).tries for night, lanes in (("mon", 40), ("tue", 40), ("wed", 16))] == [
-        0,
-        0,
-        0,
+def test_the_same_episodes_judged_again_are_no_new_attempt(nights: Nights):
+    assert [nights.run(night, 0, lanes=lanes).attempts for night, lanes in (("mon", 40), ("tue", 40), ("wed", 16))] == [
+        (),
+        (),
+        (),
     ]
 
 
-def test_a_pass_leaves_no_try(nights: Nights):
+def test_a_pass_leaves_no_attempt(nights: Nights):
     nights.run("mon", 0, simulate=lambda part: [passed(each.index) for each in part.chunk.requests])
-    assert nights.run("tue", 100).tries == 0
+    assert nights.run("tue", 100).attempts == ()
 
 
 @pytest.mark.parametrize("other", ["gate", "robot"])
 def test_another_bar_or_another_bundle_begins_anew(nights: Nights, tmp_path: Path, other: str):
     nights.run("mon", 0)
     robot = courier(nights.store, tmp_path, "two") if other == "robot" else None
-    assert nights.run("tue", 100, OTHER if other == "gate" else GATE, robot=robot).tries == 0
+    assert nights.run("tue", 100, OTHER if other == "gate" else GATE, robot=robot).attempts == ()
+
+
+def test_another_confidence_is_another_attempt_at_the_same_gate(nights: Nights):
+    surer, less = (Gate.model_validate({"successRate": {"atLeast": 0.9, "confidence": each}}) for each in (0.99, 0.9))
+    nights.run("mon", 0, surer)
+    nights.run("tue", 100, less)
+    third = nights.run("wed", 200)
+    assert third.attempts == (0.005, 0.05)
+    assert third.sentence.endswith("by chance up to 1 x 0.5 % + 1 x 2.5 % + 1 x 5 % = 8 %")
+
+
+def test_the_same_episodes_at_several_confidences_count_once_by_the_least_sure(nights: Nights):
+    for night, confidence in (("mon", 0.99), ("tue", 0.9), ("wed", 0.95)):
+        nights.run(night, 0, Gate.model_validate({"successRate": {"atLeast": 0.9, "confidence": confidence}}))
+    assert nights.run("thu", 100).attempts == (0.05,)
 
 
 def test_a_run_that_goes_on_says_what_it_said(nights: Nights, monkeypatch: pytest.MonkeyPatch):
@@ -130,13 +145,13 @@ class CountedStore:
         return request
 
 
-def test_a_hundred_tries_are_counted_with_one_listing_and_no_record_is_opened(nights: Nights):
+def test_a_hundred_attempts_are_counted_with_one_listing_and_no_record_is_opened(nights: Nights):
     batch, counted = nights.batch("mon"), CountedStore(nights.store)
-    ledger, store = attempts_name(run_of(nights.store), GATE, batch, ""), cast("Store", counted)
+    name, store = attempts_name(run_of(nights.store), GATE, batch, ""), cast("Store", counted)
     for number in range(100):
-        note_attempt(nights.store, ledger, f"{number:032x}", "simb-0")
-    assert attempts_before(store, ledger, lambda: episodes_name(store, plan_of(batch))) == 100
+        note_attempt(nights.store, name, f"{number:032x}", "simb-0", 0.025)
+    assert attempts_before(store, name, lambda: episodes_name(store, plan_of(batch))) == (0.025,) * 100
     assert counted.calls == {"keys": 1, "get": len(plan_of(batch).worlds_used())}
     counted.calls.clear()
-    assert attempts_before(store, "0" * 32, lambda: episodes_name(store, plan_of(batch))) == 0
+    assert attempts_before(store, "0" * 32, lambda: episodes_name(store, plan_of(batch))) == ()
     assert counted.calls == {"keys": 1}

@@ -147,7 +147,8 @@ class GateMaterial:
         shares: What rules that count episodes have counted, by the rule's name; the gate fills it in.
         world_shares: The same of each world that has episodes; the gate fills it in.
         worlds: What tells worlds apart, by ``<generation>/<world>``; those that it does not have go by their names.
-        tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
+        attempts: Of each earlier attempt, on other episodes of the same version and without a PASS, how often it passes
+            wrongly by chance, 0-1.
     """
 
     counts: EpisodeCounts
@@ -159,7 +160,7 @@ class GateMaterial:
     shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
     world_shares: Mapping[str, Sequence[WorldShare]] = field(default_factory=dict[str, Sequence[WorldShare]])
     worlds: Mapping[str, str] = field(default_factory=dict[str, str])
-    tries: int = 0
+    attempts: tuple[float, ...] = ()
 
     def rows_by_world(self, rows: "pa.Table") -> dict[str, list[int]]:
         """Returns the positions of each world's rows; none where the rows do not say which world it was."""
