@@ -1,17 +1,107 @@
+"""Bundles are packed to the same bytes and published under numbers, also by several at once."""
+
 import hashlib
+import logging
+import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import cast
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from specs.errors import BundleRefused, DocumentError, LimitExceeded, ResourceNotFound
 from tasks.applications import registry
-from tasks.applications.registry import applications, publish_bundle, resolve, unpack
+from tasks.applications.registry import applications, pack, publish_bundle, resolve, shipped_application, unpack
+from tasks.applications.versions import read_application
+from tasks.storage.archives import extract
 from tasks.storage.base.keys import application_key, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.housekeeping.yard import Meddled
+from tests.servers.racers import in_processes
+from tests.servers.swap_racers import add_versions_for
+
+NAMES = st.text("abcXYZ019_-.é", min_size=1, max_size=8).filter(lambda name: name not in {".", ".."})
+TREES = st.dictionaries(NAMES, st.tuples(st.binary(max_size=50), st.booleans()), min_size=1, max_size=6)
+
+
+@given(tree=TREES)
+def test_packing_and_unpacking_gives_the_same_files_back(
+    tree: dict[str, tuple[bytes, bool]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    home = tmp_path_factory.mktemp("bundle")
+    _write(home / "in", tree)
+
+    (home / "bundle.tar").write_bytes(pack(home / "in"))
+    extract(home / "bundle.tar", home / "out")
+
+    assert _tree(home / "out") == _tree(home / "in") == tree
+
+
+@given(tree=TREES)
+def test_equal_folders_give_equal_bytes_whenever_they_were_made(
+    tree: dict[str, tuple[bytes, bool]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    home = tmp_path_factory.mktemp("bundle")
+    _write(home / "first", tree)
+    _write(home / "second", dict(reversed(tree.items())))
+    for path in (home / "second").iterdir():
+        os.utime(path, (1, 1))
+        path.chmod(path.stat().st_mode & ~0o044)
+
+    assert pack(home / "first") == pack(home / "second")
+
+
+def test_a_changed_executable_bit_changes_the_archive(tmp_path: Path) -> None:
+    _write(tmp_path, {"run.sh": (b"", False)})
+    before = pack(tmp_path)
+    (tmp_path / "run.sh").chmod(0o755)
+
+    assert pack(tmp_path) != before
+
+
+def test_leavings_of_tools_change_nothing(tmp_path: Path) -> None:
+    _write(tmp_path, {"run.py": (b"pass", False)})
+    before = pack(tmp_path)
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "__pycache__/run.cpython-311.pyc").write_bytes(b"compiled")
+
+    assert pack(tmp_path) == before
+
+
+def test_every_link_and_pipe_is_named_in_one_error(tmp_path: Path) -> None:
+    (tmp_path / "package").mkdir()
+    (tmp_path / "package/run.sh").write_text("#!/bin/sh\n")
+    (tmp_path / "package/passwords").symlink_to("/etc/passwd")
+    (tmp_path / "everything").symlink_to("/")
+    os.mkfifo(tmp_path / "pipe")
+
+    with pytest.raises(DocumentError) as caught:
+        pack(tmp_path)
+
+    assert [fault.path for fault in caught.value.faults] == ["everything", "package/passwords", "pipe"]
+
+
+@pytest.mark.parametrize("name", ["missing", "empty"])
+def test_a_folder_without_files_is_refused(name: str, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+
+    with pytest.raises(DocumentError, match="a folder"):
+        pack(tmp_path / name)
+
+
+def _write(folder: Path, tree: dict[str, tuple[bytes, bool]]) -> None:
+    folder.mkdir(exist_ok=True)
+    for name, (body, executable) in tree.items():
+        (folder / name).write_bytes(body)
+        (folder / name).chmod(0o755 if executable else 0o644)
+
+
+def _tree(folder: Path) -> dict[str, tuple[bytes, bool]]:
+    return {path.name: (path.read_bytes(), bool(path.stat().st_mode & 0o100)) for path in folder.iterdir()}
+
 
 ROBOT = "robot-application"
 
@@ -197,3 +287,34 @@ def test_applications_are_listed_by_name(store: Store, tmp_path: Path) -> None:
         publish_bundle(store, ROBOT, name, _bundle(tmp_path, "same"))
 
     assert [application.name for application in applications(store, ROBOT)] == ["ant", "zebra"]
+
+
+_LOG = logging.getLogger(__name__)
+
+
+@pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 10.0, marks=pytest.mark.long)])
+def test_every_version_that_was_acknowledged_has_a_number_of_its_own_and_none_is_left_out(
+    store: Store, processes: int, seconds: float
+) -> None:
+    names = ["courier", "guide"]
+    told = in_processes(add_versions_for, [(store.url, f"p{each}", names, seconds) for each in range(processes)])
+    assert [wrong for each in told for wrong in each.wrong] == []
+    done = [done.split() for each in told for done in each.done]
+    _LOG.info("versions, %s: %d acknowledged", store.url[:4], len(done))
+    for name in names:
+        numbers = sorted(int(number) for application, number in done if application == name)
+        found = read_application(store, "robot-application", name)
+        assert numbers == list(range(1, (found.last_number if found else 0) + 1))
+
+
+@pytest.mark.parametrize("name", ["courier", "delivery"])
+def test_the_applications_that_ship_with_simyard_are_found_and_can_be_packed(name: str) -> None:
+    folder = shipped_application(name)
+
+    assert folder is not None
+    assert pack(folder)
+
+
+@pytest.mark.parametrize("name", ["nothing", "..", "../applications/courier", "", "courier/courier"])
+def test_no_other_name_leads_anywhere(name: str) -> None:
+    assert shipped_application(name) is None

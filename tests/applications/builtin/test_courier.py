@@ -1,4 +1,4 @@
-"""The courier, its planner and controller, piece by piece; tests/simulate/chunk/test_chunk_simulation.py has whole episodes."""
+"""The courier, its planner and controller, piece by piece; tests of chunks have whole episodes."""
 
 import logging
 

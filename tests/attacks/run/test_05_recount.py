@@ -1,7 +1,7 @@
 """Forges what a gate is answered from, after a run whose gate said FAIL, and has the owner run the document again.
 
 That nothing ships without a gate's answer is tested where it is decided: tests/flows/gate/test_shipment.py. Forged
-worlds: tests/worlds/job/test_world_recount.py. Each attack's docstring says what the attacker does, and what stops it.
+worlds: tests/worlds/job/test_generation_job.py. Each attack's docstring says what the attacker does, and what stops it.
 """
 
 import hashlib

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import RoomType, Solid
-from tasks.worlds.furnishing.arrangements import groups_to_try
+from tasks.worlds.furnishing.arrangements import ROW, groups_to_try
 from tasks.worlds.furnishing.assembly import assemble
 from tasks.worlds.furnishing.groups import FurnitureGroup, RoomContext
 from tasks.worlds.furnishing.placement import place_group, turn_quarters
@@ -167,3 +167,7 @@ def test_hallways_get_shallow_storage() -> None:
 
 def test_bedrooms_get_wardrobes_first() -> None:
     assert all(groups("Storage", "Bedroom", seed=seed)[0].members[0].size[1] == 0.6 for seed in SEEDS)
+
+
+def test_a_row_begins_with_its_tall_end() -> None:
+    assert ROW == ("Fridges", "DishWashers", "Ovens", "WashingMachinesAndDryers")

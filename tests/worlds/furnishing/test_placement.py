@@ -1,17 +1,121 @@
-"""Groups stand on the floor, in nobody's way, and leave the ways open."""
+"""A group stands where it suits best, and a robot still gets around."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tasks.worlds.floorplan.floorplan import Pane
 from tasks.worlds.furnishing.groups import FurnitureGroup, Member, Zone, front_zone
-from tasks.worlds.furnishing.placement import place_group, turn_quarters
-from tasks.worlds.furnishing.scene import PlacedGroup, RoomScene, open_scene
+from tasks.worlds.furnishing.placement import place_group, robot_gets_around, turn_quarters
+from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene, open_scene
 from tasks.worlds.furniture.furniture_type import Taste
 from tasks.worlds.geometry import Box
 from tests.worlds.rooms import ROBOT_M, empty_scene
+
+FLOOR = Box(0.0, 0.0, 5.0, 4.0)
+WEST, EAST = (0.0, 2.0), (5.0, 2.0)
+RADIUS_M = 0.25
+
+
+def test_an_empty_room_is_open() -> None:
+    assert robot_gets_around(FLOOR, [], [WEST, EAST], RADIUS_M)
+
+
+def test_a_row_across_the_room_shuts_it() -> None:
+    row = Box(2.0, 0.0, 2.6, 4.0)
+    assert not robot_gets_around(FLOOR, [row], [WEST, EAST], RADIUS_M)
+
+
+@pytest.mark.parametrize(("radius_m", "passable"), [(0.25, True), (0.32, False)])
+def test_a_row_with_a_gap_lets_a_robot_through_that_is_thin_enough(radius_m: float, *, passable: bool) -> None:
+    row = Box(2.0, 0.0, 2.6, 3.25)
+    assert robot_gets_around(FLOOR, [row], [WEST, EAST], radius_m) is passable
+
+
+def test_much_floor_behind_furniture_shuts_the_room_too() -> None:
+    assert not robot_gets_around(FLOOR, [Box(3.0, 0.0, 3.5, 4.0)], [WEST], RADIUS_M)
+
+
+def test_a_pocket_does_not() -> None:
+    assert robot_gets_around(FLOOR, [Box(4.1, 0.0, 4.3, 4.0)], [WEST], RADIUS_M)
+
+
+def test_a_way_in_that_is_blocked_shuts_the_room() -> None:
+    assert not robot_gets_around(FLOOR, [Box(0.2, 1.5, 0.8, 2.5)], [WEST, EAST], RADIUS_M)
+
+
+def test_a_room_that_is_too_narrow_holds_nothing() -> None:
+    narrow = Box(0.0, 0.0, 0.6, 4.0)
+    assert robot_gets_around(narrow, [], [(0.3, 0.0)], RADIUS_M)
+    assert not robot_gets_around(narrow, [Box(0.0, 0.0, 0.3, 0.3)], [(0.3, 0.0)], RADIUS_M)
+
+
+TASTE_SEEDS = range(6)
+
+
+def stand_by_taste(scene: RoomScene, taste: Taste, seed: int, kind: str = "Dressers") -> Piece:
+    group = FurnitureGroup((Member(kind, (1.0, 0.5, 0.8)),), (), taste=replace(taste, chance=0.1))
+    found = place_group(np.random.default_rng(seed), scene, group)
+    assert found is not None
+    return found.pieces[0]
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_who_likes_corners_stands_in_one(seed: int) -> None:
+    piece = stand_by_taste(empty_scene(5.0, 4.0), Taste(corner=1.0), seed)
+    x, y = min(piece.body.x_min - 10.0, 15.0 - piece.body.x_max), min(piece.body.y_min - 10.0, 14.0 - piece.body.y_max)
+    assert max(x, y) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_who_likes_the_middle_stands_there(seed: int) -> None:
+    piece = stand_by_taste(empty_scene(5.0, 4.0), Taste(middle=1.0), seed)
+    middle = (12.5, 12.0)[piece.quarter % 2]
+    assert piece.center[piece.quarter % 2] == pytest.approx(middle, abs=0.3)
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_who_likes_light_stands_below_the_window(seed: int) -> None:
+    lit = open_scene(empty_scene(5.0, 4.0).floor, (), 0.25, [Pane(0, (11.5, 14.06), 1.2, "x", 0.9, 2.1)])
+    piece = stand_by_taste(lit, Taste(window=1.0, middle=0.2), seed)
+    assert piece.quarter == 2
+    assert piece.center[0] < 12.6
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_who_likes_company_stands_near_it(seed: int) -> None:
+    scene = empty_scene(8.0, 4.0)
+    scene.add(PlacedGroup((Piece("Beds", (1.0, 2.0, 1.0), (10.6, 11.1), 0, 0.0, Box(10.1, 10.1, 11.1, 12.1)),), ()))
+    piece = stand_by_taste(scene, Taste(near=("Beds",)), seed)
+    assert piece.center[0] < 13.0
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_lamps_keep_away_from_lamps(seed: int) -> None:
+    scene = empty_scene(8.0, 4.0)
+    scene.add(
+        PlacedGroup((Piece("FloorLamps", (0.4, 0.4, 1.6), (10.3, 10.3), 0, 0.0, Box(10.1, 10.1, 10.5, 10.5)),), ())
+    )
+    piece = stand_by_taste(scene, Taste(apart=True), seed, "FloorLamps")
+    assert np.hypot(piece.center[0] - 10.3, piece.center[1] - 10.3) > 2.5
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_a_screen_stands_across_from_the_sofa(seed: int) -> None:
+    scene = empty_scene(5.0, 4.0)
+    scene.add(PlacedGroup((Piece("Sofas", (2.0, 0.9, 0.8), (12.5, 10.5), 0, 0.0, Box(11.5, 10.02, 13.5, 10.92)),), ()))
+    piece = stand_by_taste(scene, Taste(facing="Sofas"), seed)
+    assert piece.quarter == 2
+    assert piece.center[0] == pytest.approx(12.5, abs=0.5)
+
+
+@pytest.mark.parametrize("seed", TASTE_SEEDS)
+def test_nobody_stands_in_the_middle_of_a_room_while_walls_are_free(seed: int) -> None:
+    piece = stand_by_taste(empty_scene(8.0, 8.0), Taste(), seed)
+    assert min(piece.body.x_min - 10, 18 - piece.body.x_max, piece.body.y_min - 10, 18 - piece.body.y_max) < 0.03
+
 
 SEEDS = range(8)
 CABINET = FurnitureGroup((Member("Storage", (1.0, 0.6, 2.0)),), (front_zone((1.0, 0.6, 2.0), 0.8),))

@@ -1,7 +1,7 @@
-"""Whole interiors: whatever the room, nothing overlaps, blocks a door or leaves the floor, and a robot gets around."""
+"""Rooms are furnished to the density that is wished for, and a robot gets into each of them."""
 
 from collections import Counter
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
@@ -11,12 +11,128 @@ from hypothesis import strategies as st
 from specs.data.world import Furniture, RoomType, Solid
 from specs.template.interior import Density
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.furnishing.furnish import Interior, InteriorKey, furnish_interior
-from tasks.worlds.geometry import connected_share, reaches_room
-from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
+from tasks.worlds.furnishing.furnish import Interior, InteriorKey, furnish, furnish_interior
+from tasks.worlds.furnishing.placement import robot_gets_around
+from tasks.worlds.furnishing.scene import RoomScene, open_scene
+from tasks.worlds.furniture.catalogue import compose
+from tasks.worlds.geometry import Box, connected_share, reaches_room
+from tasks.worlds.resolved_template import (
+    COVERED,
+    COVERED_BY_TYPE,
+    COVERED_SPREAD,
+    FREE_FLOOR,
+    ResolvedTemplate,
+    RoomWish,
+    resolve_template,
+)
 from tests.worlds.geometry_checks import distances, intersect, polygon
-from tests.worlds.rooms import ROBOT_M, home, walls_of
+from tests.worlds.rooms import LOOK, ROBOT_M, home, walls_of
 from tests.worlds.templates import DENSITIES, MODEL_TYPES, ROOM_TYPES, furniture, room, template
+
+FLOOR = Box(10.0, 10.0, 16.0, 15.0)
+DOOR = Box(12.0, 9.5, 13.0, 10.9)
+ENTRY = (12.5, 10.0)
+
+
+def furnished(
+    kind: RoomType = "Living",
+    listed: tuple[str, ...] | None = None,
+    *,
+    seed: int = 1,
+    solids: int = 200,
+    density: float = 0.2,
+    floor: Box = FLOOR,
+    radius_m: float = ROBOT_M,
+) -> RoomScene:
+    wish = RoomWish("Room", kind, floor.area, 1.2, (), (), listed, "Moderate")
+    scene = open_scene(floor, (DOOR,), radius_m, (), (ENTRY,))
+    furnish(np.random.default_rng(seed), wish, scene, LOOK.style, solids=solids, density=density, radius_m=radius_m)
+    return scene
+
+
+def types(scene: RoomScene) -> list[str]:
+    return [piece.type for piece in scene.pieces]
+
+
+def covered(scene: RoomScene) -> float:
+    return sum(piece.covers_m2 for piece in scene.pieces) / scene.floor.area
+
+
+@pytest.mark.parametrize(
+    ("kind", "expected"),
+    [
+        ("Bedroom", {"Beds", "Storage"}),
+        ("Bathroom", {"Toilets", "VanityCounters"}),
+        ("Living", {"Sofas", "MediaStorage"}),
+        ("Dining", {"DiningTables", "DiningChairs"}),
+        ("Kitchen", {"Fridges", "Ovens", "DishWashers"}),
+        ("Closet", {"Storage"}),
+    ],
+)  # fmt: skip
+def test_a_room_has_what_makes_it_that_room(kind: RoomType, expected: set[str]) -> None:
+    for seed in range(6):
+        assert expected <= set(types(furnished(kind, seed=seed)))
+
+
+@pytest.mark.parametrize("kind", ROOM_TYPES)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_robot_gets_around_in_a_full_room(kind: RoomType, seed: int) -> None:
+    scene = furnished(kind, seed=seed, density=0.35)
+    assert robot_gets_around(scene.floor, [piece.body for piece in scene.pieces], scene.entries, ROBOT_M)
+
+
+def test_only_listed_types_stand_companions_included() -> None:
+    assert set(types(furnished("Bedroom", ("Beds",)))) == {"Beds"}
+    assert set(types(furnished("Bedroom", ("Nightstands", "Beds")))) == {"Beds", "Nightstands"}
+
+
+def test_an_unknown_type_of_a_list_is_passed_over() -> None:
+    assert set(types(furnished("Bedroom", ("Pianos", "Beds")))) == {"Beds"}
+
+
+def test_an_empty_list_furnishes_nothing() -> None:
+    assert types(furnished("Bedroom", ())) == []
+
+
+def test_something_of_a_list_stands_however_sparse_the_room() -> None:
+    assert types(furnished("Closet", ("Beds",), density=0.01)) == ["Beds"]
+
+
+def test_a_list_of_small_things_is_repeated_within_reason() -> None:
+    count = types(furnished("Living", ("FloorLamps",), density=0.3)).count("FloorLamps")
+    assert 4 <= count <= 12
+
+
+def test_primitives_stay_within_their_budget_give_or_take_a_group() -> None:
+    for seed in range(6):
+        scene = furnished("Dining", seed=seed, solids=60, density=0.6)
+        groups = [sum(len(compose(p.type, p.size, LOOK.style)) for p in group.pieces) for group in scene.groups]
+        assert sum(groups[:-1]) <= 60
+
+
+@pytest.mark.parametrize("kind", ROOM_TYPES)
+@pytest.mark.parametrize("density", [0.1, 0.2, 0.3])
+def test_the_density_decides_how_much_floor_is_covered(kind: RoomType, density: float) -> None:
+    # What lines the walls of closets and hallways ends before a third of the floor is covered.
+    within = 0.09 if kind in ("Closet", "Hallway") and density > 0.25 else 0.05
+    shares = [covered(furnished(kind, density=density, seed=seed)) for seed in range(5)]
+    assert density - within < sum(shares) / len(shares) < density + 0.04
+
+
+def test_a_hall_is_furnished_throughout() -> None:
+    hall = Box(10.0, 10.0, 27.0, 27.0)
+    scene = furnished("Bathroom", floor=hall, solids=450, density=0.2)
+    names = types(scene)
+    assert min(names.count(kind) for kind in ("Toilets", "VanityCounters", "Showers", "Baths")) >= 3
+    middle = hall.grown(-3.0)
+    assert any(piece.body.meets(middle) for piece in scene.pieces)
+
+
+def test_a_large_robot_gets_wider_ways() -> None:
+    for seed in range(4):
+        scene = furnished("Living", seed=seed, density=0.3, radius_m=0.45)
+        assert robot_gets_around(scene.floor, [piece.body for piece in scene.pieces], scene.entries, 0.45)
+
 
 _TOUCH_M = 1e-6
 _START_M = 1.0
@@ -163,3 +279,44 @@ def before_door(solid: Solid, plan: FloorPlan) -> bool:
     return any(
         (low < np.array(box[2:]) - _TOUCH_M).all() and (high > np.array(box[:2]) + _TOUCH_M).all() for box in boxes
     )
+
+
+ORDER: tuple[Density, ...] = ("Sparse", "Moderate", "Dense")
+SEEDS = range(1, 5)
+AREAS_M2 = (14.0, 30.0)
+
+
+def free_floor(kind: RoomType, density: Density) -> list[float]:
+    found: list[float] = []
+    for area in AREAS_M2:
+        brief, plan = home(kind, area, density)
+        for seed in SEEDS:
+            clearance = furnish_interior(brief, plan, walls_of(plan), InteriorKey(seed, 1, 1)).clearance
+            found.append(1.0 - float(clearance.covered[clearance.cells(plan.floors[0])].mean()))
+    return found
+
+
+@pytest.mark.parametrize("kind", ROOM_TYPES)
+def test_what_is_aimed_at_counts_as_met(kind: RoomType) -> None:
+    for density in ORDER:
+        least, most = FREE_FLOOR[density]
+        free = 1.0 - COVERED_BY_TYPE.get(kind, COVERED)[density]
+        assert least < free - COVERED_SPREAD
+        assert free + COVERED_SPREAD < most
+
+
+def test_the_bands_follow_each_other() -> None:
+    for fuller, emptier in pairwise(FREE_FLOOR[density] for density in reversed(ORDER)):
+        assert fuller[0] < emptier[0]
+        assert fuller[1] < emptier[1]
+        assert fuller[1] - emptier[0] <= 0.06 + 1e-9
+
+
+@pytest.mark.parametrize("kind", ROOM_TYPES)
+def test_rooms_of_each_type_tell_the_densities_apart(kind: RoomType) -> None:
+    sparse, moderate, dense = (free_floor(kind, density) for density in ORDER)
+    assert min(sparse) > max(moderate)
+    assert sum(moderate) / len(moderate) > sum(dense) / len(dense) + 0.04
+    met = [least <= free <= most for density, rooms in zip(ORDER, (sparse, moderate, dense), strict=True)
+           for least, most in [FREE_FLOOR[density]] for free in rooms]  # fmt: skip
+    assert sum(met) >= 0.9 * len(met)

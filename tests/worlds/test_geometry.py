@@ -1,11 +1,122 @@
-"""Distances on the grid are never longer than they are, and hardly shorter."""
+"""Boxes meet as they should, overlaps are found, and distances on the grid are never longer than they are."""
 
 import numpy as np
 import pytest
+from jaxtyping import Bool
 from scipy import ndimage
 
-from specs.data.world import Solid
-from tasks.worlds.geometry import CELL_M, RADIUS_MAX_M, Box, connected_share, measure_clearance, reaches_room
+from specs.data.world import Furniture, Solid
+from tasks.worlds.geometry import (
+    CELL_M,
+    RADIUS_MAX_M,
+    Box,
+    bounding_box,
+    bounds,
+    connected_share,
+    count_overlaps,
+    flood,
+    measure_clearance,
+    reaches_room,
+    rounded,
+    solid_rows,
+)
+
+UNIT = Box(0.0, 0.0, 1.0, 1.0)
+
+
+def test_boxes_that_share_a_border_do_not_meet() -> None:
+    assert not UNIT.meets(UNIT.shifted(1.0, 0.0))
+    assert UNIT.meets(UNIT.shifted(0.99, 0.99))
+
+
+def test_the_box_around_boxes_holds_them_all() -> None:
+    assert bounding_box([UNIT, UNIT.shifted(3.0, -2.0), UNIT.shifted(1.0, 1.0)]) == Box(0.0, -2.0, 4.0, 2.0)
+
+
+def test_a_grown_box_keeps_its_middle() -> None:
+    assert UNIT.grown(-0.2).center == UNIT.center
+    assert UNIT.grown(0.5).area == 4.0
+
+
+def test_a_document_holds_no_negative_zero() -> None:
+    assert str(rounded(-1e-9)) == "0.0"
+
+
+def box(x: float, y: float = 0.0, yaw: float = 0.0, z: float = 0.5) -> Solid:
+    return Solid(
+        name=f"box {x} {y} {yaw} {z}",
+        shape="box",
+        center_m=(x, y, z),
+        half_extents_m=(0.5, 0.5, 0.5),
+        yaw_rad=yaw,
+        color=(0.5, 0.5, 0.5),
+    )
+
+
+def piece(*parts: Solid) -> Furniture:
+    return Furniture(name="p", model_type="Ottomans", room="r", center_m=(0.0, 0.0), yaw_rad=0.0, solids=parts)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "overlaps"),
+    [
+        (box(0.0), box(0.9), 1),
+        (box(0.0), box(1.0), 0),
+        (box(0.0), box(0.0, z=1.5), 0),
+        (box(0.0), box(1.15, yaw=0.7853981), 1),
+        (box(0.0), box(1.22, yaw=0.7853981), 0),
+        (box(0.0, yaw=0.7853981), box(1.05, 1.05, yaw=0.7853981), 0),
+        (box(0.0, yaw=0.7853981), box(0.65, 0.65, yaw=0.7853981), 1),
+    ],
+)
+def test_two_pieces_overlap_when_they_share_space(first: Solid, second: Solid, overlaps: int) -> None:
+    assert count_overlaps([piece(first), piece(second)], []) == overlaps
+    assert count_overlaps([piece(first)], [second]) == overlaps
+
+
+def test_primitives_of_one_piece_and_walls_among_themselves_do_not_count() -> None:
+    assert count_overlaps([piece(box(0.0), box(0.2))], [box(5.0), box(5.1)]) == 0
+
+
+def test_a_pair_counts_once_however_many_primitives_meet() -> None:
+    assert count_overlaps([piece(box(0.0), box(0.1)), piece(box(0.2), box(0.3))], []) == 1
+
+
+def test_a_turned_box_has_wider_bounds() -> None:
+    x_min, _, z_min, x_max, _, z_max = bounds(solid_rows([box(0.0, yaw=0.7853981)]))[0]
+    assert (x_max - x_min, z_max - z_min) == (pytest.approx(2**0.5), pytest.approx(1.0))
+
+
+def bits(grid: Bool[np.ndarray, "x y"]) -> int:
+    return sum(1 << int(cell) for cell in np.flatnonzero(grid))
+
+
+@pytest.mark.parametrize("shape", [(1, 4), (12, 9), (40, 51), (130, 140)])
+@pytest.mark.parametrize("free_share", [0.45, 0.6, 0.75, 1.0])
+def test_a_flood_reaches_what_hangs_together(shape: tuple[int, int], free_share: float) -> None:
+    draws = np.random.default_rng(shape[0])
+    free = draws.random(shape) <= free_share
+    free[:, -1] = False  # the last of each row is never free
+    labels = np.zeros(shape, dtype=np.int32)
+    ndimage.label(free, output=labels)
+    for start in draws.permutation(np.argwhere(free))[:5].tolist():
+        part = labels == labels[tuple(start)]
+        alone = np.zeros_like(free)
+        alone[tuple(start)] = True
+        assert flood(bits(alone), bits(free), shape[1]) == bits(part)
+
+
+def test_a_long_way_around_corners_is_walked_to_its_end() -> None:
+    free = np.ones((41, 42), dtype=bool)
+    free[:, -1] = False
+    free[1::4, :-2] = False
+    free[3::4, 1:] = False
+    assert flood(1, bits(free), 42) == bits(free)
+
+
+def test_no_start_reaches_nothing() -> None:
+    assert flood(0, 0b0110, 4) == 0
+
 
 HALL = Box(-2.0, -1.0, 6.0, 1.0)
 

@@ -1,4 +1,4 @@
-"""A batch for Python: its rows in Arrow, pandas and Polars, its report, and two of them compared."""
+"""What Python asks about batches is what the commands show, as objects."""
 
 import importlib.util
 from collections.abc import Mapping
@@ -9,13 +9,16 @@ import pytest
 
 import simyard
 from simyard.answer import batch_answers as results_module
-from simyard.answer.run_answers import Run
+from simyard.answer.run_answers import Run, Trend
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, ResourceNotFound
+from tasks.results.trend.trend_series import Choice, make_trend
+from tasks.results.trend.trend_view import trend_page, trend_view
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 from tests.factories.judged_batches import JOB, courier, delivery, ended
 from tests.factories.planned_batches import begun, mixed
+from tests.results.trend.histories import history
 
 
 @pytest.fixture(scope="module")
@@ -143,3 +146,29 @@ def test_a_document_without_a_gate_judges_nothing(batch: JobRecord, folder: Path
     }
     with pytest.raises(DocumentError, match="gate"):
         simyard.gate(batch.id, document, store=folder)
+
+
+def trend_of(nights: int, drop_at: int = 0, drop: float = 0.3) -> Trend:
+    found = make_trend(history(nights, drop_at, drop), Choice())
+    view = trend_view(found, document="<nightly>", words="passed", chosen="", first=0, base="", limit=365.0)
+    return Trend(view, trend_page(view))
+
+
+def test_a_notebook_shows_the_newest_nights_and_how_many_there_are():
+    found = trend_of(40)
+    assert repr(found) == f"<Trend of '<nightly>': passed, 40 nights, {len(found.alarms)} changes>"
+    shown = found._repr_html_()
+    assert found.nights[0].day in shown
+    assert "and 16 more nights; .page has them" in shown
+    assert "<nightly>" not in shown
+
+
+def test_a_change_is_named_above_the_nights():
+    found = trend_of(40, drop_at=20)
+    assert found.alarms[0].fell
+    assert "lower</span>" in found._repr_html_()
+    assert found.alarms[0].bundle_name in found._repr_html_()
+
+
+def test_the_name_is_offered():
+    assert callable(simyard.trend)

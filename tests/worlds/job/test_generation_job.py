@@ -1,5 +1,7 @@
-"""Generation jobs: resumed without making anything twice, and ended with RoboMaker's states."""
+"""A generation job makes the same worlds whoever makes them and however often it is killed; some are made again."""
 
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import pytest
@@ -13,11 +15,114 @@ from tasks.storage.jobs.records import JobRecord, advance, job_id
 from tasks.storage.worlds import decode_world
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.job import generation_job, production
-from tasks.worlds.job.generation_job import run_generation_job
+from tasks.worlds.job.generation_job import make_and_keep, missing_worlds, run_generation_job, world_changes
+from tasks.worlds.job.production import Indices, Order, WorldOutcome, make
 from tests.worlds.templates import sample
 
-ARN = "arn:aws:robomaker:us-west-2:111111111111:world-template/my-template"
 BODY = sample("default-two-rooms")
+ORDER = Order(template=BODY, seed=7, generation="wgj-1", robot_radius_m=0.2)
+TWO: list[Indices] = [(1, 1), (1, 2)]
+
+
+def always() -> bool:
+    return True
+
+
+class Elsewhere:
+    """Workers that come to all of a job's worlds, or to the first so many."""
+
+    def __init__(self, store: Store, most: int = 1000) -> None:
+        self.asked: list[Indices] = []
+        self._store, self._most = store, most
+
+    def __call__(
+        self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
+    ) -> Mapping[Indices, WorldOutcome]:
+        self.asked = [*indices]
+        rejected = make_and_keep(self._store, order, indices[: self._most], going)
+        done(min(self._most, len(indices)))
+        return {each.indices: each for each in rejected}
+
+
+def test_worlds_made_elsewhere_are_those_that_the_job_itself_makes(file_store: Store, s3_store: Store) -> None:
+    elsewhere, progress = Elsewhere(s3_store, most=3), Progress()
+    own = run(file_store, 2, 2)
+    record = run(s3_store, 2, 2, progress=progress, elsewhere=elsewhere)
+    assert elsewhere.asked == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert record.status == "Completed"
+    assert worlds_of(s3_store, record) == worlds_of(file_store, own)
+    assert progress.seen[0] == (3, 4)
+    assert progress.seen[-1] == (4, 4)
+
+
+def test_a_job_goes_on_where_workers_were_when_it_was_killed(file_store: Store) -> None:
+    first = Elsewhere(file_store, most=1)
+    with pytest.raises(KeyboardInterrupt):
+        run(file_store, 1, 3, progress=Progress(dies_after=1), elsewhere=first)
+    second = Elsewhere(file_store)
+    record = run(file_store, 1, 3, elsewhere=second)
+    assert (first.asked, second.asked) == ([(1, 1), (1, 2), (1, 3)], [(1, 2), (1, 3)])
+    assert len(worlds_of(file_store, record)) == 3
+
+
+def test_worlds_that_cannot_be_made_elsewhere_are_counted_and_not_tried_again(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried: list[object] = []
+    generate_world = production.generate_world
+
+    def failing(template: object, **which: object) -> object:
+        tried.append(which["interior_index"])
+        if which["interior_index"] == 2:
+            raise WorldRejected("InternalServiceError", "no room for a bed")
+        return generate_world(BODY, **which)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(production, "generate_world", failing)
+    record = run(file_store, 1, 3, elsewhere=Elsewhere(file_store))
+    assert (record.status, record.detail["failures"]) == (
+        "PartialFailed",
+        {"InternalServiceError": {"count": 1, "sample_reason": "no room for a bed"}},
+    )
+    assert tried == [1, 2, 3]
+
+
+def test_a_job_that_is_canceled_while_workers_make_its_worlds_keeps_them(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Canceled(Elsewhere):
+        def __call__(
+            self, order: Order, indices: Sequence[Indices], *, going: Callable[[], bool], done: Callable[[int], None]
+        ) -> Mapping[Indices, WorldOutcome]:
+            made = super().__call__(order, indices, going=going, done=done)
+            advance(file_store, generation_job.KIND, order.generation, "Canceling")
+            return made
+
+    monkeypatch.setattr(generation_job, "_LOOK_EVERY_S", 0.0)
+    record = run(file_store, 1, 3, elsewhere=Canceled(file_store, 2))
+    assert record.status == "Canceled"
+    assert missing_worlds(file_store, record.id, [(1, 1), (1, 2), (1, 3)]) == [(1, 3)]
+
+
+def test_nothing_more_is_made_once_nobody_wants_it(file_store: Store) -> None:
+    wanted = iter([True, False])
+    make_and_keep(file_store, ORDER, TWO, lambda: next(wanted))
+    assert missing_worlds(file_store, "wgj-1", TWO) == [(1, 2)]
+
+
+def test_a_world_is_kept_once_however_often_it_is_made(file_store: Store) -> None:
+    make_and_keep(file_store, ORDER, TWO[:1], always)
+    mark = file_store.mark(world_key("wgj-1", "world-1-1"))
+    make_and_keep(file_store, ORDER, TWO[:1], always)
+    assert file_store.mark(world_key("wgj-1", "world-1-1")) == mark
+
+
+def test_a_world_of_another_version_under_its_name_is_refused(file_store: Store) -> None:
+    file_store.create(world_key("wgj-1", "world-1-1"), b"{}")
+    with pytest.raises(StoreError, match="something else"):
+        make_and_keep(file_store, ORDER, TWO, always)
+
+
+ARN = "arn:aws:robomaker:us-west-2:111111111111:world-template/my-template"
 
 
 @dataclass
@@ -247,3 +352,42 @@ def test_the_robot_asked_for_is_the_one_that_is_guaranteed(file_store: Store) ->
     certificate = decode_world(worlds_of(file_store, record)["world-1-1"]).certificate
     assert certificate.guaranteed_robot_radius_m == 0.45
     assert certificate.reachable_robot_radius_m >= 0.45
+
+
+RECOUNT_ORDER = Order(template=sample("default-two-rooms"), seed=7, generation="wgj-1", robot_radius_m=0.17)
+RECOUNT_REQUEST = CreateWorldGenerationJobRequest.model_validate(
+    {"template": "arn:t", "worldCount": {"floorplanCount": 2, "interiorCountPerFloorplan": 1}}
+)
+RECOUNT_NAMES = ["wgj-1/world-1-1", "wgj-1/world-2-1"]
+
+
+@pytest.fixture(scope="module")
+def digests() -> dict[str, str]:
+    made = [make(RECOUNT_ORDER, (plan, 1)).document.encode() for plan in (1, 2)]
+    return {name: hashlib.sha256(body).hexdigest() for name, body in zip(RECOUNT_NAMES, made, strict=True)}
+
+
+def test_the_worlds_of_a_template_are_found_unchanged(digests: dict[str, str]):
+    assert world_changes(RECOUNT_ORDER, RECOUNT_REQUEST, RECOUNT_NAMES, digests) == []
+
+
+def test_a_world_that_was_put_there_is_named(digests: dict[str, str]):
+    (line,) = world_changes(RECOUNT_ORDER, RECOUNT_REQUEST, RECOUNT_NAMES, digests | {RECOUNT_NAMES[1]: "0" * 64})
+    assert (
+        line == f"world {RECOUNT_NAMES[1]} has the SHA-256 {'0' * 64}; the template gives {digests[RECOUNT_NAMES[1]]}"
+    )
+
+
+def test_a_world_that_was_left_out_is_named(digests: dict[str, str]):
+    (line,) = world_changes(RECOUNT_ORDER, RECOUNT_REQUEST, RECOUNT_NAMES[:1], digests)
+    assert line == f"world {RECOUNT_NAMES[1]} has the SHA-256 none; the template gives {digests[RECOUNT_NAMES[1]]}"
+
+
+@pytest.mark.parametrize("worlds", [RECOUNT_NAMES[::-1], [RECOUNT_NAMES[0]] * 2, [*RECOUNT_NAMES, "wgj-2/world-1-1"]])
+def test_worlds_that_nobody_asked_for_are_refused(worlds: list[str], digests: dict[str, str]):
+    (line,) = world_changes(RECOUNT_ORDER, RECOUNT_REQUEST, worlds, digests)
+    assert line.startswith("the record of wgj-1 names worlds that it was not asked for: [")
+
+
+def test_of_many_worlds_some_are_drawn(digests: dict[str, str]):
+    assert len(world_changes(RECOUNT_ORDER, RECOUNT_REQUEST, [], digests, most=1)) == 1
