@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from specs.bundle_files import RosRobot
-from tasks.ros.lockstep.exchange import Base, Command, Sensed
+from tasks.ros.lockstep.exchange import RobotBase, Sensed, TwistCommand
 
 CONTROL_S = 0.05
 RAYS = 180
 RANGE_M = 8.0
-BASE = Base(RosRobot(), RAYS, -math.pi, 2 * math.pi / RAYS, RANGE_M)
+BASE = RobotBase(RosRobot(), RAYS, -math.pi, 2 * math.pi / RAYS, RANGE_M)
 _PILLARS = np.array([[1.5, 0.8], [-1.0, 1.2], [0.5, -1.6], [-1.8, -1.0]])
 _HALF_M, _PILLAR_M, _WALL_M = 3.0, 0.25, 2.7
 _ANGLES = -math.pi + 2 * math.pi / RAYS * np.arange(RAYS)
@@ -45,7 +45,7 @@ class ToyWorld:
             goal=np.array([2.0, 1.0]),
         )
 
-    def drive(self, command: Command) -> None:
+    def drive(self, command: TwistCommand) -> None:
         """Moves the robot for a control step."""
         self._velocity = np.array(command)
         x, y, yaw = self.pose

@@ -71,7 +71,7 @@ def add_text(parent: ET.Element, tag: str, value: object) -> ET.Element:
     return child
 
 
-def numbers(values: Iterable[float]) -> str:
+def numbers_text(values: Iterable[float]) -> str:
     """Returns numbers as SDF has them, rounded to a micrometre and a microradian, without a negative zero."""
     return " ".join(
         f"{round(value, 6) + 0.0:g}" if abs(value) < 1e-4 else f"{round(value, 6):.10g}" for value in values
@@ -84,13 +84,13 @@ def add_pose(parent: ET.Element, pose: Pose) -> None:
 
 
 def _pose_text(pose: Pose) -> str:
-    return _upright(numbers(pose))
+    return _upright(numbers_text(pose))
 
 
 def _upright(pose: str) -> str:
     """Returns a pose of four numbers as one of six, which is turned about z alone."""
     place, _, yaw = pose.rpartition(" ")
-    return f"{place} {numbers((0.0, 0.0))} {yaw}"
+    return f"{place} {numbers_text((0.0, 0.0))} {yaw}"
 
 
 def add_solid_to_link(link: ET.Element, solid: Solid, pose: Pose, *, touched: bool = True) -> None:
@@ -117,7 +117,7 @@ def add_color(visual: ET.Element, color: Color) -> None:
     """Adds a material of one colour."""
     material = ET.SubElement(visual, "material")
     for light in ("ambient", "diffuse"):
-        add_text(material, light, numbers((*color, 1.0)))
+        add_text(material, light, numbers_text((*color, 1.0)))
     add_text(material, "specular", "0.05 0.05 0.05 1")
 
 
@@ -140,10 +140,10 @@ def _geometry(parent: ET.Element, solid: "Solid | _Part") -> None:
     geometry = ET.SubElement(parent, "geometry")
     if solid.shape == "cylinder":
         cylinder = ET.SubElement(geometry, "cylinder")
-        add_text(cylinder, "radius", numbers((x_m,)))
-        add_text(cylinder, "length", numbers((2 * z_m,)))
+        add_text(cylinder, "radius", numbers_text((x_m,)))
+        add_text(cylinder, "length", numbers_text((2 * z_m,)))
     else:
-        add_text(ET.SubElement(geometry, "box"), "size", numbers((2 * x_m, 2 * y_m, 2 * z_m)))
+        add_text(ET.SubElement(geometry, "box"), "size", numbers_text((2 * x_m, 2 * y_m, 2 * z_m)))
 
 
 _DIGEST_CHARACTERS = 12
@@ -199,7 +199,7 @@ def model_config(name: str, description: str) -> bytes:
 
 
 def _part(piece: Furniture, solid: Solid) -> _Part:
-    pose = numbers(_pose_in(piece, solid))
+    pose = numbers_text(_pose_in(piece, solid))
     return _Part(_part_name(piece, solid), solid.shape, solid.half_extents_m, solid.color, pose)
 
 
@@ -329,8 +329,8 @@ def _door(element: ET.Element, door: Door) -> None:
     add_text(axis, "xyz", f"0 0 {math.copysign(1, quarter_rad):g}")
     opened_rad = abs(quarter_rad) * door.open_percent / 100.0
     limit = ET.SubElement(axis, "limit")
-    add_text(limit, "lower", numbers((-opened_rad,)))
-    add_text(limit, "upper", numbers((abs(quarter_rad) - opened_rad,)))
+    add_text(limit, "lower", numbers_text((-opened_rad,)))
+    add_text(limit, "upper", numbers_text((abs(quarter_rad) - opened_rad,)))
     dynamics = ET.SubElement(axis, "dynamics")
     add_text(dynamics, "damping", _DAMPING_NM_S)
     add_text(dynamics, "friction", _FRICTION_NM)
@@ -342,9 +342,9 @@ def _inertial(link: ET.Element, half_m: tuple[float, float, float], pose: tuple[
     squares_m2 = [side**2 for side in half_m]
     inertial = ET.SubElement(link, "inertial")
     add_pose(inertial, pose)
-    add_text(inertial, "mass", numbers((mass_kg,)))
+    add_text(inertial, "mass", numbers_text((mass_kg,)))
     inertia = ET.SubElement(inertial, "inertia")
     for axis, tag in enumerate(("ixx", "iyy", "izz")):
-        add_text(inertia, tag, numbers((mass_kg / 3 * (sum(squares_m2) - squares_m2[axis]),)))
+        add_text(inertia, tag, numbers_text((mass_kg / 3 * (sum(squares_m2) - squares_m2[axis]),)))
     for tag in ("ixy", "ixz", "iyz"):
         add_text(inertia, tag, "0")

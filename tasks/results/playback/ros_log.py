@@ -9,7 +9,7 @@ from specs.bundle_files import RosRobot
 from specs.data.world import World
 from tasks.results.playback.playback import Playback
 from tasks.ros.bag.message_log import MessageLog
-from tasks.ros.bag.track_log import Lidar, Track, track_log
+from tasks.ros.bag.track_log import Track, TrackLidar, track_log
 
 Twists = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
@@ -47,7 +47,7 @@ def playback_log(view: RosView, playback: Playback) -> MessageLog:
         control=playback.control,
         ranges_m=playback.ranges_m,
         impulse_ns=playback.impulse_ns,
-        lidar=Lidar(sight.mount, sight.height_m, sight.range_m, first_rad, step_rad),
+        lidar=TrackLidar(sight.mount, sight.height_m, sight.range_m, first_rad, step_rad),
     )
     return track_log(_seen(track, view))
 
@@ -78,7 +78,7 @@ def _sampled(own: Mapping[str, np.ndarray]) -> Track:
         control=own["control"],
         ranges_m=own["ranges_m"],
         impulse_ns=own["impulse_ns"],
-        lidar=Lidar((x_m, y_m, yaw_rad), height_m, range_m, first_rad, step_rad),
+        lidar=TrackLidar((x_m, y_m, yaw_rad), height_m, range_m, first_rad, step_rad),
     )
 
 

@@ -31,7 +31,7 @@ class Channel(NamedTuple):
     latched: bool = False
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """A message of a log.
 
     Attributes:
@@ -55,7 +55,7 @@ class MessageLog(NamedTuple):
     """
 
     channels: tuple[Channel, ...]
-    entries: Iterable[Entry]
+    entries: Iterable[LogEntry]
     encoding: Encoding = "ros1"
 
 

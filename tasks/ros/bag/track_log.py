@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from specs.bundle_files import RosFrames, RosTopics
 from specs.data.world import OccupancyMap
-from tasks.ros.bag.message_log import FIRST_NS, Channel, Entry, MessageLog
+from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.message.ros_messages import (
     PlanarTwist,
     clock,
@@ -25,7 +25,7 @@ from tasks.ros.message.ros_messages import (
 )
 
 
-class Lidar(NamedTuple):
+class TrackLidar(NamedTuple):
     """A lidar.
 
     Attributes:
@@ -68,7 +68,7 @@ class Track(NamedTuple):
     control: Float[np.ndarray, "samples actuators"]
     ranges_m: Float[np.ndarray, "samples rays"]
     impulse_ns: Float[np.ndarray, "samples"]
-    lidar: Lidar
+    lidar: TrackLidar
     twist: Float[np.ndarray, "samples 3"] | None = None
     floor: OccupancyMap | None = None
     topics: RosTopics = RosTopics()
@@ -118,24 +118,24 @@ def _sees(track: Track) -> bool:
     return track.ranges_m.shape[1] > 0
 
 
-def _entries(track: Track) -> Iterator[Entry]:
-    yield Entry(FIRST_NS, CLOCK, clock(stamp(FIRST_NS)))
-    yield Entry(FIRST_NS, FIXED_FRAMES, _fixed_frames(track))
+def _entries(track: Track) -> Iterator[LogEntry]:
+    yield LogEntry(FIRST_NS, CLOCK, clock(stamp(FIRST_NS)))
+    yield LogEntry(FIRST_NS, FIXED_FRAMES, _fixed_frames(track))
     if track.floor is not None:
-        yield Entry(FIRST_NS, track.topics.floor_map or FLOOR, _floor(track.floor, track.frames.floor_map))
+        yield LogEntry(FIRST_NS, track.topics.floor_map or FLOOR, _floor(track.floor, track.frames.floor_map))
     goals = _goal_numbers(track)
     times = [time_ns(t_s) for t_s in track.t_s.tolist()]
     for sample, at_ns in enumerate(times):
         if sample:
-            yield Entry(at_ns, CLOCK, clock(stamp(at_ns)))
+            yield LogEntry(at_ns, CLOCK, clock(stamp(at_ns)))
         yield from _moved(track, sample, at_ns)
         if track.topics.goal and sample in goals:
             goal = (*track.goal_m[sample].tolist(), 0.0)
             body = pose_stamped(goals[sample], stamp(at_ns), track.frames.odometry, goal)
-            yield Entry(at_ns, track.topics.goal, body)
+            yield LogEntry(at_ns, track.topics.goal, body)
         if track.acted[sample]:
             yield from _acted(track, sample, at_ns)
-        yield Entry(at_ns, IMPULSE, _NUMBER.pack(track.impulse_ns[sample]))
+        yield LogEntry(at_ns, IMPULSE, _NUMBER.pack(track.impulse_ns[sample]))
 
 
 def _fixed_frames(track: Track) -> bytes:
@@ -164,28 +164,28 @@ def _changes(track: Track, before: int, after: int) -> bool:
     return bool(np.any(track.goal_m[before] != track.goal_m[after]))
 
 
-def _moved(track: Track, sample: int, at_ns: int) -> Iterator[Entry]:
+def _moved(track: Track, sample: int, at_ns: int) -> Iterator[LogEntry]:
     """Yields where the robot is, and how it moves: along its own axes, as odometry has it."""
     frames, time = track.frames, stamp(at_ns)
     pose = track.pose[sample].astype(np.float64)
     vx, vy, turn_rad_s = track.velocity[sample].tolist()
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     velocity = np.array([cos * vx + sin * vy, cos * vy - sin * vx, turn_rad_s])
-    yield Entry(at_ns, FRAMES, transforms(sample, time, [(frames.odometry, frames.base, pose.tolist())]))
+    yield LogEntry(at_ns, FRAMES, transforms(sample, time, [(frames.odometry, frames.base, pose.tolist())]))
     for topic, frame in ((track.topics.odometry, frames.odometry), (TRUE_POSE, frames.floor_map)):
         if topic:
             body = odometry(sample, time, pose, velocity, frame=frame, child=frames.base)
-            yield Entry(at_ns, topic, body)
+            yield LogEntry(at_ns, topic, body)
 
 
-def _acted(track: Track, sample: int, at_ns: int) -> Iterator[Entry]:
+def _acted(track: Track, sample: int, at_ns: int) -> Iterator[LogEntry]:
     """Yields what the robot saw, and what was decided on it."""
     if track.topics.scan and _sees(track):
-        yield Entry(at_ns, track.topics.scan, _scan(track, sample, at_ns))
+        yield LogEntry(at_ns, track.topics.scan, _scan(track, sample, at_ns))
     if track.twist is not None:
-        yield Entry(at_ns, track.topics.command, twist(PlanarTwist(*track.twist[sample].tolist())))
+        yield LogEntry(at_ns, track.topics.command, twist(PlanarTwist(*track.twist[sample].tolist())))
     control = np.asarray(track.control[sample], "<f4")
-    yield Entry(at_ns, CONTROL, _NUMBERS.pack(0, 0, len(control)) + control.tobytes())
+    yield LogEntry(at_ns, CONTROL, _NUMBERS.pack(0, 0, len(control)) + control.tobytes())
 
 
 def _scan(track: Track, sample: int, at_ns: int) -> bytes:

@@ -24,9 +24,9 @@ from tasks.ros.graph.master import (
 from tasks.ros.graph.parameter_tree import ParameterTree
 from tasks.ros.graph.topic import (
     ROBOT,
+    CommandSource,
     HeaderError,
     Publications,
-    Source,
     Subscriber,
     Subscriptions,
     Topic,
@@ -34,12 +34,12 @@ from tasks.ros.graph.topic import (
     write_header,
 )
 from tasks.ros.graph.xml_rpc import HttpConnection, NodeCalls, Value
-from tasks.ros.message.definition import ANY, digest
+from tasks.ros.message.definition import ANY, type_digest
 from tasks.ros.message.ros_messages import (
     REQUEST_BYTES,
     frame_message,
     joined_tags,
-    read_keys,
+    read_tag_keys,
     read_tags,
     write_outcome,
     write_tags,
@@ -79,8 +79,8 @@ class RobotServices:
         kind = SERVICES.get(service)
         if kind is None:
             fault = f"the robot has no service {service[:200]!r}"
-        elif fields.get("md5sum") not in (ANY, digest(kind)):
-            fault = f"{service} is {kind} with md5sum {digest(kind)}, not {fields.get('md5sum', '')[:40]!r}"
+        elif fields.get("md5sum") not in (ANY, type_digest(kind)):
+            fault = f"{service} is {kind} with md5sum {type_digest(kind)}, not {fields.get('md5sum', '')[:40]!r}"
         else:
             fault = ""
         if kind is None or fault:
@@ -89,7 +89,7 @@ class RobotServices:
             return
         answer = {
             "callerid": ROBOT,
-            "md5sum": digest(kind),
+            "md5sum": type_digest(kind),
             "request_type": f"{kind}Request",
             "response_type": f"{kind}Response",
             "type": kind,
@@ -136,7 +136,7 @@ class RobotServices:
         return write_outcome(success=True, message="")
 
     def _remove_tags(self, request: bytes) -> bytes:
-        for key in read_keys(request):
+        for key in read_tag_keys(request):
             self.tags.pop(key, None)
         return write_outcome(success=True, message="")
 
@@ -148,7 +148,7 @@ class RobotServices:
         return write_outcome(success=True, message="")
 
 
-class RobotNode:
+class Ros1Node:
     """The node that publishes what the robot senses, and subscribes to its commands.
 
     Attributes:
@@ -242,7 +242,7 @@ class Graph:
         calls = NodeCalls(self._events)
         self._publications = Publications(self._events, publishes)
         self._subscriptions = Subscriptions(self._events, self._tables, calls, subscribes)
-        node = RobotNode(self._events, self._publications, self._subscriptions, self.services)
+        node = Ros1Node(self._events, self._publications, self._subscriptions, self.services)
         port = self._events.listen(self._serve)
         self.uri = f"http://{HOST}:{port}/"
         changed = self._subscriptions.publishers_changed
@@ -284,7 +284,7 @@ class Graph:
         return self._publications.outgoing
 
     @property
-    def incoming(self) -> list[Source]:
+    def incoming(self) -> list[CommandSource]:
         """Returns whose commands the robot is connected to."""
         return self._subscriptions.incoming
 

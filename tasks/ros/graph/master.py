@@ -15,7 +15,7 @@ from tasks.ros.graph.parameter_tree import (
     ParameterTree,
     change_for,
     check_name,
-    resolve,
+    resolve_name,
 )
 from tasks.ros.graph.xml_rpc import (
     NodeCalls,
@@ -23,7 +23,7 @@ from tasks.ros.graph.xml_rpc import (
     Value,
     XmlRpcError,
     node_port,
-    read,
+    read_xml,
     weight,
     write_answer,
     write_fault,
@@ -48,7 +48,7 @@ class Served(NamedTuple):
     uri: str
 
 
-class Table:
+class RegistrationTable:
     """Nodes and their addresses by what they are registered for."""
 
     def __init__(self) -> None:
@@ -100,7 +100,11 @@ class Registrations:
     """
 
     def __init__(self) -> None:
-        self.publishers, self.subscribers, self.followers = Table(), Table(), Table()
+        self.publishers, self.subscribers, self.followers = (
+            RegistrationTable(),
+            RegistrationTable(),
+            RegistrationTable(),
+        )
         self.services: dict[str, Served] = {}
         self.types: dict[str, str] = {}
         self.changes = 0
@@ -150,11 +154,11 @@ class Registrations:
         self.changes += 1
         return topics
 
-    def add(self, table: Table, key: str, node: str) -> None:
+    def add(self, table: RegistrationTable, key: str, node: str) -> None:
         """Registers a node that has entered."""
         self._counts[node] += table.add(key, node, self._uris[node])
 
-    def remove(self, table: Table, key: str, node: str, uri: str) -> bool:
+    def remove(self, table: RegistrationTable, key: str, node: str, uri: str) -> bool:
         """Takes a registration back; a node that has none left is gone."""
         removed = table.remove(key, node, uri)
         self._count_down(node, removed=removed)
@@ -200,7 +204,7 @@ Outcome = tuple[int, str, Value]
 _MULTICALL = "system.multicall"
 
 
-class Kind(NamedTuple):
+class ArgumentKind(NamedTuple):
     """What an argument is.
 
     Attributes:
@@ -222,12 +226,12 @@ class Method(NamedTuple):
     """
 
     function: Callable[..., Outcome]
-    kinds: tuple[Kind, ...] = ()
+    kinds: tuple[ArgumentKind, ...] = ()
     optional: int = 0
 
 
 def _name(value: Value, caller: str, what: str) -> str:
-    return resolve(check_name(value, what), caller)
+    return resolve_name(check_name(value, what), caller)
 
 
 def _topic(value: Value, caller: str, what: str) -> str:
@@ -282,11 +286,11 @@ def _anything(value: Value, _: str, what: str) -> Value:
     return value
 
 
-TOPIC, SERVICE, NAME = Kind("topic", _topic), Kind("service", _topic), Kind("name", _name)
-KEY, SEARCHED = Kind("parameter", _name), Kind("parameter", _relative_name)
-TYPE, LIST, VALUE = Kind("type", _type), Kind("list", _list), Kind("value", _anything)
-NODE_URI, SERVICE_URI = Kind("node's address", _node_uri), Kind("service's address", _service_uri)
-TEXT = Kind("text", _text)
+TOPIC, SERVICE, NAME = ArgumentKind("topic", _topic), ArgumentKind("service", _topic), ArgumentKind("name", _name)
+KEY, SEARCHED = ArgumentKind("parameter", _name), ArgumentKind("parameter", _relative_name)
+TYPE, LIST, VALUE = ArgumentKind("type", _type), ArgumentKind("list", _list), ArgumentKind("value", _anything)
+NODE_URI, SERVICE_URI = ArgumentKind("node's address", _node_uri), ArgumentKind("service's address", _service_uri)
+TEXT = ArgumentKind("text", _text)
 
 
 class Dispatch:
@@ -305,7 +309,7 @@ class Dispatch:
     def answer(self, body: bytes, reply: Reply) -> None:
         """Answers the XML of a call, now or when the robot is connected."""
         try:
-            arguments, method = read(body)
+            arguments, method = read_xml(body)
             calls = _multicall(arguments) if method == _MULTICALL else [(method, arguments)]
             found = self._call_all(calls)
         except XmlRpcError as exc:
@@ -314,7 +318,9 @@ class Dispatch:
         # Each answer of a multicall is a list of one.
         data = write_answer([[each] for each in found] if method == _MULTICALL else found[0])
         topics = frozenset(
-            resolve(str(each[1]), str(each[0])) for name, each in calls if name == "registerPublisher" and len(each) > 1
+            resolve_name(str(each[1]), str(each[0]))
+            for name, each in calls
+            if name == "registerPublisher" and len(each) > 1
         )
         self._hold(topics, lambda: reply(data))
 
@@ -533,5 +539,5 @@ def _removed(caller: str, key: str, *, removed: bool) -> Outcome:
     return 1, f"{caller} is {'no longer' if removed else 'not'} registered for {key}", int(removed)
 
 
-def _state(table: Table) -> Value:
+def _state(table: RegistrationTable) -> Value:
     return [[key, [*nodes]] for key, nodes in table.state()]

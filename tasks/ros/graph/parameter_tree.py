@@ -37,7 +37,7 @@ def check_name(name: object, what: str) -> str:
     return name
 
 
-def resolve(name: str, node: str) -> str:
+def resolve_name(name: str, node: str) -> str:
     """Returns the absolute name that a node means by a name.
 
     Args:

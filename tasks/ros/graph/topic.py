@@ -10,7 +10,7 @@ from tasks.ros.graph import graph_limits as limits
 from tasks.ros.graph.event_loop import Connection, EventLoop
 from tasks.ros.graph.master import Registrations
 from tasks.ros.graph.xml_rpc import NodeAnswer, NodeCalls, Value
-from tasks.ros.message.definition import ANY, definition, digest
+from tasks.ros.message.definition import ANY, definition, type_digest
 from tasks.ros.message.ros_messages import frame_message
 
 _LENGTH = struct.Struct("<I")
@@ -132,7 +132,7 @@ class Publications:
         answer = {
             "callerid": ROBOT,
             "latching": str(int(self.topics[topic].latched)),
-            "md5sum": digest(kind),
+            "md5sum": type_digest(kind),
             "message_definition": definition(kind),
             "topic": topic,
             "type": kind,
@@ -163,10 +163,10 @@ class Publications:
         if own is None:
             return f"the robot does not publish {topic[:200]!r}"
         asked = fields.get("md5sum", "")
-        if asked in (ANY, digest(own.kind)):
+        if asked in (ANY, type_digest(own.kind)):
             return ""
         kind = fields.get("type", "no type")[:200]
-        fault = f"{topic} has {own.kind} with md5sum {digest(own.kind)}, not {kind} with {asked[:40]!r}"
+        fault = f"{topic} has {own.kind} with md5sum {type_digest(own.kind)}, not {kind} with {asked[:40]!r}"
         self._events.fail(f"{node} cannot subscribe: {fault}")
         return fault
 
@@ -174,7 +174,7 @@ class Publications:
 _CHUNK_BYTES = 65536
 
 
-class Source(NamedTuple):
+class CommandSource(NamedTuple):
     """A connection to a node that publishes commands; what came and is no whole message yet."""
 
     topic: str
@@ -208,7 +208,7 @@ class Subscriptions:
     def __init__(self, events: EventLoop, tables: Registrations, calls: NodeCalls, topics: Sequence[Topic]) -> None:
         self._events, self._tables, self._calls = events, tables, calls
         self.topics: Mapping[str, Topic] = {topic.name: topic for topic in topics}
-        self.incoming: list[Source] = []
+        self.incoming: list[CommandSource] = []
         self.faults: dict[tuple[str, str], str] = {}
         self.changes = 0
         self._known: set[_Publisher] = set()
@@ -289,7 +289,7 @@ class Subscriptions:
         else:
             self.faults.pop(key, None)
             rest = bytearray(found.incoming)
-            self.incoming.append(Source(*key, found.detach(), rest))
+            self.incoming.append(CommandSource(*key, found.detach(), rest))
             self.incoming.sort(key=lambda each: (each.topic, each.node))
             self.changes += 1
         self._release(frozenset())
@@ -310,7 +310,7 @@ class Subscriptions:
         self._events.busy -= 1
         held.send()
 
-    def _receive(self, source: Source) -> bool:
+    def _receive(self, source: CommandSource) -> bool:
         """Takes what has come; returns whether the connection has ended."""
         before = len(source.buffer)
         while True:
@@ -331,7 +331,7 @@ class Subscriptions:
             if len(data) < _CHUNK_BYTES:
                 return False
 
-    def _messages(self, source: Source) -> list[bytes]:
+    def _messages(self, source: CommandSource) -> list[bytes]:
         found: list[bytes] = []
         buffer, at = source.buffer, 0
         while len(buffer) - at >= 4:
@@ -361,7 +361,7 @@ class _Handshake:
         # Without tcp_nodelay a node's second command within 40 ms would wait for an acknowledgement that is delayed.
         fields = {
             "callerid": ROBOT,
-            "md5sum": digest(topic.kind),
+            "md5sum": type_digest(topic.kind),
             "tcp_nodelay": "1",
             "topic": topic.name,
             "type": topic.kind,
@@ -377,13 +377,13 @@ class _Handshake:
             return
         self._connection.limit_time(None)
         fault = fields.get("error", "")
-        if not fault and fields.get("md5sum") != digest(self._topic.kind):
+        if not fault and fields.get("md5sum") != type_digest(self._topic.kind):
             fault = f"it has {fields.get('type', 'no type')[:200]} with md5sum {fields.get('md5sum', '')[:40]!r}"
         if not fault:
             self._done(self._connection)
             return
         caller = fields.get("callerid", "a node")[:200]
-        takes = f"the robot takes {self._topic.kind} with md5sum {digest(self._topic.kind)}"
+        takes = f"the robot takes {self._topic.kind} with md5sum {type_digest(self._topic.kind)}"
         self._events.fail(f"{caller} cannot command the robot on {self._topic.name}: {takes}; {fault[:500]}")
         self._connection.drop()
         self._done(fault)

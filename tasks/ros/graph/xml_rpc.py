@@ -162,7 +162,7 @@ class XmlRpcError(ValueError):
     """The bytes are not a call or an answer."""
 
 
-def read(data: bytes) -> tuple[tuple[Value, ...], str | None]:
+def read_xml(data: bytes) -> tuple[tuple[Value, ...], str | None]:
     """Returns the arguments and the method of a call; of an answer, its value alone and None.
 
     Raises:
@@ -360,7 +360,7 @@ class _Call:
         body = self._message.read()
         if body is None:
             return None
-        match read(body)[0]:
+        match read_xml(body)[0]:
             case ([1, _, value],):
                 return NodeAnswer(value)
             case ([_, message, *_],):

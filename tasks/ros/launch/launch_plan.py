@@ -180,7 +180,7 @@ def episode_environment(home: Path) -> dict[str, str]:
     }
 
 
-def make_home(home: Path, installation: RosInstallation) -> Path:
+def make_ros_home(home: Path, installation: RosInstallation) -> Path:
     """Makes the folder that an episode's nodes may write to, and returns it.
 
     A ``python`` lies in its ``bin``: scripts from before Noetic ask for it, and Debian has none.
@@ -304,7 +304,7 @@ class LaunchSource(NamedTuple):
     launch_file: str
 
 
-def resolve(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
+def resolve_launch(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
     """Returns for each environment what a launch file starts, or why roslaunch refuses it.
 
     Args:
@@ -320,7 +320,7 @@ def resolve(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> 
     keys = [tuple(sorted(each.items())) for each in environments]
     distinct = list(dict.fromkeys(keys))
     with tempfile.TemporaryDirectory(prefix="simyard-launch-") as folder:
-        home = make_home(Path(folder), installation)
+        home = make_ros_home(Path(folder), installation)
         uri = "http://127.0.0.1:11311/"
         asked = [node_environment(installation, source.bundle, uri, home, dict(key)) for key in distinct]
         answers = _answers(installation, source, home, asked)

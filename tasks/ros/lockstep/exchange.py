@@ -20,7 +20,7 @@ class Sends(Protocol):
         ...
 
 
-class Listener(Protocol):
+class TopicListener(Protocol):
     """A node that listens to one of the robot's topics."""
 
     @property
@@ -59,7 +59,7 @@ class GraphSide(Protocol):
     def failure(self) -> str: ...  # noqa: D102
 
     @property
-    def outgoing(self) -> Mapping[str, Sequence[Listener]]: ...  # noqa: D102
+    def outgoing(self) -> Mapping[str, Sequence[TopicListener]]: ...  # noqa: D102
 
     @property
     def incoming(self) -> Sequence[Commander]: ...  # noqa: D102
@@ -85,7 +85,7 @@ class GraphSide(Protocol):
     def close(self) -> None: ...  # noqa: D102
 
 
-class Joints(NamedTuple):
+class JointStates(NamedTuple):
     """Of a robot that is more than a planar base: what ``/joint_states`` says."""
 
     names: tuple[str, ...]
@@ -93,7 +93,7 @@ class Joints(NamedTuple):
     speed: Float[np.ndarray, "joints"]
 
 
-class FloorPlan(NamedTuple):
+class FloorMap(NamedTuple):
     """The map of a lane's world, as an occupancy grid has it: 0 free, 100 not free, rows from the origin along y."""
 
     cells: np.ndarray
@@ -120,10 +120,10 @@ class Sensed(NamedTuple):
     ranges_m: Float[np.ndarray, "rays"]
     bumper: Bool[np.ndarray, "sectors"]
     goal: Float[np.ndarray, "2"]
-    joints: Joints | None = None
+    joints: JointStates | None = None
 
 
-class Command(NamedTuple):
+class TwistCommand(NamedTuple):
     """The last Twist that came: in the robot's own frame."""
 
     ahead_m_s: float = 0.0
@@ -131,7 +131,7 @@ class Command(NamedTuple):
     turn_rad_s: float = 0.0
 
 
-class Base(NamedTuple):
+class RobotBase(NamedTuple):
     """A robot's base: what its nodes are told of it beyond ``ros.yaml``.
 
     Attributes:
@@ -166,7 +166,7 @@ class Launch(NamedTuple):
     environment: Sequence[Mapping[str, str]]
 
 
-class Tally(NamedTuple):
+class ExchangeTotals(NamedTuple):
     """How the exchange of one lane went; lock-step held if ``late`` and ``stray`` are 0.
 
     Attributes:
@@ -193,7 +193,7 @@ class Lockstep(Protocol):
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
         ...
 
-    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up with its robot at rest.
 
         Args:
@@ -202,11 +202,11 @@ class Lockstep(Protocol):
         """
         ...
 
-    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; None marks lanes that are done."""
         ...
 
-    def tally(self, lane: int) -> Tally:
+    def tally(self, lane: int) -> ExchangeTotals:
         """Returns how the exchange of a lane went so far."""
         ...
 

@@ -10,7 +10,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from tasks.ros.lockstep.exchange import GraphSide
-from tasks.ros.process.application_processes import Application
+from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.thread_watch import Rest, keeps_timers
 
 # What is sent over the loopback device wakes its reader at once, unless that reader waits for something else.
@@ -30,7 +30,7 @@ _REST_KEPT_S = 0.25
 _LONGEST_LIMIT = 5.0
 
 
-class Verdict(Enum):
+class IdleState(Enum):
     """What a look found."""
 
     QUIET = "quiet"
@@ -65,7 +65,7 @@ class IdleDetector:
         suspect: Whether threads came, or were run while nothing was to be done: some may have begun to poll.
     """
 
-    def __init__(self, application: Application, graph: GraphSide, nap_s: float) -> None:
+    def __init__(self, application: ApplicationProcesses, graph: GraphSide, nap_s: float) -> None:
         self.pollers: dict[int, float] = {}
         self.timers: set[int] = set()
         self.rest_s = self.next_s = 0.0
@@ -105,11 +105,11 @@ class IdleDetector:
         self._base, self.rest_s = None, 0.0
         self._due = {tid: s for tid, s in self.pollers.items() if ticked or tid not in self.timers}
 
-    def look(self, now_s: float) -> Verdict:
+    def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
         self._noted = False
         if self._base is not None and not self._peek(now_s):
-            return Verdict.WAITS
+            return IdleState.WAITS
         self._looked_s = now_s
         self.application.find()
         noted, rest, served = self._watch.runs, self._watch.look(), self.graph.served
@@ -119,32 +119,32 @@ class IdleDetector:
             self._take_back(now_s)
         if self.graph.busy or (rest is Rest.AWAKE and self._watch.awake() not in self.pollers):
             self._base = None
-            return Verdict.AWAKE
+            return IdleState.AWAKE
         if heard or self._watch.changed - self.pollers.keys():
             self._base = None
-            return Verdict.SOON
+            return IdleState.SOON
         if rest is Rest.AWAKE:
             self.next_s = now_s + _AGAIN_S
-            return Verdict.WAITS
+            return IdleState.WAITS
         self.rest_s = self.rest_s or now_s
         if self._due and not self._polled(now_s, noted):
-            return Verdict.WAITS
+            return IdleState.WAITS
         return self._rested(rest, now_s)
 
-    def _rested(self, rest: Rest, now_s: float) -> Verdict:
+    def _rested(self, rest: Rest, now_s: float) -> IdleState:
         """Returns whether nobody sleeps who has not noticed what was sent, or naps within a callback."""
         waited_s, self.next_s = now_s - self._begun_s, now_s + _AGAIN_S
         if waited_s < _UNNOTICED_S and not self._watch.moved(self.pollers.keys()):
-            return Verdict.WAITS
+            return IdleState.WAITS
         napping = self._watch.napping(self._sleepers | self.pollers.keys())
         if napping is None:
-            return Verdict.SOON
+            return IdleState.SOON
         if napping and self.has_time(self._nap_s, now_s):
-            return Verdict.WAITS
+            return IdleState.WAITS
         if napping and self._begin_to_poll(napping, waited_s):
-            return Verdict.SOON
+            return IdleState.SOON
         self._sleepers |= napping
-        return Verdict.STOPPED if rest is Rest.STOPPED else Verdict.QUIET
+        return IdleState.STOPPED if rest is Rest.STOPPED else IdleState.QUIET
 
     def has_time(self, limit_s: float, now_s: float) -> bool:
         """Returns whether the application could run for less than a limit since the last ``begin``.

@@ -5,14 +5,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tasks.ros.bag.message_log import FIRST_NS, Channel, Entry, MessageLog
+from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.graph.topic import Topic
-from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Joints, Lockstep, Sensed, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, JointStates, Lockstep, RobotBase, Sensed, TwistCommand
 from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import PlanarTwist, Stamp, stamp, twist
 
 CLOCK, TRANSFORMS, STATIC = "/clock", "/tf", "/tf_static"
-_NO_JOINTS = Joints((), np.zeros(0), np.zeros(0))
+_NO_JOINTS = JointStates((), np.zeros(0), np.zeros(0))
 
 
 class Moment(NamedTuple):
@@ -48,7 +48,7 @@ class SensorMessages:
         commands: The topic that drives it.
     """
 
-    def __init__(self, base: Base, control_s: float) -> None:
+    def __init__(self, base: RobotBase, control_s: float) -> None:
         self._base, self._control_s = base, control_s
         names = base.robot.topics
         self._writers: dict[str, Callable[[Moment], bytes]] = {
@@ -77,7 +77,7 @@ class SensorMessages:
         """Returns a message of one of ``order``."""
         return self._writers[topic](moment)
 
-    def fixed(self, moment: Moment, floor: FloorPlan | None) -> Mapping[str, bytes]:
+    def fixed(self, moment: Moment, floor: FloorMap | None) -> Mapping[str, bytes]:
         """Returns the messages that hold from the start: where sensors are mounted, the map."""
         found = {STATIC: self._static(moment)}
         if self._floor is not None and floor is not None:
@@ -159,11 +159,11 @@ class LockstepRecorder:
         lane: Which is kept.
     """
 
-    def __init__(self, lockstep: Lockstep, base: Base, control_s: float, lane: int = 0) -> None:
+    def __init__(self, lockstep: Lockstep, base: RobotBase, control_s: float, lane: int = 0) -> None:
         self._inner, self._lane = lockstep, lane
         self._messages = SensorMessages(base, control_s)
         self._control_ns = round(control_s * 1e9)
-        self._entries: list[Entry] = []
+        self._entries: list[LogEntry] = []
         self._goal: tuple[float, float] | None = None
         self._step = 0
 
@@ -177,15 +177,15 @@ class LockstepRecorder:
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
         return self._inner.cancelled
 
-    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up; of that nothing is kept."""
         self._inner.begin(sensed, floors)
         own = sensed[self._lane]
         if own is not None:
             fixed = self._messages.fixed(Moment(0, FIRST_NS, own), floors[self._lane])
-            self._entries += [Entry(FIRST_NS, topic, data) for topic, data in fixed.items()]
+            self._entries += [LogEntry(FIRST_NS, topic, data) for topic, data in fixed.items()]
 
-    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come, having kept what one lane's robot said."""
         own, before = sensed[self._lane], self._inner.tally(self._lane).commands
         if own is not None:
@@ -193,11 +193,11 @@ class LockstepRecorder:
         commands = self._inner.exchange(sensed)
         if own is not None and self._inner.tally(self._lane).commands > before:
             at_ns, command = FIRST_NS + self._step * self._control_ns, commands[self._lane]
-            self._entries.append(Entry(at_ns, self._messages.commands.name, twist(PlanarTwist(*command))))
+            self._entries.append(LogEntry(at_ns, self._messages.commands.name, twist(PlanarTwist(*command))))
         self._step += 1
         return commands
 
-    def tally(self, lane: int) -> Tally:
+    def tally(self, lane: int) -> ExchangeTotals:
         """Returns how the exchange of a lane went so far."""
         return self._inner.tally(lane)
 
@@ -218,9 +218,9 @@ class LockstepRecorder:
 
     def _keep_sensed(self, moment: Moment) -> None:
         for topic in self._messages.order:
-            self._entries.append(Entry(moment.time_ns, topic, self._messages.write(topic, moment)))
+            self._entries.append(LogEntry(moment.time_ns, topic, self._messages.write(topic, moment)))
         x_m, y_m = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if self._goal != (x_m, y_m) else None
         if found is not None:
             self._goal = (x_m, y_m)
-            self._entries.append(Entry(moment.time_ns, *found))
+            self._entries.append(LogEntry(moment.time_ns, *found))

@@ -7,17 +7,17 @@ from typing import Self
 
 from specs.errors import LaunchRefused
 from tasks.ros.graph.graph import Graph
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, make_home, node_environment, resolve
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, make_ros_home, node_environment, resolve_launch
 from tasks.ros.launch.packages import ros_installation
-from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Launch, Sensed, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK, Moment, SensorMessages
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
-from tasks.ros.lockstep.step_driver import Patience, PollAudit, Readiness, StepDriver
+from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
 from tasks.ros.message.ros_messages import clock, stamp
-from tasks.ros.process.application_processes import Application, ProcessTracker, end_all, end_strays
+from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
-from tasks.ros.process.network import Networks
+from tasks.ros.process.network import EpisodeNetworks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
 
 # Time 0 means "not known yet" to ROS 1.
@@ -42,11 +42,11 @@ class Ros1Lockstep:
     def __init__(
         self,
         launch: Launch,
-        base: Base,
+        base: RobotBase,
         control_s: float,
         *,
         clock_s: float = 0.0,
-        patience: Patience | None = None,
+        patience: LockstepPatience | None = None,
         limits: LaneLimits | None = None,
     ) -> None:
         allow_files()
@@ -55,10 +55,10 @@ class Ros1Lockstep:
         self._clock_ns = round(clock_s * 1e9) or self._control_ns
         self._limits = limits or LaneLimits()
         self._messages = SensorMessages(base, control_s)
-        self._pump, self._networks = EventPump(), Networks(launch.home)
-        self._lineage = ProcessTracker()
-        self._patience = patience or Patience()
-        self._settling = StepDriver(self._pump, self._patience, self._end)
+        self._pump, self._networks = EventPump(), EpisodeNetworks(launch.home)
+        self._tracker = ProcessTracker()
+        self._patience = patience or LockstepPatience()
+        self._driver = StepDriver(self._pump, self._patience, self._end)
         self._audit = PollAudit(self._pump)
         self._lanes: dict[int, RosLane] = {}
         self._failures: dict[int, str] = {}
@@ -85,7 +85,7 @@ class Ros1Lockstep:
         """Returns why lanes share one network, so that no two nodes can take one port; empty where they do not."""
         return self._networks.shared
 
-    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up with its robot at rest.
 
         Raises:
@@ -110,12 +110,12 @@ class Ros1Lockstep:
         for _ in range(_WARM_UP_STEPS):
             self.exchange(sensed)
         for lane in lanes:
-            lane.command, lane.commands, lane.late, lane.stray = Command(), 0, 0, 0
+            lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
             if not lane.failure and not lane.graph.publishers(self._messages.commands.name):
                 lane.failure = f"no node publishes {self._messages.commands.name}"
                 self._end(lane)
 
-    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; None marks lanes that are done."""
         moving = {n: lane for n, lane in self._lanes.items() if sensed[n] is not None and not lane.failure}
         self._pump.turn()
@@ -125,16 +125,16 @@ class Ros1Lockstep:
             if own is not None and not lane.failure:
                 lane.plan(self._planned(lane, Moment(self._step, self._now_ns, own)))
         lanes = [lane for lane in moving.values() if not lane.failure]
-        self._settling.run(lanes, self._now_ns)
+        self._driver.run(lanes, self._now_ns)
         self._audit.run(lanes, self._step)
         self._check(moving)
         self._stop_idle(lanes)
         self._now_ns, self._step = self._now_ns + self._control_ns, self._step + 1
-        return [self._lanes[n].command if n in moving else Command() for n in range(len(sensed))]
+        return [self._lanes[n].command if n in moving else TwistCommand() for n in range(len(sensed))]
 
-    def tally(self, lane: int) -> Tally:
+    def tally(self, lane: int) -> ExchangeTotals:
         """Returns how the exchange of a lane went so far."""
-        return self._lanes[lane].tally() if lane in self._lanes else Tally()
+        return self._lanes[lane].tally() if lane in self._lanes else ExchangeTotals()
 
     def tags(self, lane: int) -> Mapping[str, str]:
         """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
@@ -149,33 +149,33 @@ class Ros1Lockstep:
         if self._closed:
             return
         self._closed = True
-        end_all([lane.application for lane in self._lanes.values()], self._lineage)
-        end_strays(self._lineage)
+        end_applications([lane.application for lane in self._lanes.values()], self._tracker)
+        end_strays(self._tracker)
         for lane in self._lanes.values():
             lane.graph.close()
             lane.network.close()
         self._networks.close()
-        self._lineage.close()
+        self._tracker.close()
         self._pump.close()
         shutil.rmtree(self._launch.home, ignore_errors=True)
 
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
         """Returns what is started with each environment, or why nothing can be."""
         source = LaunchSource(self._launch.bundle, self._launch.package, self._launch.launch_file)
-        return resolve(source, environments)
+        return resolve_launch(source, environments)
 
     def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
         """Returns a lane with its nodes started, or with why they cannot be."""
         installation, network = ros_installation(), self._networks.new()
-        home = make_home(self._launch.home / f"lane-{number}", installation)
+        home = make_ros_home(self._launch.home / f"lane-{number}", installation)
         try:
             graph = Graph(self._pump.loop, self._messages.topics, [self._messages.commands], network.new_socket)
         except OSError:
             network.close()
             raise
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
-        judge = IdleDetector(Application(home, self._lineage, self._limits), graph, self._patience.nap_s)
-        lane = self._lanes[number] = RosLane(judge, network, self._pump, latched)
+        detector = IdleDetector(ApplicationProcesses(home, self._tracker, self._limits), graph, self._patience.nap_s)
+        lane = self._lanes[number] = RosLane(detector, network, self._pump, latched)
         variables = self._launch.environment[number]
         environment = node_environment(installation, self._launch.bundle, graph.uri, home, variables)
         try:
@@ -202,7 +202,7 @@ class Ros1Lockstep:
                 raise
             lane.failure = f"a node cannot be started: {exc}"
 
-    def _publish_fixed(self, lane: RosLane, sensed: Sensed, floor: FloorPlan | None) -> None:
+    def _publish_fixed(self, lane: RosLane, sensed: Sensed, floor: FloorMap | None) -> None:
         moment = Moment(0, self._now_ns, sensed)
         lane.graph.publish(CLOCK, self._messages.write(CLOCK, moment))
         for topic, data in self._messages.fixed(moment, floor).items():
@@ -235,11 +235,11 @@ class Ros1Lockstep:
         hold_ns = round(self._base.robot.command_timeout_s * 1e9)
         for lane in lanes:
             if hold_ns and self._now_ns - lane.commanded_ns > hold_ns:
-                lane.command = Command()
+                lane.command = TwistCommand()
 
     def _end(self, lane: RosLane) -> None:
         """Ends what belongs to a lane that failed; its neighbours need the machine."""
-        lane.command = Command()
-        end_all([lane.application], self._lineage)
+        lane.command = TwistCommand()
+        end_applications([lane.application], self._tracker)
         lane.graph.close()
         lane.network.close()

@@ -12,12 +12,12 @@ from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import STATIC
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
-from tasks.ros.process.application_processes import Application
-from tasks.ros.process.network import Network
+from tasks.ros.process.application_processes import ApplicationProcesses
+from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
-from tasks.ros.ros2.ros2_node import Matches, RobotNode
+from tasks.ros.ros2.ros2_node import Matches, Ros2Node
 
 _LENGTH_BYTES = 4
 # Connections seldom change, and asking for all of them costs as much as a message.
@@ -46,7 +46,7 @@ class DomainThreads(ThreadWatch):
 class TopicConnection(NamedTuple):
     """All readers of a topic at once."""
 
-    robot: RobotNode
+    robot: Ros2Node
     topic: str
 
     def send(self, frame: bytes) -> None:
@@ -86,7 +86,7 @@ class DdsGraph:
         distribution: str,
         processes: tuple[int, frozenset[str]],
     ) -> None:
-        self._robot = RobotNode(domain, topics, command, distribution)
+        self._robot = Ros2Node(domain, topics, command, distribution)
         self._watch = DomainThreads(self._robot.threads)
         self._command, (self._expected, self._names) = command, processes
         self._quiet, self._other = socket.socketpair()
@@ -219,9 +219,9 @@ class Ros2Lockstep(Ros1Lockstep):
         processes = sum(map(runs_ros2, plan.nodes))
         domain, distribution = self._domains[number], ros2_installation().distribution
         graph = DdsGraph(domain, topics, self._messages.commands.name, distribution, (processes, names))
-        application = Application(home, self._lineage, self._limits)
-        judge = IdleDetector(application, graph, self._patience.nap_s)
-        lane = self._lanes[number] = RosLane(judge, Network(socket.socket, ()), self._pump, latched)
+        application = ApplicationProcesses(home, self._tracker, self._limits)
+        detector = IdleDetector(application, graph, self._patience.nap_s)
+        lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
         environment = {
             **self._launch.environment[number],
             **ros2_installation().environment(),

@@ -9,11 +9,11 @@ import socket
 from collections import deque
 from collections.abc import Callable
 
-from tasks.ros.lockstep.exchange import Command, Listener, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, TopicListener, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.message.ros_messages import frame_message, read_twist
-from tasks.ros.process.network import Network
+from tasks.ros.process.network import EpisodeNetwork
 
 _TURNS = 1000
 
@@ -77,7 +77,7 @@ class RosLane:
     """One episode.
 
     Args:
-        judge: Says when its application is quiet.
+        detector: Says when its application is quiet.
         network: Its own.
         pump: Serves its graph.
         latched: Topics whose last message is kept for those who come.
@@ -89,23 +89,25 @@ class RosLane:
         command: The last one that came.
         commanded_ns: Simulated time when it came.
         goal: The goal that its nodes know.
-        commands, late, stray: See ``Tally``.
+        commands, late, stray: See ``ExchangeTotals``.
         begun_s: When it was sent something last.
         look_s: When to look at it next.
         nap_s: How long to wait after a look that found it awake.
     """
 
-    def __init__(self, judge: IdleDetector, network: Network, pump: EventPump, latched: frozenset[str]) -> None:
-        self.judge, self.network = judge, network
-        self.graph, self.application = judge.graph, judge.application
-        self.failure, self.command, self.commanded_ns = "", Command(), -math.inf
+    def __init__(
+        self, detector: IdleDetector, network: EpisodeNetwork, pump: EventPump, latched: frozenset[str]
+    ) -> None:
+        self.detector, self.network = detector, network
+        self.graph, self.application = detector.graph, detector.application
+        self.failure, self.command, self.commanded_ns = "", TwistCommand(), -math.inf
         self.goal: tuple[float, float] | None = None
         self.commands = self.late = self.stray = 0
         self.begun_s = self.look_s = self.nap_s = 0.0
         self._pump, self._latched = pump, latched
         self._changes, self._had_source = -1, False
         self._topics: deque[tuple[str, Writer]] = deque()
-        self._frame, self._to = b"", deque[Listener]()
+        self._frame, self._to = b"", deque[TopicListener]()
         self._topic = ""
         self._usual_s: dict[str, float] = {}
         self._step_commands = 0
@@ -135,15 +137,15 @@ class RosLane:
                 if latched:
                     self.graph.keep(self._topic, data)
                 self._to = deque(sorted(subscribers, key=lambda each: each.node))
-        self.judge.begin(now_s, fresh=fresh, ticked=self._topic == CLOCK)
+        self.detector.begin(now_s, fresh=fresh, ticked=self._topic == CLOCK)
         self._to.popleft().connection.send(self._frame)
         self.begun_s, self.nap_s = now_s, 0.0
         self.look_s = now_s + min(_SHARE * self._usual_s.get(self._topic, 0.0), _LONGEST_GUESS_S)
         return True
 
-    def settle(self) -> None:
+    def note_rest(self) -> None:
         """Notes how long the application took to deal with what was sent last."""
-        took_s = self.judge.rest_s - self.begun_s
+        took_s = self.detector.rest_s - self.begun_s
         usual_s = self._usual_s.get(self._topic, took_s)
         self._usual_s[self._topic] = _REMEMBERED * usual_s + (1.0 - _REMEMBERED) * took_s
 
@@ -170,7 +172,7 @@ class RosLane:
             if not all(map(math.isfinite, twist)):
                 self.failure = f"{topic}: a command is not a number: {tuple(twist)}"
                 return
-            self.command, self.commanded_ns = Command(*twist), time_ns
+            self.command, self.commanded_ns = TwistCommand(*twist), time_ns
             self.commands += 1
             self.stray += stray
             self._step_commands += 1
@@ -183,7 +185,7 @@ class RosLane:
         """Throws away the commands that came before the episode begins."""
         self._step_commands = 0
         self.collect(0)
-        self.command, self._step_commands = Command(), 0
+        self.command, self._step_commands = TwistCommand(), 0
 
     def check(self) -> None:
         """Looks whether a node ended, or the graph gave up."""
@@ -194,6 +196,6 @@ class RosLane:
             done = [f"node {name} ended with status 0, and " for name in sorted(self.application.done)]
             self.failure = self.failure or "".join(done[-1:]) + "no node is connected to the command topic any more"
 
-    def tally(self) -> Tally:
+    def tally(self) -> ExchangeTotals:
         """Returns how the exchange went."""
-        return Tally(self.commands, self.late, self.stray)
+        return ExchangeTotals(self.commands, self.late, self.stray)

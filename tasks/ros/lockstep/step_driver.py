@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from tasks.ros.lockstep.idle_detector import Verdict
+from tasks.ros.lockstep.idle_detector import IdleState
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
 
 _SOON_S = 0.00003
@@ -17,11 +17,11 @@ _LONGEST_NAP_S = 0.001
 _CHECK_S = 0.25
 
 
-class Patience(NamedTuple):
+class LockstepPatience(NamedTuple):
     """How long an application may take.
 
     Attributes:
-        stage_s: Until it comes to rest after a message; see ``QuietJudge.has_time``.
+        stage_s: Until it comes to rest after a message; see ``IdleDetector.has_time``.
         late_limit: How often it may not; then it has failed.
     """
 
@@ -43,7 +43,7 @@ class StepDriver:
         fail: Called with a lane that failed, to end its application at once.
     """
 
-    def __init__(self, pump: EventPump, patience: Patience, fail: Callable[[RosLane], None]) -> None:
+    def __init__(self, pump: EventPump, patience: LockstepPatience, fail: Callable[[RosLane], None]) -> None:
         self._pump, self._patience, self._fail = pump, patience, fail
         self._checked_s = 0.0
 
@@ -71,12 +71,12 @@ class StepDriver:
         if lane.failure:
             self._fail(lane)
             return False
-        verdict = lane.judge.look(now_s)
-        if verdict is Verdict.QUIET:
-            lane.settle()
-        elif verdict is Verdict.STOPPED:
+        verdict = lane.detector.look(now_s)
+        if verdict is IdleState.QUIET:
+            lane.note_rest()
+        elif verdict is IdleState.STOPPED:
             lane.failure = lane.application.stopped()
-        elif lane.judge.has_time(self._patience.stage_s, now_s):
+        elif lane.detector.has_time(self._patience.stage_s, now_s):
             self._postpone(lane, verdict, now_s)
             return True
         else:
@@ -87,11 +87,11 @@ class StepDriver:
             return False
         return lane.send(now_s, fresh=True)
 
-    def _postpone(self, lane: RosLane, verdict: Verdict, now_s: float) -> None:
-        if verdict is Verdict.SOON:
+    def _postpone(self, lane: RosLane, verdict: IdleState, now_s: float) -> None:
+        if verdict is IdleState.SOON:
             lane.look_s = now_s + _SOON_S
-        elif verdict is Verdict.WAITS:
-            lane.look_s = max(lane.judge.next_s, now_s + _SOON_S)
+        elif verdict is IdleState.WAITS:
+            lane.look_s = max(lane.detector.next_s, now_s + _SOON_S)
         else:
             lane.nap_s = min(max(_FIRST_NAP_S, _NAP_GROWTH * lane.nap_s), _LONGEST_NAP_S)
             lane.look_s = now_s + lane.nap_s
@@ -173,19 +173,19 @@ class Readiness:
             return False
         if key not in self._since_s:
             self._since_s[key] = now_s
-            lane.judge.count(now_s)
+            lane.detector.count(now_s)
             return False
         commanded = lane.graph.publishers(self._commands)
         if now_s - self._since_s[key] < (_IDLE_S if commanded else _IDLE_WITHOUT_COMMANDS_S):
             return False
-        lane.judge.find_pollers(now_s)
-        lane.judge.find_sleepers()
+        lane.detector.find_pollers(now_s)
+        lane.detector.find_sleepers()
         return True
 
     def _rests(self, lane: RosLane) -> bool:
         """Returns whether a lane sleeps: one look in three will do, for a process that polls is awake now and then."""
         for _ in range(3):
-            if lane.judge.look(time.perf_counter()) is not Verdict.AWAKE:
+            if lane.detector.look(time.perf_counter()) is not IdleState.AWAKE:
                 return True
             time.sleep(_PAUSE_S)
             self._pump.serve()
@@ -221,16 +221,16 @@ class PollAudit:
 
     def run(self, lanes: Sequence[RosLane], step: int) -> None:
         """Finds threads that wake up by themselves, if it is time for that."""
-        suspect = step == _FIRST_STEP or any(lane.judge.suspect for lane in lanes)
+        suspect = step == _FIRST_STEP or any(lane.detector.suspect for lane in lanes)
         if step < self._next or not suspect:
             return
         self._next = 2 * step
         begun_s = time.perf_counter()
         lanes = [lane for lane in lanes if not lane.failure]
         for lane in lanes:
-            lane.judge.count(begun_s)
+            lane.detector.count(begun_s)
         while (left_s := begun_s + _WATCHED_S - time.perf_counter()) > 0.0:
             time.sleep(left_s)
             self._pump.serve()
         for lane in lanes:
-            lane.judge.find_pollers(time.perf_counter())
+            lane.detector.find_pollers(time.perf_counter())

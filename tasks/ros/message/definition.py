@@ -70,7 +70,7 @@ SERVICES: Mapping[str, tuple[str, str]] = MappingProxyType(
 
 
 @cache
-def digest(kind: str) -> str:
+def type_digest(kind: str) -> str:
     """Returns the MD5 digest of a message's or service's type.
 
     Args:
@@ -108,7 +108,7 @@ def _digest_text(package: str, text: str) -> str:
     for line in filter(None, text.split("\n")):
         field, name = line.split()
         base = field.partition("[")[0]
-        lines.append(line if _PRIMITIVE.match(base) else f"{digest(_full_name(package, base))} {name}")
+        lines.append(line if _PRIMITIVE.match(base) else f"{type_digest(_full_name(package, base))} {name}")
     return "\n".join(lines)
 
 

@@ -33,7 +33,7 @@ def stamp(time_ns: int) -> Stamp:
 
 
 @lru_cache(maxsize=1024)
-def text(value: str) -> bytes:
+def text_bytes(value: str) -> bytes:
     """Returns a text with its length before it. The robot's texts are few: names of frames and joints."""
     data = value.encode()
     return _LENGTH.pack(len(data)) + data
@@ -47,7 +47,7 @@ def header(sequence: int, time: Stamp, frame: str) -> bytes:
         time: When the data were true.
         frame: The frame that they are in.
     """
-    return _TIMES.pack(sequence & 0xFFFFFFFF, time.seconds, time.nanoseconds) + text(frame)
+    return _TIMES.pack(sequence & 0xFFFFFFFF, time.seconds, time.nanoseconds) + text_bytes(frame)
 
 
 def frame_message(data: bytes) -> bytes:
@@ -119,7 +119,7 @@ def odometry(
     return b"".join(
         (
             header(sequence, time, frame),
-            text(child),
+            text_bytes(child),
             _POSE.pack(x, y, 0.0, *yaw_quaternion(yaw)),
             _NO_POSE_COVARIANCE,
             _TWIST.pack(ahead, left, 0.0, 0.0, 0.0, turn),
@@ -139,7 +139,7 @@ def transforms(sequence: int, time: Stamp, each: Sequence[FrameTransform | tuple
     parts = [_COUNT.pack(len(each))]
     for parent, child, (x, y, yaw, *height) in each:
         pose = _POSE.pack(float(x), float(y), float(sum(height)), *yaw_quaternion(float(yaw)))
-        parts += [header(sequence, time, parent), text(child), pose]
+        parts += [header(sequence, time, parent), text_bytes(child), pose]
     return b"".join(parts)
 
 
@@ -279,7 +279,7 @@ def joint_state(
         speed: Of each (rad/s or m/s).
         frame: Joints have none.
     """
-    parts = [header(sequence, time, frame), _COUNT.pack(len(names)), *map(text, names)]
+    parts = [header(sequence, time, frame), _COUNT.pack(len(names)), *map(text_bytes, names)]
     for values in (position, speed):
         parts += [_COUNT.pack(len(values)), np.asarray(values, "<f8").tobytes()]
     return b"".join((*parts, _NONE))
@@ -288,7 +288,7 @@ def joint_state(
 def bumper(sectors: Bool[np.ndarray, "sectors"]) -> bytes:
     """Returns a ``std_msgs/UInt8MultiArray`` of one dimension: 1 for each sector that touches."""
     count = len(sectors)
-    layout = _COUNT.pack(1) + text("sectors") + _LAYOUT.pack(count, count) + _NONE
+    layout = _COUNT.pack(1) + text_bytes("sectors") + _LAYOUT.pack(count, count) + _NONE
     return layout + _COUNT.pack(count) + np.asarray(sectors, np.uint8).tobytes()
 
 
@@ -307,7 +307,7 @@ def read_tags(data: bytes) -> dict[str, str]:
     return dict(zip(texts[::2], texts[1::2], strict=True))
 
 
-def read_keys(data: bytes) -> list[str]:
+def read_tag_keys(data: bytes) -> list[str]:
     """Returns the keys of a ``RemoveTags`` request.
 
     Raises:
@@ -318,7 +318,7 @@ def read_keys(data: bytes) -> list[str]:
 
 def write_tags(tags: Mapping[str, str]) -> bytes:
     """Returns a list of tags."""
-    parts = [text(key) + text(value) for key, value in tags.items()]
+    parts = [text_bytes(key) + text_bytes(value) for key, value in tags.items()]
     return b"".join((_LENGTH.pack(len(tags)), *parts))
 
 
@@ -337,7 +337,7 @@ def joined_tags(tags: Mapping[str, str], more: Mapping[str, str]) -> dict[str, s
 
 def write_outcome(*, success: bool, message: str) -> bytes:
     """Returns what the response of each service begins with, and all of that of ``AddTags`` and ``Cancel``."""
-    return struct.pack("<?", success) + text(message)
+    return struct.pack("<?", success) + text_bytes(message)
 
 
 def _read_texts(data: bytes, each: int) -> list[str]:

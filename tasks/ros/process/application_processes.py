@@ -198,12 +198,12 @@ class _Node(NamedTuple):
     log: Path
 
 
-class Application:
+class ApplicationProcesses:
     """The processes of one episode.
 
     Args:
         home: Its folder, made by ``make_home``.
-        lineage: Of all episodes.
+        tracker: Of all episodes.
         limits: How much it may use.
 
     Attributes:
@@ -211,9 +211,9 @@ class Application:
         done: Names of nodes that ended as they should.
     """
 
-    def __init__(self, home: Path, lineage: ProcessTracker, limits: LaneLimits) -> None:
+    def __init__(self, home: Path, tracker: ProcessTracker, limits: LaneLimits) -> None:
         self.home, self.watch = home, ThreadWatch()
-        self._lineage, self._limits = lineage, limits
+        self._tracker, self._limits = tracker, limits
         self._nodes: list[_Node] = []
         self.done: set[str] = set()
         self._epoch = -1
@@ -240,7 +240,7 @@ class Application:
                     start_new_session=True,
                 )
             self._nodes.append(_Node(plan, process, log))
-            self._lineage.add(process.pid, self.home)
+            self._tracker.add(process.pid, self.home)
 
     @property
     def names(self) -> frozenset[str]:
@@ -281,13 +281,13 @@ class Application:
 
     def processes(self) -> list[int]:
         """Returns its processes as of the last ``find``."""
-        return self._lineage.processes(self.home)
+        return self._tracker.processes(self.home)
 
     def find(self) -> None:
         """Looks which processes and threads there are, if any were started since it looked last."""
-        self._lineage.update()
-        if self._lineage.epoch != self._epoch:
-            self._epoch = self._lineage.epoch
+        self._tracker.update()
+        if self._tracker.epoch != self._epoch:
+            self._epoch = self._tracker.epoch
             self.watch.refresh(self.processes())
 
     def stopped(self) -> str:
@@ -317,12 +317,12 @@ class Application:
         return ""
 
 
-def end_all(applications: Sequence[Application], lineage: ProcessTracker) -> None:
+def end_applications(applications: Sequence[ApplicationProcesses], tracker: ProcessTracker) -> None:
     """Ends everything that some episodes ever started, and removes their folders."""
     homes = [each.home for each in applications]
     known: set[int] = set()
     for _ in range(_ROUNDS):
-        lineage.update()
+        tracker.update()
         for each in applications:
             each.kill()
         left = [pid for pid in marked(homes) if alive(pid)]
@@ -338,18 +338,18 @@ def end_all(applications: Sequence[Application], lineage: ProcessTracker) -> Non
         # Orphans are this process's to reap: it adopted them.
         with contextlib.suppress(ChildProcessError):
             os.waitpid(pid, os.WNOHANG)
-    lineage.forget(homes)
+    tracker.forget(homes)
     for home in homes:
         shutil.rmtree(home, ignore_errors=True)
 
 
-def end_strays(lineage: ProcessTracker) -> None:
+def end_strays(tracker: ProcessTracker) -> None:
     """Ends what got away from every episode: no parent, no session and no mark tell whose it is.
 
     Only when all episodes are over: until then such a process is one of theirs.
     """
     for _ in range(_ROUNDS):
-        strays = lineage.strays()
+        strays = tracker.strays()
         for pid in strays:
             end_process(pid)
             with contextlib.suppress(ChildProcessError):

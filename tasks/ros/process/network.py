@@ -100,7 +100,7 @@ shutil.rmtree(root, ignore_errors=True)
 _ANSWER_S = 20.0
 
 
-class Network:
+class EpisodeNetwork:
     """One episode's network.
 
     Attributes:
@@ -119,7 +119,7 @@ class Network:
             self._handle = -1
 
 
-class Networks:
+class EpisodeNetworks:
     """Makes networks, or hands out the one that is there.
 
     Args:
@@ -147,22 +147,22 @@ class Networks:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def new(self) -> Network:
+    def new(self) -> EpisodeNetwork:
         """Returns a network of its own, or the shared one.
 
         Raises:
             OSError: The first episodes have networks of their own, and there is no other one.
         """
         if self.shared:
-            return Network(socket.socket, ())
+            return EpisodeNetwork(socket.socket, ())
         answer, handle = self._ask("new")
         if handle < 0 and self._count:  # its neighbours have networks of their own: fewer of them may fit
             raise OSError(errno.EMFILE, f"no network for another episode: {answer}")
         self._say(answer)
         if handle < 0:
-            return Network(socket.socket, ())
+            return EpisodeNetwork(socket.socket, ())
         number, self._count = self._count, self._count + 1
-        return Network(lambda: self._socket(number), self._prefix(handle), handle)
+        return EpisodeNetwork(lambda: self._socket(number), self._prefix(handle), handle)
 
     def close(self) -> None:
         """Ends the keeper; what it ends before is what the episodes left."""

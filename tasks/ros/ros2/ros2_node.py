@@ -47,7 +47,7 @@ class Matches(NamedTuple):
     others: int
 
 
-class RobotNode:
+class Ros2Node:
     """The robot's node in an episode's domain.
 
     Args:

@@ -25,7 +25,16 @@ from specs.bundle_files import BumperDeclaration, LidarDeclaration, OdometryDecl
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from tasks.ros.bag.message_log import MessageLog
-from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Joints, Launch, Lockstep, Sensed, Tally
+from tasks.ros.lockstep.exchange import (
+    ExchangeTotals,
+    FloorMap,
+    JointStates,
+    Launch,
+    Lockstep,
+    RobotBase,
+    Sensed,
+    TwistCommand,
+)
 from tasks.ros.lockstep.robot_topics import LockstepRecorder
 from tasks.ros.process.lane_limits import NO_ROOM
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, timed_call
@@ -133,12 +142,12 @@ class JointPlaces:
         self._positions = np.array([model.jnt_qposadr[joint] for joint in told], np.int64)
         self._speeds = np.array([model.jnt_dofadr[joint] for joint in told], np.int64)
 
-    def of(self, observed: Observation, lane: int) -> Joints | None:
+    def of(self, observed: Observation, lane: int) -> JointStates | None:
         """Returns a lane's joints; None for a robot that is no more than its base."""
         if observed.joints is None or not self.names:
             return None
         qpos, qvel = np.asarray(observed.joints.qpos)[lane], np.asarray(observed.joints.qvel)[lane]
-        return Joints(self.names, qpos[self._positions].astype(np.float64), qvel[self._speeds].astype(np.float64))
+        return JointStates(self.names, qpos[self._positions].astype(np.float64), qvel[self._speeds].astype(np.float64))
 
 
 class LaneSenses:
@@ -178,7 +187,7 @@ class LaneSenses:
         ]
 
 
-def told_base(robot: RosRobot, lidar: Lidar) -> Base:
+def told_base(robot: RosRobot, lidar: Lidar) -> RobotBase:
     """Returns what nodes are told of a base.
 
     Args:
@@ -187,17 +196,17 @@ def told_base(robot: RosRobot, lidar: Lidar) -> Base:
     """
     angles = ray_angles(lidar)
     if not len(angles):
-        return Base(robot, 0, 0.0, 0.0, float(lidar.range_m))
+        return RobotBase(robot, 0, 0.0, 0.0, float(lidar.range_m))
     step_rad = float(np.float64(angles[-1]) - np.float64(angles[0])) / max(len(angles) - 1, 1)
-    return Base(robot, len(angles), float(angles[0]), step_rad, float(lidar.range_m))
+    return RobotBase(robot, len(angles), float(angles[0]), step_rad, float(lidar.range_m))
 
 
-def floor_plan(floor: HostMap) -> FloorPlan:
+def floor_plan(floor: HostMap) -> FloorMap:
     """Returns a world's map as an occupancy grid has it, whose origin is the corner of its first cell."""
     cells = np.where(floor.clearance_m > 0.0, _FREE, _OCCUPIED).astype(np.int8)
     half_m = float(floor.cell_m) / 2
     x_m, y_m = (float(each) - half_m for each in floor.origin_m)
-    return FloorPlan(cells, (x_m, y_m), float(floor.cell_m))
+    return FloorMap(cells, (x_m, y_m), float(floor.cell_m))
 
 
 def _turned_back(
@@ -212,7 +221,7 @@ def _turned_back(
 
 
 logger = logging.getLogger(__name__)
-LockstepMaker = Callable[[Base, Launch], Lockstep]
+LockstepMaker = Callable[[RobotBase, Launch], Lockstep]
 _ROBOT: CrashCode = "RobotApplicationCrash"
 
 
@@ -252,7 +261,7 @@ class RosLanes:
         self._keeps = False
         self._traffic: LockstepRecorder | None = None
         self._cancelled = frozenset[int]()
-        self._ended: dict[int, tuple[Tally, Mapping[str, str]]] = {}
+        self._ended: dict[int, tuple[ExchangeTotals, Mapping[str, str]]] = {}
 
     def keep_traffic(self) -> None:
         """Keeps from now on what the first lane's robot and its nodes say to each other; said before the first step."""
@@ -317,13 +326,13 @@ class RosLanes:
                 sys.stdout.write(f"job {lane.request.index} of {self._name}:\n{said}\n")
         sys.stdout.flush()
 
-    def _commands(self, sensed: Sequence[Sensed | None]) -> Sequence[Command]:
+    def _commands(self, sensed: Sequence[Sensed | None]) -> Sequence[TwistCommand]:
         """Returns each lane's command; the applications are started before the first.
 
         Raises:
             MemoryError: The machine has no room for so many processes.
         """
-        stopped = [Command()] * len(sensed)
+        stopped = [TwistCommand()] * len(sensed)
         if not any(each is not None for each in sensed):
             return stopped
         doing = f"{self._name}: a control step of {len(sensed)} ROS applications"
@@ -367,7 +376,7 @@ class RosLanes:
         lost = {*self._lockstep.failures, *self._lockstep.cancelled}
         return [None if lane in lost else each for lane, each in enumerate(sensed)]
 
-    def _note_failures(self, asked: Sequence[int], commands: Sequence[Command]) -> None:
+    def _note_failures(self, asked: Sequence[int], commands: Sequence[TwistCommand]) -> None:
         """Notes what became of lanes that were asked; what happens to those that are done changes no row."""
         if self._lockstep is None:
             return
@@ -380,10 +389,10 @@ class RosLanes:
                 self.crashes.setdefault(lane, self._reason(why))
         self._cancelled |= cancelled.intersection(asked) - self.crashes.keys()
 
-    def _end(self, lane: int) -> tuple[Tally, Mapping[str, str]]:
+    def _end(self, lane: int) -> tuple[ExchangeTotals, Mapping[str, str]]:
         if self._lockstep is not None:
             return self._lockstep.tally(lane), self._lockstep.tags(lane)
-        return self._ended.get(lane, (Tally(), {}))
+        return self._ended.get(lane, (ExchangeTotals(), {}))
 
     @property
     def _name(self) -> str:
@@ -393,7 +402,7 @@ class RosLanes:
         return BundleCrash(_ROBOT, f"{self._name}: {why}").reason
 
 
-def _shown(command: Command) -> str:
+def _shown(command: TwistCommand) -> str:
     return f"linear.x {command.ahead_m_s}, linear.y {command.left_m_s}, angular.z {command.turn_rad_s}"
 
 
@@ -438,14 +447,14 @@ def declared_sensors(robot: RosRobot) -> DeclaredSensors:
     )
 
 
-def ros1_lockstep(base: Base, launch: Launch) -> Lockstep:
+def ros1_lockstep(base: RobotBase, launch: Launch) -> Lockstep:
     """Returns the applications of ROS 1."""
     from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 
     return Ros1Lockstep(launch, base, CONTROL_S)
 
 
-def ros2_lockstep(base: Base, launch: Launch) -> Lockstep:
+def ros2_lockstep(base: RobotBase, launch: Launch) -> Lockstep:
     """Returns the applications of ROS 2."""
     from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve_launch
 from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
@@ -146,7 +146,7 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
 def _plans(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> Sequence[LaunchPlan | LaunchRefused]:
     if not is_ros2(source.launch_file):
         try:
-            return resolve(source, environments)
+            return resolve_launch(source, environments)
         except LaunchRefused as exc:
             return [exc]
     found: list[LaunchPlan | LaunchRefused] = []

@@ -21,7 +21,7 @@ from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.errors import SimyardError
 from specs.field_types import TagMap
 from specs.robomaker.simulation import SimulationJobErrorCode
-from tasks.ros.bag.message_log import Channel, Entry, MessageLog
+from tasks.ros.bag.message_log import Channel, LogEntry, MessageLog
 from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.simulate.lane.recording import RecordingChoice
 from tasks.simulate.plan.chunks import Chunk, ProgramKey
@@ -153,7 +153,7 @@ def log_of(topics: Sequence[SentTopic], arrays: Sequence[np.ndarray]) -> Message
         raise MessageRefused(f"a log of {len(times)} messages and {len(body)} bytes, whose parts do not fit together")
     whole, spans = body.tobytes(), pairwise(ends.tolist())
     entries = (
-        Entry(int(time_ns), topics[number].topic, whole[begin:end])
+        LogEntry(int(time_ns), topics[number].topic, whole[begin:end])
         for time_ns, number, (begin, end) in zip(times, numbers, spans, strict=True)
     )
     return MessageLog(tuple(Channel(each.topic, each.kind, latched=each.latched) for each in topics), tuple(entries))

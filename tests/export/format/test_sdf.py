@@ -10,7 +10,7 @@ from jaxtyping import Float64
 
 from specs.data.world import Door, World, solids
 from tasks.export.format.ros_packages import package_files
-from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers, obj, sdf_files, sdf_name
+from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers_text, obj, sdf_files, sdf_name
 from tasks.export.surface.sheets import FLOOR_PREFIX, Covering, sheets
 from tasks.export.surface.textures import texture_of
 from tests.export.validators import sdf_says
@@ -70,13 +70,13 @@ def test_every_solid_stands_where_the_world_says(tmp_path: Path):
     for solid in solids(WORLD):
         matrix, shape = found[solid.name]
         np.testing.assert_allclose(matrix[:3, 3], solid.center_m, atol=2e-5)
-        size = numbers(2 * side for side in solid.half_extents_m)
+        size = numbers_text(2 * side for side in solid.half_extents_m)
         if solid.shape == "box":
             assert f"<size>{size}</size>" in shape
             turn = math.atan2(matrix[1, 0], matrix[0, 0]) - solid.yaw_rad
             assert math.remainder(turn, math.pi) == pytest.approx(0.0, abs=2e-5)
         else:
-            assert f"<radius>{numbers([solid.half_extents_m[0]])}</radius>" in shape
+            assert f"<radius>{numbers_text([solid.half_extents_m[0]])}</radius>" in shape
 
 
 def test_a_door_turns_about_its_hinge_from_shut_to_a_quarter_turn(tmp_path: Path):

@@ -16,7 +16,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from specs.field_types import BAG_ENDINGS
 from tasks.ros.bag.bag_file import Profile, long_name, ros2_types, write_bags, write_ros_mcap, write_rosbag
-from tasks.ros.bag.message_log import Channel, Entry, MessageLog
+from tasks.ros.bag.message_log import Channel, LogEntry, MessageLog
 from tests.ros.bag.tracks import SAMPLES, log, track
 
 Found = list[tuple[Schema, McapChannel, Message]]
@@ -138,7 +138,7 @@ def test_chunks_are_lz4_of_independent_blocks_with_a_checksum_at_the_end(bag: Pa
 
 
 def test_a_type_of_ones_own_goes_in_as_its_publisher_tells_it(tmp_path: Path):
-    write_rosbag(tmp_path / "own.bag", MessageLog((OWN,), [Entry(1_000_000_000, "/battery", b"\0\0\x80?")]))
+    write_rosbag(tmp_path / "own.bag", MessageLog((OWN,), [LogEntry(1_000_000_000, "/battery", b"\0\0\x80?")]))
     with Reader(tmp_path / "own.bag") as reader:
         (found,) = reader.connections
         assert (found.msgtype, found.digest, found.msgdef.data) == ("my_msgs/msg/Battery", OWN.md5sum, OWN.definition)
@@ -148,7 +148,7 @@ def test_what_a_ros_2_application_said_is_written_as_ros_1_has_it(tmp_path: Path
     twist = Channel("/cmd_vel", "geometry_msgs/Twist")
     types = ros2_types()
     said = types.ros1_to_cdr(struct.pack("<6d", *range(6)), long_name(twist.kind))
-    write_rosbag(tmp_path / "two.bag", MessageLog((twist,), [Entry(1_000_000_000, "/cmd_vel", bytes(said))], "cdr"))
+    write_rosbag(tmp_path / "two.bag", MessageLog((twist,), [LogEntry(1_000_000_000, "/cmd_vel", bytes(said))], "cdr"))
     with Reader(tmp_path / "two.bag") as reader:
         assert [bytes(body) for _, _, body in reader.messages()] == [struct.pack("<6d", *range(6))]
 

@@ -8,7 +8,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from specs.bundle_files import RosFrames, RosTopics
-from tasks.ros.bag.message_log import Entry, MessageLog
+from tasks.ros.bag.message_log import LogEntry, MessageLog
 from tests.ros.bag.tracks import FLOOR, RAYS, SAMPLES, log, of_topic, track, with_twist
 
 # A second reader of these bytes: rosbags' own.
@@ -16,7 +16,7 @@ STORE = get_typestore(Stores.ROS1_NOETIC)
 STORE.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 
 
-def read(logged: MessageLog, entry: Entry) -> Any:  # noqa: ANN401 - a class that rosbags makes
+def read(logged: MessageLog, entry: LogEntry) -> Any:  # noqa: ANN401 - a class that rosbags makes
     kinds = {channel.topic: channel.kind for channel in logged.channels}
     package, _, name = kinds[entry.topic].partition("/")
     return STORE.deserialize_ros1(entry.body, f"{package}/msg/{name}")

@@ -3,8 +3,8 @@
 import numpy as np
 
 from specs.data.world import OccupancyMap
-from tasks.ros.bag.message_log import Entry, MessageLog
-from tasks.ros.bag.track_log import Lidar, Track, track_log
+from tasks.ros.bag.message_log import LogEntry, MessageLog
+from tasks.ros.bag.track_log import Track, TrackLidar, track_log
 
 SAMPLES, RAYS = 41, 5
 FLOOR = OccupancyMap(resolution_m=0.5, origin_m=(-1.0, -2.0), columns=3, rows=2, runs=(1, 2, 3))
@@ -23,7 +23,7 @@ def track(rays: int = RAYS, samples: int = SAMPLES) -> Track:
         control=rng.normal(size=(samples, 2)).astype(np.float32),
         ranges_m=rng.uniform(0.1, 5.9, (samples, rays)).astype(np.float32),
         impulse_ns=np.where(number == 7, 0.25, 0.0).astype(np.float32),
-        lidar=Lidar((0.1, 0.0, 0.5), 0.2, 6.0, -0.5, 0.25),
+        lidar=TrackLidar((0.1, 0.0, 0.5), 0.2, 6.0, -0.5, 0.25),
         floor=FLOOR,
     )
 
@@ -39,6 +39,6 @@ def log(made: Track | None = None) -> MessageLog:
     return found._replace(entries=tuple(found.entries))
 
 
-def of_topic(logged: MessageLog, topic: str) -> list[Entry]:
+def of_topic(logged: MessageLog, topic: str) -> list[LogEntry]:
     """Returns the messages of a topic."""
     return [entry for entry in logged.entries if entry.topic == topic]

@@ -12,7 +12,7 @@ from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
 from tasks.ros.graph.graph import Graph
 from tasks.ros.graph.topic import Topic, take_header, write_header
-from tasks.ros.message.definition import digest
+from tasks.ros.message.definition import type_digest
 
 T = TypeVar("T")
 PUBLISHES = (
@@ -182,8 +182,13 @@ class PlayedNode:
                 return
             self.connections.append(sock)
             asked = read_header(sock)
-            if asked["md5sum"] != digest(self.kind):
+            if asked["md5sum"] != type_digest(self.kind):
                 sock.sendall(write_header({"error": f"I have {self.kind}"}))
                 continue
-            answer = {"callerid": self.name, "md5sum": digest(self.kind), "type": self.kind, "topic": asked["topic"]}
+            answer = {
+                "callerid": self.name,
+                "md5sum": type_digest(self.kind),
+                "type": self.kind,
+                "topic": asked["topic"],
+            }
             sock.sendall(write_header(answer) + self.first)

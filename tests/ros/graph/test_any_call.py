@@ -70,7 +70,7 @@ def test_any_call_is_answered(graph: Graph, calls: list[tuple[str, list[xml_rpc.
         if method == "registerPublisher" and not answers:
             continue
         try:
-            ((code, message, _),), _ = xml_rpc.read(answers[0])  # pyright: ignore[reportGeneralTypeIssues] - a fault's shape fails the test
+            ((code, message, _),), _ = xml_rpc.read_xml(answers[0])  # pyright: ignore[reportGeneralTypeIssues] - a fault's shape fails the test
         except xmlrpc.client.Fault:
             assert method == "system.multicall"
             continue

@@ -5,8 +5,8 @@ import struct
 
 import pytest
 
-from tasks.ros.message.definition import digest
-from tasks.ros.message.ros_messages import frame_message, text, write_tags
+from tasks.ros.message.definition import type_digest
+from tasks.ros.message.ros_messages import frame_message, text_bytes, write_tags
 from tests.ros.graph.episode import Episode, read_exactly, read_message
 
 ADD, CANCEL = "/robomaker/job/add_tags", "/robomaker/job/cancel"
@@ -29,10 +29,10 @@ def _ask(episode: Episode, service: str, request: bytes) -> tuple[int, bytes]:
 
 
 def test_tags_are_added_listed_and_removed(episode: Episode):
-    assert _ask(episode, ADD, write_tags({"kind": "patrol", "site": "north"})) == (1, b"\1" + text(""))
+    assert _ask(episode, ADD, write_tags({"kind": "patrol", "site": "north"})) == (1, b"\1" + text_bytes(""))
     assert episode.graph.tags == {"kind": "patrol", "site": "north"}
-    _ask(episode, "/robomaker/job/remove_tags", struct.pack("<I", 1) + text("kind"))
-    assert _ask(episode, "/robomaker/job/list_tags", b"") == (1, b"\1" + text("") + write_tags({"site": "north"}))
+    _ask(episode, "/robomaker/job/remove_tags", struct.pack("<I", 1) + text_bytes("kind"))
+    assert _ask(episode, "/robomaker/job/list_tags", b"") == (1, b"\1" + text_bytes("") + write_tags({"site": "north"}))
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(
 
 def test_a_job_is_cancelled_once_the_application_says_so(episode: Episode):
     assert not episode.graph.cancelled
-    assert _ask(episode, CANCEL, b"") == (1, b"\1" + text(""))
+    assert _ask(episode, CANCEL, b"") == (1, b"\1" + text_bytes(""))
     assert episode.graph.cancelled
 
 
@@ -67,7 +67,7 @@ def test_a_request_that_is_none_is_answered_with_the_reason(episode: Episode):
 def test_a_persistent_connection_takes_one_request_after_the_other(episode: Episode):
     sock, answer = _open(episode, ADD, persistent="1")
     with sock:
-        assert answer["md5sum"] == digest("robomaker_simulation_msgs/AddTags")
+        assert answer["md5sum"] == type_digest("robomaker_simulation_msgs/AddTags")
         assert answer["request_type"] == "robomaker_simulation_msgs/AddTagsRequest"
         for key in ("a", "b"):
             episode.during(sock.sendall, frame_message(write_tags({key: key})))

@@ -6,14 +6,14 @@ import struct
 import pytest
 
 from tasks.ros.graph import graph_limits
-from tasks.ros.message.definition import definition, digest
+from tasks.ros.message.definition import definition, type_digest
 from tasks.ros.message.ros_messages import PlanarTwist, frame_message, twist
 from tests.ros.graph.episode import Episode, PlayedNode, read_message
 
 
 def test_a_subscriber_gets_what_is_published_after_its_header(episode: Episode):
     assert not episode.graph.publish("/scan", b"nobody")
-    sock, answer = episode.subscribe(md5sum=digest("sensor_msgs/LaserScan"))
+    sock, answer = episode.subscribe(md5sum=type_digest("sensor_msgs/LaserScan"))
     assert answer["type"] == "sensor_msgs/LaserScan"
     assert answer["message_definition"] == definition("sensor_msgs/LaserScan")
     assert answer["latching"] == "0"

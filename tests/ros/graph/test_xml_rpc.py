@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from tasks.ros.graph import xml_rpc
 from tasks.ros.graph.event_loop import Connection, EventLoop
-from tasks.ros.graph.parameter_tree import GraphNameError, check_name, resolve
+from tasks.ros.graph.parameter_tree import GraphNameError, check_name, resolve_name
 from tasks.ros.graph.topic import HeaderError, take_header, write_header
 from tasks.ros.graph.xml_rpc import HttpError, HttpMessage, Value, XmlRpcError, node_port
 
@@ -51,14 +51,14 @@ def test_a_header_of_gigabytes_is_refused_before_it_comes():
 
 @given(arguments=st.lists(VALUES, max_size=4))
 def test_a_call_reads_as_it_was_written(arguments: list[Value]):
-    assert xml_rpc.read(xml_rpc.write_call("setParam", tuple(arguments))) == (tuple(arguments), "setParam")
-    assert xml_rpc.read(xml_rpc.write_answer(arguments)) == ((arguments,), None)
+    assert xml_rpc.read_xml(xml_rpc.write_call("setParam", tuple(arguments))) == (tuple(arguments), "setParam")
+    assert xml_rpc.read_xml(xml_rpc.write_answer(arguments)) == ((arguments,), None)
 
 
 @given(data=st.binary(max_size=80) | st.text("<>/?!&;ab value int struct").map(str.encode))
 def test_any_bytes_are_a_call_or_none(data: bytes):
     with contextlib.suppress(XmlRpcError, xmlrpc.client.Fault):
-        xml_rpc.read(data)
+        xml_rpc.read_xml(data)
 
 
 @pytest.mark.parametrize(
@@ -78,17 +78,17 @@ def test_any_bytes_are_a_call_or_none(data: bytes):
 )
 def test_what_is_no_call_is_refused(data: bytes):
     with pytest.raises(XmlRpcError):
-        xml_rpc.read(data)
+        xml_rpc.read_xml(data)
 
 
 def test_a_document_type_is_refused_by_its_name():
     with pytest.raises(XmlRpcError, match="document type"):
-        xml_rpc.read(BOMB)
+        xml_rpc.read_xml(BOMB)
 
 
 def test_an_answer_without_a_form_becomes_a_fault():
     with pytest.raises(xmlrpc.client.Fault, match="no form in XML-RPC"):
-        xml_rpc.read(xml_rpc.write_answer(cast("Value", [2**40])))
+        xml_rpc.read_xml(xml_rpc.write_answer(cast("Value", [2**40])))
 
 
 def read_request(data: bytes) -> bytes | None:
@@ -148,14 +148,14 @@ def test_a_head_that_never_ends_is_refused():
     ],
 )
 def test_a_name_is_resolved_as_ros_does(name: str, meant: str):
-    assert resolve(name, "/space/node") == meant
+    assert resolve_name(name, "/space/node") == meant
 
 
 @given(name=st.text(max_size=30), node=st.text(max_size=30))
 def test_a_resolved_name_is_absolute_and_stays(name: str, node: str):
-    resolved = resolve(name, node)
+    resolved = resolve_name(name, node)
     assert resolved.startswith("/")
-    assert resolve(resolved, "/other/node") == resolved
+    assert resolve_name(resolved, "/other/node") == resolved
 
 
 @pytest.mark.parametrize("name", [None, 3, [], "", "a b", "a:b", "a\nb", "a\x00b", "a" * 1025])

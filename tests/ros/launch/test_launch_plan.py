@@ -9,7 +9,7 @@ from xmlrpc.client import Binary
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve_launch
 from tasks.ros.process.application_processes import alive
 
 
@@ -65,7 +65,7 @@ def bundle(courier: Path, tmp_path: Path) -> Path:
 
 def plan(bundle: Path, text: str, **variables: str) -> LaunchPlan:
     (bundle / "own/launch/x.launch").write_text(f"<launch>{text}</launch>")
-    return only(resolve(LaunchSource(bundle, "own", "x.launch"), [variables]))
+    return only(resolve_launch(LaunchSource(bundle, "own", "x.launch"), [variables]))
 
 
 def only(found: list[LaunchPlan | LaunchRefused]) -> LaunchPlan:
@@ -76,7 +76,7 @@ def only(found: list[LaunchPlan | LaunchRefused]) -> LaunchPlan:
 
 
 def test_each_environment_has_its_own_plan(courier: Path) -> None:
-    fast, usual, again = resolve(LaunchSource(courier, "courier", "answer.launch"), [{"SPEED": "0.7"}, {}, {}])
+    fast, usual, again = resolve_launch(LaunchSource(courier, "courier", "answer.launch"), [{"SPEED": "0.7"}, {}, {}])
     assert isinstance(fast, LaunchPlan)
     assert isinstance(usual, LaunchPlan)
     assert (fast.parameters, usual.parameters) == ({"/answer/speed": 0.7}, {"/answer/speed": 0.4})
@@ -85,7 +85,7 @@ def test_each_environment_has_its_own_plan(courier: Path) -> None:
 
 @pytest.mark.parametrize("name", ["answer.launch", "launch/answer.launch"])
 def test_a_file_is_found_below_its_package(courier: Path, name: str) -> None:
-    found = only(resolve(LaunchSource(courier, "courier", name), [{}]))
+    found = only(resolve_launch(LaunchSource(courier, "courier", name), [{}]))
     assert found.file == str(courier / "courier/launch/answer.launch")
     assert [node.name for node in found.nodes] == ["/answer"]
 
@@ -143,6 +143,6 @@ def test_what_cannot_be_run_is_refused_in_words(bundle: Path, text: str, words: 
 
 def test_a_package_or_file_that_is_not_there_is_named(courier: Path) -> None:
     with pytest.raises(LaunchRefused, match="no ROS package 'nowhere'"):
-        only(resolve(LaunchSource(courier, "nowhere", "x.launch"), [{}]))
+        only(resolve_launch(LaunchSource(courier, "nowhere", "x.launch"), [{}]))
     with pytest.raises(LaunchRefused, match=r"no launch file 'x\.launch'"):
-        only(resolve(LaunchSource(courier, "courier", "x.launch"), [{}]))
+        only(resolve_launch(LaunchSource(courier, "courier", "x.launch"), [{}]))

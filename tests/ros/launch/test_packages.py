@@ -7,7 +7,7 @@ import pytest
 
 from specs.errors import LaunchRefused
 from tasks.ros.launch import packages
-from tasks.ros.launch.launch_plan import LaunchSource, make_home, node_environment, resolve
+from tasks.ros.launch.launch_plan import LaunchSource, make_ros_home, node_environment, resolve_launch
 from tasks.ros.launch.packages import ROS_PYTHON, RosInstallation, bundle_packages, missing_packages, ros_installation
 
 OPT = RosInstallation(Path("/usr/bin/python3"), Path("/opt/ros/noetic"), "noetic", "1.15.15")
@@ -17,7 +17,7 @@ def test_a_python_that_is_not_there_is_named_with_the_variable(monkeypatch: pyte
     monkeypatch.setenv(ROS_PYTHON, "/nowhere/python")
     assert ros_installation().sentence.startswith("/nowhere/python is not there")
     with pytest.raises(LaunchRefused, match=ROS_PYTHON):
-        resolve(LaunchSource(Path("/"), "x", "x.launch"), [{}])
+        resolve_launch(LaunchSource(Path("/"), "x", "x.launch"), [{}])
 
 
 def test_a_python_without_ros_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -48,9 +48,9 @@ def test_a_node_has_the_episodes_variables_and_nothing_of_this_process(
 
 
 def test_scripts_from_before_noetic_find_their_python(tmp_path: Path) -> None:
-    home = make_home(tmp_path / "home", OPT)
+    home = make_ros_home(tmp_path / "home", OPT)
     assert (home / "bin/python").readlink() == OPT.python
-    assert make_home(home, OPT) == home
+    assert make_ros_home(home, OPT) == home
 
 
 Add = Callable[..., None]

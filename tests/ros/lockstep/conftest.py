@@ -11,7 +11,7 @@ from tasks.ros.graph.topic import Topic
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump
-from tasks.ros.process.application_processes import Application, ProcessTracker
+from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker
 from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.thread_watch import ThreadWatch
 from tests.ros.process.proc_folder import FakeThread, fake_thread
@@ -51,17 +51,17 @@ def limits() -> LaneLimits:
 
 
 @pytest.fixture
-def judge(
+def detector(
     pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits
 ) -> Iterator[IdleDetector]:
     """Judges an application of these two threads, to which nobody is connected."""
-    lineage = ProcessTracker()
-    application = Application(proc.parent, lineage, limits)
+    tracker = ProcessTracker()
+    application = ApplicationProcesses(proc.parent, tracker, limits)
     application.watch = ThreadWatch(proc)
-    lineage.add(os.getpid(), proc.parent)
+    tracker.add(os.getpid(), proc.parent)
     application.find()
     graph = Graph(pump.loop, (Topic(CLOCK, "rosgraph_msgs/Clock"),), ())
     yield IdleDetector(application, graph, 1.0)
     graph.close()
     application.watch.close()
-    lineage.close()
+    tracker.close()

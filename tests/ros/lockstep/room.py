@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from specs.bundle_files import RosRobot
-from tasks.ros.lockstep.exchange import Base, Command, Launch, Sensed, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
-from tasks.ros.lockstep.step_driver import Patience
+from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
 
 CONTROL_S = 0.05
 RAYS = 40
-BASE = Base(RosRobot(), RAYS, -math.pi, 2 * math.pi / RAYS, 8.0)
+BASE = RobotBase(RosRobot(), RAYS, -math.pi, 2 * math.pi / RAYS, 8.0)
 _HALF_M = 2.0
 _ANGLES = -math.pi + 2 * math.pi / RAYS * np.arange(RAYS)
 
@@ -26,7 +26,7 @@ class Room:
 
     def __init__(self, seed: int) -> None:
         self._x, self._y, self._yaw = 0.0, 0.0, float(np.random.default_rng(seed).uniform(-3.0, 3.0))
-        self._command = Command()
+        self._command = TwistCommand()
 
     def sense(self) -> Sensed:
         """Returns what the robot senses now."""
@@ -37,7 +37,7 @@ class Room:
         pose, velocity = np.array([self._x, self._y, self._yaw]), np.array(self._command)
         return Sensed(pose, velocity, np.zeros(2), ranges_m, np.zeros(3, np.bool_), np.array([2.0, 1.0]))
 
-    def drive(self, command: Command) -> None:
+    def drive(self, command: TwistCommand) -> None:
         """Moves the robot for a control step."""
         self._command = command
         x = self._x + CONTROL_S * command.ahead_m_s * math.cos(self._yaw)
@@ -56,7 +56,7 @@ class Driven(NamedTuple):
     """
 
     digests: list[str]
-    tallies: list[Tally]
+    tallies: list[ExchangeTotals]
     failures: Mapping[int, str]
 
 
@@ -64,7 +64,7 @@ def drive(
     launch: Launch, seeds: Sequence[int], steps: int, *, stage_s: float = 2.0, limits: LaneLimits | None = None
 ) -> Driven:
     """Returns what became of one lane for each seed; lanes that failed stand still."""
-    patience = Patience(stage_s=stage_s)
+    patience = LockstepPatience(stage_s=stage_s)
     with Ros1Lockstep(launch, BASE, CONTROL_S, patience=patience, limits=limits) as lockstep:
         rooms = [Room(seed) for seed in seeds]
         traces = [hashlib.sha256() for _ in seeds]

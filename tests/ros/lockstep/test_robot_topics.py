@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from specs.bundle_files import BumperDeclaration, LidarDeclaration, RosRobot, RosTopics
-from tasks.ros.bag.message_log import Entry, MessageLog, with_other_topics
-from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Sensed, Tally
+from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.robot_topics import LockstepRecorder, Moment, SensorMessages
 from tests.ros.bag.tracks import log, of_topic
 
@@ -20,7 +20,7 @@ MOMENT = Moment(3, 1_500_000_000, SENSED)
 
 
 def messages(robot: RosRobot, rays: int = 4) -> SensorMessages:
-    return SensorMessages(Base(robot, rays, -math.pi, math.pi / 2, 8.0), 0.05)
+    return SensorMessages(RobotBase(robot, rays, -math.pi, math.pi / 2, 8.0), 0.05)
 
 
 def test_the_clock_comes_first_and_the_scan_last() -> None:
@@ -46,7 +46,7 @@ def test_each_topic_has_a_message() -> None:
 
 @pytest.mark.parametrize("declared", [None, "/map"])
 def test_the_map_is_there_if_it_is_declared(declared: str | None) -> None:
-    floor = FloorPlan(np.zeros((2, 3), np.int8), (0.0, 0.0), 0.1)
+    floor = FloorMap(np.zeros((2, 3), np.int8), (0.0, 0.0), 0.1)
     found = messages(RosRobot(topics=RosTopics(floor_map=declared))).fixed(MOMENT, floor)
     assert set(found) == {"/tf_static", *([declared] if declared else [])}
     assert (b"map" in found["/tf_static"]) == (declared is not None)
@@ -57,7 +57,7 @@ def test_the_lidar_is_where_it_is_mounted() -> None:
     assert np.float64(0.25).tobytes() in ahead
 
 
-BASE = Base(RosRobot(), 3, -0.5, 0.5, 6.0)
+BASE = RobotBase(RosRobot(), 3, -0.5, 0.5, 6.0)
 
 
 class Answers:
@@ -69,17 +69,17 @@ class Answers:
     def __init__(self) -> None:
         self.steps, self.closed = 0, False
 
-    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         assert len(floors) == len(sensed)
         self.exchange(sensed)  # warms up
         self.steps = 0
 
-    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         self.steps += 1
-        return [Command(0.1 * (self.steps // 2))] * len(sensed)
+        return [TwistCommand(0.1 * (self.steps // 2))] * len(sensed)
 
-    def tally(self, lane: int) -> Tally:
-        return Tally(commands=self.steps // 2 + lane)
+    def tally(self, lane: int) -> ExchangeTotals:
+        return ExchangeTotals(commands=self.steps // 2 + lane)
 
     def tags(self, lane: int) -> Mapping[str, str]:
         return {"lane": str(lane)}
@@ -136,4 +136,4 @@ def test_a_log_gets_the_topics_of_another_that_it_lacks(kept: MessageLog):
     times = [entry.time_ns for entry in both.entries]
     assert times == sorted(times)
     assert len({channel.topic for channel in both.channels}) == len(both.channels)
-    assert isinstance(next(iter(both.entries)), Entry)
+    assert isinstance(next(iter(both.entries)), LogEntry)

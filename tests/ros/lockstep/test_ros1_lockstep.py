@@ -12,7 +12,7 @@ from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
 from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
-from tasks.ros.process.application_processes import Application
+from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
 from tests.repository import ROOT
 from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
@@ -21,7 +21,7 @@ NODE = NodePlan("/node", "x", "x", ("sleep", "600"))
 
 
 def begin(monkeypatch: pytest.MonkeyPatch, home: Path, *plans: LaunchPlan) -> dict[int, str]:
-    monkeypatch.setattr(ros1_lockstep, "resolve", lambda _source, _environments: list(plans))
+    monkeypatch.setattr(ros1_lockstep, "resolve_launch", lambda _source, _environments: list(plans))
     launch = Launch(home.parent, "x", "x.launch", home, [{}] * len(plans))
     with Ros1Lockstep(launch, BASE, CONTROL_S) as lockstep:
         lockstep.begin([Room(0).sense()] * len(plans), [None] * len(plans))
@@ -46,7 +46,7 @@ def test_a_machine_without_room_is_no_fault_of_the_application(monkeypatch: pyte
     def full(*_: object) -> None:
         raise OSError(errno.EAGAIN, "no more processes")
 
-    monkeypatch.setattr(Application, "start", full)
+    monkeypatch.setattr(ApplicationProcesses, "start", full)
     with pytest.raises(OSError, match="no more processes"):
         begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
 

@@ -12,12 +12,12 @@ from tasks.ros.graph.topic import Subscriber
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
-from tasks.ros.lockstep.step_driver import Patience, StepDriver
+from tasks.ros.lockstep.step_driver import LockstepPatience, StepDriver
 from tasks.ros.process.lane_limits import LaneLimits
-from tasks.ros.process.network import Network
+from tasks.ros.process.network import EpisodeNetwork
 from tests.ros.process.proc_folder import FakeThread
 
-PATIENCE = Patience(stage_s=0.3)
+PATIENCE = LockstepPatience(stage_s=0.3)
 LONG_S = 1.5 * PATIENCE.stage_s
 
 
@@ -49,13 +49,13 @@ class BusyPump(EventPump):
 
 
 @pytest.fixture
-def lane(judge: IdleDetector, pump: EventPump) -> Iterator[RosLane]:
+def lane(detector: IdleDetector, pump: EventPump) -> Iterator[RosLane]:
     """A lane with a tick to be sent, and a node that is connected and never reads."""
     ours, theirs = socket.socketpair()
     channel = Connection(EventLoop(pump.loop, socket.socket), ours, lambda: None, lambda: None)
-    assert isinstance(judge.graph, Graph)
-    judge.graph.outgoing[CLOCK].append(Subscriber("/node", channel))
-    found = RosLane(judge, Network(socket.socket, ()), pump, frozenset())
+    assert isinstance(detector.graph, Graph)
+    detector.graph.outgoing[CLOCK].append(Subscriber("/node", channel))
+    found = RosLane(detector, EpisodeNetwork(socket.socket, ()), pump, frozenset())
     found.plan([(CLOCK, lambda: b"tick")])
     yield found
     theirs.close()

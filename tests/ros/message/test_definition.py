@@ -2,7 +2,7 @@
 
 import pytest
 
-from tasks.ros.message.definition import MESSAGES, SERVICES, definition, digest
+from tasks.ros.message.definition import MESSAGES, SERVICES, definition, type_digest
 
 # As ROS's own packages have them (docs.ros.org/en/noetic/api); of RoboMaker's, as its generated code has them.
 PUBLISHED = {
@@ -25,7 +25,7 @@ PUBLISHED = {
 
 @pytest.mark.parametrize("kind", PUBLISHED)
 def test_the_digest_is_the_published_one(kind: str):
-    assert digest(kind) == PUBLISHED[kind]
+    assert type_digest(kind) == PUBLISHED[kind]
 
 
 @pytest.mark.parametrize("kind", MESSAGES)
@@ -35,7 +35,7 @@ def test_a_definition_parses_and_has_the_digest_of_its_type(kind: str):
     full = f"{package}/msg/{name}"
     store = stores.get_typestore(stores.Stores.EMPTY)
     store.register(stores.get_types_from_msg(definition(kind), full))
-    assert store.generate_msgdef(full, ros_version=1)[1] == digest(kind)
+    assert store.generate_msgdef(full, ros_version=1)[1] == type_digest(kind)
 
 
 @pytest.mark.parametrize("kind", SERVICES)
@@ -46,4 +46,4 @@ def test_a_service_is_no_message(kind: str):
 
 def test_a_type_that_the_robot_does_not_speak_has_no_digest():
     with pytest.raises(KeyError):
-        digest("sensor_msgs/PointCloud2")
+        type_digest("sensor_msgs/PointCloud2")

@@ -14,10 +14,10 @@ from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import (
     FrameTransform,
     PlanarTwist,
-    read_keys,
+    read_tag_keys,
     read_tags,
     stamp,
-    text,
+    text_bytes,
     write_outcome,
     write_tags,
 )
@@ -175,7 +175,7 @@ def test_tags_read_as_they_were_written(tags: dict[str, str]):
 
 @given(keys=st.lists(st.text(max_size=20), max_size=8))
 def test_keys_read_as_they_were_written(keys: list[str]):
-    assert read_keys(struct.pack("<I", len(keys)) + b"".join(map(text, keys))) == keys
+    assert read_tag_keys(struct.pack("<I", len(keys)) + b"".join(map(text_bytes, keys))) == keys
 
 
 @given(tags=TAGS, cut=st.integers(1, 400))

@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.launch.launch_plan import NodePlan
-from tasks.ros.process.application_processes import Application, ProcessTracker, alive, end_all, end_strays, marked
+from tasks.ros.process.application_processes import (
+    ApplicationProcesses,
+    ProcessTracker,
+    alive,
+    end_applications,
+    end_strays,
+    marked,
+)
 from tasks.ros.process.lane_limits import LaneLimits, ending
 
 _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 36, 37
@@ -35,12 +42,12 @@ def test_orphans_are_adopted_until_the_last_lineage_is_closed():
 
 
 def test_a_process_of_an_episode_is_known_until_it_is_forgotten(tmp_path: Path):
-    lineage = ProcessTracker()
-    lineage.add(os.getpid(), tmp_path)
-    assert lineage.processes(tmp_path) == [os.getpid()]
-    lineage.forget([tmp_path])
-    assert lineage.processes(tmp_path) == []
-    lineage.close()
+    tracker = ProcessTracker()
+    tracker.add(os.getpid(), tmp_path)
+    assert tracker.processes(tmp_path) == [os.getpid()]
+    tracker.forget([tmp_path])
+    assert tracker.processes(tmp_path) == []
+    tracker.close()
 
 
 def test_strays_are_no_children_of_before_none_of_this_session_and_nobody_elses():
@@ -48,40 +55,40 @@ def test_strays_are_no_children_of_before_none_of_this_session_and_nobody_elses(
         return subprocess.Popen(["sleep", "600"], start_new_session=session)
 
     before = child(session=True)
-    lineage = ProcessTracker()
+    tracker = ProcessTracker()
     own, stray = child(session=False), child(session=True)
-    assert lineage.strays() == [stray.pid]
+    assert tracker.strays() == [stray.pid]
     other = ProcessTracker()
-    assert lineage.strays() == other.strays() == []
-    for each in (other, lineage):
+    assert tracker.strays() == other.strays() == []
+    for each in (other, tracker):
         each.close()
     for each in (before, own, stray):
         each.kill()
         each.wait()
 
 
-Start = Callable[..., Application]
+Start = Callable[..., ApplicationProcesses]
 _MIB = 1 << 20
 
 
 @pytest.fixture
-def lineage() -> Iterator[ProcessTracker]:
+def tracker() -> Iterator[ProcessTracker]:
     found = ProcessTracker()
     yield found
     found.close()
 
 
 @pytest.fixture
-def start(tmp_path: Path, lineage: ProcessTracker) -> Iterator[Start]:
+def start(tmp_path: Path, tracker: ProcessTracker) -> Iterator[Start]:
     """Starts an application of one node: a program of Python's."""
-    started: list[Application] = []
+    started: list[ApplicationProcesses] = []
 
     def begin(
         program: str, *, limits: LaneLimits | None = None, required: bool = False, respawn: bool = False
-    ) -> Application:
+    ) -> ApplicationProcesses:
         home = tmp_path / f"lane-{len(started)}"
         (home / "log").mkdir(parents=True)
-        application = Application(home, lineage, limits or LaneLimits())
+        application = ApplicationProcesses(home, tracker, limits or LaneLimits())
         command = (sys.executable, "-I", "-S", "-c", program)
         plan = NodePlan("/node", "x", "x", command, required=required, respawn=respawn)
         application.start([plan], {"PATH": os.environ["PATH"], "ROS_HOME": str(home)})
@@ -89,12 +96,12 @@ def start(tmp_path: Path, lineage: ProcessTracker) -> Iterator[Start]:
         return application
 
     yield begin
-    end_all(started, lineage)
+    end_applications(started, tracker)
     assert [each.home for each in started if each.home.exists()] == []
     assert marked([each.home for each in started]) == []
 
 
-def failure(application: Application) -> str:
+def failure(application: ApplicationProcesses) -> str:
     found = ""
     while application.names and not found:
         found = application.failure()
@@ -123,7 +130,7 @@ def test_the_end_of_a_required_or_respawned_node_is_one(start: Start, what: str,
     assert words in failure(start("pass", **{what: True}))
 
 
-def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start, lineage: ProcessTracker) -> None:
+def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start, tracker: ProcessTracker) -> None:
     escape = "import os, time\nif not os.fork():\n os.setsid()\n"
     escape += " if os.fork(): os._exit(0)\n open(os.environ['ROS_HOME'] + '/there', 'w').close()\n time.sleep(600)\n"
     application = start(escape + "time.sleep(600)")
@@ -133,7 +140,7 @@ def test_a_process_that_leaves_session_and_parent_is_ended_as_well(start: Start,
 
 
 def test_a_process_that_sheds_its_mark_as_well_is_ended_with_the_last_episode(
-    start: Start, lineage: ProcessTracker, tmp_path: Path
+    start: Start, tracker: ProcessTracker, tmp_path: Path
 ) -> None:
     there = tmp_path / "pid"
     sleeper = "import os, sys, time; open(sys.argv[1], 'w').write(str(os.getpid())); time.sleep(600)"
@@ -142,9 +149,9 @@ def test_a_process_that_sheds_its_mark_as_well_is_ended_with_the_last_episode(
     application = start(escape)
     while not (there.exists() and there.read_text()):
         time.sleep(0.002)
-    end_all([application], lineage)
+    end_applications([application], tracker)
     assert alive(int(there.read_text()))
-    end_strays(lineage)
+    end_strays(tracker)
     assert not alive(int(there.read_text()))
 
 
@@ -183,7 +190,7 @@ def test_an_end_has_words(status: int, words: str) -> None:
 
 
 def test_equal_nodes_of_two_episodes_are_told_apart(start: Start) -> None:
-    both: Sequence[Application] = [start("import time; time.sleep(600)") for _ in range(2)]
+    both: Sequence[ApplicationProcesses] = [start("import time; time.sleep(600)") for _ in range(2)]
     for each in both:
         each.find()
     one, two = (each.processes() for each in both)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from specs.bundle_files import RosRobot
-from tasks.ros.lockstep.exchange import Base, Command, Launch, Sensed, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tests.repository import ROOT
 
@@ -50,9 +50,9 @@ def make_bundle(folder: Path) -> Path:
     return folder
 
 
-def make_base() -> Base:
+def make_base() -> RobotBase:
     """Returns a robot with a lidar all around."""
-    return Base(RosRobot(), rays=RAYS, first_ray_rad=-np.pi, ray_step_rad=2.0 * np.pi / RAYS, range_m=8.0)
+    return RobotBase(RosRobot(), rays=RAYS, first_ray_rad=-np.pi, ray_step_rad=2.0 * np.pi / RAYS, range_m=8.0)
 
 
 class ToyWorld:
@@ -77,7 +77,7 @@ class ToyWorld:
         goal, bumper = np.array([2.0, 2.0]), np.zeros(0, bool)
         return Sensed(self.pose.copy(), self.velocity.copy(), np.zeros(2), ranges, bumper, goal)
 
-    def drive(self, command: Command) -> None:
+    def drive(self, command: TwistCommand) -> None:
         """Moves the robot for a control step."""
         self.velocity = np.array(command)
         x, y, yaw = self.pose
@@ -101,7 +101,7 @@ class Run:
 
     def __init__(self, lockstep: Ros2Lockstep, lanes: int, steps: int) -> None:
         worlds = [ToyWorld(seed) for seed in range(lanes)]
-        self.commands: list[list[Command]] = [[] for _ in worlds]
+        self.commands: list[list[TwistCommand]] = [[] for _ in worlds]
         self.scans: list[np.ndarray] = []
         lockstep.begin([world.sense() for world in worlds], [None] * lanes)
         for _ in range(steps):
@@ -114,7 +114,7 @@ class Run:
                 self.commands[number].append(command)
                 worlds[number].drive(command)
         self.digests = [hashlib.sha256(np.array(each).tobytes()).hexdigest()[:12] for each in self.commands]
-        self.tallies: Sequence[Tally] = [lockstep.tally(number) for number in range(lanes)]
+        self.tallies: Sequence[ExchangeTotals] = [lockstep.tally(number) for number in range(lanes)]
         self.failures: Mapping[int, str] = lockstep.failures
         self.cancelled, self.tags = lockstep.cancelled, lockstep.tags(0)
 

@@ -14,7 +14,7 @@ from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import stamp
 from tasks.ros.ros2.dds_domain import episode_domains
 from tasks.ros.ros2.interface_types import dds_type_name, type_hash, type_store
-from tasks.ros.ros2.ros2_node import RobotNode
+from tasks.ros.ros2.ros2_node import Ros2Node
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.packets import Capture, Endpoint, Sample, endpoints
 from tests.ros.ros2.players import make_bundle
@@ -60,7 +60,7 @@ def wire(tmp_path_factory: pytest.TempPathFactory) -> Wire:
     program = make_bundle(tmp_path_factory.mktemp("bundle")) / "play/scripts/avoider"
     (domain,) = episode_domains(1)
     with capture:
-        robot = RobotNode(domain, TOPICS, "/cmd_vel")
+        robot = Ros2Node(domain, TOPICS, "/cmd_vel")
         environment = {**domain.environment, "PATH": os.environ["PATH"]}
         command = [sys.executable, str(program), "--ros-args", "-p", "use_sim_time:=true"]
         node = subprocess.Popen(command, env=environment)
@@ -77,7 +77,7 @@ def wire(tmp_path_factory: pytest.TempPathFactory) -> Wire:
     return Wire(endpoints(mine), endpoints(others), samples, came)
 
 
-def _answer(robot: RobotNode) -> bytes:
+def _answer(robot: Ros2Node) -> bytes:
     ends_s = time.monotonic() + _WAIT_S
     while not (robot.matches().commanders and robot.matches().readers["/scan"]):
         assert time.monotonic() < ends_s, robot.matches()

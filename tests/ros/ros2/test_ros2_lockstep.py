@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from tasks.ros.lockstep.exchange import Command
+from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import Moment, SensorMessages
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.players import CONTROL_S, ToyWorld, drive, make_base
@@ -27,7 +27,7 @@ def test_a_scan_is_answered_in_its_own_control_step_as_ros_1s_bytes_would_be(tmp
         scan = store.deserialize_ros1(ros1, "sensor_msgs/msg/LaserScan")
         ranges = [float(each) for each in scan.ranges]  # type: ignore[attr-defined]
         ahead, turn = steer(float(scan.angle_min), float(scan.angle_increment), ranges)  # type: ignore[attr-defined]
-        assert command == Command(ahead, 0.0, turn)
+        assert command == TwistCommand(ahead, 0.0, turn)
         world.drive(command)
 
 
@@ -50,7 +50,7 @@ def _read(path: Path) -> bytes:
 def test_a_launch_file_that_is_refused_fails_its_lane_and_says_why(tmp_path: Path) -> None:
     run = drive(tmp_path, "pilot", steps=1)
     assert "play play.launch.py: the package play has no executable 'pilot'" in run.failures[0]
-    assert run.commands[0] == [Command()]
+    assert run.commands[0] == [TwistCommand()]
 
 
 @pytest.mark.long

@@ -18,7 +18,7 @@ from tasks.ros.message.ros_messages import REQUEST_BYTES
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
 from tasks.ros.ros2.dds_node import DEFAULT, SENSOR_DATA, DdsNode, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.ros2_node import RobotNode, given_tags, twist_bytes
+from tasks.ros.ros2.ros2_node import Ros2Node, given_tags, twist_bytes
 
 TWIST = "geometry_msgs/msg/Twist"
 _WAIT_S = 10.0
@@ -32,8 +32,8 @@ def domain() -> EpisodeDomain:
 
 
 @pytest.fixture
-def robot(domain: EpisodeDomain) -> Iterator[RobotNode]:
-    made = RobotNode(domain, {"/scan": "sensor_msgs/msg/LaserScan"}, "/cmd_vel")
+def robot(domain: EpisodeDomain) -> Iterator[Ros2Node]:
+    made = Ros2Node(domain, {"/scan": "sensor_msgs/msg/LaserScan"}, "/cmd_vel")
     yield made
     made.close()
 
@@ -54,7 +54,7 @@ def _qos() -> Qos:
     return dds_qos(DEFAULT, b"")
 
 
-def _call(domain: EpisodeDomain, robot: RobotNode, service: str, kind: str, **values: object) -> object:
+def _call(domain: EpisodeDomain, robot: Ros2Node, service: str, kind: str, **values: object) -> object:
     """Returns the reply to a request, as a client of rmw_cyclonedds gets it: with the header of its request."""
     participant = DomainParticipant(domain.number)
     asked, told = structure(f"{kind}_Request", service=True), structure(f"{kind}_Response", service=True)
@@ -68,7 +68,7 @@ def _call(domain: EpisodeDomain, robot: RobotNode, service: str, kind: str, **va
     return reply
 
 
-def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: RobotNode) -> None:
+def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: Ros2Node) -> None:
     tag = structure("robomaker_simulation_msgs/msg/Tag")
     tags = [tag(key="room", value="kitchen"), tag(key="a", value="")]  # type: ignore[call-arg]
     reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=tags)
@@ -76,7 +76,7 @@ def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: RobotNode) 
     assert robot.tags == {"room": "kitchen", "a": ""}
 
 
-def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(domain: EpisodeDomain, robot: RobotNode) -> None:
+def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(domain: EpisodeDomain, robot: Ros2Node) -> None:
     tag = structure("robomaker_simulation_msgs/msg/Tag")
     many = [tag(key=str(number), value="") for number in range(51)]  # type: ignore[call-arg]
     reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=many)
@@ -96,7 +96,7 @@ def test_bytes_that_are_no_request_have_no_tags(request: bytes) -> None:
     assert all(isinstance(text, str) for pair in found.items() for text in pair)
 
 
-def test_robomakers_service_cancels(domain: EpisodeDomain, robot: RobotNode) -> None:
+def test_robomakers_service_cancels(domain: EpisodeDomain, robot: Ros2Node) -> None:
     assert not robot.cancelled
     assert _call(domain, robot, "/robomaker/job/cancel", CANCEL, structure_needs_at_least_one_member=0)
     assert robot.cancelled
@@ -120,7 +120,7 @@ def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: Epis
     node.close()
 
 
-def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: EpisodeDomain, robot: RobotNode) -> None:
+def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: EpisodeDomain, robot: Ros2Node) -> None:
     participant = DomainParticipant(domain.number)
     topic = Topic(participant, "rt/cmd_vel", structure(TWIST))
     writer = DataWriter(participant, topic, dds_qos(SENSOR_DATA, b""))
@@ -131,7 +131,7 @@ def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: Epi
 
 def test_a_robot_that_is_closed_leaves_no_thread_and_no_port(domain: EpisodeDomain) -> None:
     before = _count("task"), _count("fd")
-    robot = RobotNode(domain, {"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel")
+    robot = Ros2Node(domain, {"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel")
     assert len(robot.threads) == _count("task") - before[0] > 0
     robot.close()
     robot.close()

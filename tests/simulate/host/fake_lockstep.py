@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from specs.data.episode import ApplicationLaunch
-from tasks.ros.lockstep.exchange import Base, Command, FloorPlan, Launch, Sensed, Tally
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
 from tests.repository import ROOT
 
 BUNDLE = "5" * 64
@@ -37,35 +37,36 @@ class FakeLockstep:
         seen: What they sensed at each control step.
     """
 
-    def __init__(self, base: Base, launch: Launch) -> None:
+    def __init__(self, base: RobotBase, launch: Launch) -> None:
         self.base, self.launch = base, launch
         self.failures: dict[int, str] = {}
         self.cancelled: frozenset[int] = frozenset()
-        self.begun: tuple[list[Sensed | None], list[FloorPlan | None]] | None = None
+        self.begun: tuple[list[Sensed | None], list[FloorMap | None]] | None = None
         self.seen: list[list[Sensed | None]] = []
         self.closed = 0
-        self._tallies = dict.fromkeys(range(len(launch.environment)), Tally())
+        self._tallies = dict.fromkeys(range(len(launch.environment)), ExchangeTotals())
         self._tags: dict[int, dict[str, str]] = {}
         (launch.home / "log").write_text("what a node wrote")
 
-    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorPlan | None]) -> None:
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         self.begun = list(sensed), list(floors)
         for lane in self._of_kind(NOT_READY):
             self.failures[lane] = "node /patrol was not ready within 60 s"
 
-    def exchange(self, sensed: Sequence[Sensed | None]) -> list[Command]:
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         self.seen.append(list(sensed))
         if len(self.seen) == _FAULT_STEP:
             self.failures |= dict.fromkeys(self._of_kind(CRASHES), "node /patrol ended with status 7")
             self.cancelled |= frozenset(self._of_kind(CANCELS))
-            self._tallies |= dict.fromkeys(self._of_kind(STRAYS), Tally(3, late=2, stray=1))
+            self._tallies |= dict.fromkeys(self._of_kind(STRAYS), ExchangeTotals(3, late=2, stray=1))
             self._tags |= {lane: {"lane": str(lane), "seen": "much"} for lane in self._of_kind(TAGS)}
         spoilt = set(self._of_kind(NOT_A_NUMBER)) if len(self.seen) == _FAULT_STEP else set[int]()
         return [
-            Command(ahead_m_s=math.nan) if lane in spoilt else self._driven(each) for lane, each in enumerate(sensed)
+            TwistCommand(ahead_m_s=math.nan) if lane in spoilt else self._driven(each)
+            for lane, each in enumerate(sensed)
         ]
 
-    def tally(self, lane: int) -> Tally:
+    def tally(self, lane: int) -> ExchangeTotals:
         return self._tallies[lane]
 
     def tags(self, lane: int) -> Mapping[str, str]:
@@ -77,14 +78,14 @@ class FakeLockstep:
     def _of_kind(self, kind: str) -> list[int]:
         return [lane for lane, variables in enumerate(self.launch.environment) if variables.get("KIND") == kind]
 
-    def _driven(self, sensed: Sensed | None) -> Command:
+    def _driven(self, sensed: Sensed | None) -> TwistCommand:
         if sensed is None:
-            return Command()
+            return TwistCommand()
         if not len(sensed.ranges_m):
-            return Command(ahead_m_s=0.3)
+            return TwistCommand(ahead_m_s=0.3)
         bearing = self.base.first_ray_rad + self.base.ray_step_rad * int(np.argmax(sensed.ranges_m))
         bearing = (bearing + math.pi) % (2 * math.pi) - math.pi
-        return Command(ahead_m_s=0.3, turn_rad_s=max(-1.0, min(1.0, bearing)))
+        return TwistCommand(ahead_m_s=0.3, turn_rad_s=max(-1.0, min(1.0, bearing)))
 
 
 class FakeLocksteps:
@@ -93,6 +94,6 @@ class FakeLocksteps:
     def __init__(self) -> None:
         self.made: list[FakeLockstep] = []
 
-    def __call__(self, base: Base, launch: Launch) -> FakeLockstep:
+    def __call__(self, base: RobotBase, launch: Launch) -> FakeLockstep:
         self.made.append(FakeLockstep(base, launch))
         return self.made[-1]

@@ -13,7 +13,7 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from specs.errors import StageFailed
-from tasks.ros.lockstep.exchange import Command, Launch, Sensed
+from tasks.ros.lockstep.exchange import Launch, Sensed, TwistCommand
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.host.controllers import HostBundle, HostStart
@@ -279,7 +279,7 @@ class _Refusing(FakeLockstep):
 
 
 class _Crowded(FakeLockstep):
-    def exchange(self, sensed: object) -> list[Command]:  # noqa: ARG002 - as they exchange
+    def exchange(self, sensed: object) -> list[TwistCommand]:  # noqa: ARG002 - as they exchange
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
 
