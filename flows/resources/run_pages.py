@@ -10,8 +10,7 @@ from specs.data.run_report import ListPipelineRunsRequest, ListPipelineRunsRespo
 from specs.errors import ResourceNotFound
 from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.index_segments import Line, mark_of
-from tasks.storage.jobs.job_index import all_lines, line_page
+from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, read, records
 from tasks.storage.jobs.runs import KIND, jobs_of, run_document, run_of
 from tasks.storage.jobs.runs import KIND as RUN
@@ -94,8 +93,8 @@ def _columns(batch: JobRecord, run: JobRecord | None) -> Columns:
 _MOST = 1000
 
 
-def run_line(_store: Store, run: JobRecord) -> Line:
-    """Returns the line of a run."""
+def run_entry(_store: Store, run: JobRecord) -> IndexEntry:
+    """Returns the index entry of a run."""
     spec = run.request.get("spec", {})
     summary = RunSummary(
         arn=run.arn,
@@ -106,12 +105,14 @@ def run_line(_store: Store, run: JobRecord) -> Line:
         failureReason=why_not(run),
     )
     values = {"status": (summary.status,), "name": (summary.name,), "verdict": (summary.verdict or "",)}
-    return Line(mark_of(run.created_at_s, run.id), values, summary.model_dump(mode="json", exclude_none=True), {})
+    return IndexEntry(
+        place_of(run.created_at_s, run.id), values, summary.model_dump(mode="json", exclude_none=True), {}
+    )
 
 
 def list_runs(store: Store) -> Iterator[RunSummary]:
     """Yields all runs."""
-    return (RunSummary.model_validate(line.summary) for line in all_lines(store, KIND, run_line))
+    return (RunSummary.model_validate(entry.summary) for entry in all_entries(store, KIND, run_entry))
 
 
 def list_runs_page(store: Store, request: ListPipelineRunsRequest) -> ListPipelineRunsResponse:
@@ -121,6 +122,6 @@ def list_runs_page(store: Store, request: ListPipelineRunsRequest) -> ListPipeli
         DocumentError: The token, the size or a filter is none that the list takes.
     """
     filters = {name: name for name in ("status", "name", "verdict")}
-    found, token = line_page(store, KIND, run_line, request, most=_MOST, filters=filters)
+    found, token = index_page(store, KIND, run_entry, request, most=_MOST, filters=filters)
     summaries = tuple(RunSummary.model_validate(each) for each in found)
     return ListPipelineRunsResponse(runSummaries=summaries, nextToken=token)

@@ -45,8 +45,7 @@ from tasks.deploy.rollout.observation import live_progress, recorded_progress
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
 from tasks.storage.base.keys import application_key, reported_key
 from tasks.storage.base.store import Store, decode_document
-from tasks.storage.jobs.index_segments import Line, mark_of
-from tasks.storage.jobs.job_index import all_lines, line_page
+from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
 
@@ -265,16 +264,18 @@ _PLACE = (int, str)
 _MOST = 200
 
 
-def deployment_line(_store: Store, record: JobRecord) -> Line:
-    """Returns the line of a deployment job."""
+def deployment_entry(_store: Store, record: JobRecord) -> IndexEntry:
+    """Returns the index entry of a deployment job."""
     job = summarise_deployment_job(record)
     values = {"status": (record.status,), "fleetName": (reference_path(str(job.fleet)),)}
-    return Line(mark_of(record.created_at_s, record.id), values, job.model_dump(mode="json", exclude_none=True), {})
+    return IndexEntry(
+        place_of(record.created_at_s, record.id), values, job.model_dump(mode="json", exclude_none=True), {}
+    )
 
 
 def list_deployment_jobs(store: Store) -> Iterator[DeploymentJob]:
     """Yields all deployment jobs."""
-    return (DeploymentJob.model_validate(line.summary) for line in all_lines(store, _LISTED_KIND, deployment_line))
+    return (DeploymentJob.model_validate(entry.summary) for entry in all_entries(store, _LISTED_KIND, deployment_entry))
 
 
 def list_deployment_jobs_page(store: Store, request: ListDeploymentJobsRequest) -> ListDeploymentJobsResponse:
@@ -284,7 +285,7 @@ def list_deployment_jobs_page(store: Store, request: ListDeploymentJobsRequest) 
         DocumentError: The token, the size or a filter is none that the call takes.
     """
     filters = {name: name for name in ("status", "fleetName")}
-    found, token = line_page(store, _LISTED_KIND, deployment_line, request, most=_MOST, filters=filters)
+    found, token = index_page(store, _LISTED_KIND, deployment_entry, request, most=_MOST, filters=filters)
     return ListDeploymentJobsResponse(
         deploymentJobs=tuple(DeploymentJob.model_validate(each) for each in found), nextToken=token
     )
@@ -304,7 +305,7 @@ def list_fleets_page(store: Store, request: ListFleetsRequest) -> ListFleetsResp
     names = wanted_values(request, ("name",)).get("name")
     size, after = page_size(request, _MOST), place_after(request, _FLEET, _PLACE)
     wanted = (each for each in fleets(store) if names is None or each.name in names)
-    later = ((mark_of(each.created_at_s, each.name), each) for each in wanted)
+    later = ((place_of(each.created_at_s, each.name), each) for each in wanted)
     found, token = page_of((each for each in later if after is None or each[0] > after), size, _FLEET)
     return ListFleetsResponse(fleetDetails=tuple(summarise_fleet(store, each) for each in found), nextToken=token)
 
@@ -331,7 +332,7 @@ def _robot_documents(
 ) -> Iterator[tuple[Place, Robot]]:
     """Yields the robots after a place; only of those that may be wanted is read what was asked of them, and came."""
     for record in robots(store):
-        place = mark_of(record.created_at_s, record.name)
+        place = place_of(record.created_at_s, record.name)
         if (after is None or place > after) and (in_fleets is None or record.fleet in in_fleets):
             robot = summarise_robot(store, record)
             if statuses is None or robot.status in statuses:

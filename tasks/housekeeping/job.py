@@ -25,10 +25,8 @@ from tasks.housekeeping.sweep import (
     StoreListing,
     SweepPlan,
     SweepResult,
-    mend_lines,
     plan_sweep,
     sweep,
-    unnamed_segments,
 )
 from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store, encode_document
@@ -141,7 +139,6 @@ def collect_garbage(store: Store, cache: Path, ages: Ages, *, remove: bool) -> G
     if remove:
         _keep_notes(store, plan, etag)
         swept = sweep(store, plan, marked.look_again)
-        mend_lines(store, marked.look_again().jobs)
         cached = [entry for entry in cached if remove_entry(entry)]
     return _report(marked, plan, swept, cached, removed=remove)
 
@@ -160,7 +157,7 @@ class _Marked:
             entries=entries,
             unfinished=self._unfinished(),
             token_jobs=_token_jobs(store, entries, self.named),
-            replaced=replaced_metadata(store, entries, now_s - ages.grace_s) | unnamed_segments(store, entries),
+            replaced=replaced_metadata(store, entries, now_s - ages.grace_s),
             now_s=now_s,
         )
 

@@ -212,6 +212,7 @@ _ENTRIES = {
     "engines": "engines",
     "timings": "timings",
     "nights": "trends",
+    "lists of jobs": "lists",
 }
 _ASIDE = ".gc-"
 
@@ -338,6 +339,7 @@ _CACHE: Mapping[str, str] = {
     "engines": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "timings": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "trends": rf"[0-9a-f]{{16}}\.json|{_TEMPORARY}",
+    "lists": r"[0-9a-f]{16}\.sqlite(-journal)?",
     "agents": "[0-9a-f]{12}",
 }
 _HOME = re.compile(r"prefect(-[0-9a-f]{8})?")

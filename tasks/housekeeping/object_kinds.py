@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import cast
 
 from specs.job_kinds import JOB_KINDS, JobDeclaration, JobKind
-from tasks.storage.base.keys import BUNDLE, CLAIM, JOB, LINE_MARK, LINE_SEGMENT, TOKEN, TRUST, key_pattern
+from tasks.storage.base.keys import BUNDLE, CLAIM, JOB, TOKEN, TRUST, key_pattern
 
 RECORD_FOLDERS = ("jobs", "applications", "robots", "fleets", "results")
 """Where objects lie that name others; of ``results`` the evidence alone."""
@@ -14,7 +14,6 @@ RECORD_FOLDERS = ("jobs", "applications", "robots", "fleets", "results")
 WORLDS, BUNDLES = "worlds", "bundles"
 TOKENS, CLAIMS, RECORDS, PROBES = "tokens", "claims", "job records", "probes"
 METADATA, UNFINISHED = "signed metadata", "unfinished writes"
-LINE_MARKS, SEGMENTS = "marks of jobs", "lines of jobs"
 
 _OBJECTS = [each for kind in JOB_KINDS.values() for each in kind.objects]
 NEEDS_PROOF = frozenset(each.what for each in _OBJECTS if each.from_elsewhere)
@@ -42,14 +41,12 @@ def _patterns(kind: JobDeclaration) -> Iterator[tuple[re.Pattern[str], str, str]
 _PLACES: tuple[tuple[re.Pattern[str], str, str], ...] = (
     (key_pattern(CLAIM, job=_ID), "job", CLAIMS),
     (key_pattern(JOB, job=_ID), "job", RECORDS),
-    (key_pattern(LINE_MARK, job=_ID), "job", LINE_MARKS),
     *(place for kind in JOB_KINDS.values() for place in _patterns(kind)),
 )
 _EVIDENCE = re.compile(rf"results/({_ID})/evidence\.json")
 _BUNDLE = key_pattern(BUNDLE)
 _TOKEN = key_pattern(TOKEN, kind="|".join(JOB_KINDS))
 _METADATA = key_pattern(TRUST, file=r"(?P<version>\d+)\.(?P<role>targets|deployer|snapshot)\.json")
-_SEGMENT = key_pattern(LINE_SEGMENT)
 _PROBE = re.compile(r"probe/[0-9a-f]{32}")
 
 
@@ -84,7 +81,6 @@ def kind_of_key(key: str) -> ObjectKind:
         (_TOKEN, TOKENS),
         (_METADATA, METADATA),
         (_PROBE, PROBES),
-        (_SEGMENT, SEGMENTS),
     )
     return ObjectKind(next((what for pattern, what in others if pattern.fullmatch(key)), ""))
 

@@ -6,23 +6,19 @@ The plan is computed and changes nothing. The removal looks again at each item b
 import logging
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from specs.errors import ObjectExists, ObjectNotFound, ResourceNotFound
-from specs.job_kinds import JOB_KINDS, JobKind
+from specs.errors import ObjectExists, ObjectNotFound
 from tasks.housekeeping.object_kinds import (
     BUNDLES,
     CLAIMS,
-    LINE_MARKS,
     METADATA,
     NAMED_BY_OTHERS,
     NEEDS_PROOF,
     PROBES,
     RECORDS,
-    SEGMENTS,
     SPENT,
     TOKENS,
     UNFINISHED,
@@ -32,20 +28,9 @@ from tasks.housekeeping.object_kinds import (
     kind_of_key,
 )
 from tasks.housekeeping.references import NamedByRecords
-from tasks.storage.base.keys import claim_key, job_key, line_segment_key, result_key
+from tasks.storage.base.keys import claim_key, job_key, result_key
 from tasks.storage.base.store import Entry, Store, decode_document
 from tasks.storage.jobs.claim import Claim, ClaimRecord, hold_claim_unless_alive
-from tasks.storage.jobs.index_segments import (
-    Root,
-    mark_of,
-    mark_open,
-    open_marks,
-    read_root,
-    read_segment,
-    remove_lines,
-    unmark,
-)
-from tasks.storage.jobs.records import read
 
 GONE = "of jobs without a record"
 FORGOTTEN = "of jobs that ended long ago and that nothing names"
@@ -54,7 +39,6 @@ _WHY = {
     BUNDLES: "that nothing names",
     PROBES: "of processes that were killed while they opened the store",
     METADATA: "that newer versions have replaced",
-    SEGMENTS: "of processes that were killed while they listed jobs",
     UNFINISHED: "of processes that were killed",
 }
 _FIRST_SEEN = "that nothing names since this time; a later gc frees them"
@@ -85,18 +69,16 @@ class Leftover:
         record: Its record, which goes first.
         items: What it left, without record, token and claim.
         ends: Its token and claim, which go last, and only when all else is gone: they show that the rest was made here.
-        marks: That it has no line, or had none; they go after the lines of all that went.
     """
 
     job: Job
     record: Item | None
     items: tuple[Item, ...]
     ends: tuple[Item, ...]
-    marks: tuple[Item, ...] = ()
 
     @property
     def all(self) -> tuple[Item, ...]:
-        """All that goes and is told of, in the order in which it goes; a mark is a name without bytes."""
+        """All that goes, in the order in which it goes."""
         return (*((self.record,) if self.record else ()), *self.items, *self.ends)
 
 
@@ -133,8 +115,7 @@ class StoreListing:
         entries: All of it.
         unfinished: Writes that have not come to their end.
         token_jobs: Jobs of the tokens that belong to no record, by key.
-        replaced: Keys of signed metadata that newer versions have replaced, for longer than the grace, and of lines of
-            jobs that no root names.
+        replaced: Keys of signed metadata that newer versions have replaced, for longer than the grace.
         now_s: The time, by the store's clock.
     """
 
@@ -181,7 +162,7 @@ class _Planning:
     def _loose(self) -> Iterable[Item]:
         for entry, place in self._placed:
             done = place.what in SPENT and place.job is not None and self._named.jobs.get(place.job, False)
-            replaced = place.what in {METADATA, SEGMENTS} and entry.key in self._listing.replaced
+            replaced = place.what == METADATA and entry.key in self._listing.replaced
             if done or replaced or place.what == PROBES:
                 yield Item(entry, place.what, _WHY[place.what])
 
@@ -222,14 +203,12 @@ class _Planning:
         going = [item for item in items if item.what not in stay]
         # A claim that is held is looked at when its turn comes; one that a killed gc has left says nothing of the rest.
         if any(self._is_young(item.entry) for item in going if item.what != CLAIMS or len(going) == 1):
-            told = [item for item in going if item.what != LINE_MARKS]  # a mark goes with its record, unsaid
-            self._waiting += [Item(item.entry, item.what, _YOUNG) for item in told]
+            self._waiting += [Item(item.entry, item.what, _YOUNG) for item in going]
             return None
         ends = [item for item in going if item.what in {TOKENS, CLAIMS}] if len(going) == len(items) else []
-        rest = [item for item in going if item.what not in {TOKENS, CLAIMS, RECORDS, LINE_MARKS}]
+        rest = [item for item in going if item.what not in {TOKENS, CLAIMS, RECORDS}]
         record = next((item for item in going if item.what == RECORDS), None)
-        marks = tuple(item for item in going if item.what == LINE_MARKS)
-        return Leftover(job, record, tuple(rest), tuple(ends), marks) if going else None
+        return Leftover(job, record, tuple(rest), tuple(ends)) if going else None
 
     def _old(self, items: Iterable[Item]) -> list[Item]:
         """Returns those that are old enough; the others wait."""
@@ -239,64 +218,6 @@ class _Planning:
 
     def _is_young(self, entry: Entry) -> bool:
         return self._listing.now_s - entry.written_s < self._grace_s
-
-
-def mark_job(store: Store, job: Job) -> None:
-    """Marks a job whose record is about to go, so that lists believe the record and no line."""
-    with suppress(ResourceNotFound):
-        mark_open(store, job.kind, mark_of(read(store, job.kind, job.id).created_at_s, job.id))
-
-
-def sweep_lines(store: Store, jobs: Iterable[Job]) -> None:
-    """Removes the lines, and then the marks, of those of the jobs that have no record."""
-    gone: dict[JobKind, set[str]] = {}
-    for job in jobs:
-        if not store.exists(job_key(job.kind, job.id)):
-            gone.setdefault(job.kind, set()).add(job.id)
-    for kind, ids in gone.items():
-        remove_lines(store, kind, frozenset(ids))
-        for mark in open_marks(store, kind):
-            if mark.id in ids:
-                unmark(store, kind, mark)
-
-
-def mend_lines(store: Store, jobs: Collection[Job]) -> None:
-    """Marks the jobs that have neither line nor mark, and removes the lines of what has no record.
-
-    Neither happens but when an older version of Simyard, or a person, writes to the store too.
-
-    Args:
-        store: Where they are.
-        jobs: Those that have a record.
-    """
-    for kind in JOB_KINDS:
-        root = _root(store, kind)
-        if root is None or not root.filled:  # the next list reads all records
-            continue
-        lines = {line.mark.id for note in root.segments for line in read_segment(store, kind, note.name)}
-        marked = {mark.id for mark in open_marks(store, kind)}
-        recorded = {job.id for job in jobs if job.kind == kind}
-        for job in sorted(recorded - lines - marked):
-            mark_job(store, Job(kind, job))
-        sweep_lines(store, [Job(kind, job) for job in sorted(lines - recorded - marked)])
-
-
-def unnamed_segments(store: Store, entries: Sequence[Entry]) -> frozenset[str]:
-    """Returns the keys of segments that no root names: of processes that were killed; of a damaged root, none."""
-    found = {entry.key for entry in entries if kind_of_key(entry.key).what == SEGMENTS}
-    roots = [(kind, _root(store, kind)) for kind in JOB_KINDS] if found else []
-    if any(root is None for _, root in roots):
-        return frozenset()
-    return frozenset(
-        found - {line_segment_key(kind, note.name) for kind, root in roots if root for note in root.segments}
-    )
-
-
-def _root(store: Store, kind: JobKind) -> Root | None:
-    try:
-        return read_root(store, kind)[0]
-    except ValueError:  # damaged: the next list makes it anew
-        return None
 
 
 _LOG = logging.getLogger(__name__)
@@ -335,7 +256,6 @@ def sweep(store: Store, plan: SweepPlan, look_again: LookAgain) -> SweepResult:
         swept.note(item, is_gone=_remove(store, item))
     for leftover in plan.leftovers:
         _sweep_leftover(store, leftover, look_again, swept)
-    sweep_lines(store, [leftover.job for leftover in plan.leftovers if leftover.record or leftover.marks])
     for few in _few_at_a_time(plan.bundles):
         _sweep_bundles(store, few, look_again, swept)
     return swept
@@ -390,7 +310,6 @@ def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:
         named = look_again()
         if job.id in named.ids or named.spoilt:
             return False
-        mark_job(store, job)
         if not store.delete_unchanged(leftover.record.entry):
             return False
     elif store.exists(job_key(job.kind, job.id)):

@@ -28,7 +28,7 @@ def declared_errors() -> dict[str, tuple[str, str]]:
         for folder in _FOLDERS
         for path in sorted((ROOT / folder).rglob("*.py"))
         for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.ClassDef)
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
     ]
     found: dict[str, tuple[str, str]] = {"SimyardError": ("", "specs.errors")}
     while new := {
@@ -57,7 +57,6 @@ def drawn_errors() -> dict[str, str]:
 _MADE_OF: dict[str, tuple[Any, ...]] = {
     "AccessRefused": ("AccessDeniedException", "no key", 401),
     "BundleCrash": ("RobotApplicationCrash", "it divides by zero", "run.py:3"),
-    "DriveUnclear": (["two wheels", "no axle"],),
     "PipelineNotPassed": (_REPORT,),
     "SimulatorEnded": ("ended by signal 9", None, "no memory"),
     "StageFailed": ("AccessDenied", "the bucket refuses", "arn:simyard:robot:s:r"),

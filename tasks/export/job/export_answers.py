@@ -28,8 +28,7 @@ from specs.robomaker.world_jobs import (
     WorldExportJobSummary,
 )
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.index_segments import Line, mark_of
-from tasks.storage.jobs.job_index import all_lines, line_page
+from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, read
 
 _SUMMARISED = ("worlds", "outputLocation")
@@ -102,8 +101,8 @@ _MOST = 100
 _FILTERS = ("generationJobId", "templateId", "status")
 
 
-def export_line(store: Store, record: JobRecord) -> Line:
-    """Returns the line of an export job; it can be found by the jobs that made its worlds, and by their templates."""
+def export_entry(store: Store, record: JobRecord) -> IndexEntry:
+    """Returns the index entry of an export job, found by the jobs that made its worlds, and by their templates."""
     paths = [reference_path(world) for world in cast("list[str]", record.request["worlds"])]
     generations = sorted({path.partition("/")[0] for path in paths})
     values = {
@@ -112,13 +111,13 @@ def export_line(store: Store, record: JobRecord) -> Line:
         "templateId": tuple(sorted({each for job in generations for each in _templates(store, job)})),
     }
     summary = summarise_export_job(record).model_dump(mode="json", exclude_none=True)
-    return Line(mark_of(record.created_at_s, record.id), values, summary, {})
+    return IndexEntry(place_of(record.created_at_s, record.id), values, summary, {})
 
 
 def list_export_jobs(store: Store) -> Iterator[WorldExportJobSummary]:
     """Yields all export jobs."""
-    lines = all_lines(store, _KIND, export_line)
-    return (WorldExportJobSummary.model_validate(line.summary) for line in lines)
+    entries = all_entries(store, _KIND, export_entry)
+    return (WorldExportJobSummary.model_validate(entry.summary) for entry in entries)
 
 
 def list_export_jobs_page(store: Store, request: ListWorldExportJobsRequest) -> ListWorldExportJobsResponse:
@@ -128,7 +127,7 @@ def list_export_jobs_page(store: Store, request: ListWorldExportJobsRequest) -> 
         DocumentError: The token, the size or a filter is none that the call takes.
     """
     filters = {name: name for name in _FILTERS}
-    found, token = line_page(store, _KIND, export_line, request, most=_MOST, filters=filters)
+    found, token = index_page(store, _KIND, export_entry, request, most=_MOST, filters=filters)
     summaries = tuple(WorldExportJobSummary.model_validate(each) for each in found)
     return ListWorldExportJobsResponse(worldExportJobSummaries=summaries, nextToken=token)
 

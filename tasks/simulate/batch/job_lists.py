@@ -29,8 +29,18 @@ from tasks.simulate.batch.batch_jobs import Jobs
 from tasks.simulate.batch.batch_record import KIND
 from tasks.simulate.plan.plan_batch import is_single
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.index_segments import Line, Mark, mark_of
-from tasks.storage.jobs.job_index import START, Found, JobLines, Wanted, all_lines, line_page, skip_if_corrupt
+from tasks.storage.jobs.job_index import (
+    START,
+    FoundJob,
+    IndexEntry,
+    JobIndex,
+    JobPlace,
+    Wanted,
+    all_entries,
+    index_page,
+    place_of,
+    skip_if_corrupt,
+)
 from tasks.storage.jobs.records import JobRecord, is_terminal
 
 SHAPE, BATCH, SINGLE = "shape", "batch", "single"
@@ -48,8 +58,8 @@ _OWN = ("arn", "name")
 Document = dict[str, JsonValue]
 
 
-def batch_line(store: Store, record: JobRecord) -> Line:
-    """Returns the line of a batch as it stands."""
+def batch_entry(store: Store, record: JobRecord) -> IndexEntry:
+    """Returns the index entry of a batch as it stands."""
     jobs = Jobs(store, record.id, record)
     counts = jobs.counts()
     summary = SimulationJobBatchSummary(
@@ -67,24 +77,27 @@ def batch_line(store: Store, record: JobRecord) -> Line:
         table = _table(jobs)
         detail = {_JOBS: table}
         values |= _values(cast("list[Document]", table[_SUMMARIES]))
-    return Line(
-        mark_of(record.created_at_s, record.id), values, summary.model_dump(mode="json", exclude_none=True), detail
+    return IndexEntry(
+        place_of(record.created_at_s, record.id), values, summary.model_dump(mode="json", exclude_none=True), detail
     )
 
 
-def has_jobs(line: Line) -> bool:
-    """Returns whether a line tells of a batch's jobs."""
-    return _JOBS in line.detail
+def has_jobs(entry: IndexEntry) -> bool:
+    """Returns whether an entry tells of a batch's jobs."""
+    return _JOBS in entry.detail
 
 
-def jobs_of_line(line: Line, first: int) -> Iterator[tuple[int, Document]]:
+def jobs_of_entry(entry: IndexEntry, first: int) -> Iterator[tuple[int, Document]]:
     """Yields index and summary of each job of a batch that has ended, from an index on."""
-    table = cast("Document", line.detail[_JOBS])
+    table = cast("Document", entry.detail[_JOBS])
     summaries = cast("list[Document]", table[_SUMMARIES])
-    store = store_id_of(str(line.summary["arn"]))
+    store = store_id_of(str(entry.summary["arn"]))
     for start, count, number in cast("list[list[int]]", table[_RUNS]):
         for index in range(max(start, first), start + count):
-            own = {"arn": arn("simulation-job", store, f"{line.mark.id}/{index}"), "name": f"{line.mark.id}-{index}"}
+            own = {
+                "arn": arn("simulation-job", store, f"{entry.place.id}/{index}"),
+                "name": f"{entry.place.id}-{index}",
+            }
             yield index, {**own, **summaries[number]}
 
 
@@ -122,8 +135,8 @@ _PLACE = (int, str, int)
 
 def list_batches(store: Store) -> Iterator[SimulationJobBatchSummary]:
     """Yields all batches, oldest first."""
-    lines = all_lines(store, KIND, batch_line, _ONLY_BATCHES)
-    return (SimulationJobBatchSummary.model_validate(line.summary) for line in lines)
+    entries = all_entries(store, KIND, batch_entry, _ONLY_BATCHES)
+    return (SimulationJobBatchSummary.model_validate(entry.summary) for entry in entries)
 
 
 def list_batches_page(store: Store, request: ListSimulationJobBatchesRequest) -> ListSimulationJobBatchesResponse:
@@ -132,8 +145,8 @@ def list_batches_page(store: Store, request: ListSimulationJobBatchesRequest) ->
     Raises:
         DocumentError: The token, the size or a filter is none that the call takes.
     """
-    found, token = line_page(
-        store, KIND, batch_line, request, most=_MOST_LISTED, filters={"status": "status"}, only=_ONLY_BATCHES
+    found, token = index_page(
+        store, KIND, batch_entry, request, most=_MOST_LISTED, filters={"status": "status"}, only=_ONLY_BATCHES
     )
     summaries = tuple(SimulationJobBatchSummary.model_validate(each) for each in found)
     return ListSimulationJobBatchesResponse(simulationJobBatchSummaries=summaries, nextToken=token)
@@ -141,9 +154,7 @@ def list_batches_page(store: Store, request: ListSimulationJobBatchesRequest) ->
 
 def list_jobs(store: Store) -> Iterator[SimulationJobSummary]:
     """Yields all jobs; what never became a job is none."""
-    lines = JobLines(store, KIND, batch_line)
-    yield from (_summary(job) for _, job in _jobs_after(store, lines, None, {}))
-    lines.settle()
+    yield from (_summary(job) for _, job in _jobs_after(store, None, {}))
 
 
 def list_jobs_page(store: Store, request: ListSimulationJobsRequest) -> ListSimulationJobsResponse:
@@ -154,33 +165,31 @@ def list_jobs_page(store: Store, request: ListSimulationJobsRequest) -> ListSimu
     """
     wanted = wanted_values(request, tuple(_FILTERS))
     size, after = page_size(request, _MOST_LISTED), place_after(request, _JOB, _PLACE)
-    lines = JobLines(store, KIND, batch_line)
-    jobs, token = page_of(_jobs_after(store, lines, after, wanted), size, _JOB)
-    lines.settle()
+    jobs, token = page_of(_jobs_after(store, after, wanted), size, _JOB)
     return ListSimulationJobsResponse(simulationJobSummaries=tuple(map(_summary, jobs)), nextToken=token)
 
 
 def _jobs_after(
-    store: Store, lines: JobLines, after: Place | None, wanted: dict[str, frozenset[str]]
+    store: Store, after: Place | None, wanted: dict[str, frozenset[str]]
 ) -> Iterator[tuple[Place, Document]]:
     """Yields jobs with their places, those after a place; a job must have one of the wanted values."""
-    first, index = (Mark(int(after[0]), str(after[1])), int(after[2]) + 1) if after else (START, 0)
-    of_lines = {_FILTERS[name]: values for name, values in wanted.items()}
-    for found in lines.found(first, of_lines):
-        start = index if found.mark == first else 0
+    first, index = (JobPlace(int(after[0]), str(after[1])), int(after[2]) + 1) if after else (START, 0)
+    of_entries = {_FILTERS[name]: values for name, values in wanted.items()}
+    for found in JobIndex(store, KIND, batch_entry).jobs(first, of_entries):
+        start = index if found.place == first else 0
         for number, job in _jobs_of(store, found, start, wanted):
             if _is_wanted(job, wanted):
-                yield (*found.mark, number), job
+                yield (*found.place, number), job
 
 
 def _jobs_of(
-    store: Store, found: Found, first: int, wanted: dict[str, frozenset[str]]
+    store: Store, found: FoundJob, first: int, wanted: dict[str, frozenset[str]]
 ) -> Iterator[tuple[int, Document]]:
-    if found.line and has_jobs(found.line):
-        yield from jobs_of_line(found.line, first)
+    if found.entry and has_jobs(found.entry):
+        yield from jobs_of_entry(found.entry, first)
         return
-    with skip_if_corrupt(store, KIND, found.mark.id), suppress(ResourceNotFound):  # removed since it was found
-        yield from Jobs(store, found.mark.id, found.record).listed(first, wanted.get("status", ()))
+    with skip_if_corrupt(store, KIND, found.place.id), suppress(ResourceNotFound):  # removed since it was found
+        yield from Jobs(store, found.place.id, found.record).listed(first, wanted.get("status", ()))
 
 
 def _is_wanted(job: Document, wanted: dict[str, frozenset[str]]) -> bool:

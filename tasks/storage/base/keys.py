@@ -111,12 +111,6 @@ CLAIM = "claims/{kind}/{job}.json"
 """Which live process works on a job."""
 QUEUE = "queue/{kind}/{job}.json"
 """That a job waits for a worker; removed once it has ended."""
-LINE_MARK = "lines/{kind}/open/{created:016d}-{job}.json"
-"""That a job, made at that microsecond since 1970, is not among the lines of those that have ended."""
-LINE_ROOT = "lines/{kind}/root.json"
-"""Which segments hold the lines of jobs that have ended, and what is in each."""
-LINE_SEGMENT = "lines/{kind}/segments/{segment}.json"
-"""What lists say of some jobs that have ended."""
 TEMPLATE = "templates/{template}.json"
 """The body of a world template; jobs name it by its digest."""
 NAMED_TEMPLATE = "world-templates/{template}.json"
@@ -185,31 +179,6 @@ def queue_key(kind: str, job_id: str) -> str:
 def queue_prefix() -> str:
     """Returns the folder that holds the queue."""
     return QUEUE.partition("/")[0]
-
-
-def line_mark_key(kind: str, created_us: int, job_id: str) -> str:
-    """Returns the key that says that a job is not among the lines of those that have ended."""
-    return fill(LINE_MARK, kind=kind, created=created_us, job=job_id)
-
-
-def line_marks_prefix(kind: str) -> str:
-    """Returns the folder that holds the marks of a kind's jobs that have no line."""
-    return f"{lines_prefix(kind)}/open"
-
-
-def line_root_key(kind: str) -> str:
-    """Returns the key of what names the segments of a kind's lines."""
-    return fill(LINE_ROOT, kind=kind)
-
-
-def line_segment_key(kind: str, segment: str) -> str:
-    """Returns the key of some lines of a kind."""
-    return fill(LINE_SEGMENT, kind=kind, segment=segment)
-
-
-def lines_prefix(kind: str) -> str:
-    """Returns the folder that holds all that lists keep of a kind of job."""
-    return folder(LINE_ROOT, kind=kind)
 
 
 def template_key(name: str) -> str:

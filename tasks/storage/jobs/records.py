@@ -1,8 +1,7 @@
 """Job records and client request tokens: the same request twice is one job, and an ended job stays as it ended.
 
 The token is recorded before the job, and the job's id is made from kind and token, so that a process that dies between
-the two leaves nothing that the next one does not complete. Between the two the job is marked as open, so that lists
-find it (tasks.storage.jobs.index_segments).
+the two leaves nothing that the next one does not complete.
 
 A listener hears of each change of a job's status: a context variable, so that no function needs a parameter. It hears
 of what is in the store already, from the process that changed it, so that a change is announced once at most however
@@ -37,7 +36,6 @@ from specs.robomaker.failure_codes import JobFailureCode, require_code_of
 from tasks.storage.base.keys import claim_key, job_key, jobs_prefix, token_key
 from tasks.storage.base.store import Store, decode_document, encode_document
 from tasks.storage.jobs.claim import hold_claim_unless_alive
-from tasks.storage.jobs.index_segments import mark_of, mark_open, unmark
 from tasks.storage.store_url import store_id
 
 
@@ -229,15 +227,10 @@ def submit(
         with suppress(ResourceNotFound):  # who recorded the token died before the record
             return _as_requested(store, read(store, kind, new.id), new, request)
     record = _new_record(store, kind, new, request, detail or {})
-    mark = mark_of(record.created_at_s, record.id)
-    mark_open(store, kind, mark)
     try:
         store.create(job_key(kind, new.id), encode_document(record))
     except ObjectExists:
-        found = read(store, kind, new.id)
-        if mark != mark_of(found.created_at_s, found.id):
-            unmark(store, kind, mark)
-        return _as_requested(store, found, new, request)
+        return _as_requested(store, read(store, kind, new.id), new, request)
     # Housekeeping removes the token of a job without a record, then looks whether there is a record: one of us sees it.
     if not store.exists(token_key(kind, token)):
         _record_token(store, kind, new, request)

@@ -32,8 +32,7 @@ from specs.robomaker.world_jobs import (
 from specs.template.body import TemplateBody
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, template_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.index_segments import Line, mark_of
-from tasks.storage.jobs.job_index import all_lines, fits, line_page
+from tasks.storage.jobs.job_index import IndexEntry, all_entries, fits, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, read
 from tasks.storage.store_url import store_id
 from tasks.storage.templates import NamedTemplate, named_templates, read_template
@@ -211,18 +210,18 @@ _LAST_US = 1 << 62
 """The place of what nobody knows the time of."""
 
 
-def generation_line(_store: Store, record: JobRecord) -> Line:
-    """Returns the line of a generation job."""
+def generation_entry(_store: Store, record: JobRecord) -> IndexEntry:
+    """Returns the index entry of a generation job."""
     summary = summarise_generation_job(record).model_dump(mode="json", exclude_none=True)
     template = reference_path(str(record.request.get("template", "")))
     values = {"status": (record.status,), "templateId": (template,), "generationJobId": (record.id,)}
-    return Line(mark_of(record.created_at_s, record.id), values, summary, {})
+    return IndexEntry(place_of(record.created_at_s, record.id), values, summary, {})
 
 
 def list_generation_jobs(store: Store) -> Iterator[WorldGenerationJobSummary]:
     """Yields all generation jobs."""
-    lines = all_lines(store, _KIND, generation_line)
-    return (WorldGenerationJobSummary.model_validate(line.summary) for line in lines)
+    entries = all_entries(store, _KIND, generation_entry)
+    return (WorldGenerationJobSummary.model_validate(entry.summary) for entry in entries)
 
 
 def list_generation_jobs_page(store: Store, request: ListWorldGenerationJobsRequest) -> ListWorldGenerationJobsResponse:
@@ -232,7 +231,7 @@ def list_generation_jobs_page(store: Store, request: ListWorldGenerationJobsRequ
         DocumentError: The token, the size or a filter is none that the call takes.
     """
     filters = {name: name for name in _JOB_FILTERS}
-    found, token = line_page(store, _KIND, generation_line, request, most=_MOST, filters=filters)
+    found, token = index_page(store, _KIND, generation_entry, request, most=_MOST, filters=filters)
     summaries = tuple(WorldGenerationJobSummary.model_validate(each) for each in found)
     return ListWorldGenerationJobsResponse(worldGenerationJobSummaries=summaries, nextToken=token)
 
@@ -273,18 +272,18 @@ def list_templates_page(store: Store, request: ListWorldTemplatesRequest) -> Lis
 def _summaries(store: Store, request: ListWorldsRequest) -> Iterator[tuple[Place, WorldSummary]]:
     wanted = wanted_values(request, _WORLD_FILTERS)
     names = _world_names(store)
-    for line in list(all_lines(store, _KIND, generation_line)):
-        made = names.pop(line.mark.id, [])
-        if not fits(line, wanted):
+    for entry in list(all_entries(store, _KIND, generation_entry)):
+        made = names.pop(entry.place.id, [])
+        if not fits(entry, wanted):
             continue
-        job = line.summary
+        job = entry.summary
         for name in made:
             own: dict[str, JsonValue] = {
                 "generationJob": job["arn"],
                 "template": job.get("template"),
                 "createdAt": job["createdAt"],
             }
-            yield (*line.mark, _in_order(name)), _world(store, f"{line.mark.id}/{name}", own)
+            yield (*entry.place, _in_order(name)), _world(store, f"{entry.place.id}/{name}", own)
     for generation in sorted(names):
         if not wanted or generation in wanted.get("generationJobId", ()):
             for name in names[generation]:
@@ -314,7 +313,7 @@ def _templates(store: Store, after: Place | None) -> Iterator[tuple[Place, Templ
     named = named_templates(store)
     bodies = {digest for each in named for digest in (each.digest, *each.earlier)}
     for each in named:
-        place = mark_of(each.created_at_s, each.id)
+        place = place_of(each.created_at_s, each.id)
         if after is None or place > after:
             yield (
                 place,
