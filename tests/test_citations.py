@@ -4,6 +4,7 @@ A citation is a path from the root: ``docs/reference/robomaker.md``, with ``sect
 comma where the page numbers its headings, or ``docs/decisions/0008`` for a decision.
 """
 
+import ast
 import re
 import subprocess
 from collections import Counter
@@ -23,6 +24,9 @@ _FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
 _CODE = re.compile(r"`[^`\n]*`")
 _LINK = re.compile(r"!?\[(?P<words>[^\]]*)\]\((?P<target>[^)\s]+)\)")
 _BARE_PAGE = re.compile(r"(?<![\w./\"'-])[a-z][\w-]*\.md\b")
+# In a docstring or a comment: a name of this code, its words joined by underscores, perhaps of a module.
+_NAME = re.compile(r"``((?:[a-z_]+\.)*[a-z]+(?:_[a-z]+)+)``")
+_PACKAGES = ("specs", "tasks", "flows", "simyard")
 _ELSEWHERE = re.compile(
     r"\bsemantics,? \d|\bthe semantics\b|\btraps? \d|\bdecisions? \d|\bdesign notes\b|\.\./shared\b"
 )
@@ -98,6 +102,33 @@ def citations_of_elsewhere(text: str, path: Path) -> list[str]:
     return [*_ELSEWHERE.findall(prose), *bare]
 
 
+@cache
+def names() -> frozenset[str]:
+    """Every word of the code besides docstrings and comments, and every module."""
+    found: set[str] = set()
+    for path, text in files().items():
+        if path.suffix == ".py":
+            tree = ast.parse(text)
+            docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+            found.update(path.with_suffix("").parts)
+            found.update(word for node in ast.walk(tree) if id(node) not in docstrings for word in _words(node))
+    return frozenset(found)
+
+
+def _words(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Constant):
+        return re.findall(r"\w+", node.value) if isinstance(node.value, str) else []
+    values = (getattr(node, field, None) for field in ("name", "id", "attr", "arg", "module"))
+    return [word for value in values if isinstance(value, str) for word in value.split(".")]
+
+
+def names_not_there(text: str) -> list[str]:
+    cited = (name.split(".") for name in _NAME.findall(text))
+    return [".".join(parts) for parts in cited if parts[0] in names() and not names().issuperset(parts)] + [
+        name for name in _NAME.findall(text) if "." not in name and name not in names()
+    ]
+
+
 def _exists(cited: str) -> bool:
     folder, _, name = cited.rpartition("/")
     if folder == "docs/decisions" and name.isdigit():
@@ -135,6 +166,17 @@ def test_every_link_of_a_page_leads_somewhere():
 
 def test_nothing_is_cited_that_is_not_in_this_repository():
     assert faults(lambda path, text: citations_of_elsewhere(text, path)) == {}
+
+
+def test_every_name_that_the_source_cites_is_one_of_the_code():
+    assert faults(lambda path, text: names_not_there(text) if path.parts[0] in _PACKAGES else []) == {}
+
+
+def test_a_name_that_is_not_there_is_found():
+    assert names_not_there("as ``flows.no_such_thing`` and ``nor_this`` say, not ``twist_map``") == [
+        "flows.no_such_thing",
+        "nor_this",
+    ]
 
 
 @pytest.mark.parametrize(

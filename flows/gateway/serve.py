@@ -134,7 +134,7 @@ def loopback_auth(store: Store, port: int, prefect_url: PrefectUrl = str) -> Aut
     Args:
         store: What is served.
         port: Where requests come in.
-        prefect_url: As for ``signed_entrance``.
+        prefect_url: As for ``signed_auth``.
 
     Raises:
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.

@@ -100,9 +100,9 @@ def placing(
     program = program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     yield
-    stages = arrays_of_worlds(used, program.hull, program.applications.lidar.height_m)
+    world_arrays = arrays_of_worlds(used, program.hull, program.applications.lidar.height_m)
     yield
-    placed, rows = yield from _place_all(program, requests, used, stages)
+    placed, rows = yield from _place_all(program, requests, used, world_arrays)
     return PlacedChunk(program, alike(placed), rows, used)
 
 
@@ -130,12 +130,12 @@ def _shape(lane: Lane) -> Shape:
     """Returns the shapes of all that an episode's applications get of it, and the types of what may have any."""
     placement = lane.placement
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
-    return (lane.stage.floor.clearance_m.shape, placement.goals_m.shape, given)
+    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given)
 
 
 def lane_forms(lane: Lane) -> tuple[object, ...]:
     """Returns the shapes of all arrays of a lane, and the types of what may have any."""
-    arrays = (*lane.stage.touched, *lane.stage.seen, *lane.stage.floor, lane.placement.goals_m)
+    arrays = (*lane.arrays.contact_obstacles, *lane.arrays.lidar_outlines, *lane.arrays.floor, lane.placement.goals_m)
     given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
     return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
 
@@ -182,7 +182,10 @@ def _program(
 
 
 def _place_all(
-    program: Program, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], stages: Mapping[str, WorldArrays]
+    program: Program,
+    requests: Sequence[EpisodeRequest],
+    worlds: Mapping[str, World],
+    world_arrays: Mapping[str, WorldArrays],
 ) -> Generator[None, None, tuple[list[Lane], list[EpisodeResult]]]:
     """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
     placed: list[Lane] = []
@@ -193,12 +196,12 @@ def _place_all(
         try:
             lidar = program.applications.episode_sensors(environment).lidar
             scenario = program.applications.placing_scenario(environment)
-            stage = stages[request.world]
-            placement = place(scenario, request, worlds[request.world], stage, program.hull)
+            arrays = world_arrays[request.world]
+            placement = place(scenario, request, worlds[request.world], arrays, program.hull)
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
         else:
-            placed.append(Lane(request, stage, placement, lidar=lidar))
+            placed.append(Lane(request, arrays, placement, lidar=lidar))
         yield
     return placed, rows
 

@@ -401,7 +401,7 @@ def _advance_slice(
             goal_index=lanes.goal_index,
             control=jnp.zeros((lanes.step.shape[0], mechanics.actuators)),
             ranges_m=jnp.zeros((lanes.step.shape[0], applications.lidar.rays)),
-            impulse_ns=jnp.zeros_like(lanes.tally.impulse_ns),
+            impulse_ns=jnp.zeros_like(lanes.totals.impulse_ns),
         )
         return lanes, jax.tree.map(lambda array: jnp.repeat(array[:, None], SLICE_STEPS, 1), one)
 

@@ -78,33 +78,33 @@ def _extent_m(world: World) -> float:
     return max(outer.x_max_m - outer.x_min_m, outer.y_max_m - outer.y_min_m)
 
 
-_SEEN_M = 1e-3  # half the thickness of the lidar's plane
+_PLANE_M = 1e-3  # half the thickness of the lidar's plane
 # All worlds of a chunk are kept, whatever they take, and of others what this leaves room for.
 _KEPT_BYTES = 96 << 20
 
 
 class WorldArrays(NamedTuple):
-    """One world as arrays: what is touched, what is seen, the map, the rooms on it, and the ways about it."""
+    """One world as arrays: what a hull can touch, what a lidar can see, the map, the rooms on it, and the ways."""
 
-    touched: Obstacles
-    seen: HostLidarOutlines
+    contact_obstacles: Obstacles
+    lidar_outlines: HostLidarOutlines
     floor: HostMap
     rooms: RoomMap
     ways: Ways
 
 
 class _Kept(NamedTuple):
-    """A stage without what fills it up, and its world: as long as it is kept, no other can have its identity."""
+    """Arrays of a world without what fills them up, and it: as long as it is kept, no other can have its identity."""
 
     world: World
-    stage: WorldArrays
+    arrays: WorldArrays
 
 
 class _Most(NamedTuple):
     """Obstacles and outlines of a world, each kind filled up to the most that worlds had until now."""
 
-    touched: Obstacles
-    seen: HostLidarOutlines
+    contacts: Obstacles
+    outlines: HostLidarOutlines
 
 
 _most: dict[tuple[Hull, float], _Most] = {}
@@ -112,7 +112,7 @@ _Key = tuple[int, Hull, float]
 _kept: OrderedDict[_Key, _Kept] = OrderedDict()
 
 
-def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) -> dict[str, WorldArrays]:
+def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, lidar_m: float) -> dict[str, WorldArrays]:
     """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
 
     What fills them up is out of reach and no application ever gets it. The counts are those of worlds before, for the
@@ -121,30 +121,35 @@ def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, seen_at_m: float) 
     Args:
         worlds: By name.
         hull: The robot's.
-        seen_at_m: The height of its lidar's plane.
+        lidar_m: The height of its lidar's plane.
     """
     if not worlds:
         return {}
-    stages = [_arrays_of(world, hull, seen_at_m) for world in worlds.values()]
-    _forget(len(stages))
-    touched, seen = _filled(stages, (hull, seen_at_m))
-    filled = [stage._replace(touched=one, seen=other) for stage, one, other in zip(stages, touched, seen, strict=True)]
+    worlds_arrays = [_arrays_of(world, hull, lidar_m) for world in worlds.values()]
+    _forget(len(worlds_arrays))
+    contacts, outlines = _filled(worlds_arrays, (hull, lidar_m))
+    filled = [
+        arrays._replace(contact_obstacles=one, lidar_outlines=other)
+        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
+    ]
     return dict(zip(worlds, filled, strict=True))
 
 
 def _filled(
-    stages: Sequence[WorldArrays], robot: tuple[Hull, float]
+    worlds_arrays: Sequence[WorldArrays], robot: tuple[Hull, float]
 ) -> tuple[list[Obstacles], list[HostLidarOutlines]]:
-    touched, seen = pad_obstacles(stage.touched for stage in stages), pad_lidar_outlines(stage.seen for stage in stages)
+    contacts = pad_obstacles(arrays.contact_obstacles for arrays in worlds_arrays)
+    outlines = pad_lidar_outlines(arrays.lidar_outlines for arrays in worlds_arrays)
     most = _most.get(robot)
-    if most is not None and _at_most_twice(most.touched, touched[0]) and _at_most_twice(most.seen, seen[0]):
-        touched, seen = pad_obstacles([most.touched, *touched])[1:], pad_lidar_outlines([most.seen, *seen])[1:]
-    most = most or _Most(touched[0], seen[0])
-    larger = _larger(most.seen[:3], seen[0][:3])
+    if most is not None and _at_most_twice(most.contacts, contacts[0]) and _at_most_twice(most.outlines, outlines[0]):
+        contacts = pad_obstacles([most.contacts, *contacts])[1:]
+        outlines = pad_lidar_outlines([most.outlines, *outlines])[1:]
+    most = most or _Most(contacts[0], outlines[0])
+    larger = _larger(most.outlines[:3], outlines[0][:3])
     _most[robot] = _Most(
-        Obstacles(*_larger(most.touched, touched[0])), HostLidarOutlines(*larger, counts=most.seen.counts)
+        Obstacles(*_larger(most.contacts, contacts[0])), HostLidarOutlines(*larger, counts=most.outlines.counts)
     )
-    return touched, seen
+    return contacts, outlines
 
 
 def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> bool:
@@ -155,30 +160,32 @@ def _larger(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> list[np
     return [max(pair, key=len) for pair in zip(some, others, strict=True)]
 
 
-def _arrays_of(world: World, hull: Hull, seen_at_m: float) -> WorldArrays:
-    key = (id(world), hull, seen_at_m)
-    kept = _kept.pop(key, None) or _Kept(world, _new_arrays(world, hull, seen_at_m))
+def _arrays_of(world: World, hull: Hull, lidar_m: float) -> WorldArrays:
+    key = (id(world), hull, lidar_m)
+    kept = _kept.pop(key, None) or _Kept(world, _new_arrays(world, hull, lidar_m))
     _kept[key] = kept
-    return kept.stage
+    return kept.arrays
 
 
-def _new_arrays(world: World, hull: Hull, seen_at_m: float) -> WorldArrays:
-    touched = obstacles(world, hull.low_m, hull.high_m)
-    seen = lidar_outlines(obstacles(world, seen_at_m - _SEEN_M, seen_at_m + _SEEN_M))
-    floor = floor_map(world, touched)
+def _new_arrays(world: World, hull: Hull, lidar_m: float) -> WorldArrays:
+    contacts = obstacles(world, hull.low_m, hull.high_m)
+    outlines = lidar_outlines(obstacles(world, lidar_m - _PLANE_M, lidar_m + _PLANE_M))
+    floor = floor_map(world, contacts)
     for array in floor:
         array.setflags(write=False)
-    return WorldArrays(touched, seen, floor, room_map(world.rooms, floor, hull.radius_m), Ways(touched, hull.radius_m))
+    return WorldArrays(
+        contacts, outlines, floor, room_map(world.rooms, floor, hull.radius_m), Ways(contacts, hull.radius_m)
+    )
 
 
 def _forget(used: int) -> None:
-    """Forgets the stages that were used longest ago, except so many, until the rest takes no more than it may."""
-    most = sum(_bytes(kept.stage) for kept in _kept.values())
+    """Forgets the worlds that were used longest ago, except so many, until the rest takes no more than it may."""
+    most = sum(_bytes(kept.arrays) for kept in _kept.values())
     while most > _KEPT_BYTES and len(_kept) > used:
         _, gone = _kept.popitem(last=False)
-        most -= _bytes(gone.stage)
+        most -= _bytes(gone.arrays)
 
 
-def _bytes(stage: WorldArrays) -> int:
-    """Returns what a stage takes: its maps, and about as much as the ways on them."""
-    return 2 * (stage.floor.clearance_m.nbytes + stage.rooms.parts.nbytes)
+def _bytes(arrays: WorldArrays) -> int:
+    """Returns what a world's arrays take: its maps, and about as much as the ways on them."""
+    return 2 * (arrays.floor.clearance_m.nbytes + arrays.rooms.parts.nbytes)

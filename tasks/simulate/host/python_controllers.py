@@ -70,7 +70,7 @@ class PlainControllers:
         try:
             _require_same(self._sensors, read_sensors(self._make, environment))
             made: Any = call_bundle(_ROBOT, "controller(environment)", self._make, environment)
-            floor = HostMap(*(array.copy() for array in lane.stage.floor))  # one that it may write to
+            floor = HostMap(*(array.copy() for array in lane.arrays.floor))  # one that it may write to
             call_bundle(_ROBOT, "controller.reset", lambda: made.reset(floor, lane.placement.goals_m))
         except BundleCrash as crash:
             self.crashes[number] = crash.reason
@@ -157,7 +157,7 @@ class BatchedControllers:
             if read_sensors(lambda _, own=environment: make([own]), environment) != start.sensors:
                 raise BundleCrash(_ROBOT, "the sensors of controllers must not follow from a numeric variable")
         made: Any = call_bundle(_ROBOT, "controllers(environments)", make, environments)
-        floors, goals_m = [lane.stage.floor for lane in filled], [lane.placement.goals_m for lane in filled]
+        floors, goals_m = [lane.arrays.floor for lane in filled], [lane.placement.goals_m for lane in filled]
         call_bundle(_ROBOT, "controllers.reset", lambda: made.reset(floors, goals_m))
         return made
 

@@ -367,7 +367,7 @@ class RosLanes:
             lockstep = self._traffic = LockstepRecorder(lockstep, base, CONTROL_S)
         self._lockstep = lockstep  # what it holds is ended even if the applications never get ready
         wanted = setup.robot.topics.floor_map is not None
-        lockstep.begin(sensed, [floor_plan(lane.stage.floor) if wanted else None for lane in lanes])
+        lockstep.begin(sensed, [floor_plan(lane.arrays.floor) if wanted else None for lane in lanes])
         return lockstep
 
     def _without_lost(self, sensed: Sequence[Sensed | None]) -> list[Sensed | None]:

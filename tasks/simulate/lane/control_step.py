@@ -37,7 +37,7 @@ def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
     """Returns what the robot senses before a control step; without sensors of its pose it knows the true one."""
     own, body = applications.lane_sensors(inputs.numbers), state.body
-    situation = Situation(body, inputs.seen, inputs.seed, state.step)
+    situation = Situation(body, inputs.lidar_outlines, inputs.seed, state.step)
     sensed: Fields = {"pose": body.qpos, "velocity": body.qvel}
     sensed |= observe_all(applications.sensors, own, state.sensed, situation)
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
@@ -96,7 +96,7 @@ def finish_step(
         controller=decided.controller,
         scenario=scenario_state,
         metrics=applications.metrics(inputs.numbers, scenario_state),
-        tally=_totals(state, body, work, truth.clearance_m),
+        totals=_totals(state, body, work, truth.clearance_m),
         step=step,
         goal_index=verdict.goal_index,
         goal_steps=_goal_steps(state, verdict.goal_index, step),
@@ -145,16 +145,16 @@ def _record(final: LaneState, decided: Decision, work: Work) -> StepRecord:
 
 
 def _totals(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> EpisodeTotals:
-    tally, touching = state.tally, work.impulse_ns > 0.0
+    totals, touching = state.totals, work.impulse_ns > 0.0
     way = body.qpos[:2] - state.body.qpos[:2]
     return EpisodeTotals(
-        path_length_m=tally.path_length_m + jnp.sqrt(jnp.sum(way**2)),
-        collisions=tally.collisions + (touching & ~tally.touching),
+        path_length_m=totals.path_length_m + jnp.sqrt(jnp.sum(way**2)),
+        collisions=totals.collisions + (touching & ~totals.touching),
         touching=touching,
-        impulse_ns=tally.impulse_ns + work.impulse_ns,
-        max_impulse_ns=jnp.maximum(tally.max_impulse_ns, work.impulse_ns),
-        min_clearance_m=jnp.minimum(tally.min_clearance_m, clearance_m),
-        energy_j=tally.energy_j + work.energy_j,
+        impulse_ns=totals.impulse_ns + work.impulse_ns,
+        max_impulse_ns=jnp.maximum(totals.max_impulse_ns, work.impulse_ns),
+        min_clearance_m=jnp.minimum(totals.min_clearance_m, clearance_m),
+        energy_j=totals.energy_j + work.energy_j,
     )
 
 

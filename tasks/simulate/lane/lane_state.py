@@ -20,7 +20,7 @@ class LaneInputs(NamedTuple):
 
     Attributes:
         boxes, cylinders: Obstacles in the hull's band of heights.
-        seen: What crosses the lidar's plane.
+        lidar_outlines: What crosses the lidar's plane.
         given: What the scenario's ``place`` gave besides start and goals.
         seed: The episode's, as ``tasks.simulate.sensors.sensor.seed_words``.
         last_step: Control steps until time is up.
@@ -30,7 +30,7 @@ class LaneInputs(NamedTuple):
 
     boxes: Boxes
     cylinders: Cylinders
-    seen: LidarOutlines
+    lidar_outlines: LidarOutlines
     floor: FloorMap
     start: Float[jax.Array, "3"]
     goals_m: Float[jax.Array, "goals 2"]
@@ -68,7 +68,7 @@ class LaneState(NamedTuple):
     controller: State
     scenario: State
     metrics: dict[str, Float[jax.Array, ""]]
-    tally: EpisodeTotals
+    totals: EpisodeTotals
     step: Int[jax.Array, ""]
     goal_index: Int[jax.Array, ""]
     goal_steps: Int[jax.Array, "goals"]
@@ -120,7 +120,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,
         metrics=applications.metrics(inputs.numbers, scenario),
-        tally=EpisodeTotals(zero, none, jnp.zeros((), bool), zero, zero, jnp.full((), jnp.inf), zero),
+        totals=EpisodeTotals(zero, none, jnp.zeros((), bool), zero, zero, jnp.full((), jnp.inf), zero),
         step=none,
         goal_index=none,
         goal_steps=jnp.zeros(inputs.goals_m.shape[0], jnp.int32),

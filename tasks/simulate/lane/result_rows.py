@@ -82,14 +82,14 @@ def _rows_together(
 ) -> EpisodeColumns:
     """Returns the rows of episodes whose poses memory has room for together; the rest as ``finished_rows``."""
     lanes, at = [each.lane for each in ended], np.array([each.place for each in ended])
-    steps, tally, pose = np.asarray(state.step)[at], state.tally, np.asarray(state.body.qpos)[at]
+    steps, totals, pose = np.asarray(state.step)[at], state.totals, np.asarray(state.body.qpos)[at]
     reasons = [REASONS[reason] for reason in np.asarray(state.reason)[at].tolist()]
     crashes = [_CRASHES[crash] for crash in np.asarray(state.crash)[at].tolist()]
     passed = np.array([reason == "" for reason in reasons])
     ways = _ways(ended, at, steps, poses)
-    driven_m = _reals(tally.path_length_m, at)
+    driven_m = _reals(totals.path_length_m, at)
     reached = np.asarray(state.goal_steps)[at]
-    least_m = _reals(tally.min_clearance_m, at)
+    least_m = _reals(totals.min_clearance_m, at)
     fields = {
         "index": Cells(np.array([lane.request.index for lane in lanes], np.int64)),
         "status": label_cells(["Failed" if code else "Completed" for code, _ in crashes]),
@@ -103,11 +103,11 @@ def _rows_together(
         "path_length_m": Cells(driven_m),
         "goal_times_s": Cells(_seconds(reached[reached > 0]), lengths=np.sum(reached > 0, axis=1)),
         **_measured_ways(lanes, driven_m, passed),
-        "collisions": Cells(_counts(tally.collisions, at)),
-        "impulse_ns": Cells(_reals(tally.impulse_ns, at)),
-        "max_impulse_ns": Cells(_reals(tally.max_impulse_ns, at)),
+        "collisions": Cells(_counts(totals.collisions, at)),
+        "impulse_ns": Cells(_reals(totals.impulse_ns, at)),
+        "max_impulse_ns": Cells(_reals(totals.max_impulse_ns, at)),
         "min_clearance_m": Cells(np.where(np.isfinite(least_m), least_m, 0.0)),
-        "energy_j": Cells(_reals(tally.energy_j, at)),
+        "energy_j": Cells(_reals(totals.energy_j, at)),
         **{name: Cells(pose[:, axis].astype(np.float64)) for axis, name in enumerate(_FINAL)},
         "odometry_error_m": _odometry_errors_m(state, at, pose),
         "metrics": _metrics(state.metrics, at),
@@ -176,17 +176,17 @@ def _room_columns(lanes: Sequence[Lane], ways: Float32[np.ndarray, "ended steps 
     went: dict[int, Visit] = {}
     groups: dict[int, list[int]] = {}
     for number, lane in enumerate(lanes):
-        groups.setdefault(id(lane.stage.rooms), []).append(number)
+        groups.setdefault(id(lane.arrays.rooms), []).append(number)
     for group in groups.values():
         some = [lanes[number] for number in group]
         known = [lane.shortest_path_m is not None for lane in some]
-        found = visits(some[0].stage.rooms, [lane.placement for lane in some], ways[group, :, :2], known)
+        found = visits(some[0].arrays.rooms, [lane.placement for lane in some], ways[group, :, :2], known)
         went |= dict(zip(group, found, strict=True))
     visited = [went[number] for number in range(len(lanes))]
     return {
         "rooms_entered": field_cells(RESULT_KINDS["rooms_entered"], [each.entered for each in visited]),
         "rooms_unreachable": field_cells(RESULT_KINDS["rooms_unreachable"], [each.unreachable for each in visited]),
-        "rooms_total": Cells(np.array([len(lane.stage.rooms.names) for lane in lanes], np.int64)),
+        "rooms_total": Cells(np.array([len(lane.arrays.rooms.names) for lane in lanes], np.int64)),
         "goals_reachable": field_cells(RESULT_KINDS["goals_reachable"], [each.goals_reachable for each in visited]),
     }
 

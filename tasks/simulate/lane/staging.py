@@ -36,20 +36,20 @@ class Lane(NamedTuple):
     """
 
     request: EpisodeRequest
-    stage: WorldArrays
+    arrays: WorldArrays
     placement: Placement
     shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
 
 
-def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: WorldArrays, hull: Hull) -> Placement:
+def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: WorldArrays, hull: Hull) -> Placement:
     """Returns where an episode starts and which goals it has, drawn by its seed.
 
     Args:
         scenario: Draws them.
         request: The episode.
         world: Where.
-        stage: The same as arrays.
+        arrays: The same as arrays.
         hull: The robot's.
 
     Raises:
@@ -57,7 +57,7 @@ def place(scenario: Scenario, request: EpisodeRequest, world: World, stage: Worl
     """
     code = "SimulationApplicationCrash"
     rng = np.random.default_rng(request.seed)
-    drawn = call_bundle(code, "scenario.place", scenario.place, world, stage.floor, hull.radius_m, rng)
+    drawn = call_bundle(code, "scenario.place", scenario.place, world, arrays.floor, hull.radius_m, rng)
     start = call_bundle(code, "scenario.place", np.asarray, drawn.start, np.float64)
     goals = call_bundle(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
     given = call_bundle(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
@@ -81,9 +81,9 @@ def _arrived_m(scenario: Scenario) -> float | None:
 
 def with_shortest_paths(lanes: Sequence[Lane]) -> list[Lane]:
     """Returns the episodes with the length of their shortest ways, None where there is none; equal tasks count once."""
-    keys = [_task_key(lane.stage.ways, lane.placement) for lane in lanes]
+    keys = [_task_key(lane.arrays.ways, lane.placement) for lane in lanes]
     new = {
-        key: (lane.stage.ways, lane.placement)
+        key: (lane.arrays.ways, lane.placement)
         for key, lane in zip(keys, lanes, strict=True)
         if lane.placement.arrived_m is not None and key not in _known_m
     }
@@ -129,13 +129,15 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         count: The program's lanes.
     """
     filled = [*lanes, *[lanes[0]] * (count - len(lanes))]
-    floors = [lane.stage.floor for lane in filled]
+    floors = [lane.arrays.floor for lane in filled]
     most_goals = max(len(lane.placement.goals_m) for lane in filled)
     numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
     return LaneInputs(
-        boxes=_stacked([lane.stage.touched.boxes for lane in filled]),
-        cylinders=_stacked([lane.stage.touched.cylinders for lane in filled]),
-        seen=LidarOutlines(*(_canonical(each) for each in zip(*(lane.stage.seen for lane in filled), strict=True))),
+        boxes=_stacked([lane.arrays.contact_obstacles.boxes for lane in filled]),
+        cylinders=_stacked([lane.arrays.contact_obstacles.cylinders for lane in filled]),
+        lidar_outlines=LidarOutlines(
+            *(_canonical(each) for each in zip(*(lane.arrays.lidar_outlines for lane in filled), strict=True))
+        ),
         floor=FloorMap(*(_stacked(field) for field in zip(*floors, strict=True))),
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([filled_up(lane.placement.goals_m, most_goals) for lane in filled]),

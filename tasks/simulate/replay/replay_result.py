@@ -80,7 +80,7 @@ def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
 
 
 def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...]) -> ReplayResult:
-    """Returns the episode whose parts came: the inverse of ``again_parts``."""
+    """Returns the episode whose parts came: the inverse of ``replay_message``."""
     if not again.started:
         return ReplayResult(again.row)
     traffic = None

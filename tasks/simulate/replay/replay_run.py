@@ -29,7 +29,7 @@ def drive_apart(
     engine: str,
     rate_hz: float,
 ) -> ReplayResult:
-    """Returns an episode driven to its end, as ``replay_drive.drive_again``, which takes the same.
+    """Returns an episode driven to its end, as ``drive_replay``, which takes the same.
 
     Raises:
         MemoryError: There is not enough memory for so many lanes.

@@ -96,7 +96,7 @@ def _scan(shared: Lidar, own: Lidar, situation: Situation) -> Float[Array, "rays
     if any(map(is_set, mount)):
         offset = jnp.stack([jnp.asarray(value, pose.dtype) for value in mount])
         pose = pose + rotate(offset, pose[2])
-    ranges = scan_ranges(situation.seen, pose, ray_angles(shared), shared.range_m)
+    ranges = scan_ranges(situation.outlines, pose, ray_angles(shared), shared.range_m)
     return noisy_ranges(ranges, own, situation.seed, situation.step)
 
 

@@ -52,13 +52,13 @@ class Situation(NamedTuple):
 
     Attributes:
         body: The robot.
-        seen: What crosses the lidar's plane.
+        outlines: What crosses the lidar's plane.
         seed: The episode's.
         step: Which control step comes.
     """
 
     body: Body
-    seen: LidarOutlines
+    outlines: LidarOutlines
     seed: Seed
     step: Int[jax.Array, ""]
 

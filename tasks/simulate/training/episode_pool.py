@@ -186,11 +186,11 @@ def stage_pool(
         BundleCrash: The scenario finds a start and goals for none of them, or gives arrays of other shapes in some.
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    stages = arrays_of_worlds(used, hull, applications.lidar.height_m)
-    lanes = _placed(applications, hull, requests, used, stages)
+    world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m)
+    lanes = _placed(applications, hull, requests, used, world_arrays)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)
-    small = [lane._replace(stage=lane.stage._replace(floor=_one_cell(lane.stage.floor))) for lane in lanes]
+    small = [lane._replace(arrays=lane.arrays._replace(floor=_one_cell(lane.arrays.floor))) for lane in lanes]
     inputs = jax.tree.map(jnp.asarray, stack_lanes(small, applications.names, len(small)))
     goals = tuple(len(lane.placement.goals_m) for lane in lanes)
     bounds = EpisodeBounds(max(lane.request.duration_s for lane in lanes), max(goals), _reach_m(lanes))
@@ -202,7 +202,7 @@ def _placed(
     hull: Hull,
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
-    stages: Mapping[str, WorldArrays],
+    world_arrays: Mapping[str, WorldArrays],
 ) -> list[Lane]:
     lanes: list[Lane] = []
     crashes: list[BundleCrash] = []
@@ -212,11 +212,11 @@ def _placed(
             {**texts, **{name: jnp.float32(each) for name, each in numbers.items()}}
         )
         try:
-            placement = place(scenario, request, worlds[request.world], stages[request.world], hull)
+            placement = place(scenario, request, worlds[request.world], world_arrays[request.world], hull)
         except BundleCrash as crash:
             crashes.append(crash)
         else:
-            lanes.append(Lane(request, stages[request.world], placement, None))
+            lanes.append(Lane(request, world_arrays[request.world], placement, None))
     if not lanes:
         raise crashes[0]
     if crashes:
@@ -238,17 +238,17 @@ def _require_same_given(lanes: Sequence[Lane]) -> None:
 def _ways(lanes: Sequence[Lane], hull: Hull) -> WayFields:
     """Returns the ways of all episodes; those in one world are found together."""
     most = max(len(lane.placement.goals_m) for lane in lanes)
-    cells = [len(lane.stage.floor.clearance_m) for lane in lanes]
+    cells = [len(lane.arrays.floor.clearance_m) for lane in lanes]
     left = np.zeros((len(lanes), most, max(cells), max(cells)), np.uint16)
     for world in dict.fromkeys(lane.request.world for lane in lanes):
         own = [(number, lane) for number, lane in enumerate(lanes) if lane.request.world == world]
         goals = [(number, goal) for number, lane in own for goal in range(len(lane.placement.goals_m))]
         places = [lanes[number].placement.goals_m[goal] for number, goal in goals]
         for (number, goal), found in zip(
-            goals, ways_left_mm(own[0][1].stage.floor, places, hull.radius_m), strict=True
+            goals, ways_left_mm(own[0][1].arrays.floor, places, hull.radius_m), strict=True
         ):
             left[number, goal:, : cells[number], : cells[number]] = found  # a goal that only fills up is the last again
-    floors = [lane.stage.floor for lane in lanes]
+    floors = [lane.arrays.floor for lane in lanes]
     return WayFields(
         jnp.asarray(left),
         jnp.asarray(np.stack([floor.origin_m for floor in floors])),
@@ -262,7 +262,7 @@ def _one_cell(floor: HostMap) -> HostMap:
 
 
 def _reach_m(lanes: Sequence[Lane]) -> float:
-    bounds = max(float(np.abs(lane.stage.floor.bounds_m).max()) for lane in lanes)
+    bounds = max(float(np.abs(lane.arrays.floor.bounds_m).max()) for lane in lanes)
     goals = max(float(np.abs(lane.placement.goals_m).max()) for lane in lanes)
     return float(np.ceil(max(bounds, goals) + _MARGIN_M))
 

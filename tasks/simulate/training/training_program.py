@@ -287,9 +287,9 @@ def _seen(kernels: LaneKernels, observed: Observation) -> Float[Array, "lanes se
 def _rows(kernels: LaneKernels, lanes: TrainingState, given: Float[Array, "lanes 3"]) -> Rows:
     """Returns what goes to the host: what a step gave, how the episodes stand, and what is seen."""
     state = lanes.state
-    tally, pose = state.tally, state.body.qpos
+    totals, pose = state.totals, state.body.qpos
     standing = Standing(
-        state.reason, state.goal_index, state.step, tally.path_length_m, tally.collisions, pose, lanes.episode
+        state.reason, state.goal_index, state.step, totals.path_length_m, totals.collisions, pose, lanes.episode
     )
     columns = [jnp.asarray(each, jnp.float32).reshape(given.shape[0], -1) for each in standing]
     return jnp.concatenate([given, *columns, _seen(kernels, lanes.observed)], axis=1)

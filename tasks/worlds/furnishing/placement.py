@@ -12,7 +12,7 @@ from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
 from tasks.worlds.geometry import Box, flood
 
 _CELL_M = 0.1
-# What the clearance grid takes from a way at most: see GRID_SLACK there, and half of its cell.
+# What the clearance grid takes from a way at most: see ``_GRID_SLACK_M`` of ``geometry``, and half of its cell.
 _PLAY_M = 0.09
 _CONNECTED = 0.78
 

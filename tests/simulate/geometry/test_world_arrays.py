@@ -77,7 +77,7 @@ HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
 
 @pytest.fixture(autouse=True)
 def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Begins each test without a kept stage."""
+    """Begins each test without arrays of worlds before."""
     monkeypatch.setattr(world_arrays, "_kept", type(world_arrays._kept)())  # pyright: ignore[reportPrivateUsage] - it lives as long as a process
     monkeypatch.setattr(world_arrays, "_most", {})
 
@@ -120,8 +120,8 @@ def test_no_more_is_kept_than_there_is_room_for(monkeypatch: pytest.MonkeyPatch)
     assert len(world_arrays._kept) == 1  # pyright: ignore[reportPrivateUsage] - see above
 
 
-def counts(stage: WorldArrays) -> list[int]:
-    return [len(array) for array in (*stage.touched, *stage.seen)]
+def counts(arrays: WorldArrays) -> list[int]:
+    return [len(array) for array in (*arrays.contact_obstacles, *arrays.lidar_outlines)]
 
 
 def test_no_worlds_are_no_arrays():
@@ -134,7 +134,9 @@ def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_so
     alone = staged(few)
     assert counts(staged(many))[0] == 2 * counts(alone)[0]
     assert counts(staged(few)) == counts(staged(many))
-    assert np.array_equal(staged(few).touched.boxes[: len(alone.touched.boxes)], alone.touched.boxes)
+    assert np.array_equal(
+        staged(few).contact_obstacles.boxes[: len(alone.contact_obstacles.boxes)], alone.contact_obstacles.boxes
+    )
     staged(most)
     assert counts(staged(few)) == counts(alone)
     assert counts(staged(few, Hull(0.3, 0.02, 0.38))) == counts(alone)

@@ -108,8 +108,8 @@ _WIDTH = 8
 
 def lane(index: int, kind: str) -> Lane:
     request = delivery(index, world="hand/one").model_copy(update={"environment": {"KIND": kind, "SPEED": "0.30"}})
-    stage = WorldArrays(touched=None, seen=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
-    return Lane(request, stage, Placement(np.zeros(3), np.zeros((1, 2))), None)
+    arrays = WorldArrays(contact_obstacles=None, lidar_outlines=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
+    return Lane(request, arrays, Placement(np.zeros(3), np.zeros((1, 2))), None)
 
 
 def started(

@@ -50,11 +50,11 @@ def state() -> LaneState:
         "sensed": {"odometry": pose + np.float32(0.1)},
         "body": SimpleNamespace(qpos=pose),
     }
-    tally: dict[str, Any] = {"collisions": np.arange(LANES), "touching": np.arange(LANES) < 0}
+    totals: dict[str, Any] = {"collisions": np.arange(LANES), "touching": np.arange(LANES) < 0}
     names = ("path_length_m", "impulse_ns", "max_impulse_ns", "min_clearance_m", "energy_j")
-    tally |= dict(zip(names, reals[:5], strict=True))
-    tally["min_clearance_m"][3] = np.inf
-    return LaneState(controller=(), scenario=(), done=numbers["crash"] == 0, tally=EpisodeTotals(**tally), **numbers)
+    totals |= dict(zip(names, reals[:5], strict=True))
+    totals["min_clearance_m"][3] = np.inf
+    return LaneState(controller=(), scenario=(), done=numbers["crash"] == 0, totals=EpisodeTotals(**totals), **numbers)
 
 
 @pytest.fixture

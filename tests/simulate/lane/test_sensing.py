@@ -39,7 +39,7 @@ def inputs() -> LaneInputs:
     return LaneInputs(
         boxes=nothing,
         cylinders=nothing[:, :5],
-        seen=SEEN,
+        lidar_outlines=SEEN,
         floor=FloorMap(jnp.zeros((2, 2)), jnp.zeros(2), jnp.ones(()), jnp.zeros(4)),
         start=jnp.zeros(3),
         goals_m=jnp.array([[1.0, 0.0], [1.0, 3.0]]),
@@ -60,7 +60,7 @@ def state(pose: tuple[float, float, float], believed: tuple[float, float, float]
         controller=(),
         scenario=(),
         metrics={},
-        tally=EpisodeTotals(zero, none, none > 0, zero, zero, zero, zero),
+        totals=EpisodeTotals(zero, none, none > 0, zero, zero, zero, zero),
         step=none,
         goal_index=jnp.int32(1),
         goal_steps=jnp.zeros(2, jnp.int32),

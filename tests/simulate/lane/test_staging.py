@@ -58,7 +58,7 @@ def test_a_task_is_another_in_another_world_and_for_another_distance_to_arrive_a
     here = stage()
     with_shortest_paths(placed(here, GOALS[0]))
     with_shortest_paths(placed(here, GOALS[0], arrived_m=0.2))
-    with_shortest_paths(placed(stage()._replace(ways=type(here.ways)(here.touched, 0.1)), GOALS[0]))
+    with_shortest_paths(placed(stage()._replace(ways=type(here.ways)(here.contact_obstacles, 0.1)), GOALS[0]))
     assert with_shortest_paths(placed(here, GOALS[0], arrived_m=None))[0].shortest_path_m is None
     assert sum(measured) == 3
 

@@ -1,8 +1,8 @@
 """The mujoco engine: C MuJoCo on the host's threads among all solids of each lane's world, for any robot.
 
 Sensors, controller and scenario are the same JAX functions as on the other engines, over all lanes at once; between the
-two halves of a control step C MuJoCo drives those lanes that are not done. One call settles
-a step and decides the next one.
+two halves of a control step C MuJoCo drives those lanes that are not done. One call finishes a
+step and decides the next one.
 """
 
 import functools
@@ -49,7 +49,7 @@ from tasks.simulate.plan.chunks import SLICE_STEPS
 Row = Float[Array, "numbers"]
 # So few lanes on a device cost little more than none: what a step costs then is to hand it to one device more.
 _LANES_A_DEVICE = 32
-# Of a settled row: pose, velocity, the goal's index, the impulse, and whether the lane is done; the scan follows.
+# Of a finished row: pose, velocity, the goal's index, the impulse, and whether the lane is done; the scan follows.
 _SETTLED = 9
 # Those parts of a controller's state that a step changed, by place: what it hands on, such as a plan, stays put.
 Changed = dict[int, Array]
@@ -65,9 +65,9 @@ class HostProgram:
         begin: Returns the lanes' state before the first control step.
         sense: Returns what the robots sense, for controllers that are plain Python.
         decide: Returns what the controllers change of their states, their controls, and what they saw.
-        settle: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
+        finish: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
             state given is used up.
-        step: Returns what ``settle`` does, and what is decided then, all that the host needs of both as one array; what
+        step: Returns what ``finish`` does, and what is decided then, all that the host needs of both as one array; what
             it is given of either is used up.
         cache: Of the functions, for processes to come.
         host: The robot application, if it runs on the host.
@@ -81,7 +81,7 @@ class HostProgram:
     begin: Callable[[LaneInputs, Body], LaneState]
     sense: Callable[[LaneInputs, LaneState], Observation]
     decide: Callable[[LaneInputs, LaneState], Decided]
-    settle: Callable[[LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, jax.Array]]
+    finish: Callable[[LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, jax.Array]]
     step: Callable[
         [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
     ]
@@ -162,8 +162,8 @@ class HostRun:
     ) -> tuple[LaneState, Float32[np.ndarray, "lanes numbers"]]:
         """Returns the lanes after a control step, and what is recorded of it; what comes next is decided as well."""
         if self.host is not None:
-            state, settled = self.program.settle(self.inputs, state, decided, driven)
-            return state, self._fetched(settled)
+            state, finished = self.program.finish(self.inputs, state, decided, driven)
+            return state, self._fetched(finished)
         state, after, together = self.program.step(self.inputs, state, decided, driven)
         rows, actuators = self._fetched(together), self.program.actuators
         self._ahead = after, rows[:, rows.shape[1] - actuators :]
@@ -209,7 +209,7 @@ def host_program(
         begin=jax.jit(split("begin", _begin_lane, 2)),
         sense=jax.jit(split("sense", observe, 2)),
         decide=jax.jit(split("decide", _decide_lane, 2)),
-        settle=jax.jit(split("settle", functools.partial(_settle_lane, robot), 4), donate_argnums=1),
+        finish=jax.jit(split("finish", functools.partial(_finish_lane, robot), 4), donate_argnums=1),
         step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
         cache=cache,
         host=host,
@@ -228,7 +228,7 @@ def _decide_lane(applications: Applications, inputs: LaneInputs, state: LaneStat
     return changed, control, ranges_m
 
 
-def _settle_lane(  # noqa: PLR0917 - as the program maps it
+def _finish_lane(  # noqa: PLR0917 - as the program maps it
     robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
 ) -> tuple[LaneState, Row]:
     changed, control, ranges_m = decided
@@ -244,9 +244,9 @@ def _settle_lane(  # noqa: PLR0917 - as the program maps it
 def _step_lane(  # noqa: PLR0917 - as the program maps it
     robot: HostRobot, applications: Applications, inputs: LaneInputs, state: LaneState, decided: Decided, driven: Row
 ) -> tuple[LaneState, Decided, Row]:
-    after, settled = _settle_lane(robot, applications, inputs, state, decided, driven)
+    after, finished = _finish_lane(robot, applications, inputs, state, decided, driven)
     following = _decide_lane(applications, inputs, after)
-    return after, following, jnp.concatenate([settled, following[1].astype(jnp.float32)])
+    return after, following, jnp.concatenate([finished, following[1].astype(jnp.float32)])
 
 
 def _driven_rows(body: HostBody, work: HostWork) -> Float32[np.ndarray, "lanes numbers"]:

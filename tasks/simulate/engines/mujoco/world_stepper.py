@@ -183,7 +183,7 @@ class Stepper:
 
     Args:
         robot: What they all are.
-        models: Each lane's, all of the same sizes (``mujoco_model.world_models``).
+        models: Each lane's, all of the same sizes (``world_models``).
         starts: Each lane's (x m, y m, yaw rad).
         threads: To step them on.
     """

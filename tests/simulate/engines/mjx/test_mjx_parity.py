@@ -31,7 +31,7 @@ def deviations_m(pens: dict[str, World]) -> np.ndarray:
             records.append(jax.device_get(record))
         poses = np.concatenate([record.pose for record in records], axis=1)
         controls = np.concatenate([record.control for record in records], axis=1)
-        assert (np.asarray(state.tally.collisions)[: len(lanes)] > 0).sum() >= len(lanes) // 2
+        assert (np.asarray(state.totals.collisions)[: len(lanes)] > 0).sum() >= len(lanes) // 2
         for k, lane in enumerate(lanes):
             theirs = replay(models[lane.request.world], lane.placement.start, controls[k])
             found.append(float(np.hypot(*(poses[k] - theirs)[:, :2].T).max()))

@@ -170,4 +170,4 @@ def test_episodes_have_the_same_bits_as_when_all_obstacles_are_looked_at(pens: d
     for _ in range(8):
         (states[0], record), (states[1], other) = run.advance(states[0]), plain.advance(states[1])
         jax.tree.map(np.testing.assert_array_equal, (states[0], record), (states[1], other))
-    assert (np.asarray(states[0].tally.collisions) > 0).any()
+    assert (np.asarray(states[0].totals.collisions) > 0).any()
