@@ -10,6 +10,7 @@ from flows.batch.batch_end import ended_batch
 from flows.pipeline.baselines import NoBaseline, find_baseline
 from flows.pipeline.bundle_checks import planned_names
 from flows.pipeline.run_gate import gate_material, tested_facts
+from flows.pipeline.tested_batch import require_one_version
 from specs.base import Fault, Spec
 from specs.data.run_report import Verdict
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
@@ -89,6 +90,7 @@ def judge_again(store: Store, text: str, spec: PipelineSpec) -> LaterVerdict:
     record = ended_batch(store, text)
     _require_files(store, record)
     other = _baseline(gate, record, store)
+    require_one_version(plan_of(record), other.digest if isinstance(other, Baseline) else "")
     material = gate_material(gate, record, store, other, later=True)
     _require_names(gate, record, store, material)
     verdict, notice = judge(gate, material), _notice(store, record)

@@ -18,6 +18,7 @@ from flows.pipeline.tested_batch import (
     candidates,
     compared_digest,
     launch_faults,
+    require_one_version,
     tested_bundles,
     world_digests,
 )
@@ -149,13 +150,15 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
         found |= {"batch": _batch_pins(plan)} if plan else {}
         _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
+        if spec.gate and plan:
+            judged = plan
+            _keep(faults, lambda: require_one_version(judged, str(found.get("comparedWith", ""))))
     if spec.deployment and not faults:
         deployment, other = spec.deployment, str(found.get("comparedWith", ""))
         tested = tested_bundles(plan, other) if plan else None
         version = _keep(faults, lambda: _deployable_version(deployment, tested, store, find))
         if version:
-            judged = plan if spec.gate else None
-            ships = _keep(faults, lambda: _shipment(deployment, version, judged, other))
+            ships = _keep(faults, lambda: _shipment(deployment, version, plan if spec.gate else None, other))
             found |= {"deployment": version.digest, **({_SHIPS: ships.model_dump(mode="json")} if ships else {})}
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))

@@ -8,7 +8,7 @@ from flows.pipeline.bundle_checks import simulated_fault
 from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
-from specs.errors import ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
@@ -145,6 +145,30 @@ def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:
     """
     own = frozenset(template.robot.digest for template in plan.templates)
     return own - {baseline} or own
+
+
+def require_one_version(plan: BatchPlan, baseline: str) -> None:
+    """Refuses a batch for a gate if it tests several versions, besides the one to compare with.
+
+    An interval takes each episode for a draw of its own. Two versions that drive the same worlds and seeds are no such
+    draws, and the rate over both is that of neither, while one of them ships. Builds of one version are that version.
+
+    Args:
+        plan: The batch.
+        baseline: SHA-256 of the bundle that the gate compares with, or empty.
+
+    Raises:
+        DocumentError: It tests several.
+    """
+    meant = candidates(plan, baseline)
+    launches = [template.robot for template in plan.templates if template.robot.digest in meant]
+    tested = dict.fromkeys({each.digest: f"{each.name} version {each.version}" for each in launches}.values())
+    if len(tested) > 1:
+        allowed = (
+            "a batch that tests one version, since its rules count all episodes together; name the other one in "
+            "noWorseThan, or give each a document of its own"
+        )
+        raise DocumentError([Fault(path="gate", value=", ".join(tested), allowed=allowed)])
 
 
 def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:

@@ -112,6 +112,13 @@ def test_another_version_is_found_as_in_a_run(file_store: Store, tmp_path: Path)
     assert judge_again(file_store, batch.id, rule).verdict == "PASS"
 
 
+def test_versions_that_a_gate_would_count_together_are_refused(file_store: Store, tmp_path: Path):
+    robots = [courier(file_store, tmp_path, text) for text in ("old", "new")]
+    batch = ended(file_store, *robots, scenario=delivery(file_store, tmp_path))
+    with pytest.raises(DocumentError, match="gate: courier version 1, courier version 2: a batch that tests one"):
+        judge_again(file_store, batch.id, document(LENIENT))
+
+
 def test_a_version_that_there_is_not_is_a_fault_of_the_rule(file_store: Store, tmp_path: Path):
     batch = batch_of(file_store, tmp_path)
     with pytest.raises(ResourceNotFound) as caught:

@@ -1,6 +1,7 @@
 """What a document refers to: found before anything runs, and the same thing in every stage."""
 
 import shutil
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -135,6 +136,30 @@ def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
     shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
     found, _ = pins(spec, file_store, bundle.parent)
     assert found["deployment"] == newer.digest
+
+
+@pytest.mark.parametrize(
+    ("gate", "refused"),
+    [
+        (None, False),
+        ({"successRate": {"atLeast": 0.9}}, True),
+        ({"noWorseThan": {"applicationVersion": "3", "margin": 0.02}}, True),
+        ({"noWorseThan": {"applicationVersion": "1", "margin": 0.02}, "successRate": {"atLeast": 0.9}}, False),
+    ],
+)
+def test_a_gate_that_would_count_two_versions_together_is_refused(
+    file_store: Store, bundle: Path, gate: dict[str, Any] | None, refused: bool  # noqa: FBT001 - a case
+):
+    for number in range(3):
+        (bundle / "note.txt").write_text(str(number))
+        publish_bundle(file_store, ROBOT, "mine", bundle)
+    requests = [_request("mine"), _request("mine")]
+    for request, version in zip(requests, ("1", "2"), strict=True):
+        request["robotApplications"][0]["applicationVersion"] = version
+    spec = _generated(*requests, **({"gate": gate} if gate else {}))
+    said = r"gate: mine version 1, mine version 2: a batch that tests one version"
+    with pytest.raises(DocumentError, match=said) if refused else nullcontext():
+        pins(spec, file_store, ROOT / "examples")
 
 
 def test_a_version_to_compare_with_that_does_not_exist_is_told_before_anything_runs(file_store: Store):
