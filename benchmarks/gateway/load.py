@@ -30,7 +30,7 @@ from tasks.storage.store_url import open_store
 from tasks.storage.templates import named_templates
 
 if TYPE_CHECKING:
-    from tests.attacks.gateway.served import Served
+    from tests.factories.gateway.served import Served
 
 _PLACE = "many clients at once"
 _QUOTAS = {f"SIMYARD_MAX_{name}": "1000000" for name in ("SIMULATION_JOBS", "TEMPLATES", "FLEETS", "ROBOTS")}
@@ -154,7 +154,7 @@ def tables(told: Sequence[Told], took_s: float, losses: dict[str, int], memory_m
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measures, and prints the tables or writes them into a document."""
-    from tests.attacks.gateway.served import served  # noqa: PLC0415 - only here
+    from tests.factories.gateway.served import served  # noqa: PLC0415 - only here
 
     parser = argparse.ArgumentParser()
     parser.add_argument("--requests", type=int, default=10_000)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.attacks.gateway.served import await_answer, free_port
+from tests.factories.gateway.served import await_answer, free_port
 from tests.repository import ROOT
 
 pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(600)]

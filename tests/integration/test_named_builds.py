@@ -10,8 +10,8 @@ import pytest
 
 from tasks.storage.store_url import open_store
 from tests.attacks.conftest import Owner
-from tests.attacks.run.small_robots import FLEET, ROBOT, bundle, document, done, publish
 from tests.integration.runs import own_cache
+from tests.integration.small_robots import FLEET, ROBOT, bundle, document, done, publish
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 

@@ -18,10 +18,6 @@ ACCESS_KEY = "simyard-test-key"
 SECRET_KEY = "simyard-test-secret"  # noqa: S105 - of a server that lives for one test run
 READER_KEY = "simyard-reader-key"
 READER_SECRET = "simyard-reader-secret"  # noqa: S105 - same
-# May do nothing by itself; what a bucket's policy allows it, it may do there.
-ATTACKER = "attacker"
-ATTACKER_KEY = "simyard-attacker-key"
-ATTACKER_SECRET = "simyard-attacker-secret"  # noqa: S105 - same
 _START_S = 60
 _PORTS: tuple[str, ...] = ("master", "master.grpc", "volume", "volume.grpc", "filer", "filer.grpc", "s3", "s3.grpc")
 
@@ -105,7 +101,6 @@ def _command(folder: Path, ports: dict[str, int]) -> list[str]:
     identities = [
         _identity("writer", ACCESS_KEY, SECRET_KEY, ["Admin", "Read", "Write", "List", "Tagging"]),
         _identity("reader", READER_KEY, READER_SECRET, ["Read", "List"]),
-        _identity(ATTACKER, ATTACKER_KEY, ATTACKER_SECRET, []),
     ]
     (folder / "s3.json").write_text(json.dumps({"identities": identities}))
     data = folder / "data"

@@ -23,10 +23,10 @@ def file_store(tmp_path: Path) -> Store:
 
 
 @pytest.fixture(
-    params=[pytest.param("file_store", id="file"), pytest.param("s3_store", id="s3", marks=pytest.mark.long)]
+    params=[pytest.param("file_store", id="file"), pytest.param("s3_store", id="s3", marks=pytest.mark.soak)]
 )
 def yard(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Yard]:
-    """A store of each kind in turn with an empty fleet; what robots started is ended with the test."""
+    """A folder, and for `make soak` a bucket, with an empty fleet; what robots started is ended with the test."""
     store = request.getfixturevalue(request.param)
     create_fleet(store, FLEET)
     yield Yard(store, tmp_path)

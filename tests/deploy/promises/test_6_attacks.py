@@ -1,4 +1,7 @@
-"""Whatever somebody does who can write to the store, robots run what they ran: the attacks, on both kinds of store."""
+"""Whatever object somebody spoils who can write to the store, robots run what they ran.
+
+Each attack by itself is in ``tests/deploy/trust/test_attacks.py``.
+"""
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -16,36 +19,8 @@ from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import GOOD, NAME
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
-from tests.deploy.trust.test_attacks import (
-    test_a_bundle_that_was_changed_is_refused,
-    test_a_condition_that_was_changed_after_the_signature_is_refused,
-    test_a_desired_state_that_expired_is_refused,
-    test_a_root_that_the_old_root_has_not_signed_is_refused,
-    test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced,
-    test_a_store_that_is_frozen_in_the_past_is_refused,
-    test_an_old_desired_state_does_not_come_back,
-    test_metadata_signed_by_other_keys_is_refused,
-    test_metadata_that_is_gone_is_refused,
-    test_old_metadata_under_a_new_name_is_refused,
-    test_the_metadata_of_yesterday_is_refused,
-    test_what_another_robot_is_asked_is_not_for_this_one,
-)
 from tests.deploy.yard import Yard
 
-__all__ = [
-    "test_a_bundle_that_was_changed_is_refused",
-    "test_a_condition_that_was_changed_after_the_signature_is_refused",
-    "test_a_desired_state_that_expired_is_refused",
-    "test_a_root_that_the_old_root_has_not_signed_is_refused",
-    "test_a_stolen_deployers_key_is_worth_nothing_once_it_was_replaced",
-    "test_a_store_that_is_frozen_in_the_past_is_refused",
-    "test_an_old_desired_state_does_not_come_back",
-    "test_metadata_signed_by_other_keys_is_refused",
-    "test_metadata_that_is_gone_is_refused",
-    "test_old_metadata_under_a_new_name_is_refused",
-    "test_the_metadata_of_yesterday_is_refused",
-    "test_what_another_robot_is_asked_is_not_for_this_one",
-]
 pytestmark = pytest.mark.integration
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from specs.robomaker.operations import OPERATIONS
 from tasks.storage.base.local_files import cache_folder
-from tests.attacks.gateway.served import served
+from tests.factories.gateway.served import served
 from tests.integration.clients.yard import agent, client_environment, make_buckets
 from tests.repository import ROOT
 from tests.servers.tools import need_tool

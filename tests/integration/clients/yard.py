@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tasks.gateway.service_model import write_model
-from tests.attacks.gateway.served import Served
+from tests.factories.gateway.served import Served
 from tests.repository import ROOT
 
 ROBOT = "courier-1"

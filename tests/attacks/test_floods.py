@@ -1,13 +1,13 @@
-"""Half-open connections, endless bodies and pages of other sites: refused, and others are answered meanwhile."""
+"""Endless bodies and heads: refused, and others are answered meanwhile."""
 
-import resource
+import select
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 import pytest
 
-from tests.attacks.gateway.served import NOBODY, Served, served
+from tests.factories.gateway.served import NOBODY, Served, served
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 HALF = b"POST /createFleet HTTP/1.1\r\nhost: a\r\ncontent-"
@@ -40,6 +40,13 @@ def said(connection: socket.socket) -> bytes:
     return found
 
 
+def said_so_far(connection: socket.socket) -> bytes:
+    try:
+        return connection.recv(1 << 16)
+    except ConnectionError:
+        return b""
+
+
 def sent_until_refused(connection: socket.socket, part: bytes, most_bytes: int) -> int:
     """Returns how many bytes could be sent."""
     sent = 0
@@ -50,19 +57,6 @@ def sent_until_refused(connection: socket.socket, part: bytes, most_bytes: int) 
     except ConnectionError:
         pass
     return sent
-
-
-@pytest.mark.parametrize("begun", [b"", HALF])
-def test_a_thousand_half_open_connections_keep_nobody_out(gateway: Served, begun: bytes) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
-    with ExitStack() as stack:
-        for number in range(1000):
-            stack.enter_context(connected(gateway)).sendall(begun)
-            if number % 100 == 99:
-                assert gateway.answers()
-        assert gateway.open_files() < 400
-    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_a_body_of_ten_gigabytes_is_refused_by_its_length(gateway: Served) -> None:
@@ -93,18 +87,17 @@ def test_a_body_is_not_read_for_a_stranger(gateway: Served) -> None:
         assert b" 403 " in said(stranger)
 
 
-def test_many_large_bodies_at_once_do_not_fill_the_memory(unsigned: Served) -> None:
+def test_of_many_large_bodies_at_once_some_are_told_to_come_later(unsigned: Served) -> None:
     head = f"POST /createFleet HTTP/1.1\r\nhost: {unsigned.host}\r\ncontent-length: 8000000\r\n\r\n".encode()
     part = bytes(7_000_000)
     with ExitStack() as stack:
-        for _ in range(60):
-            each = stack.enter_context(connected(unsigned))
+        clients = [stack.enter_context(connected(unsigned)) for _ in range(60)]
+        for each in clients:
             each.settimeout(2)
-            try:
+            with suppress(OSError):
                 each.sendall(head + part)
-            except OSError:
-                continue
-        assert unsigned.memory_mb() < 600
+        answered, _, _ = select.select(clients, [], [], 60)
+        assert any(b" 503 " in said_so_far(each) for each in answered)
     assert _status(unsigned, f"host: {unsigned.host}") == b"400"
 
 
@@ -116,26 +109,6 @@ def test_a_head_without_end_is_refused(gateway: Served) -> None:
         many.sendall(f"POST /createFleet HTTP/1.1\r\nhost: {gateway.host}\r\n".encode() + b"a: b\r\n" * 200 + b"\r\n")
         assert b" 431 " in said(many)
     assert gateway.answers()
-
-
-@pytest.mark.parametrize(
-    "headers",
-    [
-        "host: evil.example",
-        "host: evil.example:{port}",
-        "host: {host}\r\norigin: http://evil.example",
-        "host: {host}\r\norigin: null",
-        "host: {host}\r\nsec-fetch-site: cross-site",
-        "host: {host}\r\nsec-fetch-site: same-site\r\ncontent-type: text/plain",
-    ],
-)
-def test_pages_of_other_sites_and_other_names_are_refused_without_signatures(unsigned: Served, headers: str) -> None:
-    assert _status(unsigned, headers.format(host=unsigned.host, port=unsigned.port)) == b"403"
-
-
-def test_a_program_of_this_machine_is_let_in_without_a_signature(unsigned: Served) -> None:
-    assert _status(unsigned, f"host: {unsigned.host}") == b"400"
-    assert _status(unsigned, f"host: localhost:{unsigned.port}") == b"400"
 
 
 def test_no_answer_lets_another_site_read_it(unsigned: Served) -> None:

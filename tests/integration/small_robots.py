@@ -1,18 +1,14 @@
-"""The smallest thing to attack: a robot, a scenario that it passes at once, a document, and a forged bundle."""
+"""The smallest thing to deploy: a robot, a scenario that it passes at once, and a document."""
 
-import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tasks.applications.registry import pack
-from tests.attacks.conftest import Owner, Writer
+from tests.attacks.conftest import Owner
 from tests.repository import ROOT
 
 FLEET, ROBOT = "couriers", "couriers-1"
-RECORD = f"robots/{ROBOT}/record.json"
-APPLICATION = "applications/robot-application/slider.json"
 _MODEL = """<mujoco model="slider">
   <option timestep="0.01"/>
   <worldbody>
@@ -154,33 +150,6 @@ def done(owner: Owner, *arguments: str) -> str:
     ended = owner.simyard(*arguments)
     assert ended.returncode == 0, ended.stdout
     return ended.stdout
-
-
-def forge_build(writer: Writer, architecture: str, folder: Path) -> str:
-    """Returns the digest of a bundle that the writer puts under the slider's newest version, beside what it has.
-
-    Args:
-        writer: The attacker.
-        architecture: Which robots are to get it.
-        folder: The bundle.
-    """
-    body = pack(folder)
-    digest = hashlib.sha256(body).hexdigest()
-    writer.put(f"bundles/{digest}", body)
-    application = json.loads(writer.get(APPLICATION))
-    version = application["versions"][-1]
-    own = {"architecture": "X86_64", "digest": version["digest"], "size_bytes": version["size_bytes"], "origin": None}
-    forged = {"architecture": architecture, "digest": digest, "size_bytes": len(body), "origin": None}
-    kept = [each for each in version["builds"] or [own] if each["architecture"] != architecture]
-    version["builds"] = [*kept, forged]
-    writer.put(APPLICATION, json.dumps(application).encode())
-    return digest
-
-
-def call_robot(writer: Writer, architecture: str) -> None:
-    """Says in the store that the fleet's robot has another architecture."""
-    record = json.loads(writer.get(RECORD))
-    writer.put(RECORD, json.dumps({**record, "architecture": architecture}).encode())
 
 
 def _use(application: str, file: str, variables: Mapping[str, str] | None) -> dict[str, Any]:

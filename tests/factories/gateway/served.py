@@ -1,4 +1,4 @@
-"""`simyard serve` as an attacker meets it: the real command, on a port of 127.0.0.1."""
+"""`simyard serve` as a client meets it: the real command, on a port of 127.0.0.1."""
 
 import http.client
 import os
@@ -79,10 +79,6 @@ class Served:
         """Returns the largest memory that the process ever had."""
         text = Path(f"/proc/{self.process}/status").read_text()
         return int(text.partition("VmHWM:")[2].split()[0]) / 1024
-
-    def open_files(self) -> int:
-        """Returns how many files and connections the process has open."""
-        return len(list(Path(f"/proc/{self.process}/fd").iterdir()))
 
 
 @contextmanager
