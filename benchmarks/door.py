@@ -18,8 +18,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown
+from benchmarks.harness import ROOT, markdown
 
 DOCUMENT = "examples/worlds-only.yaml"
 _SIMYARD = str(Path(sys.executable).with_name("simyard"))

@@ -8,7 +8,6 @@ The steps and their times are those of the run's log (SIMYARD_LOG_FORMAT); the p
 and of all that it starts. Where several steps pass at a time, a line names them all. The table is of the median run.
 """
 
-import argparse
 import itertools
 import json
 import os
@@ -19,10 +18,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.machine import machine
+from benchmarks.harness import ROOT, machine, markdown, options, show
 from benchmarks.process_times import KINDS, Ran, run_watched, spent_between
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
 
 DOCUMENT = "examples/quickstart.yaml"
 AIM_S = 18.0
@@ -125,21 +122,16 @@ def report(cold: Ran | None, warm: Sequence[Ran]) -> str:
 
 def main() -> None:
     """Prints the tables, and writes them into a page."""
-    parser = argparse.ArgumentParser()
+    parser = options(__doc__)
     parser.add_argument("--warm-runs", type=int, default=3)
     parser.add_argument("--cache", type=Path)
     parser.add_argument("--direct", action="store_true")
-    parser.add_argument("--document", type=Path)
     chosen = parser.parse_args()
-    options = ["--direct"] if chosen.direct else []
+    ways = ["--direct"] if chosen.direct else []
     with tempfile.TemporaryDirectory(prefix="simyard-cache-") as folder:
-        cold = None if chosen.cache else run_once(Path(folder), *options)
-        warm = [run_once(chosen.cache or Path(folder), *options) for _ in range(chosen.warm_runs)]
-    tables = report(cold, warm)
-    print(tables)
-    if chosen.document:
-        page = chosen.document.read_text()
-        chosen.document.write_text(with_tables(page, "quickstart", tables))
+        cold = None if chosen.cache else run_once(Path(folder), *ways)
+        warm = [run_once(chosen.cache or Path(folder), *ways) for _ in range(chosen.warm_runs)]
+    show("quickstart", report(cold, warm), chosen.document)
 
 
 if __name__ == "__main__":

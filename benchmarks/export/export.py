@@ -19,8 +19,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from statistics import median
 
-from benchmarks.machine import machine
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import machine, markdown, options, show
 from benchmarks.worlds.world_templates import read_template
 from specs.data.world import World
 from specs.pipeline.world_sections import FORMATS, WorldFormat
@@ -122,22 +121,19 @@ def uploads(repeats: int) -> list[list[str]]:
 
 def main() -> None:
     """Measures and shows."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--s3", action="store_true")
-    parser.add_argument("--document", type=Path, help="a document to put the tables into")
     parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.one:
-        sys.stdout.write(json.dumps(one(options.one)))
+    given = parser.parse_args()
+    if given.one:
+        sys.stdout.write(json.dumps(one(given.one)))
         return
-    tables = [markdown(speeds(options.repeats)), markdown(memory())]
-    if options.s3:
-        tables.append(markdown(uploads(options.repeats)))
-    text = "\n\n".join([f"{machine()}, medians of {options.repeats}:", *tables])
-    sys.stdout.write(f"{text}\n")
-    if options.document:
-        options.document.write_text(with_tables(options.document.read_text(), "export", text))
+    tables = [markdown(speeds(given.repeats)), markdown(memory())]
+    if given.s3:
+        tables.append(markdown(uploads(given.repeats)))
+    text = "\n\n".join([f"{machine()}, medians of {given.repeats}:", *tables])
+    show("export", text, given.document)
 
 
 if __name__ == "__main__":

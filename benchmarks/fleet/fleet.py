@@ -7,9 +7,7 @@ Simulated robots (benchmarks.fleet.fleet_robots) answer when the controller slee
 controller and the store take, not what robots would. Agents are real processes of this machine.
 """
 
-import argparse
 import os
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -21,8 +19,7 @@ from typing import cast
 
 from benchmarks.fleet.fleet_agents import AGENTS_HEAD, agents_row
 from benchmarks.fleet.fleet_robots import HeardStore, Robots
-from benchmarks.machine import machine
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import machine, markdown, options, show
 from specs.arn import arn
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
@@ -115,23 +112,20 @@ def stores(folder: Path, *, s3: bool) -> Generator[list[str]]:
 
 def main() -> None:
     """Measures and shows."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("--robots", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--s3", action="store_true", help="on SeaweedFS, too")
     parser.add_argument("--agents", type=int, default=0, help="so many real agents, too")
-    parser.add_argument("--document", type=Path, help="a document to put the table into")
-    options = parser.parse_args()
+    given = parser.parse_args()
     table = [HEAD]
-    with tempfile.TemporaryDirectory(prefix="simyard-fleet-") as name, stores(Path(name), s3=options.s3) as urls:
-        places = [(f"{url}-{count}", count) for url in urls for count in options.robots]
+    with tempfile.TemporaryDirectory(prefix="simyard-fleet-") as name, stores(Path(name), s3=given.s3) as urls:
+        places = [(f"{url}-{count}", count) for url in urls for count in given.robots]
         table += [rolled_out(open_store(place), count, Path(name)) for place, count in places]
         text = f"{machine()}\n\n{markdown(table)}"
-        if options.agents:
-            rows = [agents_row(open_store(f"{url}-agents"), options.agents, Path(name)) for url in urls]
+        if given.agents:
+            rows = [agents_row(open_store(f"{url}-agents"), given.agents, Path(name)) for url in urls]
             text += f"\n\n{markdown([AGENTS_HEAD, *rows])}"
-    sys.stdout.write(f"{text}\n")
-    if options.document:
-        options.document.write_text(with_tables(options.document.read_text(), "fleet", text))
+    show("fleet", text, given.document)
 
 
 if __name__ == "__main__":

@@ -3,14 +3,11 @@
 .venv/bin/python -m benchmarks.fleet.promises soak.jsonl [--document docs/operate/fleet.md]
 """
 
-import argparse
 import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from benchmarks.machine import machine
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import machine, markdown, options, show
 
 _PROMISES: Mapping[int, str] = {
     1: "killed at any step",
@@ -38,14 +35,10 @@ def table(report: str) -> str:
 
 def main() -> None:
     """Shows the table, and puts it into a document."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__)
     parser.add_argument("report", type=Path, help="what make soak wrote")
-    parser.add_argument("--document", type=Path, help="a document to put the table into")
-    options = parser.parse_args()
-    text = f"{machine()}\n\n{table(options.report.read_text())}"
-    sys.stdout.write(f"{text}\n")
-    if options.document:
-        options.document.write_text(with_tables(options.document.read_text(), "promises", text))
+    given = parser.parse_args()
+    show("promises", f"{machine()}\n\n{table(given.report.read_text())}", given.document)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ made; nobody works the jobs off. Then the store is compared with the answers: ea
 each record an answered Create.
 """
 
-import argparse
 import json
 import statistics
 import tempfile
@@ -19,8 +18,7 @@ from http.client import HTTPConnection, HTTPException
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from benchmarks.machine import machine
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import machine, markdown, options, show
 from specs.arn import ResourceKind, parse_reference
 from specs.robomaker.operations import OPERATIONS
 from tasks.deploy.fleet.fleet_registry import fleets, robots
@@ -156,10 +154,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Measures, and prints the tables or writes them into a document."""
     from tests.factories.gateway.served import served  # noqa: PLC0415 - only here
 
-    parser = argparse.ArgumentParser()
+    parser = options(__doc__)
     parser.add_argument("--requests", type=int, default=10_000)
     parser.add_argument("--clients", type=int, default=50)
-    parser.add_argument("--document", type=Path)
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder, served(Path(folder) / "gateway", settings=_QUOTAS) as gateway:
         store = open_store(gateway.store.as_uri())
@@ -175,9 +172,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             told = [each for part in pool.map(work, range(given.clients)) for each in part]
         took_s = time.perf_counter() - began_s
         text = tables(told, took_s, lost(store, told), (before_mb, gateway.memory_mb()))
-    if given.document:
-        given.document.write_text(with_tables(given.document.read_text(), _PLACE, text))
-    print(text)
+    show(_PLACE, text, given.document)
     for each in [each for each in told if each.error][:10]:
         print(each)
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from statistics import mean, median
 from typing import NamedTuple
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown
+from benchmarks.harness import ROOT, markdown
 
 TOPS = ("specs", "tasks", "flows", "simyard")
 # Two worlds, four episodes, no gate: the least that makes rows.

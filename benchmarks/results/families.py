@@ -7,15 +7,13 @@ values of one batch) in worlds that differ: simulated batches, with the rates of
 must be covered. Rows are made by the code that reports use.
 """
 
-import argparse
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import binom
 
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import markdown, options, show
 from tasks.results.statistics.intervals import IntervalFamily, wilson_bounds
 
 RATES = np.arange(0.9, 0.9951, 0.005)
@@ -100,14 +98,10 @@ def _table(number: int, n: int, family: IntervalFamily) -> _Bounds:
 
 def main() -> None:
     """Prints both tables, and puts them into a document if one is named."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--document", type=Path)
-    document = parser.parse_args().document
+    document = options(__doc__).parse_args().document
     tables = {"families": independent_table(), "families in worlds": mixed_table(np.random.default_rng(18))}
     for name, table in tables.items():
-        print(table, end="\n\n")
-        if document:
-            document.write_text(with_tables(document.read_text(), name, table))
+        show(name, table, document)
 
 
 if __name__ == "__main__":

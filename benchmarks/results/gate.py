@@ -4,21 +4,18 @@ For several true success rates: how many episodes a batch of 384 drives in the m
 after every chunk, and what it answers; beside it what the batch would that is driven to its end. Then other ways to
 share the error among looks, and batches whose worlds differ.
 
-    python -m benchmarks.results.gate [--json FILE]
+    python -m benchmarks.results.gate
 """
 
-import argparse
 import bisect
-import json
 import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from statistics import NormalDist
 
 import numpy as np
 
+from benchmarks.harness import markdown
 from benchmarks.results.gate_pairs import pairs_table
-from benchmarks.tables import markdown
 from tasks.results.statistics.interim_analyses import (
     Boundary,
     Chances,
@@ -143,15 +140,8 @@ def worlds_table() -> list[tuple[str, ...]]:
 
 def main() -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    tables = {"saving": table(), "spending": spending_table(), "worlds": worlds_table(), "pairs": pairs_table()}
-    for rows in tables.values():
+    for rows in (table(), spending_table(), worlds_table(), pairs_table()):
         print(markdown(rows), end="\n\n")
-    if options.json:
-        plain = {name: [dict(zip(rows[0], row, strict=True)) for row in rows[1:]] for name, rows in tables.items()}
-        options.json.write_text(json.dumps(plain, indent=2))
 
 
 def _spent(spend: Spend, bar: float, episodes: int, chunk: int, rate: float) -> Chances:

@@ -1,6 +1,6 @@
 """How often a trend alarms while nothing changes, and how soon it sees a drop: simulated histories, no simulator.
 
-    .venv/bin/python -m benchmarks.results.trend [--histories N] [--write]
+    .venv/bin/python -m benchmarks.results.trend [--histories N] [--document docs/guide/trend.md]
 
 Each history has 400 nights. For false alarms nothing changes in them; a drop comes at night 200. Worlds are drawn anew
 each night, and their rates are beta distributed with an intra-class correlation; with a correlation of 0 all worlds are
@@ -9,7 +9,6 @@ number of nights until a false alarm is guaranteed for nights of any distributio
 (Vovk 2021, Statistical Science 36:595).
 """
 
-import argparse
 import itertools
 import sys
 from collections.abc import Callable, Sequence
@@ -17,8 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import ROOT, markdown, options, show
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR, NightCount, find_changes
 
 NIGHTS, DROP_AT = 400, 200
@@ -112,15 +110,12 @@ def table(histories: int, seen: Seen = seen_by_factors) -> list[tuple[str, ...]]
 
 def main() -> None:
     """Prints both tables, and writes that of Simyard's test into its page if asked to."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = options(__doc__)
     parser.add_argument("--histories", type=int, default=20)
-    parser.add_argument("--write", action="store_true", help=f"into {PAGE.relative_to(ROOT)}")
     parser.add_argument("--ranks", action="store_true", help="the test by ranks instead")
-    options = parser.parse_args()
-    rows = table(options.histories, seen_by_ranks if options.ranks else seen_by_factors)
-    print(markdown(rows))
-    if options.write:
-        PAGE.write_text(with_tables(PAGE.read_text(), "delays", markdown(rows)))
+    given = parser.parse_args()
+    rows = table(given.histories, seen_by_ranks if given.ranks else seen_by_factors)
+    show("delays", markdown(rows), given.document)
 
 
 def _nights(median: float, most: float) -> str:

@@ -7,7 +7,6 @@ What is not given is left out. Each is a process of its own, and as many process
 They take turns while the others wait. The processor time is compared, which other work changes less than the wall.
 """
 
-import argparse
 import json
 import os
 import subprocess
@@ -18,10 +17,8 @@ from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from benchmarks.machine import machine
-from benchmarks.repository import ROOT
+from benchmarks.harness import ROOT, machine, markdown, options, show
 from benchmarks.rivals.ocean import ENVIRONMENTS, built
-from benchmarks.tables import markdown, with_tables
 from tasks.simulate.devices import device_count
 
 TURN_S = 3.0
@@ -140,17 +137,14 @@ def measured(found: Sequence[Rival], turns: int) -> list[list[str]]:
 
 def main() -> None:
     """Prints the table, and puts it into a document."""
-    asked = argparse.ArgumentParser(description=__doc__)
+    asked = options(__doc__)
     asked.add_argument("--python", help="an interpreter that has ir-sim and jaxmarl")
     asked.add_argument("--puffer", type=Path, help="the folder pufferlib of its source distribution")
     asked.add_argument("--turns", type=int, default=7)
-    asked.add_argument("--document", type=Path)
     given = asked.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         table = markdown(measured(list(rivals(given.python, given.puffer, Path(folder))), given.turns))
-    print(table)
-    if given.document:
-        given.document.write_text(with_tables(given.document.read_text(), "rivals", f"{machine()}\n\n{table}"))
+    show("rivals", f"{machine()}\n\n{table}", given.document)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ core of its own, as two machines of one core have; `large` is 100,000 episodes; 
 19 found, 48,000 deliveries with 512 lanes, and what each kind of work took of it. Each part writes a table of its own.
 """
 
-import argparse
 import hashlib
 import json
 import os
@@ -27,10 +26,8 @@ from typing import NamedTuple, cast
 import pyarrow as pa
 import yaml
 
-from benchmarks.machine import machine
+from benchmarks.harness import ROOT, machine, markdown, options, show
 from benchmarks.process_times import run_watched
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
 
 QUICKSTART = ROOT / "examples/quickstart.yaml"
 CREWS = ("", "dask:1", "dask:2", "ray:2")
@@ -273,9 +270,8 @@ def part_tables(part: str, cache: Path) -> str:
 
 def main() -> None:
     """Prints the tables of some parts, or writes them into a document."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--part", nargs="+", choices=PARTS, default=PARTS)
-    parser.add_argument("--document", type=Path)
     parser.add_argument("--child", type=int, nargs=len(Case._fields))
     parser.add_argument("--store", type=Path)
     given = parser.parse_args()
@@ -284,11 +280,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory(prefix="simyard-scale-cache-") as cache:
         for part in given.part:
-            tables = part_tables(part, Path(cache))
-            if given.document:
-                given.document.write_text(with_tables(given.document.read_text(), f"scale {part}", tables))
-            else:
-                sys.stdout.write(f"{part}\n\n{tables}\n\n")
+            show(f"scale {part}", part_tables(part, Path(cache)), given.document)
 
 
 if __name__ == "__main__":

@@ -9,19 +9,15 @@ process that writes the tables at the end. What S3 bears is what AWS documents f
 that write, and 5,500 that read.
 """
 
-import argparse
 import heapq
 import os
-import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.machine import machine
+from benchmarks.harness import machine, markdown, options, show
 from benchmarks.scale.scale_costs import Costs, costs
-from benchmarks.tables import markdown, with_tables
 from flows.prefect.worker_cluster import PieceSize
 
 EPISODES = 10_000_000
@@ -199,9 +195,7 @@ def cost_table(cost: Costs) -> str:
 
 def main() -> None:
     """Prints the tables, or writes them into a document."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--document", type=Path)
-    given = parser.parse_args()
+    given = options(__doc__).parse_args()
     from flows.prefect.prefect_server import prefect_home  # noqa: PLC0415 - so that a test of the simulation needs no server
     from tasks.server.process import run_server, wait_until_healthy  # noqa: PLC0415 - as above
 
@@ -210,10 +204,7 @@ def main() -> None:
         wait_until_healthy(server, child)
         measured = costs(child.pid)
     tables = f"{machine()}\n\n{cost_table(measured)}\n\n{EPISODES:,} episodes:\n\n{plan_table(measured)}"
-    if given.document:
-        given.document.write_text(with_tables(given.document.read_text(), "scale plan", tables))
-    else:
-        sys.stdout.write(f"{tables}\n")
+    show("scale plan", tables, given.document)
 
 
 if __name__ == "__main__":

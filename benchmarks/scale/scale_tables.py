@@ -7,8 +7,6 @@ so that another version of the code can be measured with the same one (``PYTHONP
 what it needs. The digests tell whether two versions write the same bytes.
 """
 
-import argparse
-import sys
 import tempfile
 import time
 from collections.abc import Mapping
@@ -17,10 +15,9 @@ from typing import cast
 
 import numpy as np
 
-from benchmarks.machine import machine
+from benchmarks.harness import machine, markdown, options, show
 from benchmarks.scale.scale import Case, section
 from benchmarks.scale.scale_costs import opened_batch, simulate_some
-from benchmarks.tables import markdown, with_tables
 from flows.batch.batch_steps import write_tables
 from specs.data.episode_columns import Cells, EpisodeColumns
 from specs.pipeline.simulation_section import SimulationBatch
@@ -81,21 +78,16 @@ def measure(batch: OpenBatch, status: str) -> list[object]:
 
 def main() -> None:
     """Prints what each run took, or writes it into a document."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--store", type=Path, help="a folder; what is made there is used again")
     parser.add_argument("--runs", type=int, default=4)
     parser.add_argument("--status", default="Completed", help="that the batch ends in")
-    parser.add_argument("--document", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="simyard-tables-") as folder:
         batch = prepare((given.store or Path(folder)).resolve())
         rows = [["run", "rows a second", "processor, us a row", "results", "failures"]]
         rows += [[str(number), *map(str, measure(batch, given.status))] for number in range(given.runs)]
-    table = f"{machine()}\n\n{markdown(rows)}"
-    if given.document:
-        given.document.write_text(with_tables(given.document.read_text(), "scale tables", table))
-    else:
-        sys.stdout.write(f"{table}\n")
+    show("scale tables", f"{machine()}\n\n{markdown(rows)}", given.document)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.tables import markdown
+from benchmarks.harness import markdown
 from specs.pipeline.gate_section import SuccessRate
 from tasks.results.gate.gate_verdict import with_engine_doubt
 from tasks.results.gate.rules.rule import RuleVerdict

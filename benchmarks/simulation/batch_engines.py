@@ -15,7 +15,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from benchmarks.repository import ROOT
+from benchmarks.harness import ROOT
 from benchmarks.simulation.engine_worlds import FOLDERS, bench_world, explorations
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from benchmarks.repository import ROOT
+from benchmarks.harness import ROOT
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import Certificate, OccupancyMap, Rectangle, Room, Solid, World
 from specs.data.world import Finish as Covering

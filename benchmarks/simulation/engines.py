@@ -11,16 +11,13 @@ changes less. Stock MJX is so slow that it runs few lanes for few steps; its rat
 """
 
 import argparse
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from pathlib import Path
 from statistics import median
 from typing import NamedTuple
 
-from benchmarks.machine import machine
+from benchmarks.harness import machine, markdown, options, show
 from benchmarks.simulation.batch_engines import batch_table
-from benchmarks.tables import markdown, with_tables
 from tasks.simulate.devices import device_count, prepare_devices
 
 prepare_devices()
@@ -141,40 +138,27 @@ def scaled(axis: str, sizes: Sequence[tuple[int, int]], repeats: int) -> list[li
 
 def main() -> None:
     """Prints the tables, and puts them into a document."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--json", type=Path)
+    parser = options(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--without", nargs="*", default=[], help="variants to leave out")
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
-    parser.add_argument("--document", type=Path, help="put the tables into a document; all of them if no part is named")
-    options = parser.parse_args()
-    found: dict[str, list[list[str]]] = {}
-    if options.document:
-        _put(options.document, "machine", machine())
-    for title, table in measured(options):
-        print(f"\n{title}\n\n{markdown(table)}", flush=True)
-        found[title] = table
-        if options.document:
-            _put(options.document, title, markdown(table))
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2))
+    given = parser.parse_args()
+    show("machine", machine(), given.document)
+    for title, table in measured(given):
+        show(title, markdown(table), given.document)
 
 
-def measured(options: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
+def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    parts = options.scaling or options.batch
-    everything = options.document is not None and not parts
+    parts = given.scaling or given.batch
+    everything = given.document is not None and not parts
     if not parts:
-        yield "side by side", rows(side_by_side(options.repeats, options.without))
-    if everything or options.batch:
-        yield "batch", batch_table(min(options.repeats, WARM_RUNS))
-    if everything or options.scaling:
-        yield from scaling(min(options.repeats, SCALING_REPEATS))
-
-
-def _put(document: Path, name: str, text: str) -> None:
-    document.write_text(with_tables(document.read_text(), name, text))
+        yield "side by side", rows(side_by_side(given.repeats, given.without))
+    if everything or given.batch:
+        yield "batch", batch_table(min(given.repeats, WARM_RUNS))
+    if everything or given.scaling:
+        yield from scaling(min(given.repeats, SCALING_REPEATS))
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ taken, so that equal digests mean that each row is the same in its last bit. The
 episodes and has the worlds the other way round.
 """
 
-import argparse
 import hashlib
 import itertools
 import tempfile
@@ -20,8 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import ROOT, markdown, options, show
 from specs.base import digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
@@ -97,12 +95,11 @@ def table_digest(rows: Sequence[EpisodeResult]) -> str:
 
 def main() -> None:
     """Prints a line for each variant, and what differs from the first."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__)
     parser.add_argument("--lanes", type=int, nargs="+", default=[16, 32, 192, 768])
     parser.add_argument("--engine", default="planar")
     parser.add_argument("--seeds", type=int, default=48)
     parser.add_argument("--store", type=Path, default=Path(tempfile.gettempdir()) / "simyard-equal-tables")
-    parser.add_argument("--document", type=Path, help="write the table into this document")
     asked = parser.parse_args()
     worlds = mixed_worlds(asked.store)
     requests = noisy_deliveries([*worlds], asked.seeds)
@@ -126,9 +123,7 @@ def main() -> None:
         )
         print(" ".join(table[-1]), f"{time.monotonic() - start:.0f} s", flush=True)
     found = f"{len(requests)} episodes, {len(worlds)} worlds, engine {asked.engine}\n\n{markdown(table)}"
-    print(found)
-    if asked.document:
-        asked.document.write_text(with_tables(asked.document.read_text(), f"equal tables {asked.engine}", found))
+    show(f"equal tables {asked.engine}", found, asked.document)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,6 @@ before. Each run is a process of its own with a new store, and its wall time is 
 one to three minutes. In parts: the figures in FILE are kept, and the tables have them all.
 """
 
-import argparse
 import json
 import os
 import re
@@ -18,10 +17,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from benchmarks.machine import machine
+from benchmarks.harness import ROOT, machine, markdown, options, show
 from benchmarks.process_times import run_watched
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
 
 SIMYARD = str(Path(sys.executable).with_name("simyard"))
 # Engine, worlds, seeds, and the longest time of an episode: of a run, of the next one, and so on.
@@ -123,20 +120,16 @@ def table(figures: Mapping[str, Turn]) -> str:
 
 def main() -> None:
     """Prints the table, and writes it into a page."""
-    parser = argparse.ArgumentParser()
+    parser = options(__doc__)
     parser.add_argument("--json", type=Path)
-    parser.add_argument("--document", type=Path)
     parser.add_argument("--case", nargs="*", choices=list(CASES), default=list(CASES))
-    options = parser.parse_args()
-    figures = kept(options.json)
-    for name in options.case:
+    given = parser.parse_args()
+    figures = kept(given.json)
+    for name in given.case:
         figures |= all_runs(name)
-    found = f"{machine()}\n\n{table(figures)}"
-    print(found)
-    if options.json:
-        options.json.write_text(json.dumps(figures, indent=2))
-    if options.document:
-        options.document.write_text(with_tables(options.document.read_text(), "plan", found))
+    if given.json:
+        given.json.write_text(json.dumps(figures, indent=2))
+    show("plan", f"{machine()}\n\n{table(figures)}", given.document)
 
 
 if __name__ == "__main__":

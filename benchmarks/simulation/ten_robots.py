@@ -6,14 +6,12 @@ Every robot swings its actuators in the worlds of ``engines.py``, with 32 rays a
 minutes, most of which MJX compiles; each part replaces its own rows of the table.
 """
 
-import argparse
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import ROOT, markdown, options, with_tables
 from tasks.simulate.devices import prepare_devices
 
 prepare_devices()
@@ -84,16 +82,15 @@ def _number(text: str) -> float:
 
 def main() -> None:
     """Prints the rows, and puts them into a document."""
-    parser = argparse.ArgumentParser()
+    parser = options(__doc__)
     parser.add_argument("--robots", nargs="*", choices=NAMES, default=NAMES)
     parser.add_argument("--lanes", nargs="*", type=int, default=LANES)
-    parser.add_argument("--document", type=Path, help="put the rows into its table")
-    options = parser.parse_args()
-    for name in options.robots:
-        found = list(rows(name, options.lanes))
+    given = parser.parse_args()
+    for name in given.robots:
+        found = list(rows(name, given.lanes))
         print(markdown([HEAD, *found]), flush=True)
-        if options.document:
-            options.document.write_text(merged(options.document.read_text(), found))
+        if given.document:
+            given.document.write_text(merged(given.document.read_text(), found))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from collections import Counter
 from pathlib import Path
 
 import simyard
-from benchmarks.repository import ROOT
+from benchmarks.harness import ROOT
 
 COUNTS = Path(__file__).parent / "real_batches.json"
 SEEDS = 24

@@ -3,8 +3,7 @@
 import json
 from pathlib import Path
 
-from benchmarks.repository import ROOT
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import ROOT, markdown, show
 
 TABLES = Path(__file__).parent / "tables.json"
 PAGE = ROOT / "docs/reference/statistics.md"
@@ -13,10 +12,9 @@ Rows = list[list[str]]
 
 def keep(name: str, rows: Rows) -> None:
     """Prints a table, writes it into the file, and puts it into its place on the page."""
-    print(markdown(rows))
+    show(name, markdown(rows), PAGE)
     tables = json.loads(TABLES.read_text()) if TABLES.exists() else {}
     TABLES.write_text(json.dumps({**tables, name: rows}, indent=1) + "\n")
-    PAGE.write_text(with_tables(PAGE.read_text(), name, markdown(rows)))
 
 
 def per_cent(*shares: float) -> str:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.tables import markdown
+from benchmarks.harness import markdown
 from benchmarks.worlds.world_quality import DENSITIES, ROOM_TYPES, TEMPLATES, Ask, Sampled, WorldFigures
 from specs.data.world import RoomType
 

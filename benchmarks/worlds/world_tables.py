@@ -1,20 +1,16 @@
 """World generation: worlds a second, where the time goes, memory by the size of a job, and how good the worlds are.
 
-    .venv/bin/python benchmarks/worlds/world_tables.py [--quick] [--json FILE] [--document docs/guide/worlds.md]
-    .venv/bin/python benchmarks/worlds/world_tables.py --quality [--seeds N] [--json FILE] [--document
+    .venv/bin/python benchmarks/worlds/world_tables.py [--quick] [--document docs/guide/worlds.md]
+    .venv/bin/python benchmarks/worlds/world_tables.py --quality [--seeds N] [--document
     docs/guide/worlds.md]
 
 A world counts with its certificate and its canonical JSON, as the job gets it. Worlds a second are measured once all
 processes run and are warm; `start s` is what comes before. `--document` puts the tables into the document, too.
 """
 
-import argparse
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
-from pathlib import Path
 
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import markdown, options, show
 from benchmarks.worlds.world_example import example_certificate
 from benchmarks.worlds.world_memory import JobFigures, measure_memory
 from benchmarks.worlds.world_quality import measure_quality
@@ -76,24 +72,19 @@ def memory_table(jobs: Sequence[JobFigures]) -> str:
 
 def main() -> None:
     """Prints the tables."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--json", type=Path)
+    parser = options(__doc__)
     parser.add_argument("--quick", action="store_true", help="three short repeats, and no job of 10,000 worlds")
     parser.add_argument("--quality", action="store_true", help="the quality tables instead")
     parser.add_argument("--seeds", type=int, default=200, help="worlds of each template and density (--quality)")
-    parser.add_argument("--document", type=Path, help="a document to put the tables into")
-    options = parser.parse_args()
-    tables, found = _quality(options.seeds) if options.quality else _speed(quick=options.quick)
-    print(tables)
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=2))
-    if options.document:
-        parts = {"quality": tables, "certificate": example_certificate()} if options.quality else {"speed": tables}
-        for name, part in parts.items():
-            options.document.write_text(with_tables(options.document.read_text(), name, part))
+    given = parser.parse_args()
+    if given.quality:
+        show("quality", quality_tables(measure_quality(given.seeds)), given.document)
+        show("certificate", example_certificate(), given.document)
+    else:
+        show("speed", _speed(quick=given.quick), given.document)
 
 
-def _speed(*, quick: bool) -> tuple[str, object]:
+def _speed(*, quick: bool) -> str:
     jobs = [measure_memory(worlds) for worlds in (_JOBS[:2] if quick else _JOBS)]
     stages = {(name, each): measure_stages(name, each, _STAGE_WORLDS) for name in SPEED_TEMPLATES for each in INTERIORS}
     rates = measure_rates(*((_QUICK_REPEATS, _QUICK_SECONDS) if quick else (_REPEATS, _SECONDS)))
@@ -102,18 +93,7 @@ def _speed(*, quick: bool) -> tuple[str, object]:
         "Milliseconds a world on one core": stage_table(stages),
         "A job in a folder, two processes, ten interiors a plan": memory_table(jobs),
     }
-    found = {
-        "rates": [{**asdict(case), "rates": [asdict(rate) for rate in each]} for case, each in rates.items()],
-        "stages": [{"template": name, "interiors": each, **spent} for (name, each), spent in stages.items()],
-        "jobs": [asdict(job) for job in jobs],
-    }
-    return "\n\n".join(f"{heading}:\n\n{table}" for heading, table in tables.items()), found
-
-
-def _quality(seeds: int) -> tuple[str, object]:
-    quality = measure_quality(seeds)
-    found = [{"template": name, "density": density, **asdict(each)} for (name, density), each in quality.items()]
-    return quality_tables(quality), found
+    return "\n\n".join(f"{heading}:\n\n{table}" for heading, table in tables.items())
 
 
 if __name__ == "__main__":

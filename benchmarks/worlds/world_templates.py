@@ -2,7 +2,7 @@
 
 import json
 
-from benchmarks.repository import ROOT
+from benchmarks.harness import ROOT
 from specs.template.body import TemplateBody, template_body
 
 HOMES = ("one-bedroom-house", "six-room-flat")

@@ -2,9 +2,8 @@
 
 import pytest
 
-from benchmarks.machine import machine
+from benchmarks.harness import machine, with_tables
 from benchmarks.simulation.engines import Turn, rows
-from benchmarks.tables import with_tables
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/reference/engines.md").read_text()

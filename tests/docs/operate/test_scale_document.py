@@ -6,7 +6,7 @@ from importlib import import_module
 
 import pytest
 
-from benchmarks.tables import with_tables
+from benchmarks.harness import with_tables
 from flows.prefect.worker_cluster import PieceSize
 from tests.repository import ROOT
 

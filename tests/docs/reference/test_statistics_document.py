@@ -5,11 +5,11 @@ import re
 
 import pytest
 
+from benchmarks.harness import markdown, with_tables
 from benchmarks.statistics.rates import shown
 from benchmarks.statistics.resampled_worlds import counts, coverage, covered
 from benchmarks.statistics.simulated_worlds import beta
 from benchmarks.statistics.table_file import TABLES
-from benchmarks.tables import markdown, with_tables
 from tasks.results.statistics.over_worlds import rate_over_worlds
 from tests.repository import ROOT
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.tables import markdown, with_tables
+from benchmarks.harness import markdown, with_tables
 
 
 def test_a_table_is_markdown_whose_columns_line_up() -> None:
