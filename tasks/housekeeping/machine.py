@@ -27,10 +27,16 @@ from tasks.storage.base.local_files import chosen_folder
 
 _PROC = Path("/proc")
 _MODULES = {
-    "tasks.server.guarded_server": "Prefect server",
-    "tasks.deploy.robot.agent": "robot agent",
-    "tasks.simulate.sandbox": "simulator",
+    "tasks.server": "Prefect server",
+    "tasks.deploy.robot": "robot agent",
+    "tasks.simulate": "simulator",
+    "tasks.worlds": "world generator",
+    "tasks.export": "renderer",
+    "tasks.ros": "launch file",
+    "flows.queue": "queue worker",
+    "flows.cli": "simyard",
 }
+"""The packages whose modules are programs of their own."""
 
 
 class SimyardProcess(NamedTuple):

@@ -17,7 +17,14 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from specs.errors import DocumentError
-from tasks.housekeeping.machine import MachineReport, clean_machine, remove_entry, remove_path, unused_entries
+from tasks.housekeeping.machine import (
+    MachineReport,
+    clean_machine,
+    processes_of,
+    remove_entry,
+    remove_path,
+    unused_entries,
+)
 from tasks.storage.jobs.claim import process_of
 from tests.repository import ROOT
 
@@ -165,6 +172,19 @@ def test_a_process_that_uses_the_cache_keeps_it_and_is_named(home: Path):
         other.mkdir()
         assert [row for row in cleaned(other).rows if row.what != "Prefect"] == []  # it uses another cache
     assert cleaned(home).removed
+
+
+def programs() -> list[str]:
+    """Returns the modules that are started as programs of their own, but for the shell."""
+    paths = [path for top in ("tasks", "flows") for path in sorted((ROOT / top).rglob("*.py"))]
+    started = [path for path in paths if 'if __name__ == "__main__":' in path.read_text()]
+    return [path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".") for path in started]
+
+
+@pytest.mark.parametrize("program", programs())
+def test_every_program_of_simyard_keeps_the_cache_that_it_uses(home: Path, program: str):
+    with living("1", program, HOME=str(home)) as process:
+        assert [each.pid for each in processes_of(home / ".cache/simyard")] == [process.pid]
 
 
 def test_a_folder_for_the_public_and_one_in_use_only_look_like_a_commands(home: Path, tmp_path: Path):
