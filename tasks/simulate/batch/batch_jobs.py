@@ -444,18 +444,23 @@ def cancel_job(store: Store, path: str) -> None:
     chunk = batch.layout.chunk_of(index)
     begun = chunk_start(store, batch.id, chunk) is not None
     mark: dict[str, JsonValue] = {canceled_job_mark(index): begun, canceled_job_time(index): time.time()}
-    ended = {row.index: row.status for row in committed_chunk(store, batch.id, chunk) or ()}
+    ended = _ended_jobs(batch, chunk)
     record = batch.record()
-    if index not in ended and record.status in GOING and mark.keys() <= record.detail.keys():
-        return
-    while index not in ended and record.status in GOING:
+    while index not in ended and record.status in GOING and not mark.keys() <= record.detail.keys():
         # Only if the batch still stands as it was read: a mark on one that has ended would mean nothing.
         record = advance(store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
-        if mark.keys() <= record.detail.keys():
+    if index not in ended and record.status in GOING:
+        ended = _ended_jobs(batch, chunk)  # what was committed before the mark has ended without it
+        if ended.get(index, "Canceled") == "Canceled":
             return
     Jobs(store, batch.id).require_job(index)
     status = ended.get(index, f"in a batch that is {record.status}")
     raise _refused(path, f"a job that has not ended; this one is {status}")
+
+
+def _ended_jobs(batch: OpenBatch, chunk: int) -> dict[int, str]:
+    """Returns the status of each job of a chunk that is committed."""
+    return {row.index: row.status for row in committed_chunk(batch.store, batch.id, chunk) or ()}
 
 
 def _refused(value: str, allowed: str) -> DocumentError:

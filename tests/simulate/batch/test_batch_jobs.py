@@ -20,6 +20,7 @@ from specs.robomaker.simulation import (
     ListSimulationJobsRequest,
 )
 from specs.robomaker.simulation_descriptions import DescribeSimulationJobResponse
+from tasks.simulate.batch import batch_jobs
 from tasks.simulate.batch.batch_jobs import (
     Jobs,
     batch_describe_jobs,
@@ -382,6 +383,20 @@ def test_only_what_has_not_ended_can_be_cancelled(running: OpenBatch):
     close_batch(store, running.id, "Canceled", {})
     with pytest.raises(DocumentError, match="this one is Canceled"):
         cancel_batch(store, running.id)
+
+
+def test_a_job_that_completes_while_it_is_being_cancelled_cannot_be_cancelled(
+    running: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    def after_its_end(*arguments: object, **more: object) -> object:
+        monkeypatch.undo()
+        run_chunk(running, 1, all_pass, lanes=4, left_s=9.0)
+        return advance(*arguments, **more)  # pyright: ignore[reportArgumentType] - handed on
+
+    monkeypatch.setattr(batch_jobs, "advance", after_its_end)
+    with pytest.raises(DocumentError, match="this one is Completed"):
+        cancel_job(running.store, f"{running.id}/4")
+    assert describe_job(running.store, f"{running.id}/4").status == "Completed"
 
 
 def test_a_job_that_is_being_stopped_is_terminating_and_one_that_never_began_is_canceled(running: OpenBatch):
