@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
-from tasks.simulate.engines.planar.neighbours import Neighbours, nearest
+from tasks.simulate.engines.planar.near_obstacles import Neighbours, nearest
 from tasks.simulate.engines.planar.planar_algebra import Planar, Scalar
 from tasks.simulate.engines.planar.planar_robot import Disc, Softness
 from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders

@@ -26,8 +26,7 @@ from tasks.simulate.engines.planar.disc_contact import (
     touch,
     window,
 )
-from tasks.simulate.engines.planar.fewest import among_fewest, few_counts, need
-from tasks.simulate.engines.planar.neighbours import Neighbours, neighbours
+from tasks.simulate.engines.planar.near_obstacles import Neighbours, among_fewest, few_counts, need, neighbours
 from tasks.simulate.engines.planar.newton_solver import contact_force, minimizer
 from tasks.simulate.engines.planar.planar_algebra import (
     Moving,
