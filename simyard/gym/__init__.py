@@ -11,10 +11,9 @@ if "jax" not in sys.modules:  # else an environment says what to do, when one is
     prepare_devices()
 
 from simyard.gym.datasets import Rollout, collect, export_minari
-from simyard.gym.lerobot_files import export_lerobot
 from simyard.gym.single_env import SimyardEnv, register_environments
 from simyard.gym.vector_env import SimyardVectorEnv
 
 register_environments()
 
-__all__ = ["Rollout", "SimyardEnv", "SimyardVectorEnv", "collect", "export_lerobot", "export_minari"]
+__all__ = ["Rollout", "SimyardEnv", "SimyardVectorEnv", "collect", "export_minari"]

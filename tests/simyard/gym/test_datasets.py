@@ -1,15 +1,15 @@
 """Rollouts become data sets: the episodes that the seed says, complete, in the layouts that others read."""
 
-import json
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import minari
 import numpy as np
-import pyarrow.parquet as pq
 import pytest
-from gymnasium import error
+from gymnasium import error, spaces
 
-from simyard.gym import Rollout, SimyardVectorEnv, collect, export_lerobot
+from simyard.gym import Rollout, SimyardVectorEnv, collect, export_minari
 
 
 def made(steps: int, *, passed: bool = False) -> Rollout:
@@ -32,25 +32,27 @@ def test_collected_episodes_are_whole_and_follow_from_the_seed(options: dict[str
     assert all(each.truncated and each.infos["reason"] == "timeout" for each in rollouts)
 
 
-def test_a_lerobot_data_set_has_a_file_for_each_episode_and_says_what_they_hold(tmp_path: Path):
-    root = export_lerobot([made(4), made(3, passed=True)], tmp_path / "set", task="Go to the goal.")
-    info = json.loads((root / "meta" / "info.json").read_text())
-    assert (info["codebase_version"], info["total_episodes"], info["total_frames"], info["fps"]) == ("v2.1", 2, 7, 20)
-    table = pq.read_table(root / info["data_path"].format(episode_chunk=0, episode_index=1))
-    assert set(table.column_names) == set(info["features"])
-    columns = table.to_pydict()
-    assert columns["index"] == [4, 5, 6]
-    assert columns["timestamp"] == pytest.approx([0.0, 0.05, 0.1])
-    assert columns["observation.ranges_m"] == [[0.0, 1.0], [1.0, 2.0], [2.0, 3.0]]
-    assert columns["next.done"] == columns["next.success"] == [False, False, True]
-    lines = [json.loads(line) for line in (root / "meta" / "episodes.jsonl").read_text().splitlines()]
-    assert [line["length"] for line in lines] == [4, 3]
-    statistics = json.loads((root / "meta" / "episodes_stats.jsonl").read_text().splitlines()[0])
-    assert statistics["stats"]["action"]["mean"] == [0.5, 0.5]
+@pytest.mark.filterwarnings(
+    "ignore::UserWarning:minari"
+)  # it asks for an author, a link to the code, a registered environment
+def test_a_minari_data_set_holds_the_episodes_as_they_were(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    spaces_of = SimpleNamespace(
+        single_observation_space=spaces.Dict(
+            {"ranges_m": spaces.Box(0, 99, (2,), np.float32), "time_s": spaces.Box(0, 99, (), np.float32)}
+        ),
+        single_action_space=spaces.Box(-1, 1, (2,), np.float32),
+    )
+    made_of = [made(4), made(3, passed=True)]
+    export_minari(made_of, cast("SimyardVectorEnv", spaces_of), "simyard/hand/made-v0", policy="by hand")
+    again = minari.load_dataset("simyard/hand/made-v0")
+    assert (again.total_episodes, again.total_steps) == (2, 7)
+    for episode, rollout in zip(again.iterate_episodes(), made_of, strict=True):
+        np.testing.assert_array_equal(episode.observations["ranges_m"], dict(rollout.observations)["ranges_m"])
+        np.testing.assert_array_equal(episode.actions, rollout.actions)
+        assert (episode.terminations[-1], episode.truncations[-1]) == (rollout.terminated, rollout.truncated)
 
 
-def test_a_data_set_is_never_written_over_another(tmp_path: Path):
-    with pytest.raises(error.Error, match="is there already"):
-        export_lerobot([made(2)], tmp_path, task="Go.")
+def test_no_rollouts_are_no_data_set():
     with pytest.raises(error.Error, match="no rollouts"):
-        export_lerobot([], tmp_path / "new", task="Go.")
+        export_minari([], cast("SimyardVectorEnv", None), "simyard/hand/none-v0")

@@ -38,7 +38,7 @@ def test_every_block_of_python_runs_in_one_program(tmp_path: Path):
     done = subprocess.run(
         [sys.executable, "-c", program],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        env={**os.environ, "PYTHONPATH": str(ROOT), "MINARI_DATASETS_PATH": str(tmp_path)},
         capture_output=True,
         text=True,
         check=False,
@@ -46,7 +46,7 @@ def test_every_block_of_python_runs_in_one_program(tmp_path: Path):
     assert done.returncode == 0, done.stderr
     assert "'ranges_m': (32,)" in done.stdout
     assert "8 episodes" in done.stdout
-    assert (tmp_path / "straight-ahead" / "meta" / "info.json").is_file()
+    assert (tmp_path / "simyard" / "delivery" / "straight-v0" / "data").is_dir()
 
 
 def test_every_option_is_in_the_table():

@@ -31,9 +31,9 @@ def adapter(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Any]]:
     monkeypatch.setitem(sys.modules, "stable_baselines3", parent)
     monkeypatch.setitem(sys.modules, "stable_baselines3.common", common)
     monkeypatch.setitem(sys.modules, "stable_baselines3.common.vec_env", module)
-    monkeypatch.delitem(sys.modules, "simyard.gym.stable_baselines", raising=False)
-    yield importlib.import_module("simyard.gym.stable_baselines").StableBaselinesVecEnv
-    sys.modules.pop("simyard.gym.stable_baselines", None)
+    monkeypatch.delitem(sys.modules, "examples.training.stable_baselines_vector", raising=False)
+    yield importlib.import_module("examples.training.stable_baselines_vector").StableBaselinesVecEnv
+    sys.modules.pop("examples.training.stable_baselines_vector", None)
 
 
 def stepped(env: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a class that is imported in the fixture

@@ -1,4 +1,4 @@
-"""`StableBaselinesVecEnv`: a `SimyardVectorEnv` in the form that Stable-Baselines3 trains on."""
+"""`StableBaselinesVecEnv`: a `SimyardVectorEnv` in the form that Stable-Baselines3 trains on. To be copied."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, Unpack
@@ -36,7 +36,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._seed: int | None = None
         super().__init__(num_envs, self.envs.single_observation_space, self.envs.single_action_space)
 
-    def reset(self) -> Any:  # noqa: ANN401 - as Stable-Baselines3 has it
+    def reset(self) -> Any:
         """Begins episodes, the first of the seeds that were set."""
         observation, _ = self.envs.reset(seed=self._seed)
         self._seed = None
