@@ -1,6 +1,10 @@
 """A world as MJCF: loads in MuJoCo as it is, with every solid a geom of the solid's name.
 
 Floors and walls have materials from finishes, sheets stand in front of the walls, and windows are seen only.
+
+Collision is what the world says and nothing else: one ground plane and the solids. What shows floorings, wall coverings
+and windows are sheets a millimetre in front of them: cameras see them and rays hit them, and they touch nothing. The
+leaf of a hinged door can be pushed by a robot, and stands as the world says.
 """
 
 import math

@@ -2,6 +2,14 @@
 
 SDF documents are as sdformat.org, specification 1.9, has them; coverings of floors and walls are Wavefront OBJ, which
 both generations of Gazebo read.
+
+    aws_robomaker_worldforge_worlds/worlds/<world>/<world>.world            what Gazebo is given
+    aws_robomaker_worldforge_worlds/worlds/<world>/world_description.json   its doors, if it has any
+    aws_robomaker_worldforge_worlds/models/<world>_building/...             walls, floors, windows
+    aws_robomaker_worldforge_shared_models/models/<model>/...               furniture
+
+Gazebo finds models by ``model://``; the packages' files (``ros_packages``) tell it where they are. Pieces of furniture
+that are alike are one model, wherever they stand.
 """
 
 import functools

@@ -1,4 +1,8 @@
-"""An export job: worlds out of the store, one zip and the floor plans into a bucket."""
+"""An export job: worlds out of the store, one zip and the floor plans into a bucket.
+
+The keys of everything that is written come from the job's id and the bytes from the worlds alone, so a job that was
+killed anywhere is simply done again over itself.
+"""
 
 import logging
 import random

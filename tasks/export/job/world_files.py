@@ -1,4 +1,12 @@
-"""The files of one world, made here or by a worker elsewhere, and all worlds of an export job in one zip."""
+"""The files of one world, made here or by a worker elsewhere, and all worlds of an export job in one zip.
+
+    manifest.json                       the formats, and SHA-256 and size of every other file
+    world/<generation>/<world>.json     the worlds themselves, always
+    ...                                 a folder for each format (tasks.export.format.formats)
+
+Files that worlds share, such as models of furniture, stand there once. MJCF comes after all other XML, since
+``MjSpec.from_zip`` takes the last it finds.
+"""
 
 import hashlib
 import io

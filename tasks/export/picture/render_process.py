@@ -1,4 +1,18 @@
-"""The process that renders: worlds in, cut open to look into, pixels out."""
+"""The process that renders: worlds in, cut open to look into, pixels out; for a film, a scene and poses in.
+
+Run as ``python -m tasks.export.picture.render_process worlds|film WIDTH HEIGHT SAMPLES``.
+
+MUJOCO_GL says which GL it takes. It says READY when that works, and then answers each line of its standard input, a
+caption and a world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own,
+because a GL that does not work may end the interpreter (docs/reference/rendering.md, section 1).
+
+One light cannot light a room without ceiling well: straight shadows, and black where none falls. A picture is the mean
+of many, each lit from another direction of the sky or of the sun's disc, and each shifted by a part of a pixel: soft
+shadows, darker corners and smooth edges, all by MuJoCo's own shadow maps.
+
+For a film such a picture is made once, without the robot. What the robot covers is found out by rendering the scene
+plainly with it and without it, in a tenth of the time and less.
+"""
 
 import math
 import sys
@@ -12,7 +26,7 @@ from jaxtyping import Float, Float64
 
 from specs.data.world import Color, Door, Solid, Window, World
 from tasks.export.format.mjcf import world_spec
-from tasks.export.picture.renderer import CAPTION_LINE, READY, REQUEST, Pixels
+from tasks.export.picture.renderer import CAPTION_LINE, READY, REQUEST, FilmScene, Pixels
 from tasks.export.surface.sheets import WINDOW_PREFIX
 
 CUT_COLOR: Color = (0.93, 0.92, 0.90)
@@ -120,7 +134,7 @@ class CameraView:
         return np.stack([right, np.cross(right, forwards), forwards])
 
 
-def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: BinaryIO) -> None:
+def render_worlds(width: int, height: int, samples: int, worlds: BinaryIO, pictures: BinaryIO) -> None:
     """Renders world after world until there are no more.
 
     Args:
@@ -130,16 +144,12 @@ def main(width: int, height: int, samples: int, worlds: BinaryIO, pictures: Bina
         worlds: The worlds' documents.
         pictures: Where the pictures go.
     """
-    context = gl_that_works(width, height)
-    pictures.write(READY)
-    pictures.flush()
     for line in worlds:
         caption, world = REQUEST.validate_json(line)
         below = draw_caption(caption, width)
         picture = render(world, width, height - len(below), samples)
         pictures.write(np.concatenate([picture, below]).tobytes())
         pictures.flush()
-    context.free()
 
 
 def gl_that_works(width: int, height: int) -> mujoco.GLContext:
@@ -290,5 +300,96 @@ def _to_light(number: int, count: int, azimuth_rad: float, *, sun: bool) -> Floa
     return found / np.linalg.norm(found)
 
 
+_HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
+_AWAY_M = -1e3
+_GOT = b"!"
+
+
+def film(width: int, height: int, samples: int, asked: BinaryIO, pictures: BinaryIO) -> None:
+    """Films one scene until there are no more poses.
+
+    Args:
+        width: Of a picture, in pixels.
+        height: Of a picture, in pixels.
+        samples: Samples a pixel.
+        asked: The scene, then the poses.
+        pictures: Where the pictures go.
+    """
+    stage = _FilmStage(FilmScene.model_validate_json(asked.readline()), width, height, samples)
+    pictures.write(_GOT)
+    pictures.flush()
+    for line in asked:
+        x, y, yaw = map(float, line.split())
+        pictures.write(stage.picture(x, y, yaw).tobytes())
+        pictures.flush()
+
+
+class _FilmStage:
+    """A scene that was rendered well without its robot; a GL context is current."""
+
+    def __init__(self, scene: FilmScene, width: int, height: int, samples: int) -> None:
+        self._ground = render(scene.world, width, height, samples)
+        self._model = lit_model(_with_robot(scene), width, height)
+        self._data = mujoco.MjData(self._model)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=self._model.ngeom + 100)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
+        self._context = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+        self._area = mujoco.MjrRect(0, 0, width, height)
+        view = whole_view(scene.world, width / height)
+        self._camera, toward = next(views(view, 1, height))
+        self._model.light_dir[0], self._model.light_pos[0] = -toward, view.target_m + toward * view.distance_m
+        self._empty = self._plain(0.0, 0.0, _AWAY_M, 0.0)
+
+    def picture(self, x: float, y: float, yaw: float) -> Pixels:
+        """Returns the scene with the robot at a pose."""
+        seen = self._plain(x, y, 0.0, yaw)
+        covered = (seen != self._empty).any(axis=2)
+        return np.where(covered[:, :, None], seen, self._ground)
+
+    def _plain(self, x: float, y: float, z: float, yaw: float) -> Pixels:
+        self._data.mocap_pos[0] = x, y, z
+        self._data.mocap_quat[0] = math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
+        mujoco.mj_forward(self._model, self._data)
+        kinds = int(mujoco.mjtCatBit.mjCAT_ALL)
+        mujoco.mjv_updateScene(self._model, self._data, mujoco.MjvOption(), None, self._camera, kinds, self._scene)
+        pixels = np.empty((self._area.height, self._area.width, 3), np.uint8)
+        mujoco.mjr_render(self._area, self._scene, self._context)
+        mujoco.mjr_readPixels(pixels, None, self._area, self._context)
+        return pixels[::-1]
+
+
+def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
+    """Returns the world cut open, with a robot that stands where it is put: its hull, and a bar that points ahead."""
+    spec = world_spec(cut_open(scene.world, CUT_M))
+    body = spec.worldbody.add_body(name="filmed-robot", mocap=True)
+    half, middle = (scene.high_m - scene.low_m) / 2, (scene.high_m + scene.low_m) / 2
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], pos=[0.0, 0.0, middle], rgba=_HULL
+    )
+    reach = scene.radius_m / 2
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[reach, 0.1 * scene.radius_m, 0.02],
+        pos=[reach, 0.0, scene.high_m + 0.02],
+        rgba=_NOSE,
+    )
+    return spec
+
+
+def main() -> None:
+    """Draws what the command line asks for, from standard input to standard output."""
+    what, *numbers = sys.argv[1:]
+    width, height, samples = map(int, numbers)
+    context = gl_that_works(width, height)
+    sys.stdout.buffer.write(READY)
+    sys.stdout.buffer.flush()
+    if what == "film":
+        film(width, height, samples, sys.stdin.buffer, sys.stdout.buffer)
+    else:
+        render_worlds(width, height, samples, sys.stdin.buffer, sys.stdout.buffer)
+    context.free()
+
+
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]), sys.stdin.buffer, sys.stdout.buffer)
+    main()

@@ -1,6 +1,6 @@
 """Worlds in three dimensions, and a robot's drive as a film, where a GL is there.
 
-Two processes draw: ``render_process`` renders, ``film_process`` films.
+A process of its own draws: ``render_process``.
 """
 
 import os
@@ -51,7 +51,7 @@ def open_renderer(width: int, height: int, samples: int = _SAMPLES) -> Generator
         height: Rows of a picture.
         samples: Renderings that a picture is the mean of; shadows have about half as many steps.
     """
-    with start_renderer("render_process", [str(width), str(height), str(samples)]) as ask:
+    with start_renderer(["worlds", str(width), str(height), str(samples)]) as ask:
         if ask is None:
             yield None
             return
@@ -61,15 +61,14 @@ def open_renderer(width: int, height: int, samples: int = _SAMPLES) -> Generator
 
 
 @contextmanager
-def start_renderer(module: str, arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
+def start_renderer(arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
     """Yields a function that asks a process of its own, which draws with a GL; None where no GL is.
 
     Args:
-        module: Of this package; answers each line with as many bytes as it should.
         arguments: Its command line.
     """
     with tempfile.TemporaryFile() as complaints:
-        process = _start_process(module, arguments, complaints)
+        process = _start_process(arguments, complaints)
         if process is None:
             yield None
             return
@@ -91,7 +90,7 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
         return None if render is None else encode_rgb(render(world, ()))
 
 
-def _start_process(module: str, arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
+def _start_process(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
     """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any.
 
     Raises:
@@ -100,7 +99,7 @@ def _start_process(module: str, arguments: Sequence[str], complaints: BinaryIO) 
     wanted = os.environ.get(_GL)
     for backend in (wanted,) if wanted else _BACKENDS:
         process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
-            [sys.executable, "-m", f"tasks.export.picture.{module}", *arguments],
+            [sys.executable, "-m", "tasks.export.picture.render_process", *arguments],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=complaints,
@@ -196,7 +195,7 @@ def open_film(
         height: Rows of a picture.
         samples: Renderings that what stands still is the mean of.
     """
-    with start_renderer("film_process", [str(width), str(height), str(samples)]) as ask:
+    with start_renderer(["film", str(width), str(height), str(samples)]) as ask:
         if ask is None:
             yield None
             return

@@ -1,4 +1,8 @@
-"""Floors, walls and windows as they look: flat meshes with texture coordinates, and windows as boxes."""
+"""Floors, walls and windows as they look: flat meshes with texture coordinates, and windows as boxes.
+
+Walls stay what the world says they are. A sheet is seen and not touched; it lies a millimetre in front of what it
+covers, so that nothing flickers.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

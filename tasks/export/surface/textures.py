@@ -1,6 +1,10 @@
 """A finish as a picture that repeats, the same pixels for the same finish on any machine; and pictures as PNG files.
 
 PNG (W3C recommendation, third edition) as Simyard writes it: 8 bits a sample, one filter for all rows.
+
+Every pattern is an array of shares: 0 shows the finish's colour, 1 its accent, what lies outside is lighter or darker
+than both. All arrays repeat seamlessly, and are drawn with exact arithmetic only (no sines, no exponentials), so that
+they are the same on any machine.
 """
 
 import struct

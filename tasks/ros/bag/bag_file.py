@@ -1,4 +1,8 @@
-"""A log of messages as a file: a rosbag of ROS 1, a bag of ROS 2, or MCAP with ROS messages."""
+"""A log of messages as a file: a rosbag of ROS 1, a bag of ROS 2, or MCAP with ROS messages.
+
+The same log gives the same bytes: neither the machine nor its clock is in the file. Later releases of ROS 2 read
+earlier versions of a bag's metadata; the earliest release that is still supported reads this one.
+"""
 
 import functools
 from collections.abc import Callable, Collection, Iterable, Mapping

@@ -1,4 +1,7 @@
-"""What a robot did in an episode, sample by sample, and the messages that its node would have sent."""
+"""What a robot did in an episode, sample by sample, and the messages that its node would have sent.
+
+Poses are the true ones, so the frame of odometry is the map's. Headers and clock say simulated time.
+"""
 
 import math
 import struct

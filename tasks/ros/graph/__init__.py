@@ -1,1 +1,1 @@
-"""A ROS 1 master, its parameters and the robot's node. Lockstep may import it."""
+"""A ROS 1 master, its parameters, the robot's node, and bounded connections on the loopback. Lockstep may import it."""

@@ -1,4 +1,8 @@
-"""One episode's ROS 1 graph: a master, the robot's node, its topics and services, on one event loop."""
+"""One episode's ROS 1 graph: a master, the robot's node, its topics and services, on one event loop.
+
+RoboMaker serves the names and types of its services in every simulation
+(github.com/aws-robotics/aws-robomaker-simulation-ros-pkgs, package robomaker_simulation_msgs).
+"""
 
 import asyncio
 import os

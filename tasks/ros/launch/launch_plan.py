@@ -1,4 +1,9 @@
-"""What a launch file of ROS 1 starts: roslaunch's own code resolves it to a plan of nodes with their environment."""
+"""What a launch file of ROS 1 starts: roslaunch's own code resolves it to a plan of nodes with their environment.
+
+Reading a launch file runs what it says; what that starts and leaves behind is ended with the program. The program is
+text here, because ROS's Python is another one than Simyard's, and has the modules that it imports. Whatever roslaunch
+refuses comes back as a sentence; whatever Simyard does not do for a launch file is a sentence as well.
+"""
 
 import base64
 import contextlib

@@ -1,4 +1,8 @@
-"""What a robot's node publishes: topics in the order of a control step, their messages, and a recorder for a bag."""
+"""What a robot's node publishes: topics in the order of a control step, their messages, and a recorder for a bag.
+
+The recorder stands before any other lock-step, of ROS 1 or ROS 2, and writes each message once more, since what is
+written follows from what is sensed. What nodes tell each other goes past it.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple

@@ -1,4 +1,7 @@
-"""ROS 2 applications in lock-step with their episodes: a DDS domain, a robot and processes for each lane."""
+"""ROS 2 applications in lock-step with their episodes: a DDS domain, a robot and processes for each lane.
+
+Messages come and go in ROS 1's form, so that lanes of both are brought through a control step by the same code.
+"""
 
 import os
 import socket

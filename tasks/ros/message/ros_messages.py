@@ -2,6 +2,9 @@
 
 They tell where the robot is and what it shall do (clock, odometry, transforms, goal, map, command), what it senses
 (laser scan, inertia, joints, bumper), and what RoboMaker's services ask and answer (tags of a job, and its end).
+
+ROS 1 writes numbers little endian without padding, and the length of a text or list before it as an unsigned 32 bit
+number (wiki.ros.org/ROS/Technical%20Overview).
 """
 
 import math

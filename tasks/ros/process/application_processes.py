@@ -1,4 +1,8 @@
-"""One episode's application: its processes, started as roslaunch would, watched, and ended for certain."""
+"""One episode's application: its processes, started as roslaunch would, watched, and ended for certain.
+
+An episode's processes are found as children of its nodes, by the session that a node leads, and, once they have
+neither, by the ``ROS_HOME`` in their environment: whoever their parent is by now.
+"""
 
 import contextlib
 import ctypes

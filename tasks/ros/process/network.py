@@ -1,6 +1,12 @@
 """A network for each episode: its ports are its own, and nothing but its own loopback device can be reached.
 
-A keeper, a program of its own, makes the networks and sockets in them, and outlives its parent to end what that leaves.
+A small process, the keeper, lives in a user namespace of its own, so that it may make networks (user_namespaces(7)).
+It makes sockets in them for this process, and nodes are started in them by nsenter(1). Where the kernel refuses user
+namespaces, all episodes share one network. Should this process be killed, the keeper ends what is left of its
+episodes.
+
+Its program is text here, because it runs in a bare Python that has none of Simyard's modules, which starts in no time
+and takes little memory. The word ``new`` makes a network and answers its handle; ``socket K`` answers a socket in the Kth.
 """
 
 import array

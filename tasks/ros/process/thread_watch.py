@@ -1,6 +1,13 @@
 """Whether the threads of some processes are all asleep, by what the kernel tells of them (proc_pid_stat(5)).
 
 A thread of roscpp, which has all timers of its process, waits for simulated time alone; it is known by its memory.
+
+One look reads each thread's state, then how long and how often it was run so far. All are asleep at one and the same
+moment if a look finds each asleep and run no more than at the look before: such a thread slept from its first reading
+to its second, and these stretches overlap. A thread that is woken but waits for a core reads as running.
+
+roscpp's thread looks at the clock each millisecond, and sleeps in between on a condition that is a variable of roscpp's
+library. So the address that it waits at, which the kernel tells (``/proc/*/task/*/syscall``), says which one it is.
 """
 
 import contextlib

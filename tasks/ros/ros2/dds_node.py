@@ -1,4 +1,12 @@
-"""A node of ROS 2 on plain DDS: types, qualities of service, readers, writers, services, what it tells of itself."""
+"""A node of ROS 2 on plain DDS: types, qualities of service, readers, writers, services, what it tells of itself.
+
+ROS 2 writes XCDR1 little endian (OMG DDS-XTypes 1.3, section 7.4): a message is written once, for the wire and for
+the recording, and goes to DDS as it is.
+
+Sources: ROS 2's documentation, "Quality of Service settings", and defaults of rmw (rmw_qos_profile_*); rmw_dds_common,
+messages Gid, NodeEntitiesInfo and ParticipantEntitiesInfo; rmw_cyclonedds, ``cdds_request_header_t`` and
+``rmw_init_cs``: other middlewares mark requests in another way.
+"""
 
 import functools
 import os

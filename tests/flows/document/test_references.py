@@ -148,7 +148,10 @@ def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
     ],
 )
 def test_a_gate_that_would_count_two_versions_together_is_refused(
-    file_store: Store, bundle: Path, gate: dict[str, Any] | None, refused: bool  # noqa: FBT001 - a case
+    file_store: Store,
+    bundle: Path,
+    gate: dict[str, Any] | None,
+    refused: bool,  # noqa: FBT001 - a case
 ):
     for number in range(3):
         (bundle / "note.txt").write_text(str(number))

@@ -1,1 +1,1 @@
-"""Launch files of ROS 2 in Python: packages, the process that runs them, what they start. Lockstep imports it."""
+"""Launch files of ROS 2 in Python: packages, what they start, stand-ins where ROS 2 is not. Lockstep imports it."""

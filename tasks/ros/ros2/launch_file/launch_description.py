@@ -1,6 +1,15 @@
 """Launch files of ROS 2, resolved in a process of their own: a launch file in Python is the application's code.
 
 ROS 2's own ``launch`` evaluates them where it is installed, the stand-ins elsewhere.
+
+A bundle holds install spaces (``share/ament_index``), as ``colcon build`` makes them, or source packages
+(``package.xml``), whose executables are found by name; an executable of a Python package that is not built is the
+function that its ``setup.py`` or ``setup.cfg`` names.
+
+The program for ROS 2's own ``launch`` is text here, because that is another Python than Simyard's, and has the modules
+that it imports. Processes are noted where ``launch`` would start them. It asks and answers as the stand-ins' program.
+
+Sources: ROS 2's design article "ament index"; setuptools' console scripts.
 """
 
 import ast

@@ -1,4 +1,7 @@
-"""What a launch file is evaluated in, and the substitutions and conditions of ``launch`` and ``launch_ros``."""
+"""What a launch file is evaluated in, and the substitutions and conditions of ``launch`` and ``launch_ros``.
+
+Behaviour as documented by ROS 2's packages launch and launch_ros.
+"""
 
 import importlib
 import math
