@@ -30,12 +30,6 @@ def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
 
 
 @pytest.fixture
-def anywhere(store: Store, tmp_path: Path) -> Owner:
-    """Keys for a store of each kind in turn."""
-    return Owner(store, tmp_path / "keys")
-
-
-@pytest.fixture
 def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
     """What the robot runs before the attack."""
     version = yard.publish(GOOD)

@@ -113,32 +113,13 @@ def test_a_robot_whose_clock_was_wrong_at_its_start_asks_again_and_reports_once(
         again.robot.end()
 
 
-class TestAnywhere:
-    """The worst of it, on a folder and on a real S3 server."""
+def test_keys_are_made_once_however_often(owner: Owner) -> None:
+    before = owner.metadata()
 
-    def test_signed_is_accepted_changed_and_old_are_refused(self, anywhere: Owner, tmp_path: Path) -> None:
-        yard = Yard(anywhere.store, tmp_path)
-        good, newer = yard.publish(GOOD), yard.publish(NEWER)
-        verify = anywhere.verifier(tmp_path / "robot")
-        first = anywhere.signed(good, 1)
-        verify(first)
-        before = anywhere.metadata()
-        second = anywhere.signed(newer, 2)
-        verify(second)
+    again = init_keys(owner.store, owner.folder)
 
-        with pytest.raises(TrustRefused, match="changed after it was signed"):
-            verify(first.model_copy(update={"digest": newer.digest}))
-        anywhere.restore(before)
-        with pytest.raises(TrustRefused, match="older than what this robot has seen"):
-            verify(first)
-
-    def test_keys_are_made_once_however_often(self, anywhere: Owner, store: Store) -> None:
-        before = anywhere.metadata()
-
-        again = init_keys(store, anywhere.folder)
-
-        assert anywhere.metadata() == before
-        assert DeploymentSigner(store, again).root_of_trust.read_bytes() == anywhere.root
+    assert owner.metadata() == before
+    assert DeploymentSigner(owner.store, again).root_of_trust.read_bytes() == owner.root
 
 
 def test_the_keys_vouch_for_a_bundles_length(owner: Owner, yard: Yard, tmp_path: Path) -> None:

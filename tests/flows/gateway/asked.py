@@ -107,6 +107,14 @@ class Asked:
         self.woken += 1
 
 
+def with_applications(store: Store) -> Asked:
+    """Returns a gateway over a store that gets the two applications that Simyard brings along."""
+    made = Asked(store)
+    made.publish()
+    publish_bundle(store, "simulation-application", "delivery", ROOT / "applications/delivery")
+    return made
+
+
 def path(answer: dict[str, Any]) -> str:
     """Returns what the ARN of an answer ends in."""
     return parse_reference(answer["arn"]).path

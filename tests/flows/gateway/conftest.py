@@ -2,19 +2,14 @@
 
 import pytest
 
-from tasks.applications.registry import publish_bundle
 from tasks.storage.base.store import Store
-from tests.flows.gateway.asked import Asked
-from tests.repository import ROOT
+from tests.flows.gateway.asked import Asked, with_applications
 
 
 @pytest.fixture
 def asked(file_store: Store) -> Asked:
     """A gateway over a store with the two applications that Simyard brings along."""
-    made = Asked(file_store)
-    made.publish()
-    publish_bundle(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
-    return made
+    return with_applications(file_store)
 
 
 @pytest.fixture

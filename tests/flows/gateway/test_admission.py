@@ -11,7 +11,6 @@ from specs.errors import ConcurrentDeployment, DocumentError, LimitExceeded, Sim
 from specs.robomaker.operations import SIMULATION_JOBS
 from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.storage.base.keys import job_key
-from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
 from tasks.storage.jobs.records import advance, job_id, read, submit
 from tests.flows.gateway.asked import Asked, path
@@ -122,13 +121,3 @@ def test_a_job_whose_entry_was_taken_for_one_of_no_job_is_queued_again(asked: As
     leave_queue(asked.store, BATCH, batch)
     asked.call("CreateSimulationJob", **request)
     assert not is_queued(asked.store, BATCH, batch)
-
-
-@pytest.mark.long
-def test_both_kinds_of_store_admit_and_cancel(store: Store):
-    asked = Asked(store)
-    made = asked.call("CreateWorldGenerationJob", template=asked.template(), worldCount={"floorplanCount": 1})
-    assert asked.call("DescribeWorldGenerationJob", job=made["arn"])["status"] == "Pending"
-    asked.call("CancelWorldGenerationJob", job=made["arn"])
-    assert asked.call("DescribeWorldGenerationJob", job=made["arn"])["status"] == "Canceled"
-    assert queued_jobs(store) == []

@@ -193,20 +193,6 @@ def test_a_41st_version_is_refused(gateway: Asked, monkeypatch: pytest.MonkeyPat
     assert VERSIONS_AT_MOST == 40
 
 
-def test_an_application_that_is_not_there_is_not_found(gateway: Asked) -> None:
-    application = gateway.arn("robot-application", "none")
-    for call, more in [
-        ("DescribeRobotApplication", {}),
-        ("UpdateRobotApplication", {"robotSoftwareSuite": SUITE}),
-        ("DeleteRobotApplication", {}),
-        ("CreateRobotApplicationVersion", {}),
-    ]:
-        with pytest.raises(ResourceNotFound):
-            gateway.call(call, application=application, **more)
-    with pytest.raises(DocumentError, match="simulation-application"):
-        gateway.call("DescribeSimulationApplication", application=application)
-
-
 def test_only_a_deleted_version_is_gone(gateway: Asked) -> None:
     made = create(gateway, sources=[SOURCE])
     for content in ("one", "two"):

@@ -12,7 +12,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from flows.gateway.gateway import Gateway
-from flows.gateway.handlers import HANDLERS
 from specs.arn import KINDS, ArnForm, ResourceKind, arn
 from specs.base import Spec
 from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
@@ -200,7 +199,3 @@ def exchange(data: st.DataObject, name: str, store: Store, send: Send) -> None:
         message = json.loads(answer.body)["message"]
         assert message
         assert str(Path(store.url.removeprefix("file://"))) not in message
-
-
-def test_every_operation_has_its_handler():
-    assert HANDLERS.keys() == OPERATIONS.keys()

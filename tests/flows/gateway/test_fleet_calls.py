@@ -10,7 +10,6 @@ from specs.errors import (
     DocumentError,
     IdempotentParameterMismatch,
     LimitExceeded,
-    ResourceAlreadyExists,
     ResourceNotFound,
 )
 from specs.robomaker.deployment import CreateDeploymentJobRequest
@@ -70,15 +69,6 @@ def test_the_same_fleet_is_made_once(gateway: Asked, monkeypatch: pytest.MonkeyP
     assert gateway.call("CreateFleet", name="f") == made
     with pytest.raises(LimitExceeded, match="SIMYARD_MAX_FLEETS"):
         fleet(gateway, "g")
-
-
-def test_a_robots_name_is_taken_once(gateway: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SIMYARD_MAX_ROBOTS", "1")
-    robot(gateway)
-    with pytest.raises(ResourceAlreadyExists):
-        robot(gateway)
-    with pytest.raises(LimitExceeded, match="SIMYARD_MAX_ROBOTS"):
-        robot(gateway, "s")
 
 
 def test_a_fleet_takes_no_robot_too_many(gateway: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -304,12 +294,6 @@ def test_what_a_deployment_needs_and_is_not_there_is_not_found(lacking: str, ask
 def test_a_fleet_without_robots_takes_no_deployment(asked: Asked):
     with pytest.raises(DocumentError, match="at least one robot"):
         asked.call("CreateDeploymentJob", **asked.deployment_request(asked.fleet(robots=0)))
-
-
-@pytest.mark.parametrize("operation", ["DescribeDeploymentJob", "CancelDeploymentJob"])
-def test_a_deployment_that_is_not_there_is_not_found(operation: str, asked: Asked):
-    with pytest.raises(ResourceNotFound):
-        asked.call(operation, job=asked.arn(KIND, "dep-0000000000000000"))
 
 
 def test_a_failure_code_of_another_kind_is_told_as_an_internal_error(asked: Asked):

@@ -11,7 +11,6 @@ from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.errors import DocumentError
 from specs.robomaker.operations import shapes
-from tasks.applications.registry import publish_bundle
 from tasks.simulate.batch.batch_jobs import Jobs
 from tasks.simulate.batch.batch_record import close_batch, open_batch
 from tasks.simulate.batch.chunk_run import run_chunk
@@ -128,14 +127,6 @@ STRANGE: dict[str, dict[str, Any]] = {
     "no request": {"request": {}},
     "a request of texts": {"request": {"request": "x", "plan": "y", "worlds": None}},
 }
-
-
-@pytest.fixture
-def asked(file_store: Store) -> Asked:
-    made = Asked(file_store)
-    made.publish()
-    publish_bundle(file_store, "simulation-application", "delivery", ROOT / "applications/delivery")
-    return made
 
 
 def _change(store: Store, key: str, **members: Any) -> None:  # noqa: ANN401 - what a stranger writes

@@ -207,23 +207,6 @@ def test_a_batch_is_recorded_with_its_plan_and_queued(asked: Asked):
     assert described["lastUpdatedAt"] >= described["createdAt"]
 
 
-def test_the_same_token_with_other_requests_is_refused(asked: Asked):
-    request = {"clientRequestToken": "t", "createSimulationJobRequests": [asked.job_request(asked.world())]}
-    made = asked.call("StartSimulationJobBatch", **request)
-    assert asked.call("StartSimulationJobBatch", **request) == made
-    with pytest.raises(IdempotentParameterMismatch):
-        asked.call("StartSimulationJobBatch", **request, tags={"a": "b"})
-
-
-def test_a_batch_too_many_is_refused(asked: Asked, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_MAX_BATCHES", "1")
-    request = {"createSimulationJobRequests": [asked.job_request(asked.world())]}
-    asked.call("StartSimulationJobBatch", **request)
-    with pytest.raises(LimitExceeded):
-        asked.call("StartSimulationJobBatch", **request)
-    assert len(queued_jobs(asked.store)) == 1
-
-
 def test_faults_stand_where_the_request_has_them(asked: Asked):
     good, bad = asked.job_request(asked.world()), asked.job_request(asked.world())
     del bad["simulationApplications"][0]["worldConfigs"]
@@ -246,9 +229,3 @@ def test_a_cancelled_batch_waits_for_a_worker_and_is_said_to_be_canceling(asked:
     advance(asked.store, BATCH, path(made), "Canceled")
     with pytest.raises(DocumentError):
         asked.call("CancelSimulationJobBatch", batch=made["arn"])
-
-
-@pytest.mark.parametrize("operation", ["DescribeSimulationJobBatch", "CancelSimulationJobBatch"])
-def test_a_batch_that_is_not_there_is_not_found(operation: str, asked: Asked):
-    with pytest.raises(ResourceNotFound):
-        asked.call(operation, batch=asked.arn(BATCH, "simb-0000000000000000"))

@@ -166,11 +166,6 @@ def test_a_world_has_the_tags_of_its_job_and_those_that_came_later(gateway: Aske
     assert (described["generationJob"], described["template"]) == (job.arn, TEMPLATE)
 
 
-def test_a_world_that_is_not_there_is_not_found(gateway: Asked) -> None:
-    with pytest.raises(ResourceNotFound):
-        gateway.call("DescribeWorld", world=gateway.arn("world", "wgj-1/w"))
-
-
 def test_deleted_worlds_are_gone_with_their_tags(gateway: Asked) -> None:
     job = generation(gateway.store, "a", "b")
     first, second = (gateway.arn("world", f"{job.id}/{name}") for name in "ab")
@@ -287,16 +282,6 @@ def test_the_same_call_again_is_the_same_job(kind: JobKind, asked: Asked):
 
 
 @BOTH
-def test_one_more_than_the_quota_is_refused(kind: JobKind, asked: Asked, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_MAX_GENERATION_JOBS", "1")
-    monkeypatch.setenv("SIMYARD_MAX_EXPORT_JOBS", "1")
-    name, request = _asked_for(asked, kind)
-    asked.call(f"Create{name}", **request)
-    with pytest.raises(LimitExceeded):
-        asked.call(f"Create{name}", **request)
-
-
-@BOTH
 def test_a_cancelled_job_that_nobody_has_begun_is_canceled_at_once(kind: JobKind, asked: Asked):
     name, request = _asked_for(asked, kind)
     made = asked.call(f"Create{name}", **request)
@@ -319,14 +304,6 @@ def test_a_running_job_is_said_to_be_canceling_and_one_that_has_ended_is_not_can
     advance(asked.store, kind, path(other), "Completed")
     with pytest.raises(DocumentError, match="Completed"):
         asked.call(f"Cancel{name}", job=other["arn"])
-
-
-@BOTH
-def test_a_job_that_is_not_there_is_not_found(kind: JobKind, asked: Asked):
-    name, _ = _asked_for(asked, kind)
-    for operation in ("Describe", "Cancel"):
-        with pytest.raises(ResourceNotFound):
-            asked.call(f"{operation}{name}", job=asked.arn(kind, "none"))
 
 
 @BOTH
