@@ -174,15 +174,3 @@ def test_no_private_key_is_anywhere_but_in_its_folder(
         assert not [form for form in forms if form in body], f"a private key is in {place}"
     text = (caplog.text + "".join(told)).encode()
     assert not [form for form in forms if form in text]
-
-
-def test_no_private_key_is_in_a_bucket(anywhere: Owner, tmp_path: Path) -> None:
-    version = Yard(anywhere.store, tmp_path).publish(GOOD)
-    anywhere.signed(version, 1)
-    anywhere.rotate("deployer")
-
-    forms = set(private_forms(anywhere.folder))
-    for key in anywhere.store.keys(""):
-        body = anywhere.store.get(key).body
-        assert b"PRIVATE KEY" not in body
-        assert not [form for form in forms if form in body], f"a private key is in {key}"
