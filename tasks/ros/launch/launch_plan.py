@@ -73,7 +73,9 @@ _WRITTEN_BYTES = 64 << 20
 _LAST_BYTES = 4000
 
 
-def read_apart(command: Sequence[str], environment: Mapping[str, str], folder: Path, text: str, limit_s: float) -> str:
+def run_launch_program(
+    command: Sequence[str], environment: Mapping[str, str], folder: Path, text: str, limit_s: float
+) -> str:
     """Returns the last line that a program prints.
 
     Args:
@@ -340,7 +342,7 @@ def _answers(
     command, where = [str(installation.python), "-c", PROGRAM, source.package, source.launch_file], _name(source)
     own = node_environment(installation, source.bundle, "", home, {})
     try:
-        answer = read_apart(command, own, home, json.dumps(environments), _LIMIT_S + len(environments))
+        answer = run_launch_program(command, own, home, json.dumps(environments), _LIMIT_S + len(environments))
         return json.loads(answer)
     except LaunchRefused as exc:
         raise LaunchRefused(f"{where}: roslaunch: {exc}") from exc

@@ -81,7 +81,7 @@ def ros_installation() -> RosInstallation:
 def _found(chosen: str, ros_root: str) -> RosInstallation:
     tried: list[RosInstallation] = []
     for prefix in _prefixes(ros_root):
-        tried.append(_asked(Path(chosen) if chosen else Path("/usr/bin/python3"), prefix))
+        tried.append(_probe_installation(Path(chosen) if chosen else Path("/usr/bin/python3"), prefix))
         if not tried[-1].missing:
             return tried[-1]
     return tried[-1]
@@ -94,7 +94,7 @@ def _prefixes(ros_root: str) -> list[Path]:
     return list(dict.fromkeys(place for place in places if place and (place == Path("/usr") or place.is_dir())))
 
 
-def _asked(python: Path, prefix: Path) -> RosInstallation:
+def _probe_installation(python: Path, prefix: Path) -> RosInstallation:
     """Returns what a Python says of the ROS below a folder."""
     installation = RosInstallation(python, prefix, "noetic", "")
     program = shutil.which(str(python))

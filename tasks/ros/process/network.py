@@ -6,7 +6,8 @@ namespaces, all episodes share one network. Should this process be killed, the k
 episodes.
 
 Its program is text here, because it runs in a bare Python that has none of Simyard's modules, which starts in no time
-and takes little memory. The word ``new`` makes a network and answers its handle; ``socket K`` answers a socket in the Kth.
+and takes little memory. The word ``new`` makes a network and answers its handle; ``socket K`` answers a socket in the
+Kth.
 """
 
 import array

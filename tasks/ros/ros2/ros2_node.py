@@ -124,7 +124,7 @@ class Ros2Node:
 
     def _add_tags(self, request: bytes) -> bytes:
         try:
-            self.tags = joined_tags(self.tags, given_tags(self._store, request))
+            self.tags = joined_tags(self.tags, request_tags(self._store, request))
         except ValueError as exc:
             return self._outcome(f"{ADD_TAGS}_Response", fault=str(exc)[:_FAULT_CHARACTERS])
         return self._outcome(f"{ADD_TAGS}_Response")
@@ -145,7 +145,7 @@ def twist_bytes(cdr: bytes) -> bytes:
     return _TWIST_CDR[_LITTLE].pack(*form.unpack_from(cdr, _ENCAPSULATION_BYTES))
 
 
-def given_tags(store: Typestore, request: bytes) -> dict[str, str]:
+def request_tags(store: Typestore, request: bytes) -> dict[str, str]:
     """Returns the tags of an ``AddTags`` request.
 
     Args:

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, run_launch_program, resolve_launch
 from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
@@ -122,7 +122,7 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
         arguments = ["-m", _MODULE, str(source.bundle), source.package, source.launch_file]
         try:
             command = confined_command(arguments, programs, [source.bundle])
-            said = read_apart(command, confined_environment(os.environ, programs), programs, asked, _LIMIT_S)
+            said = run_launch_program(command, confined_environment(os.environ, programs), programs, asked, _LIMIT_S)
             answer = LaunchReport.model_validate_json(said)
         except LaunchRefused as exc:
             return {"unread": f"the process that reads it: {exc}"}

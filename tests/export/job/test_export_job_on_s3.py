@@ -98,7 +98,6 @@ def _killed_while_uploading(store_url: str, bucket: str) -> None:
         run(open_store(store_url), bucket)
 
 
-@pytest.mark.long
 def test_an_export_killed_during_its_upload_shows_nothing_finished_and_is_completed_by_the_next_run(
     file_store: Store, buckets_on_s3: pytest.MonkeyPatch, seaweed: Seaweed
 ):
@@ -149,24 +148,6 @@ def test_a_server_that_goes_away_in_the_middle_of_the_upload_shows_nothing_until
     assert record.status == "Running"
     assert not [key for key in open_bucket(file_store, "cut-off").keys("") if key.endswith(".zip")]
     assert run(file_store, "cut-off").status == "Completed"
-
-
-@pytest.mark.long
-def test_a_server_that_goes_away_between_parts_of_the_upload_shows_nothing(
-    file_store: Store, buckets_on_s3: pytest.MonkeyPatch, seaweed: Seaweed
-):
-    def write_big(_worlds: object, _formats: object, target: Path) -> str:
-        with target.open("wb") as file:
-            file.truncate(96 << 20)
-        return "not told"
-
-    seaweed.make_bucket("cut-apart")
-    with buckets_on_s3.context() as big:
-        big.setattr("tasks.export.job.export_job.write_zip", write_big)
-        record = _export_that_is_cut(file_store, big, seaweed, "cut-apart", after_bytes=72 << 20)
-    assert record.status == "Running"
-    assert not [key for key in open_bucket(file_store, "cut-apart").keys("") if key.endswith(".zip")]
-    assert _uploads(seaweed, "cut-apart")  # it was under way; the next run sweeps it
 
 
 @pytest.mark.usefixtures("buckets_on_s3")

@@ -9,12 +9,12 @@ from xmlrpc.client import Binary
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_apart, resolve_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, run_launch_program, resolve_launch
 from tasks.ros.process.application_processes import alive
 
 
 def read(folder: Path, program: str, limit_s: float = 60.0) -> str:
-    return read_apart([sys.executable, "-I", "-S", "-c", program], dict(os.environ), folder, "asked", limit_s)
+    return run_launch_program([sys.executable, "-I", "-S", "-c", program], dict(os.environ), folder, "asked", limit_s)
 
 
 def test_the_last_line_is_the_answer(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tasks.ros.message.ros_messages import REQUEST_BYTES
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
 from tasks.ros.ros2.dds_node import DEFAULT, SENSOR_DATA, DdsNode, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.ros2_node import Ros2Node, given_tags, twist_bytes
+from tasks.ros.ros2.ros2_node import Ros2Node, request_tags, twist_bytes
 
 TWIST = "geometry_msgs/msg/Twist"
 _WAIT_S = 10.0
@@ -90,7 +90,7 @@ def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(domain: E
 @example(bytes(REQUEST_BYTES + 1))
 def test_bytes_that_are_no_request_have_no_tags(request: bytes) -> None:
     try:
-        found = given_tags(type_store(), request)
+        found = request_tags(type_store(), request)
     except ValueError:
         return
     assert all(isinstance(text, str) for pair in found.items() for text in pair)

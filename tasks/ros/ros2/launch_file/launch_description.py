@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import tasks
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_apart
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, run_launch_program
 from tasks.ros.launch.packages import read_manifest
 from tasks.ros.ros2.interface_types import DEFAULT_DISTRIBUTION, DISTRIBUTIONS
 
@@ -326,7 +326,7 @@ def _answer(
         "folder": str(folder),
         "packages": {name: each._asdict() for name, each in packages.items()},
     }
-    return json.loads(read_apart(command, own, folder, json.dumps(request), _LIMIT_S))
+    return json.loads(run_launch_program(command, own, folder, json.dumps(request), _LIMIT_S))
 
 
 def _prefixes(packages: Mapping[str, AmentPackage]) -> list[str]:
