@@ -17,7 +17,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, run_launch_program, resolve_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve_launch, run_launch_program
 from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused

@@ -9,7 +9,7 @@ from xmlrpc.client import Binary
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, run_launch_program, resolve_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve_launch, run_launch_program
 from tasks.ros.process.application_processes import alive
 
 
