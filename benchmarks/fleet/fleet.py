@@ -4,7 +4,8 @@
     docs/operate/fleet.md]
 
 Simulated robots (benchmarks.fleet.fleet_robots) answer when the controller sleeps: the time shown is what the
-controller and the store take, not what robots would. Agents are real processes of this machine.
+controller and the store take, not what robots would. Agents are real processes of this machine; they get a version that
+stays up, then one that does not.
 """
 
 import os
@@ -13,21 +14,87 @@ import time
 from collections import Counter
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import cast
 
-from benchmarks.fleet.fleet_agents import AGENTS_HEAD, agents_row
 from benchmarks.fleet.fleet_robots import HeardStore, Robots
 from benchmarks.harness import machine, markdown, options, show
 from specs.arn import arn
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet
+from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.job import run_deployment_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store, store_id
+
+AGENTS_FLEET = "agents"
+AGENTS_HEAD = ["store", "agents", "good version", "s", "broken version", "s", "still run the good one"]
+_GOOD = "#!/bin/sh\nexec sleep 1000\n"
+_BROKEN = "#!/bin/sh\nexit 1\n"
+
+
+def agents_row(store: Store, count: int, folder: Path) -> list[str]:
+    """Returns a row of the table; what the agents started ends with them."""
+    create_fleet(store, AGENTS_FLEET)
+    good_s, good, digest = _deployed(store, count, folder, _GOOD, "good")
+    broken_s, broken, _ = _deployed(store, count, folder, _BROKEN, "broken")
+    links = (folder / AGENTS_FLEET / store.url.partition(":")[0]).glob("*/current")
+    return [
+        store.url.partition(":")[0],
+        str(count),
+        _told(good),
+        f"{good_s:.0f}",
+        _told(broken),
+        f"{broken_s:.0f}",
+        f"{sum(link.readlink().name == digest for link in links)} of {count}",
+    ]
+
+
+def _deployed(store: Store, count: int, folder: Path, program: str, token: str) -> tuple[float, JobRecord, str]:
+    package = folder / f"{AGENTS_FLEET}-{token}" / "app"
+    package.mkdir(parents=True, exist_ok=True)
+    (package / "run.sh").write_text(program)
+    (package / "run.sh").chmod(0o755)
+    version = publish_bundle(store, "robot-application", "app", package.parent)
+    begun_s = time.perf_counter()
+    record = run_deployment_job(
+        store,
+        _agents_request(store, version.number, token),
+        digest=version.digest,
+        token=token,
+        progress=lambda *_: None,
+        robots=partial(local_agents, store, AGENTS_FLEET, count, folder / AGENTS_FLEET / store.url.partition(":")[0]),
+    )
+    return time.perf_counter() - begun_s, record, version.digest
+
+
+def _told(record: JobRecord) -> str:
+    counts = Counter(robot.failure_code or robot.status for robot in recorded_progress(record).values())
+    return f"{record.status}: " + ", ".join(f"{count} {what}" for what, count in sorted(counts.items()))
+
+
+def _agents_request(store: Store, version: int, token: str) -> CreateDeploymentJobRequest:
+    identifier = store_id(store)
+    return CreateDeploymentJobRequest.model_validate(
+        {
+            "clientRequestToken": token,
+            "fleet": arn("deployment-fleet", identifier, AGENTS_FLEET),
+            "deploymentConfig": {"concurrentDeploymentPercentage": 20, "failureThresholdPercentage": 20},
+            "deploymentApplicationConfigs": [
+                {
+                    "application": arn("robot-application", identifier, "app"),
+                    "applicationVersion": str(version),
+                    "launchConfig": {"packageName": "app", "launchFile": "run.sh"},
+                }
+            ],
+        }
+    )
+
 
 FLEET, CONCURRENT_PERCENT, THRESHOLD_PERCENT, TIMEOUT_S = "benchmark", 10, 20, 600
 HEAD = ["store", "robots", "ended", "robots ended", "most at once", "wall s", "CPU s", "requests a robot"]

@@ -11,10 +11,8 @@ processes run and are warm; `start s` is what comes before. `--document` puts th
 from collections.abc import Mapping, Sequence
 
 from benchmarks.harness import markdown, options, show
-from benchmarks.worlds.world_example import example_certificate
 from benchmarks.worlds.world_memory import JobFigures, measure_memory
-from benchmarks.worlds.world_quality import measure_quality
-from benchmarks.worlds.world_quality_tables import quality_tables
+from benchmarks.worlds.world_quality import example_certificate, measure_quality, quality_tables
 from benchmarks.worlds.world_speed import INTERIORS, WORKERS, Case, Rate, measure_rates, measure_stages, middle
 from benchmarks.worlds.world_templates import AIMS_PER_S, SPEED_TEMPLATES
 

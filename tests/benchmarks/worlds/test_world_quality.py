@@ -5,14 +5,16 @@ import pytest
 from benchmarks.worlds import world_quality
 from benchmarks.worlds.world_quality import (
     DENSITIES,
+    FREE_FLOOR,
+    SHAPES,
     TEMPLATES,
     Ask,
     Sampled,
+    quality_tables,
     sample_worlds,
     with_density,
     world_figures,
 )
-from benchmarks.worlds.world_quality_tables import FREE_FLOOR, SHAPES, quality_tables
 from benchmarks.worlds.world_templates import read_template
 from specs.data.world import World
 from specs.template.body import TemplateBody

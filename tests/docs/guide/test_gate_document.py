@@ -6,8 +6,7 @@ import pytest
 import yaml
 
 from benchmarks.harness import markdown, with_tables
-from benchmarks.results.gate import ALPHA, BAR, BATCHES, CHUNKS, EPISODES, at_looks, table, worlds_table
-from benchmarks.results.gate_pairs import pairs_table
+from benchmarks.results.gate import ALPHA, BAR, BATCHES, CHUNKS, EPISODES, at_looks, pairs_table, table, worlds_table
 from specs.data.result_columns import COURSES, MEASURES
 from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
