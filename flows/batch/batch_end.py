@@ -43,6 +43,7 @@ from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.batch.provenance import batch_metadata, seal, unvouched_notice
 from tasks.simulate.batch.result_stream import give_up, result_parts
 from tasks.simulate.lane.recording import Columns
+from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import checked_name, claim_key, output_key, trend_key
 from tasks.storage.base.store import Store
@@ -267,6 +268,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         metadata=cast("dict[str, str]", detail["metadata"]),
         judgement=read_judgement(store, record.id),
         audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
+        looks=len(Layout(plan).looks()),
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),
         trend=_trend(record, run, beside_tables=beside_tables),

@@ -24,7 +24,8 @@ from tasks.results.ci.groups import FAILURE_COLUMNS, RESULT_COLUMNS, GroupRules,
 from tasks.results.gate.evidence import Baseline, Evidence, read_evidence
 from tasks.results.statistics.power import share_needs
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, stored_rows
-from tasks.simulate.batch.batch_record import KIND
+from tasks.simulate.batch.batch_record import KIND, plan_of
+from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
@@ -142,7 +143,7 @@ def batch_counts(
         verdict=verdict,
         bar=rate.atLeast if rate else None,
         confidence=rate.confidence if rate else _CONFIDENCE,
-        sequential=bool(gate and gate.stopEarly),
+        looks=len(Layout(plan_of(record)).looks()),
         compared_with=(baseline.digest,) if baseline and baseline.batch == record.id else (),
         job_arn=arn("simulation-job", store_id_of(record.arn), ""),
         store_option=store_option(store.url),

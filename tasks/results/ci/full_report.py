@@ -52,7 +52,7 @@ class GroupReport(Spec):
         crashed: How many of them ended Failed, because code failed.
         canceled: How many more were canceled.
         rate: Share of them that passed; None of none.
-        interval: Wilson's, of the rate in this world; each by itself.
+        interval: Of the rate in this world, by itself: Wilson's, or exact at all looks of a batch that may end early.
         together: The one that holds together with those of all other groups of the batch.
         simulated_s: Simulated seconds of all.
         reasons: Why episodes did not pass, most frequent first.
@@ -103,7 +103,7 @@ class CountedBatch(Spec):
     Attributes:
         arn: Of the batch.
         rate: Share that passed in these worlds; None of no episodes.
-        interval: Wilson's, of the rate.
+        interval: Of the rate: Wilson's, or exact at all looks of a batch that may end early.
         confidence: Of the interval, of that of worlds like these, and of those of all groups together.
         intervals: How many groups have episodes, those that are left out, too.
         like_these: How much worlds differ, and the rate in worlds like these as far as anything is said of it.

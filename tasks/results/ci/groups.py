@@ -17,7 +17,7 @@ from tasks.results.ci.full_report import (
     ReasonCount,
     WorldReport,
 )
-from tasks.results.statistics.intervals import Interval, IntervalFamily, wilson
+from tasks.results.statistics.intervals import Interval, IntervalFamily, share_alone
 from tasks.results.statistics.over_worlds import WorldsLikeThese, worlds_like_these
 
 MOST_GROUPS = 5_000
@@ -47,7 +47,7 @@ class GroupRules(NamedTuple):
         verdict: The gate's; None if no gate answered.
         bar: The success rate that it asks for; None if it asks for none.
         confidence: Of the intervals.
-        sequential: Whether the batch might have ended early.
+        looks: At how many looks the batch might have been ended; 0 of one that was driven to its end.
         compared_with: Digests of robot applications that the gate only compares with.
         job_arn: What the ARNs of jobs begin with, up to their id.
         store_option: What a command needs to find the store, such as ``--store s3://bucket/prefix``; or empty.
@@ -56,7 +56,7 @@ class GroupRules(NamedTuple):
     verdict: Verdict | None = None
     bar: float | None = None
     confidence: float = 0.95
-    sequential: bool = False
+    looks: int = 0
     compared_with: Collection[str] = ()
     job_arn: str = ""
     store_option: str = ""
@@ -94,7 +94,8 @@ def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRu
     states = {key: _state(key, group, rules) for key, group in groups.items()}
     shown = _shown(states)
     passed, ended = sum(each.passed for each in groups.values()), sum(map(_ended, groups.values()))
-    family = IntervalFamily(size=sum(map(bool, map(_ended, groups.values()))), confidence=rules.confidence)
+    size = sum(map(bool, map(_ended, groups.values())))
+    family = IntervalFamily(size=size, confidence=rules.confidence, looks=rules.looks)
     reports = {
         key: _report(names[key], each, states[key], rules, family) for key, each in groups.items() if key in shown
     }
@@ -104,7 +105,7 @@ def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRu
         passed=passed,
         canceled=sum(each.canceled for each in groups.values()),
         rate=passed / ended if ended else None,
-        interval=_interval(passed, ended, rules.confidence),
+        interval=_interval(passed, ended, rules.confidence, rules.looks),
         confidence=rules.confidence,
         intervals=family.size,
         like_these=_like_these(groups, rules),
@@ -211,7 +212,7 @@ def _like_these(groups: _Groups, rules: GroupRules) -> WorldsLikeThese:
     for key, group in groups.items():
         passed, ended = worlds.get(_world(key), (0, 0))
         worlds[_world(key)] = passed + group.passed, ended + _ended(group)
-    early = "the batch might have ended early" if rules.sequential else ""
+    early = "the batch might have ended early" if rules.looks else ""
     passed, ended = ([counts[at] for counts in worlds.values()] for at in (0, 1))
     return worlds_like_these(passed, ended, rules.confidence, refused=early)
 
@@ -243,8 +244,8 @@ def _report(
         crashed=group.crashed,
         canceled=group.canceled,
         rate=group.passed / ended if ended else None,
-        interval=_interval(group.passed, ended, rules.confidence),
-        together=_together(family.size, group.passed, ended, rules.confidence),
+        interval=_interval(group.passed, ended, rules.confidence, rules.looks),
+        together=_exact(group.passed, ended, family.each),
         simulated_s=group.simulated_s,
         reasons=tuple(ReasonCount(reason=reason, episodes=count) for reason, count in _most_frequent(group.reasons)),
         examples=tuple(_examples(group, rules)),
@@ -277,10 +278,10 @@ def _ended(group: _Group) -> int:
 
 
 @functools.lru_cache(maxsize=4096)
-def _interval(passed: int, episodes: int, confidence: float) -> Interval:
-    return wilson(passed, episodes, confidence)
+def _interval(passed: int, episodes: int, confidence: float, looks: int) -> Interval:
+    return share_alone(passed, episodes, confidence, looks)
 
 
 @functools.lru_cache(maxsize=4096)
-def _together(size: int, passed: int, episodes: int, confidence: float) -> Interval:
-    return IntervalFamily(size=size, confidence=confidence).interval(passed, episodes)
+def _exact(passed: int, episodes: int, confidence: float) -> Interval:
+    return IntervalFamily(size=1, confidence=confidence).interval(passed, episodes)

@@ -31,7 +31,6 @@ class Judgement(Spec):
         interval: Its interval, or None likewise.
         method: What that is: ``Wilson``, or ``repeated confidence interval`` for a batch that may end early.
         over_worlds: Whether that interval is of worlds like these, and not of these alone.
-        sequential: Whether the batch might have ended early.
         rules: Each rule by itself, where there are several.
         alone: The version that was judged, where the batch drove the one that it was compared with, too; else empty.
         digests: SHA-256 of each robot application that was judged, likewise; else none.
@@ -46,7 +45,6 @@ class Judgement(Spec):
     interval: Interval | None = None
     method: str = ""
     over_worlds: bool = False
-    sequential: bool = False
     rules: tuple[RuleAnswer, ...] = ()
     alone: str = ""
     digests: tuple[str, ...] = ()
@@ -94,6 +92,7 @@ class BatchFacts(Spec):
         metadata: Engine, device, lanes and versions.
         judgement: The gate's answer, or None where nobody judged.
         audit: The parity audit as recorded, or None.
+        looks: At how many looks its gate might have ended it; 0 where it was driven to its end.
         stages: How long the run's stages took, or nothing where that is not recorded.
         links: Files of the batch.
         trend: Link to the page of the document's nights, or empty where it is of no document's run.
@@ -115,6 +114,7 @@ class BatchFacts(Spec):
     metadata: dict[str, str]
     judgement: Judgement | None = None
     audit: dict[str, JsonValue] | None = None
+    looks: int = 0
     stages: tuple[StageTime, ...] = ()
     links: tuple[Link, ...] = Field(default=())
     trend: str = ""
@@ -166,7 +166,6 @@ def judgement_of(evidence: Evidence) -> Judgement:
         interval=_interval(answer.lower, answer.upper) if answer else None,
         method=answer.method if answer else "",
         over_worlds=bool(rate and rate.over),
-        sequential=bool(evidence.rule.stopEarly),
         rules=tuple(RuleAnswer(name=each.title, verdict=each.verdict, sentence=each.sentence) for each in rules),
         alone=", ".join(f"{robot.name} version {robot.version}" for robot in alone),
         digests=tuple(robot.digest for robot in alone),

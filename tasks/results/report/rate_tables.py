@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from specs.base import Spec
-from tasks.results.report.batch_facts import Judgement
+from tasks.results.report.batch_facts import BatchFacts
 from tasks.results.statistics.batch_summary import EpisodeGroup
 from tasks.results.statistics.intervals import Interval, IntervalFamily, in_worlds, percent, percent_range
 
@@ -100,7 +100,7 @@ class RateRow(Spec):
     Attributes:
         interval: The one that holds together with those of all other groups; of all episodes, their own.
         bar: It, drawn.
-        alone: The one that holds by itself (Wilson).
+        alone: The one that holds by itself: Wilson's, unless the batch might have ended early.
         bar_alone: It, drawn.
     """
 
@@ -152,15 +152,16 @@ class Grouped(NamedTuple):
     label: Callable[[str], str] = str
 
 
-def family_of(tables: Sequence[Grouped], confidence: float) -> IntervalFamily:
+def family_of(tables: Sequence[Grouped], confidence: float, looks: int = 0) -> IntervalFamily:
     """Returns the family of the intervals of all groups that have episodes, also of those that no table has room for.
 
     Args:
         tables: All that a page shows.
         confidence: How often all of them hold, between 0 and 1.
+        looks: At how many looks the batch might have been ended; 0 of one that was driven to its end.
     """
     size = sum(bool(group.episodes) for table in tables for group in table.groups)
-    return IntervalFamily(size=size, confidence=confidence)
+    return IntervalFamily(size=size, confidence=confidence, looks=looks)
 
 
 def rate_table(found: Grouped, family: IntervalFamily, goal: float | None) -> RateTable:
@@ -217,16 +218,17 @@ class JudgedRate(Spec):
     bar: Bar
 
 
-def judged_rate(total: EpisodeGroup, judgement: Judgement | None, confidence: float, worlds: int) -> JudgedRate:
+def judged_rate(total: EpisodeGroup, facts: BatchFacts, confidence: float, worlds: int) -> JudgedRate:
     """Returns the rate that was judged, or that of all episodes, with the worlds in which it holds.
 
     Args:
         total: All episodes.
-        judgement: The gate's answer, or None.
+        facts: The batch, with the gate's answer.
         confidence: Coverage of the interval.
         worlds: How many worlds the episodes that were judged were in.
     """
-    rate, interval, method = total.rate, total.interval, "Wilson"
+    judgement, method = facts.judgement, "exact, at any look" if facts.looks else "Wilson"
+    rate, interval = total.rate, total.interval
     if judgement and judgement.interval:
         rate, interval, method = judgement.rate, judgement.interval, judgement.method
     axis = scale([interval.lower] if total.episodes else [], judgement.at_least if judgement else None)

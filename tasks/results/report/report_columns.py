@@ -272,21 +272,21 @@ def _as_labels(names: np.ndarray) -> Labels:
     return Labels(tuple(str(name) for name in known), kept)
 
 
-def total_group(episodes: Episodes, confidence: float) -> EpisodeGroup:
-    """Returns all episodes as one group."""
-    (group,) = group_episodes(
-        episodes, Labels(("all episodes",), np.zeros(len(episodes.outcome), np.int64)), confidence
-    )
+def total_group(episodes: Episodes, confidence: float, looks: int) -> EpisodeGroup:
+    """Returns all episodes as one group; arguments as for `group_episodes`."""
+    labels = Labels(("all episodes",), np.zeros(len(episodes.outcome), np.int64))
+    (group,) = group_episodes(episodes, labels, confidence, looks)
     return group
 
 
-def group_episodes(episodes: Episodes, labels: Labels, confidence: float) -> list[EpisodeGroup]:
+def group_episodes(episodes: Episodes, labels: Labels, confidence: float, looks: int) -> list[EpisodeGroup]:
     """Returns a group a label, in the labels' order, without their reasons.
 
     Args:
         episodes: The batch.
         labels: Which group each episode belongs to.
-        confidence: Of the Wilson intervals.
+        confidence: Of each group's interval by itself.
+        looks: At how many looks the batch might have been ended; 0 of one that was driven to its end.
     """
     kinds = {
         Ending(success, failed_job=False): _count(labels, episodes.outcome == code)
@@ -294,7 +294,7 @@ def group_episodes(episodes: Episodes, labels: Labels, confidence: float) -> lis
     }
     return [
         EpisodeGroup.of_counts(
-            label, count_endings({kind: counts[number] for kind, counts in kinds.items()}), confidence
+            label, count_endings({kind: counts[number] for kind, counts in kinds.items()}), confidence, looks=looks
         )
         for number, label in enumerate(labels.names)
     ]

@@ -229,7 +229,6 @@ class ReportView(Spec):
         judged: The rate that was judged, or that of all episodes, on the axis of the verdict.
         like_these: What the episodes that were judged say of worlds that were not drawn.
         where: In which worlds the rate of all episodes holds.
-        sequential: Whether the batch might have ended early, which intervals of groups know nothing of.
         family: How many intervals of groups there are, and how sure all of them together are.
         misses: How many of them miss in the mean, if each holds by itself.
         columns: Tables of rates, in the columns of a wide page.
@@ -249,7 +248,6 @@ class ReportView(Spec):
     judged: JudgedRate
     like_these: WorldsLikeThese
     where: str
-    sequential: bool
     reasons: tuple[ReasonRow, ...]
     family: IntervalFamily
     misses: str
@@ -277,8 +275,9 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Driven
     judgement = facts.judgement
     confidence = judgement.confidence if judgement else _CONFIDENCE
     goal = judgement.at_least if judgement else None
-    total, groups = total_group(episodes, confidence), _groups(facts, episodes, failed, worlds, confidence)
-    family, like_these = family_of(groups, confidence), _like_these(episodes, judgement, confidence)
+    total = total_group(episodes, confidence, facts.looks)
+    groups = _groups(facts, episodes, failed, worlds, confidence)
+    family, like_these = family_of(groups, confidence, facts.looks), _like_these(episodes, facts, confidence)
     return ReportView(
         facts=facts,
         title=facts.name or facts.batch,
@@ -288,10 +287,9 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Driven
         confidence=f"{100 * confidence:g}\u00a0%",
         total=total,
         whole=rate_row(total, scale([total.interval.lower], None), total.label, None),
-        judged=judged_rate(total, judgement, confidence, like_these.spread.worlds),
+        judged=judged_rate(total, facts, confidence, like_these.spread.worlds),
         like_these=like_these,
         where=in_worlds(sum(map(bool, counts_by_world(episodes)[1]))),
-        sequential=judgement is not None and judgement.sequential,
         reasons=_reasons(failed),
         family=family,
         misses=f"{family.size * (1.0 - confidence):.2g}",
@@ -306,9 +304,9 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Driven
     )
 
 
-def _like_these(episodes: Episodes, judgement: Judgement | None, confidence: float) -> WorldsLikeThese:
-    early = "the batch might have ended early" if judgement and judgement.sequential else ""
-    counts = counts_by_world(episodes, judgement.digests if judgement else ())
+def _like_these(episodes: Episodes, facts: BatchFacts, confidence: float) -> WorldsLikeThese:
+    early = "the batch might have ended early" if facts.looks else ""
+    counts = counts_by_world(episodes, facts.judgement.digests if facts.judgement else ())
     return worlds_like_these(*counts, confidence, refused=early)
 
 
@@ -337,18 +335,18 @@ def _groups(
     facts: BatchFacts, episodes: Episodes, failed: Failures, worlds: DrivenWorlds, confidence: float
 ) -> tuple[Grouped, ...]:
     why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
-    by_world = worst_first(group_episodes(episodes, episodes.world, confidence))
+    by_world = worst_first(group_episodes(episodes, episodes.world, confidence, facts.looks))
     here = in_worlds(sum(bool(group.episodes) for group in by_world))
     found = [Grouped("By world", "each in that world alone", "World", by_world, why, short_world(tuple(facts.worlds)))]
     if len(episodes.application.names) > 1:
-        by_application = group_episodes(episodes, episodes.application, confidence)
+        by_application = group_episodes(episodes, episodes.application, confidence, facts.looks)
         found.append(Grouped("By application", here, "Robot and scenario", by_application))
     for name, labels in episodes.variables.items():
-        groups = _in_document_order(group_episodes(episodes, labels, confidence), facts.variables[name])
+        groups = _in_document_order(group_episodes(episodes, labels, confidence, facts.looks), facts.variables[name])
         found.append(Grouped(f"By {clip(name, 60)}", here, "Value", groups))
     if worlds.rooms:
         for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
-            groups = worst_first(group_episodes(episodes, place(episodes, worlds), confidence))
+            groups = worst_first(group_episodes(episodes, place(episodes, worlds), confidence, facts.looks))
             if len(groups) > 1:  # one room type says what all episodes say
                 found.append(Grouped(caption, here, "Room type", groups))
     return tuple(found)

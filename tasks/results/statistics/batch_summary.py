@@ -12,7 +12,7 @@ import numpy as np
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.episode_columns import EpisodeColumns, RequestColumns, distinct, pair_columns
-from tasks.results.statistics.intervals import Interval, IntervalFamily, in_worlds, percent, percent_range, wilson
+from tasks.results.statistics.intervals import Interval, IntervalFamily, in_worlds, percent, percent_range, share_alone
 from tasks.results.statistics.room_coverage import RoomCoverage, RoomTally
 
 
@@ -74,7 +74,7 @@ class EpisodeGroup(Spec):
         episodes: How many there are, canceled ones apart.
         successes: How many of them passed.
         canceled: How many more were canceled.
-        interval: Wilson interval of their success rate.
+        interval: The interval of their success rate by itself (`share_alone`).
         reasons: Why the others did not pass, most frequent first, with counts.
     """
 
@@ -87,7 +87,13 @@ class EpisodeGroup(Spec):
 
     @classmethod
     def of_counts(
-        cls, label: str, counts: EpisodeCounts, confidence: float, reasons: Sequence[tuple[str, int]] = ()
+        cls,
+        label: str,
+        counts: EpisodeCounts,
+        confidence: float,
+        reasons: Sequence[tuple[str, int]] = (),
+        *,
+        looks: int = 0,
     ) -> Self:
         """Returns a group of episodes that were counted.
 
@@ -96,13 +102,14 @@ class EpisodeGroup(Spec):
             counts: What they came to.
             confidence: Coverage of the interval.
             reasons: Why those that did not pass did not.
+            looks: At how many looks the batch might have been ended; 0 of one that was driven to its end.
         """
         return cls(
             label=label,
             episodes=counts.episodes,
             successes=counts.successes,
             canceled=counts.canceled,
-            interval=wilson(counts.successes, counts.episodes, confidence),
+            interval=share_alone(counts.successes, counts.episodes, confidence, looks),
             reasons=tuple(reasons),
         )
 

@@ -218,15 +218,18 @@ class IntervalFamily(Spec):
     Attributes:
         size: How many there are; those of groups that are left out because others are worse count, too.
         confidence: How often all of them hold, between 0 and 1.
+        looks: At how many looks the batch might have been ended by what it showed, so that each holds at all of them; 0
+            of a batch that was driven to its end.
     """
 
     size: int
     confidence: float
+    looks: int = 0
 
     @property
     def each(self) -> float:
         """The confidence of each interval, such that all hold together (Dunn 1961, JASA 56:52)."""
-        return 1.0 - (1.0 - self.confidence) / max(1, self.size)
+        return 1.0 - (1.0 - self.confidence) / (max(1, self.size) * max(1, self.looks))
 
     def interval(self, successes: int, n: int) -> Interval:
         """Returns the interval of one group's share.
@@ -253,6 +256,20 @@ class IntervalFamily(Spec):
         if self.size < 2:
             return f"1 interval of a group; it holds in {sure}" if self.size else ""
         return f"{self.size:,} intervals of groups; all {self.size:,} hold together in {sure}"
+
+
+def share_alone(successes: int, n: int, confidence: float, looks: int = 0) -> Interval:
+    """Returns the interval of a share by itself: Wilson's, or an exact one that holds at all looks at its batch.
+
+    Args:
+        successes: 0 to ``n``.
+        n: How many were counted; none says nothing, so the interval is then 0 to 1.
+        confidence: Coverage, between 0 and 1.
+        looks: At how many looks the batch might have been ended; 0 of one that was driven to its end.
+    """
+    if not looks:
+        return wilson(successes, n, confidence)
+    return IntervalFamily(size=1, confidence=confidence, looks=looks).interval(successes, n)
 
 
 class Stratum(NamedTuple):

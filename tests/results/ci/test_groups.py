@@ -74,7 +74,7 @@ def test_of_worlds_like_these_all_episodes_of_a_world_count_together():
     asked += [request(index, world="wgj-1/other") for index in range(4, 8)]
     batch = counted(asked, [*map(passed, range(4)), *map(collided, range(4, 8))])
     assert (batch.like_these.spread.worlds, batch.like_these.spread.icc, batch.where()) == (2, 1.0, "in these 2 worlds")
-    early = counted(asked, [passed(index) for index in range(8)], GroupRules(sequential=True))
+    early = counted(asked, [passed(index) for index in range(8)], GroupRules(looks=8))
     assert early.like_these.refused == "the batch might have ended early"
 
 

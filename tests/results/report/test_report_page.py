@@ -214,12 +214,11 @@ def test_the_interval_beside_the_verdict_is_the_one_that_was_judged_by(tmp_path:
         rate=0.25,
         interval=Interval(lower=0.125, upper=0.5),
         method="repeated confidence interval",
-        sequential=True,
     )
-    page = report_page(view(tmp_path, judgement=judged)).decode()
+    page = report_page(view(tmp_path, judgement=judged, looks=12)).decode()
     said = "25.0\u00a0%, 90\u00a0% interval (repeated confidence interval) 12.5 to 50.0\u00a0% in these 2 worlds"
     assert f"{said}; 90 % asked for</desc>" in page
-    assert "This batch might have ended as soon as the gate was certain" in page
+    assert "as soon as the gate was certain, at any of 12 looks: each interval holds at all of them." in page
     assert "might have ended" not in report_page(view(tmp_path)).decode()
 
 
@@ -255,8 +254,8 @@ def test_it_says_what_the_episodes_tell_of_worlds_that_were_not_drawn(tmp_path: 
     page = report_page(view(tmp_path)).decode()
     assert "Worlds differ (ICC 1.00, design effect 5.2): these 10 episodes tell as much" in page
     assert "The rate in worlds like these 2: 95\u00a0% interval " in page
-    early = Judgement(verdict="FAIL", sentence="FAIL: certain", at_least=0.9, confidence=0.9, sequential=True)
-    page = report_page(view(tmp_path, judgement=early)).decode()
+    early = Judgement(verdict="FAIL", sentence="FAIL: certain", at_least=0.9, confidence=0.9)
+    page = report_page(view(tmp_path, judgement=early, looks=12)).decode()
     assert "Nothing is said of the rate in worlds like these 2: the batch might have ended early." in page
 
 
