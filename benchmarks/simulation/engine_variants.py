@@ -25,7 +25,7 @@ from tasks.simulate.chunk.chunk_simulation import ready_chunk
 from tasks.simulate.engines.compiled_program import CompiledProgram, CompiledRun
 from tasks.simulate.engines.mjx.mjx_robot import mjx
 from tasks.simulate.engines.mujoco.world_stepper import host_robot, world_model
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState
+from tasks.simulate.lane.control_step import LaneInputs, LaneState
 from tasks.simulate.plan.chunks import SLICE_STEPS
 
 WORLDS = 16

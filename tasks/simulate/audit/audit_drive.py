@@ -52,7 +52,7 @@ from tasks.simulate.devices import device_count, device_kind
 from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.engines.program import Run
 from tasks.simulate.host.declaration import most_lanes
-from tasks.simulate.lane.lane_state import LaneState
+from tasks.simulate.lane.control_step import LaneState
 from tasks.simulate.plan.chunks import plan_chunks
 
 # What a row holds besides what the simulation gave it; how lock-step held is judged by itself.

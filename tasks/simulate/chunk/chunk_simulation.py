@@ -22,7 +22,7 @@ from tasks.simulate.chunk.lane_pool import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.placing import check_applications, part_program, place_chunk
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.program import Program, Run
-from tasks.simulate.lane.lane_state import LaneState
+from tasks.simulate.lane.control_step import LaneState
 from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder
 from tasks.simulate.lane.result_rows import stopped_row
 from tasks.simulate.lane.staging import Lane, last_step, moved_lane, stack_lanes

@@ -25,7 +25,7 @@ from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lanes
 from tasks.simulate.host.controllers import HostControllers, TagsJobs
-from tasks.simulate.lane.lane_state import NO_CRASH, LaneInputs, LaneState, StepRecord
+from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
 from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row, withdrawn_row
 from tasks.simulate.lane.staging import Lane, filled_up, stack_lanes, with_shortest_paths

@@ -30,7 +30,7 @@ from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.lane.chunk_applications import Applications, check_robot, check_scenario
-from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.lane.staging import Lane, place, stack_lanes, with_shortest_paths
 from tasks.simulate.plan.chunks import split_environment, without_job_variables
 from tasks.simulate.sensors.sensor_table import read_sensors

@@ -40,8 +40,17 @@ from tasks.simulate.engines.program_cache import ProgramCache, open_program_cach
 from tasks.simulate.engines.pytree_schema import flatten_state, one_lane, unflatten_state
 from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.control_step import Mechanics, advance_lane, finish_step, observe
-from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, StepRecord, begin_lane
+from tasks.simulate.lane.control_step import (
+    Decision,
+    LaneInputs,
+    LaneState,
+    Mechanics,
+    StepRecord,
+    advance_lane,
+    begin_lane,
+    finish_step,
+    observe,
+)
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
 

@@ -25,7 +25,7 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.engines.program_cache import ProgramCache
 from tasks.simulate.host.controllers import HostControllers, StandIn
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState, StepRecord
+from tasks.simulate.lane.control_step import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.staging import Lane
 
 _AXIS = "lanes"

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import jax
 
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.lane_state import LaneInputs, LaneState
+from tasks.simulate.lane.control_step import LaneInputs, LaneState
 
 _OWN = "tasks.simulate."
 _DICT_KEYS = (str, int)

@@ -316,7 +316,7 @@ def _robot(
 
 def _policy_refusal(folder: Path, launch: ApplicationLaunch) -> str:
     """Returns why a policy cannot drive its robot; empty if it can."""
-    from tasks.simulate.host.policy_network import control_range, require_onnxruntime  # noqa: PLC0415 - it imports MuJoCo
+    from tasks.simulate.host.onnx_policy import control_range, require_onnxruntime  # noqa: PLC0415 - it imports MuJoCo
 
     try:
         require_onnxruntime()

@@ -187,8 +187,8 @@ class LaneSenses:
         ]
 
 
-def told_base(robot: RosRobot, lidar: Lidar) -> RobotBase:
-    """Returns what nodes are told of a base.
+def robot_base(robot: RosRobot, lidar: Lidar) -> RobotBase:
+    """Returns a base as nodes know it.
 
     Args:
         robot: What its bundle declares.
@@ -361,7 +361,7 @@ class RosLanes:
             home=self._home.path,
             environment=[lane.request.environment for lane in lanes],
         )
-        base = told_base(setup.robot, self._start.sensors.lidar)
+        base = robot_base(setup.robot, self._start.sensors.lidar)
         lockstep = setup.make(base, launch)
         if self._keeps:
             lockstep = self._traffic = LockstepRecorder(lockstep, base, CONTROL_S)

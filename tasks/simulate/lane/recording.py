@@ -41,7 +41,7 @@ _LEAST_RATE = 1e-8
 
 
 class Steps(Protocol):
-    """What is recorded of a slice of control steps, (lanes, steps) first; as ``lane_state.StepRecord``."""
+    """What is recorded of a slice of control steps, (lanes, steps) first; as ``StepRecord``."""
 
     @property
     def pose(self) -> object:
@@ -155,7 +155,7 @@ def slice_samples(
     )
 
 
-class Kept(NamedTuple):
+class StoredArray(NamedTuple):
     """An array that was kept.
 
     Attributes:
@@ -174,7 +174,7 @@ class Kept(NamedTuple):
         return int(np.prod(self.shape[1:], dtype=np.int64)) * self.dtype.itemsize
 
 
-class Overflow:
+class ArrayStore:
     """Keeps arrays."""
 
     def __init__(self, memory_bytes: int) -> None:
@@ -188,12 +188,12 @@ class Overflow:
         self._written_bytes = 0
         self._mapped: np.ndarray | None = None
 
-    def keep(self, array: np.ndarray) -> Kept:
+    def keep(self, array: np.ndarray) -> StoredArray:
         """Returns what to ask for the array with later."""
         whole = np.ascontiguousarray(array)
         if whole.nbytes <= self._left_bytes:
             self._left_bytes -= whole.nbytes
-            return Kept(whole, whole.dtype, whole.shape)
+            return StoredArray(whole, whole.dtype, whole.shape)
         self._left_bytes = 0  # what comes later is not put before it
         if self._file is None:
             self._file = tempfile.TemporaryFile(prefix="simyard-recording-")  # noqa: SIM115 - closed with this
@@ -202,9 +202,9 @@ class Overflow:
         self._file.write(whole.data if whole.size else b"")
         self._written_bytes += whole.nbytes
         self._mapped = None
-        return Kept(None, whole.dtype, whole.shape, offset)
+        return StoredArray(None, whole.dtype, whole.shape, offset)
 
-    def get(self, kept: Kept) -> np.ndarray:
+    def get(self, kept: StoredArray) -> np.ndarray:
         """Returns an array that was kept; it must not be written to."""
         if kept.array is not None:
             return kept.array
@@ -261,15 +261,15 @@ class SampleRecorder(LaneRecorder, Protocol):
         ...
 
 
-def sample_memory() -> Overflow:
+def sample_memory() -> ArrayStore:
     """Returns what holds the samples of a chunk; recorders that share it stay within its size together."""
-    return Overflow(_MEMORY_BYTES)
+    return ArrayStore(_MEMORY_BYTES)
 
 
 class Recorder:
     """The samples of a chunk's lanes, of one run of a program's lanes or of several, one after the other."""
 
-    def __init__(self, rate_hz: float, wanted: Wanted, memory: Overflow | None = None) -> None:
+    def __init__(self, rate_hz: float, wanted: Wanted, memory: ArrayStore | None = None) -> None:
         """Begins without samples.
 
         Args:
@@ -349,11 +349,11 @@ class Recorder:
 class _RunSamples:
     """The samples of one run of a program's lanes."""
 
-    def __init__(self, lanes: int, control_s: float, stride: int, overflow: Overflow) -> None:
+    def __init__(self, lanes: int, control_s: float, stride: int, overflow: ArrayStore) -> None:
         self.lanes, self.stride, self.steps = lanes, stride, 0
         self.kept: list[tuple[int, int]] = []
         names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
-        self._blocks: dict[str, list[Kept]] = {name: [] for name in names}
+        self._blocks: dict[str, list[StoredArray]] = {name: [] for name in names}
         self._last: dict[str, np.ndarray] = {}
         self._ends: Ends | None = None
         self._control_s, self._overflow = control_s, overflow

@@ -11,7 +11,7 @@ from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, fiel
 from tasks.simulate.application.bundle_code import CrashCode
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.geometry.rooms import Visit, visits
-from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
+from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensors.odometry import ODOMETRY
 

@@ -17,7 +17,7 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.world_arrays import WorldArrays
-from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensors.sensor import seed_words

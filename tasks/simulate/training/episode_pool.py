@@ -26,7 +26,7 @@ from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.lane.staging import Lane, place, stack_lanes
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.training.training_spaces import EpisodeBounds

@@ -35,8 +35,16 @@ from tasks.simulate.engines.program import (
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.control_step import Mechanics, finish_step, observe, truth_after
-from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, begin_lane
+from tasks.simulate.lane.control_step import (
+    Decision,
+    LaneInputs,
+    LaneState,
+    Mechanics,
+    begin_lane,
+    finish_step,
+    observe,
+    truth_after,
+)
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.sensor_table import Sensors, read_sensors
 from tasks.simulate.training.episode_pool import EpisodePool, StagedPool, WayFields, stage_pool, way_left_m

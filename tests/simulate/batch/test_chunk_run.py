@@ -26,7 +26,7 @@ from tasks.simulate.batch.chunk_run import (
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
 from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.data.data_sources import PinnedSource
-from tasks.simulate.lane.lane_state import StepRecord
+from tasks.simulate.lane.control_step import StepRecord
 from tasks.simulate.lane.recording import Columns, Ends, RecordingChoice
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import JOB_ID

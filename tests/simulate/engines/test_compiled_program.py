@@ -19,7 +19,7 @@ from tasks.simulate.engines.compiled_program import CompiledProgram, SensedColum
 from tasks.simulate.engines.program import Run
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.host.controllers import HostApplication
-from tasks.simulate.lane.lane_state import LaneState, StepRecord
+from tasks.simulate.lane.control_step import LaneState, StepRecord
 from tasks.simulate.lane.staging import stack_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, PLAIN, cluttered, delivery, pen, pushing, simulate_lanes

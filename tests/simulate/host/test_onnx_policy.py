@@ -14,9 +14,8 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host.controllers import HostBundle, HostControllers, HostStart
-from tasks.simulate.host.onnx_policy import onnx_application
+from tasks.simulate.host.onnx_policy import LaneNetwork, onnx_application
 from tasks.simulate.host.policy_check import RobotNumbers, check_policy
-from tasks.simulate.host.policy_network import LaneNetwork
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.sensors.sensor_table import sensors_of
 from tests.factories.policies import DECLARED, FILE, LAUNCH, POLICY, SHOWN, bundle, model, network, recurrent, weights

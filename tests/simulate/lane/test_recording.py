@@ -13,7 +13,7 @@ from specs.data.episode import EpisodeResult, unfinished_result
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.lane import recording
-from tasks.simulate.lane.recording import Columns, Ends, Overflow, Recorder, RecordingChoice
+from tasks.simulate.lane.recording import ArrayStore, Columns, Ends, Recorder, RecordingChoice
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.episodes import collided, crashed, passed
 from tests.factories.simulations import pushing, simulate_lanes
@@ -52,7 +52,7 @@ OPEN = Path("/proc/self/fd")
 
 @given(ARRAYS, st.integers(0, 200))
 def test_arrays_come_back_as_they_were(given_: list[np.ndarray], memory_bytes: int):
-    overflow = Overflow(memory_bytes)
+    overflow = ArrayStore(memory_bytes)
     kept = [overflow.keep(array) for array in given_]
     for array, each in zip(given_, kept, strict=True):
         back = overflow.get(each)
@@ -64,21 +64,21 @@ def test_arrays_come_back_as_they_were(given_: list[np.ndarray], memory_bytes: i
 
 def test_a_view_of_every_other_row_is_kept_whole():
     array = np.arange(40, dtype=np.float32).reshape(8, 5)
-    overflow = Overflow(0)
+    overflow = ArrayStore(0)
     assert np.array_equal(overflow.get(overflow.keep(array[::2])), array[::2])
 
 
 @pytest.mark.skipif(not OPEN.exists(), reason="counts open files as Linux tells them")
 def test_a_thousand_arrays_need_one_file():
     before = len(list(OPEN.iterdir()))
-    overflow = Overflow(100)
+    overflow = ArrayStore(100)
     kept = [overflow.keep(np.full(64, number)) for number in range(1000)]
     assert all(overflow.get(each)[0] == number for number, each in enumerate(kept))
     assert len(list(OPEN.iterdir())) - before <= 3
 
 
 def test_row_bytes_are_those_of_one_entry():
-    assert Overflow(0).keep(np.zeros((4, 3, 2), np.float32)).row_bytes == 24
+    assert ArrayStore(0).keep(np.zeros((4, 3, 2), np.float32)).row_bytes == 24
 
 
 CONTROL_S, ACTUATORS, RAYS = 0.05, 2, 3

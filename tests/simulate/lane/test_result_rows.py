@@ -15,7 +15,7 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.rooms import RoomMap, Visit, visits
 from tasks.simulate.geometry.world_arrays import arrays_of_worlds
 from tasks.simulate.lane import result_rows
-from tasks.simulate.lane.lane_state import NO_CRASH, ROBOT_CRASH, EpisodeTotals, LaneState
+from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, EpisodeTotals, LaneState
 from tasks.simulate.lane.result_rows import Ended, finished_rows
 from tasks.simulate.lane.staging import Lane
 from tests.factories.simulations import cluttered, delivery

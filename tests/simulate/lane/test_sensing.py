@@ -11,8 +11,7 @@ import pytest
 from tasks.simulate.application.contract import Body, FloorMap, Motion, Observation, Work
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.control_step import feel, observe
-from tasks.simulate.lane.lane_state import EpisodeTotals, LaneInputs, LaneState
+from tasks.simulate.lane.control_step import EpisodeTotals, LaneInputs, LaneState, feel, observe
 from tasks.simulate.sensors.sensor import seed_words
 from tasks.simulate.sensors.sensor_table import read_sensors
 

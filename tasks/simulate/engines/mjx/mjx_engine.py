@@ -26,10 +26,9 @@ from tasks.simulate.engines.mjx.mjx_robot import (
     nearest_obstacles,
     with_window,
 )
-from tasks.simulate.engines.mjx.small_algebra import written_out
+from tasks.simulate.engines.mjx.small_algebra import unroll_small_matrices
 from tasks.simulate.geometry.hull_distance import hull_distance_m
-from tasks.simulate.lane.control_step import Mechanics
-from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 
 Tree = TypeVar("Tree")
 Lanes = TypeVar("Lanes")
@@ -37,7 +36,7 @@ Lanes = TypeVar("Lanes")
 _TOGETHER = 32
 
 
-def mended(
+def recompute_lanes(
     first: Lanes, sound: Bool[jax.Array, "lanes"], again: Callable[[Tree], Lanes], given: Tree, lanes: int
 ) -> Lanes:
     """Returns what was found for all lanes, with those that are not sound found again.
@@ -139,9 +138,9 @@ def _drive(robot: RobotModel) -> custom_vmap:
         return jax.tree.map(lambda array: array[0], many(lanes, 1))
 
     def many(given: Given, lanes: int) -> Driven:
-        first, sound = jax.vmap(written_out(functools.partial(drive_alone, robot)))(given)
-        again = jax.vmap(written_out(functools.partial(drive_among, robot)))
-        return mended(first, sound, again, given, lanes)
+        first, sound = jax.vmap(unroll_small_matrices(functools.partial(drive_alone, robot)))(given)
+        again = jax.vmap(unroll_small_matrices(functools.partial(drive_among, robot)))
+        return recompute_lanes(first, sound, again, given, lanes)
 
     @one.def_vmap
     def _(lanes: int, batched: list[Given], given: Given) -> tuple[Driven, Driven]:

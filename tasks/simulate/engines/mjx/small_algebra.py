@@ -19,7 +19,7 @@ _LONGEST_SUM = 8
 _CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 
 
-def written_out(function: Callable[..., Result]) -> Callable[..., Result]:
+def unroll_small_matrices(function: Callable[..., Result]) -> Callable[..., Result]:
     """Returns a function that gives the same as one of JAX, with its small matrices' algebra written out."""
 
     def call(*arguments: Any) -> Result:  # noqa: ANN401 - trees of arrays

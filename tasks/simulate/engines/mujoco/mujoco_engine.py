@@ -39,8 +39,16 @@ from tasks.simulate.engines.pytree_schema import flatten_state, unflatten_state
 from tasks.simulate.geometry.hull_distance import hull_distance_m
 from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
 from tasks.simulate.lane.chunk_applications import Applications
-from tasks.simulate.lane.control_step import decide, finish_step, observe
-from tasks.simulate.lane.lane_state import Decision, LaneInputs, LaneState, StepRecord, begin_lane
+from tasks.simulate.lane.control_step import (
+    Decision,
+    LaneInputs,
+    LaneState,
+    StepRecord,
+    begin_lane,
+    decide,
+    finish_step,
+    observe,
+)
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
 

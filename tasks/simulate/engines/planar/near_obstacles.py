@@ -290,7 +290,7 @@ def few_counts(total: int) -> tuple[int, ...]:
     return (*(each for each in FEW if each < total), total) if rounds_each_operation() else (total,)
 
 
-def need(free_m: Sequence[Scalar], moved: Planar, before: Planar) -> Int[Array, ""]:
+def obstacles_needed(free_m: Sequence[Scalar], moved: Planar, before: Planar) -> Int[Array, ""]:
     """Returns how many of the obstacles must be looked at so that no other can push.
 
     What does not push adds zeros to what the solver sums up. They change nothing, but for the sign of an acceleration

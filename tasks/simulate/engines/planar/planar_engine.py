@@ -26,7 +26,13 @@ from tasks.simulate.engines.planar.disc_contact import (
     touch,
     window,
 )
-from tasks.simulate.engines.planar.near_obstacles import Neighbours, among_fewest, few_counts, need, neighbours
+from tasks.simulate.engines.planar.near_obstacles import (
+    Neighbours,
+    among_fewest,
+    few_counts,
+    neighbours,
+    obstacles_needed,
+)
 from tasks.simulate.engines.planar.newton_solver import contact_force, minimizer
 from tasks.simulate.engines.planar.planar_algebra import (
     Moving,
@@ -42,8 +48,7 @@ from tasks.simulate.engines.planar.planar_algebra import (
 from tasks.simulate.engines.planar.planar_robot import Disc, Motor, PlanarRobot, planar_robot
 from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
 from tasks.simulate.geometry.obstacles import PARKING_M
-from tasks.simulate.lane.control_step import Mechanics
-from tasks.simulate.lane.lane_state import LaneInputs
+from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 
 
 class Push(NamedTuple):
@@ -321,7 +326,7 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     pushed = push(robot, around.controls, before.activations, moving)
     instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
     among = among_fewest(functools.partial(_among, robot), few_counts(len(around.obstacles)))
-    touchable = need(around.free_m, before.moved, before.acceleration)
+    touchable = obstacles_needed(around.free_m, before.moved, before.acceleration)
     acceleration, contact_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.simulate.engines.mjx.small_algebra import written_out
+from tasks.simulate.engines.mjx.small_algebra import unroll_small_matrices
 
 MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]], np.float32)
 RIGHT = np.array([1.0, -2.0, 0.5], np.float32)
@@ -29,13 +29,15 @@ def looped(matrix: jax.Array, right: jax.Array) -> jax.Array:
 
 @pytest.mark.parametrize("function", [solved, multiplied, looped])
 def test_it_gives_what_the_library_gives(function: Callable[[jax.Array, jax.Array], jax.Array]):
-    found, expected = (each(jnp.asarray(MATRIX), jnp.asarray(RIGHT)) for each in (written_out(function), function))
+    found, expected = (
+        each(jnp.asarray(MATRIX), jnp.asarray(RIGHT)) for each in (unroll_small_matrices(function), function)
+    )
     np.testing.assert_allclose(found, expected, rtol=2e-6)
 
 
 @pytest.mark.parametrize("function", [solved, multiplied, looped])
 def test_no_library_is_called(function: Callable[[jax.Array, jax.Array], jax.Array]):
-    text = str(jax.make_jaxpr(written_out(function))(jnp.asarray(MATRIX), jnp.asarray(RIGHT)))
+    text = str(jax.make_jaxpr(unroll_small_matrices(function))(jnp.asarray(MATRIX), jnp.asarray(RIGHT)))
     assert not [name for name in ("dot_general", "cholesky", "triangular_solve") if name in text]
 
 
@@ -43,6 +45,6 @@ def test_a_lane_has_the_same_bits_whatever_lanes_are_beside_it():
     rng = np.random.default_rng(0)
     matrices = MATRIX + 0.1 * rng.standard_normal((40, 1, 1)).astype(np.float32) * np.eye(3, dtype=np.float32)
     rights = rng.standard_normal((40, 3)).astype(np.float32)
-    run = jax.jit(jax.vmap(written_out(solved)))
+    run = jax.jit(jax.vmap(unroll_small_matrices(solved)))
     whole = np.asarray(run(matrices, rights))
     np.testing.assert_array_equal(run(matrices[16:24], rights[16:24]), whole[16:24])

@@ -23,8 +23,8 @@ from tasks.simulate.engines.planar.near_obstacles import (
     among_fewest,
     few_counts,
     nearest,
-    need,
     neighbours,
+    obstacles_needed,
 )
 from tasks.simulate.engines.planar.planar_algebra import Planar
 from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
@@ -195,7 +195,7 @@ ARM = '<geom type="sphere" size="0.06" pos="0.3 0.1 0" mass="0.1"/>'
 def nearest_free(free_m: list[float], moved_m: float, acceleration: float = 1.0) -> int:
     moved = Planar(jnp.float32(moved_m), jnp.float32(0.0), jnp.float32(0.0))
     before = Planar(jnp.float32(1.0), jnp.float32(acceleration), jnp.float32(1.0))
-    return int(need([jnp.float32(each) for each in free_m], moved, before))
+    return int(obstacles_needed([jnp.float32(each) for each in free_m], moved, before))
 
 
 def test_the_lane_that_needs_most_decides_for_all():
