@@ -419,6 +419,6 @@ def _sign(
 ) -> None:
     """Signs the change, if there are keys; else says what is to be done later, where anything is signed at all."""
     if keys:
-        _signer(store, keys).vouch(change)
+        _signer(store, keys).sign_fleets(change)
     elif next(iter(store.keys("trust")), None):
         echo(later, err=True)

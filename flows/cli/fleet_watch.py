@@ -21,7 +21,7 @@ from tasks.deploy.fleet_descriptions import (
     robot_counts,
     robots_now,
 )
-from tasks.deploy.rollout.operator_commands import active_deployment, wish_of
+from tasks.deploy.rollout.operator_commands import active_deployment, command_of
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
@@ -103,7 +103,7 @@ def wish_notes(store: Store, job: str) -> list[str]:
     record = read(store, _KIND, job)
     fleet = fleet_name(str(record.request["fleet"]))
     wishes = {"pause": f"paused; simyard fleet resume {fleet} lets it go on", "cancel": "being canceled"}
-    wanted = wishes.get(wish_of(store, job))
+    wanted = wishes.get(command_of(store, job))
     return [f"{job} is {wanted}"] if wanted and not is_terminal(record) else []
 
 
@@ -154,7 +154,7 @@ def _view(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: C
         table = deployment_table(found, now=now)
         below += _changed_robots(found, now)
     else:
-        table = deployment_table(found, wish_of(store, job))
+        table = deployment_table(found, command_of(store, job))
         below += [ABANDONED] if claim.is_left() else []
     below += [UNSIGNED_ALARM] if is_unsigned(record) else []
     return Group(Text(head), table, *(Text(terminal_line(line)) for line in below if line))

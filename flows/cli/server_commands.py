@@ -145,16 +145,16 @@ def serve(
         require_lasting_server(pool)
     url = gateway_url(host, port, is_encrypted=tls is not None)
     if unsigned:
-        entrance = loopback_auth(opened, port, pages_url)
+        auth = loopback_auth(opened, port, pages_url)
     else:
         keys = access_keys or access_file()
         _show_keys(keys, url, model)
-        entrance = signed_auth(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
+        auth = signed_auth(opened, keys, pages_url, is_encrypted=tls is not None or without_tls)
     echo(f"RoboMaker: {url}  (store: {opened.url})")
     log_to_stderr()
     try:
-        with QueueWorkers(opened.url, workers, pool) as crew:
-            serve_store(opened, entrance, Listener(host, port, tls), crew.wake)
+        with QueueWorkers(opened.url, workers, pool) as queue_workers:
+            serve_store(opened, auth, Listener(host, port, tls), queue_workers.wake)
     except SystemExit:  # a signal is how it ends, after the answers to what had begun: nothing was interrupted
         echo("stopped", err=True)
 

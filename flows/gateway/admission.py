@@ -269,7 +269,7 @@ def _keep_queued(store: Store, admission: Admission, record: JobRecord) -> None:
 _STOPPED = frozenset({"Canceling", "Canceled"})
 
 
-def wish_canceled(store: Store, kind: JobKind, job: str) -> JobRecord:
+def cancel_recorded_job(store: Store, kind: JobKind, job: str) -> JobRecord:
     """Returns the record of a job of worlds that is being cancelled; one that nobody has begun is Canceled at once.
 
     Cancelling it again changes nothing.

@@ -55,7 +55,7 @@ from tasks.deploy.fleet.fleet_registry import (
 from tasks.deploy.fleet.reservation import delete_fleet, delete_robot, require_free, reserve_fleet
 from tasks.deploy.fleet.states import FleetRecord, RobotRecord
 from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet, describe_robot
-from tasks.deploy.rollout.operator_commands import wish_deployment_canceled
+from tasks.deploy.rollout.operator_commands import request_cancellation
 from tasks.deploy.rollout.resolved_request import SYNC, latest_deployment, plan_deployment, sync_request
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue
@@ -233,7 +233,7 @@ def _describe_deployment(gateway: Gateway, request: DescribeDeploymentJobRequest
 def _cancel_deployment(gateway: Gateway, request: CancelDeploymentJobRequest) -> CancelDeploymentJobResponse:
     """Answers CancelDeploymentJob: robots that were asked finish, no other is asked."""
     store = gateway.store
-    record = wish_deployment_canceled(store, path_of(store, request.job, _DEPLOYMENT, "job"))
+    record = request_cancellation(store, path_of(store, request.job, _DEPLOYMENT, "job"))
     enqueue(store, _DEPLOYMENT, record.id, _options(record))  # who worked on it may have died: a worker ends it
     gateway.wake()
     return CancelDeploymentJobResponse()

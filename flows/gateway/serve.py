@@ -61,12 +61,12 @@ class Auth(NamedTuple):
     note: Note
 
 
-def serve(store: Store, entrance: Auth, listener: Listener, wake: Callable[[], None]) -> None:
+def serve(store: Store, auth: Auth, listener: Listener, wake: Callable[[], None]) -> None:
     """Answers requests until a signal ends it; those that have begun are answered first.
 
     Args:
         store: What is served.
-        entrance: What requests meet.
+        auth: What requests meet.
         listener: Where they come from.
         wake: Tells the workers of this machine that the queue has something new.
 
@@ -74,7 +74,7 @@ def serve(store: Store, entrance: Auth, listener: Listener, wake: Callable[[], N
         DocumentError: Another program listens there.
     """
     gateway = Gateway(store, wake)
-    application = Application(Calls(gateway, HANDLERS, *entrance))
+    application = Application(Calls(gateway, HANDLERS, *auth))
     protocol = partial(BoundedProtocol, all_connections=Connections(listener.bounds), tls=listener.tls)
     config = uvicorn.Config(
         application,

@@ -11,9 +11,9 @@ from flows.gateway.admission import (
     admit,
     answer_of,
     asked_document,
+    cancel_recorded_job,
     require_output,
     token_of,
-    wish_canceled,
     without,
 )
 from flows.gateway.gateway import Gateway, Handlers, missing, one_more, path_of
@@ -195,7 +195,7 @@ def _describe_generation(
 
 def _cancel_generation(gateway: Gateway, request: CancelWorldGenerationJobRequest) -> CancelWorldGenerationJobResponse:
     """Answers CancelWorldGenerationJob."""
-    wish_canceled(gateway.store, _GENERATION, path_of(gateway.store, request.job, _GENERATION, "job"))
+    cancel_recorded_job(gateway.store, _GENERATION, path_of(gateway.store, request.job, _GENERATION, "job"))
     gateway.wake()
     return CancelWorldGenerationJobResponse()
 
@@ -282,7 +282,7 @@ def _describe_export(gateway: Gateway, request: DescribeWorldExportJobRequest) -
 
 def _cancel_export(gateway: Gateway, request: CancelWorldExportJobRequest) -> CancelWorldExportJobResponse:
     """Answers CancelWorldExportJob."""
-    wish_canceled(gateway.store, _EXPORT, path_of(gateway.store, request.job, _EXPORT, "job"))
+    cancel_recorded_job(gateway.store, _EXPORT, path_of(gateway.store, request.job, _EXPORT, "job"))
     gateway.wake()
     return CancelWorldExportJobResponse()
 

@@ -89,7 +89,7 @@ _SHORT_LIFE_S = 5.0
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 10.0
 _END_S = 15.0
-_CREW_END_S = 40.0  # the lanes' own, and then that of a Prefect server
+_WORKERS_END_S = 40.0  # the lanes' own, and then that of a Prefect server
 logger = logging.getLogger(__name__)
 
 
@@ -190,25 +190,25 @@ class QueueWorkers:
     def __init__(self, store_url: str, workers: int = 1, pool: str = "") -> None:
         arguments = [store_url, str(workers), *([pool] if pool else [])]
         self._command = [sys.executable, "-m", "flows.queue.supervisor", *arguments] if workers or pool else []
-        self._foreman: KeptProcess | None = None
+        self._supervisor: KeptProcess | None = None
 
     def __enter__(self) -> "QueueWorkers":
         """Starts the workers, which are warm some seconds later."""
         if self._command:
-            self._foreman = KeptProcess(self._command, "the foreman of the workers", _CREW_END_S)
+            self._supervisor = KeptProcess(self._command, "the supervisor of the workers", _WORKERS_END_S)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, exc: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Ends the workers; what they are at is continued next time."""
-        if self._foreman:
-            self._foreman.end()
+        if self._supervisor:
+            self._supervisor.end()
 
     def wake(self) -> None:
         """Tells the workers that there is work."""
-        if self._foreman:
-            self._foreman.wake()
+        if self._supervisor:
+            self._supervisor.wake()
 
 
 def lead(store_url: str, workers: int, pool: str, wait: Callable[[Callable[[], None]], None]) -> None:

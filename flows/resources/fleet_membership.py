@@ -43,7 +43,7 @@ class MembershipChange:
 
     def sign(self) -> None:
         """Signs it."""
-        self.signer.vouch(self._changed)
+        self.signer.sign_fleets(self._changed)
 
     def _changed(self, fleets: SignedFleets) -> SignedFleets:
         return fleets.enlisted(self.fleet, self.joins).dismissed(set(self.leaves))
@@ -75,7 +75,7 @@ def membership_change(
         raise DocumentError(faults)
     signed = {robot for robot, its in fleets.robots.items() if its == name}
     leaves = () if robots else tuple(sorted(signed - set(there)))
-    joins = tuple(fleets.strangers(name, wanted))
+    joins = tuple(fleets.unsigned_members(name, wanted))
     return MembershipChange(signer, name, joins, leaves, len((signed | set(joins)) - set(leaves)))
 
 

@@ -116,7 +116,7 @@ def _versions(store: Store, application: str) -> dict[str, int]:
     }
 
 
-_KIND = "deployment-job"
+_KIND: JobKind = "deployment-job"
 _REASON_CHARACTERS = 1024
 
 
@@ -127,18 +127,16 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
         ResourceNotFound: No such job.
     """
     record = read(store, _KIND, job)
-    request = CreateDeploymentJobRequest.model_validate(record.request)
     progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
     summary = tuple(_robot_deployment(name, each, record.arn) for name, each in progress.items())
     # The fields that a list shows, and the robots and tags.
     return DescribeDeploymentJobResponse.model_validate(
-        {**_job(record, request).model_dump(), "robotDeploymentSummary": summary, "tags": request.tags}
+        {
+            **summarise_deployment_job(record).model_dump(),
+            "robotDeploymentSummary": summary,
+            "tags": record.request.get("tags"),
+        }
     )
-
-
-def summarise_deployment_job(record: JobRecord) -> DeploymentJob:
-    """Returns the job's line in ListDeploymentJobs."""
-    return _job(record, CreateDeploymentJobRequest.model_validate(record.request))
 
 
 def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
@@ -152,16 +150,11 @@ def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
     identifier = store_id(store)
     return DescribeFleetResponse.model_validate(
         {
-            **_fleet(store, fleet, identifier).model_dump(),
-            "robots": tuple(_robot(store, robot, identifier) for robot in members(store, fleet.name)),
+            **summarise_fleet(store, fleet, identifier).model_dump(),
+            "robots": tuple(summarise_robot(store, robot, identifier) for robot in members(store, fleet.name)),
             "tags": fleet.tags or None,
         }
     )
-
-
-def summarise_fleet(store: Store, fleet: FleetRecord) -> Fleet:
-    """Returns a fleet's line in ListFleets."""
-    return _fleet(store, fleet, store_id(store))
 
 
 def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
@@ -173,17 +166,14 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
     """
     record, _ = read_robot(store, reference)
     # The shapes spell Greengrass differently.
-    document = _robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
+    document = summarise_robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
     own = {"greengrassGroupId": record.greengrass_group or None, "tags": record.tags or None}
     return DescribeRobotResponse.model_validate({**document, **own})
 
 
-def summarise_robot(store: Store, robot: RobotRecord) -> Robot:
-    """Returns a robot's line in ListRobots."""
-    return _robot(store, robot, store_id(store))
-
-
-def _job(record: JobRecord, request: CreateDeploymentJobRequest) -> DeploymentJob:
+def summarise_deployment_job(record: JobRecord) -> DeploymentJob:
+    """Returns the job's line in ListDeploymentJobs."""
+    request = CreateDeploymentJobRequest.model_validate(record.request)
     return DeploymentJob.model_validate(
         {
             "arn": record.arn,
@@ -214,7 +204,8 @@ def _robot_deployment(name: str, progress: RobotProgress, job: str) -> RobotDepl
     )
 
 
-def _fleet(store: Store, fleet: FleetRecord, identifier: str) -> Fleet:
+def summarise_fleet(store: Store, fleet: FleetRecord, identifier: str) -> Fleet:
+    """Returns a fleet's line in ListFleets; the identifier is the store's."""
     own = {"name": fleet.name, "arn": arn("deployment-fleet", identifier, fleet.name), "createdAt": fleet.created_at_s}
     last = _last_job(store, fleet)
     if last is None:
@@ -237,7 +228,8 @@ def _last_job(store: Store, fleet: FleetRecord) -> JobRecord | None:
         return None
 
 
-def _robot(store: Store, record: RobotRecord, identifier: str) -> Robot:
+def summarise_robot(store: Store, record: RobotRecord, identifier: str) -> Robot:
+    """Returns a robot's line in ListRobots; the identifier is the store's."""
     desired, _ = read_desired(store, record.name)
     return Robot(
         arn=arn("robot", identifier, record.name),
@@ -258,7 +250,6 @@ def _progress(store: Store, record: RobotRecord, desired: Desired | None) -> Rob
     return progress_of(desired, read_reported(store, record.name), now_s=time.time())
 
 
-_LISTED_KIND: JobKind = "deployment-job"
 _FLEET, _ROBOT = "deployment-fleet", "robot"
 _PLACE = (int, str)
 _MOST = 200
@@ -275,7 +266,7 @@ def deployment_entry(_store: Store, record: JobRecord) -> IndexEntry:
 
 def list_deployment_jobs(store: Store) -> Iterator[DeploymentJob]:
     """Yields all deployment jobs."""
-    return (DeploymentJob.model_validate(entry.summary) for entry in all_entries(store, _LISTED_KIND, deployment_entry))
+    return (DeploymentJob.model_validate(entry.summary) for entry in all_entries(store, _KIND, deployment_entry))
 
 
 def list_deployment_jobs_page(store: Store, request: ListDeploymentJobsRequest) -> ListDeploymentJobsResponse:
@@ -285,7 +276,7 @@ def list_deployment_jobs_page(store: Store, request: ListDeploymentJobsRequest) 
         DocumentError: The token, the size or a filter is none that the call takes.
     """
     filters = {name: name for name in ("status", "fleetName")}
-    found, token = index_page(store, _LISTED_KIND, deployment_entry, request, most=_MOST, filters=filters)
+    found, token = index_page(store, _KIND, deployment_entry, request, most=_MOST, filters=filters)
     return ListDeploymentJobsResponse(
         deploymentJobs=tuple(DeploymentJob.model_validate(each) for each in found), nextToken=token
     )
@@ -293,7 +284,7 @@ def list_deployment_jobs_page(store: Store, request: ListDeploymentJobsRequest) 
 
 def list_fleets(store: Store) -> Iterator[Fleet]:
     """Yields all fleets."""
-    return (summarise_fleet(store, fleet) for fleet in fleets(store))
+    return (summarise_fleet(store, fleet, store_id(store)) for fleet in fleets(store))
 
 
 def list_fleets_page(store: Store, request: ListFleetsRequest) -> ListFleetsResponse:
@@ -307,12 +298,14 @@ def list_fleets_page(store: Store, request: ListFleetsRequest) -> ListFleetsResp
     wanted = (each for each in fleets(store) if names is None or each.name in names)
     later = ((place_of(each.created_at_s, each.name), each) for each in wanted)
     found, token = page_of((each for each in later if after is None or each[0] > after), size, _FLEET)
-    return ListFleetsResponse(fleetDetails=tuple(summarise_fleet(store, each) for each in found), nextToken=token)
+    identifier = store_id(store)
+    shown = tuple(summarise_fleet(store, each, identifier) for each in found)
+    return ListFleetsResponse(fleetDetails=shown, nextToken=token)
 
 
 def list_robots(store: Store) -> Iterator[Robot]:
     """Yields all robots."""
-    return (summarise_robot(store, robot) for robot in robots(store))
+    return (summarise_robot(store, robot, store_id(store)) for robot in robots(store))
 
 
 def list_robots_page(store: Store, request: ListRobotsRequest) -> ListRobotsResponse:
@@ -331,10 +324,11 @@ def _robot_documents(
     store: Store, after: Place | None, in_fleets: frozenset[str] | None, statuses: frozenset[str] | None
 ) -> Iterator[tuple[Place, Robot]]:
     """Yields the robots after a place; only of those that may be wanted is read what was asked of them, and came."""
+    identifier = store_id(store)
     for record in robots(store):
         place = place_of(record.created_at_s, record.name)
         if (after is None or place > after) and (in_fleets is None or record.fleet in in_fleets):
-            robot = summarise_robot(store, record)
+            robot = summarise_robot(store, record, identifier)
             if statuses is None or robot.status in statuses:
                 yield place, robot
 

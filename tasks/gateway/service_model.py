@@ -51,7 +51,7 @@ class ShapeTable:
             return bare.__name__
         name = _names().get(_key(bare), place)
         if name not in self.shapes:
-            self.shapes[name] = self._shape(_taken_apart(bare), name)
+            self.shapes[name] = self._shape(_unwrapped(bare), name)
         return name
 
     def _shape(self, type_: "_Type", name: str) -> Shape:
@@ -79,7 +79,7 @@ def _present(hint: Any) -> Any:  # noqa: ANN401 - a type
     return hint
 
 
-def _taken_apart(hint: Any) -> _Type:  # noqa: ANN401 - a type
+def _unwrapped(hint: Any) -> _Type:  # noqa: ANN401 - a type
     if get_origin(hint) is not Annotated:
         return _Type(hint, {})
     kind, *rules = get_args(hint)

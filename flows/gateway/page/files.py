@@ -10,7 +10,7 @@ from flows.gateway.page.request_context import RequestContext, address, job, kno
 from specs.errors import DocumentError, ObjectTooBig
 from specs.field_types import OutputLocation
 from tasks.export.drawing.floor_plan import floor_plan_svg
-from tasks.gateway.page.render import strangers_headers
+from tasks.gateway.page.render import stored_content_headers
 from tasks.gateway.rest_json import HttpAnswer
 from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.simulate.plan.plan_batch import recorded_location
@@ -69,7 +69,7 @@ def batch_file(context: RequestContext, batch: str, name: str) -> HttpAnswer:
     if body is None:
         raise missing("simulation-job-batch", f"{batch}/{name}")
     saved = "" if name == REPORT else name
-    return HttpAnswer(200, body, _TYPES[name], headers=strangers_headers(file_name=saved))
+    return HttpAnswer(200, body, _TYPES[name], headers=stored_content_headers(file_name=saved))
 
 
 def trend_file(context: RequestContext, document: str) -> HttpAnswer:
@@ -88,7 +88,7 @@ def trend_file(context: RequestContext, document: str) -> HttpAnswer:
             record = known_job(context.store, BATCH, batch) if kind == BATCH else None
             body = _from_bucket(context, recorded_location(record), key) if record else None
             if body is not None:
-                return HttpAnswer(200, body, _TYPES[REPORT], headers=strangers_headers())
+                return HttpAnswer(200, body, _TYPES[REPORT], headers=stored_content_headers())
     raise missing("pipeline-run", document)
 
 
@@ -103,7 +103,7 @@ def contact_sheet(context: RequestContext, generation: str) -> HttpAnswer:
     body = read_bytes(context.store, contact_sheet_key(generation))
     if body is None:
         raise missing("world-generation-job", generation)
-    return HttpAnswer(200, body, _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
+    return HttpAnswer(200, body, _SVG, headers=stored_content_headers(keep_s=_DRAWING_KEPT_S))
 
 
 def floor_plan(context: RequestContext, generation: str, name: str) -> HttpAnswer:
@@ -116,7 +116,7 @@ def floor_plan(context: RequestContext, generation: str, name: str) -> HttpAnswe
     """
     context.require("world", f"{generation}/{name}")
     world = decode_world(world_body(context, generation, name))
-    return HttpAnswer(200, floor_plan_svg(world).encode(), _SVG, headers=strangers_headers(keep_s=_DRAWING_KEPT_S))
+    return HttpAnswer(200, floor_plan_svg(world).encode(), _SVG, headers=stored_content_headers(keep_s=_DRAWING_KEPT_S))
 
 
 def world_body(context: RequestContext, generation: str, name: str) -> bytes:

@@ -268,7 +268,7 @@ def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
         back = _back(request.query) if site.readers and key is None else "/"
         return _page_answer(sign_in_html(back, ""), headers) if site.readers and key is None else _see("/", headers)
     if key is None:
-        return _stranger(request, headers)
+        return _without_session(request, headers)
     return _shown(site, request, key, now_s)
 
 
@@ -316,7 +316,7 @@ def _found(context: RequestContext, raw_path: str) -> Page | HttpAnswer:
     raise nothing_there()
 
 
-def _stranger(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer:
+def _without_session(request: HttpRequest, headers: Mapping[str, str]) -> HttpAnswer:
     """Returns what somebody without a session gets: the form, or on their way from another site one more step.
 
     A browser does not send the cookie when a page of another site, or a report, leads here; it does when this does.

@@ -129,7 +129,7 @@ class RunningApplication:
         self._crashes = 0
         self._running = self._launch()
 
-    def settle(self) -> None:
+    def wait_until_up(self) -> None:
         """Waits for the grace period.
 
         Raises:

@@ -68,14 +68,14 @@ class Reporter:
     def tell(self, reported: Reported) -> None:
         """Reports now, or as soon as the store is back."""
         self._owed = reported
-        self.settle()
+        self.flush()
 
     def tell_percent(self, reported: Reported) -> None:
         """Reports unless there was a report, or an attempt to report, a moment ago."""
         if time.monotonic() - self._tried_s >= _PERCENT_INTERVAL_S:
             self.tell(reported)
 
-    def settle(self) -> bool:
+    def flush(self) -> bool:
         """Tries to send the waiting report; returns whether none waits any more."""
         if self._owed is None or self._owed == self._told:
             self._owed = None

@@ -128,7 +128,7 @@ class RobotUpdater:
 
     def supervise(self) -> None:
         """Keeps the application up, and sends a report that waits; returns at once."""
-        self._reporter.settle()
+        self._reporter.flush()
         reap_orphans()
         if self._owes_state:
             self._save()
@@ -270,7 +270,7 @@ class RobotUpdater:
         self._begin(attempt, "Launching")
         self._disk.switch(desired.digest)
         self._application = RunningApplication(self._place, desired)
-        self._application.settle()
+        self._application.wait_until_up()
         self._begin(attempt, "ExecutingPostLaunch")
         if launch.postLaunchFile:
             run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")

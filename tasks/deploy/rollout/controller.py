@@ -26,7 +26,7 @@ from tasks.deploy.rollout.observation import (
     rollout_end,
     statuses,
 )
-from tasks.deploy.rollout.rollout_plan import Move, RolloutPlan, Wish, next_move
+from tasks.deploy.rollout.rollout_plan import Move, OperatorCommand, RolloutPlan, next_move
 from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store, encode_document
@@ -130,10 +130,10 @@ def withdrawn_sequence(store: Store, robot: str) -> int:
 
 _LOG = logging.getLogger(__name__)
 _KIND = "deployment-job"
-WISH = "wish"
+COMMAND = "command"
 CANCELED = "canceled"
-"""The keys of an operator's wish in a job's detail (tasks.deploy.rollout.operator_commands)."""
-_WISH: TypeAdapter[Wish] = TypeAdapter(Wish)
+"""The keys of an operator's command in a job's detail (tasks.deploy.rollout.operator_commands)."""
+_COMMAND: TypeAdapter[OperatorCommand] = TypeAdapter(OperatorCommand)
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
 _SILENT_S, _NAMED_AT_MOST = 25.0, 5  # an agent looks after 19 s at the latest
 _PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
@@ -252,15 +252,15 @@ class _Controller:
     def _judge(self, record: JobRecord) -> tuple[dict[str, RobotProgress], Move]:
         """Returns how far the robots are, those announced that are to begin now, and what to do."""
         now_s = self._pace.now_s()
-        wish = _wish(record, self._plan, now_s)
+        command = _operator_command(record, self._plan, now_s)
         seen = self._watch.look(self._known, now_s)
-        if wish == "cancel":
+        if command == "cancel":
             self._withdraw()
             seen |= self._withdraw_silent(seen, now_s)
-        move = next_move(phases(seen), self._plan.limits, wish)
+        move = next_move(phases(seen), self._plan.limits, command)
         if move.verdict:
             seen = self._watch.look(seen, now_s, everyone=True)
-            move = next_move(phases(seen), self._plan.limits, wish)
+            move = next_move(phases(seen), self._plan.limits, command)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
         return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
 
@@ -325,12 +325,12 @@ class _Controller:
         )
 
 
-def _wish(record: JobRecord, plan: RolloutPlan, now_s: float) -> Wish:
+def _operator_command(record: JobRecord, plan: RolloutPlan, now_s: float) -> OperatorCommand:
     if CANCELED in record.detail:
         return "cancel"
     if now_s - record.created_at_s > plan.fleet_timeout_s:
         return "time out"
-    return _WISH.validate_python(record.detail.get(WISH, "go"))
+    return _COMMAND.validate_python(record.detail.get(COMMAND, "go"))
 
 
 def _desired_state(plan: RolloutPlan, deployment: str, robot: str, epoch: int, now_s: float) -> Desired:

@@ -14,7 +14,7 @@ from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotF
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.deploy.fleet.fleet_registry import NOTHING_ASKED, TOO_BIG, read_desired, read_fleet
 from tasks.deploy.fleet.reservation import has_ended
-from tasks.deploy.rollout.controller import CANCELED, WISH
+from tasks.deploy.rollout.controller import CANCELED, COMMAND
 from tasks.deploy.rollout.observation import phase_of, recorded_progress
 from tasks.deploy.rollout.rollout_plan import Phase
 from tasks.deploy.trust.trust_record import Signer
@@ -79,7 +79,7 @@ def _change(store: Store, robot: str, job: str) -> None:
         return
 
 
-def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> JobRecord:
+def steer(store: Store, job: str, command: Literal["go", "pause", "cancel"]) -> JobRecord:
     """Returns the record of a deployment job of which that is wanted now.
 
     Paused, it asks no further robot; those that were asked finish. Cancelled, it asks no further robot ever; when those
@@ -92,19 +92,19 @@ def steer(store: Store, job: str, wish: Literal["go", "pause", "cancel"]) -> Job
     before = read(store, _KIND, job)
     if is_terminal(before):
         raise _refused(job, f"a deployment that is under way; this one is {before.status}")
-    if CANCELED in before.detail and wish != "cancel":
+    if CANCELED in before.detail and command != "cancel":
         raise _refused(job, "a deployment that is not being canceled")
-    if wish == "go" and before.detail.get(WISH) != "pause":
+    if command == "go" and before.detail.get(COMMAND) != "pause":
         raise _refused(job, "a deployment that is paused")
     # A key of its own, so that who resumes at the same moment does not take a cancellation back.
-    detail: dict[str, JsonValue] = {CANCELED: True} if wish == "cancel" else {WISH: wish}
+    detail: dict[str, JsonValue] = {CANCELED: True} if command == "cancel" else {COMMAND: command}
     record = advance(store, _KIND, job, before.status, only_from={before.status}, detail=detail)
     while not detail.items() <= record.detail.items() and not is_terminal(record):  # its status changed meanwhile
         record = advance(store, _KIND, job, record.status, only_from={record.status}, detail=detail)
-    return _close_if_abandoned(store, record) if wish == "cancel" else record
+    return _close_if_abandoned(store, record) if command == "cancel" else record
 
 
-def wish_deployment_canceled(store: Store, job: str) -> JobRecord:
+def request_cancellation(store: Store, job: str) -> JobRecord:
     """Returns the record of a deployment job that is to be canceled, without a look at who works on it.
 
     Raises:
@@ -119,14 +119,14 @@ def wish_deployment_canceled(store: Store, job: str) -> JobRecord:
     return record
 
 
-def wish_of(store: Store, job: str) -> str:
+def command_of(store: Store, job: str) -> str:
     """Returns what is wanted of a deployment: ``go``, ``pause`` or ``cancel``.
 
     Raises:
         ResourceNotFound: No such job.
     """
     detail = read(store, _KIND, job).detail
-    return "cancel" if CANCELED in detail else str(detail.get(WISH, "go"))
+    return "cancel" if CANCELED in detail else str(detail.get(COMMAND, "go"))
 
 
 def withdraw_canceled(store: Store, signer: Signer, in_force: Iterable[str]) -> tuple[str, ...]:

@@ -145,11 +145,11 @@ def _member_faults(store: Store, reference: str, version: Version, signer: Signe
     return [
         *_fleet_faults(name, robots, path),
         *_architecture_faults(architectures, version, path),
-        *_stranger_faults(signer, name, [*architectures], path),
+        *_unsigned_member_faults(signer, name, [*architectures], path),
     ]
 
 
-def _stranger_faults(signer: Signer | None, fleet: str, robots: list[str], path: str) -> Iterator[Fault]:
+def _unsigned_member_faults(signer: Signer | None, fleet: str, robots: list[str], path: str) -> Iterator[Fault]:
     try:
         if signer:
             signer.require_members(fleet, robots)

@@ -17,7 +17,7 @@ from specs.field_types import Architecture, S3Object
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import RobotProgress, RobotRecord
 
-Wish = Literal["go", "pause", "cancel", "time out"]
+OperatorCommand = Literal["go", "pause", "cancel", "time out"]
 """What is wanted of a roll-out; ``time out`` when the fleet's time is over."""
 
 
@@ -73,22 +73,22 @@ def limits(robots: int, *, concurrent_percent: int, threshold_percent: int) -> L
     )
 
 
-def next_move(phases: Mapping[str, Phase], bounds: Limits, wish: Wish = "go") -> Move:
+def next_move(phases: Mapping[str, Phase], bounds: Limits, command: OperatorCommand = "go") -> Move:
     """Returns what to do next for robots in these phases; robots start in the mapping's order.
 
     Args:
         phases: Where each robot is, in the fleet's order.
         bounds: What the roll-out keeps to.
-        wish: What is wanted of it; paused, it starts no robot, and ends only when none is left to start.
+        command: What is wanted of it; paused, it starts no robot, and ends only when none is left to start.
     """
     waiting = tuple(robot for robot, phase in phases.items() if phase is Phase.WAITING)
     in_flight = sum(phase is Phase.IN_FLIGHT for phase in phases.values())
-    why = _stopped_by(phases, bounds, wish)
+    why = _stopped_by(phases, bounds, command)
     if why:
         # Those that were asked finish: half an installation is worse than the wrong one.
         verdict = None if in_flight else "Canceled" if why == "canceled" else "Failed"
         return Move(abort=waiting, verdict=verdict, why=why)
-    if waiting and wish == "pause":
+    if waiting and command == "pause":
         return Move()
     if waiting:
         return Move(start=_allowed(phases, bounds, waiting)[: max(0, bounds.at_once - in_flight)])
@@ -96,19 +96,19 @@ def next_move(phases: Mapping[str, Phase], bounds: Limits, wish: Wish = "go") ->
 
 
 def _stopped_by(
-    phases: Mapping[str, Phase], bounds: Limits, wish: Wish
+    phases: Mapping[str, Phase], bounds: Limits, command: OperatorCommand
 ) -> Literal["", "threshold", "canary", "time", "canceled"]:
     """Returns what stops a roll-out; nothing while it may go on."""
     count = Counter(phases.values())
     left = count[Phase.WAITING] + count[Phase.IN_FLIGHT]
     enough = not left or count[Phase.IN_SYNC] + count[Phase.FAILED] >= bounds.least_ended
-    if wish == "cancel":
+    if command == "cancel":
         return "canceled"
     if any(phase is Phase.FAILED for phase in _canaries(phases, bounds)):
         return "canary"
     if count[Phase.FAILED] >= bounds.failures and enough:
         return "threshold"
-    if wish == "time out" and (count[Phase.WAITING] or count[Phase.ABORTED]):
+    if command == "time out" and (count[Phase.WAITING] or count[Phase.ABORTED]):
         return "time"
     # Somebody was left out before: whatever it was for, it stays so.
     return "threshold" if count[Phase.ABORTED] else ""

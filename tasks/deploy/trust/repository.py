@@ -157,7 +157,7 @@ class MetadataWriter:
     keep: Callable[[int, Mapping[str, bytes]], None]
 
 
-def write(store: Store, state: Published, changed: Sequence[Role], pen: MetadataWriter) -> None:
+def write(store: Store, state: Published, changed: Sequence[Role], writer: MetadataWriter) -> None:
     """Writes the changed parts under new versions, then what refers to them; the last write makes all of it count.
 
     Args:
@@ -165,7 +165,7 @@ def write(store: Store, state: Published, changed: Sequence[Role], pen: Metadata
         state: The state; its parts get their versions, dates and signatures here.
         changed: Those of ``targets``, ``deployer`` and ``snapshot`` that have to be written; the snapshot always is
             with one of the others.
-        pen: What it is written with.
+        writer: What it is written with.
 
     Raises:
         TrustRefused: Another process has taken the repository over, or a part is larger than robots read.
@@ -174,15 +174,15 @@ def write(store: Store, state: Published, changed: Sequence[Role], pen: Metadata
     snapshot, timestamp = state.snapshot.signed, state.timestamp.signed
     for role in changed:
         if role != "snapshot":
-            snapshot.meta[f"{role}.json"] = _write_next(store, state, role, pen)
+            snapshot.meta[f"{role}.json"] = _write_next(store, state, role, writer)
     if changed:
-        timestamp.snapshot_meta = _write_next(store, state, "snapshot", pen)
+        timestamp.snapshot_meta = _write_next(store, state, "snapshot", writer)
     timestamp.version += 1
-    body = _sign(state.timestamp, "timestamp", pen)
-    if pen.claim.lost:
+    body = _sign(state.timestamp, "timestamp", writer)
+    if writer.claim.lost:
         raise TrustRefused("another process has taken over the signing; try again")
     state.bodies["timestamp"] = (part_name("timestamp", timestamp.version), body)
-    pen.keep(timestamp.version, dict(state.bodies.values()))
+    writer.keep(timestamp.version, dict(state.bodies.values()))
     store.put(trust_key(state.repository, "timestamp.json"), body)
 
 
@@ -207,10 +207,10 @@ def write_root(store: Store, root: Metadata[Root], signers: Sequence[CryptoSigne
     return body
 
 
-def _write_next(store: Store, state: Published, role: Role, pen: MetadataWriter) -> MetaFile:
+def _write_next(store: Store, state: Published, role: Role, writer: MetadataWriter) -> MetaFile:
     metadata = state.part(role)
     metadata.signed.version += 1
-    body = _sign(metadata, role, pen)
+    body = _sign(metadata, role, writer)
     name = part_name(role, metadata.signed.version)
     if len(body) > MOST_METADATA_BYTES:
         what = f"{name} would have {len(body)} bytes, and robots read {MOST_METADATA_BYTES} at most"
@@ -220,8 +220,8 @@ def _write_next(store: Store, state: Published, role: Role, pen: MetadataWriter)
     return MetaFile.from_data(metadata.signed.version, body, ["sha256"])
 
 
-def _sign(metadata: Part, role: Role, pen: MetadataWriter) -> bytes:
-    return _signed(metadata, pen.signers[role], pen.now + pen.lifetimes[role])
+def _sign(metadata: Part, role: Role, writer: MetadataWriter) -> bytes:
+    return _signed(metadata, writer.signers[role], writer.now + writer.lifetimes[role])
 
 
 def _signed(metadata: Part, signers: Sequence[CryptoSigner], expires: datetime) -> bytes:
@@ -318,8 +318,8 @@ class Session:
             signers[role] = [self.ring.get(role, self.state.keyids(role))]
             if role in more:
                 signers[role].append(more[role])
-        pen = MetadataWriter(signers, self.now, self.lifetimes, self.claim, partial(keep, self.ring, settled=False))
-        write(self.store, self.state, changed, pen)
+        writer = MetadataWriter(signers, self.now, self.lifetimes, self.claim, partial(keep, self.ring, settled=False))
+        write(self.store, self.state, changed, writer)
         remember(self.ring, self.state)
 
     def commit_root(self, signers: Sequence[CryptoSigner]) -> None:
@@ -347,7 +347,7 @@ def open_repository(store: Store, ring: Keyring, *, clock: Clock = utc_now) -> G
             yield session
 
 
-def look_at_repository(store: Store, ring: Keyring) -> Published:
+def read_repository(store: Store, ring: Keyring) -> Published:
     """Returns the newest metadata, verified; it may be written anew at the same time.
 
     Raises:

@@ -133,7 +133,7 @@ class SignedFleets(_Signed):
         found = (each for fleet in self.fleets.values() for each in fleet.withdrawn if each.deployment == deployment)
         return next((each.until_s for each in found), None)
 
-    def strangers(self, fleet: str, robots: Iterable[str]) -> list[str]:
+    def unsigned_members(self, fleet: str, robots: Iterable[str]) -> list[str]:
         """Returns those of the robots of whom nobody has signed that they belong to the fleet."""
         return [robot for robot in robots if self.robots.get(robot) != fleet]
 
@@ -212,7 +212,7 @@ class SignedFleets(_Signed):
         Raises:
             TrustRefused: They do not; says the command to run.
         """
-        if story := stranger_story(fleet, self.strangers(fleet, robots)):
+        if story := unsigned_members_text(fleet, self.unsigned_members(fleet, robots)):
             raise TrustRefused(story)
 
     def admit(self, desired: Desired) -> None:
@@ -268,7 +268,7 @@ def write_fleets(deployer: Targets, fleets: SignedFleets) -> None:
             del deployer.targets[path]
 
 
-def stranger_story(fleet: str, strangers: Sequence[str]) -> str:
+def unsigned_members_text(fleet: str, strangers: Sequence[str]) -> str:
     """Returns what to do about robots of whom nobody has signed that they belong to a fleet; empty for none."""
     if not strangers:
         return ""

@@ -20,8 +20,8 @@ from tasks.deploy.trust.repository import (
     Clock,
     Session,
     init_keys,
-    look_at_repository,
     open_repository,
+    read_repository,
     refresh_metadata,
     renew_metadata,
     utc_now,
@@ -112,7 +112,7 @@ class DeploymentSigner:
 
     def fleets(self) -> SignedFleets:
         """Returns what is signed of fleets now."""
-        return read_fleets(look_at_repository(self._store, self._ring).deployer.signed) or SignedFleets()
+        return read_fleets(read_repository(self._store, self._ring).deployer.signed) or SignedFleets()
 
     def withdraw(self, deployment: str) -> int | None:
         """Has robots accept a deployment no more; those that have begun with it go on.
@@ -128,7 +128,7 @@ class DeploymentSigner:
                 session.commit(["deployer"])
             return after.ends_s(deployment)
 
-    def vouch(self, change: Callable[[SignedFleets], SignedFleets]) -> None:
+    def sign_fleets(self, change: Callable[[SignedFleets], SignedFleets]) -> None:
         """Signs a change of who belongs to which fleet; writes nothing for none."""
         with self._open() as session:
             before = _fleets(session)

@@ -80,10 +80,10 @@ class Verifier:
             if _is_away(cause):
                 raise cause from exc
             refusal = TrustExpired if isinstance(exc, ExpiredMetadataError) else TrustRefused
-            raise refusal(f"{_story(exc)} ({exc})") from exc
+            raise refusal(f"{_explanation(exc)} ({exc})") from exc
         except OSError as exc:
             raise TrustRefused(f"this robot cannot keep what it verified: {exc}") from exc
-        _settle(self._folder)
+        _sync_to_disk(self._folder)
         return length_bytes
 
     def _check(self, desired: Desired) -> int:
@@ -138,7 +138,7 @@ def _is_away(exc: BaseException | None) -> TypeGuard[StoreError]:
     return isinstance(exc, StoreError) and not isinstance(exc, ObjectNotFound | ObjectTooBig)
 
 
-def _story(exc: RepositoryError | DownloadError) -> str:
+def _explanation(exc: RepositoryError | DownloadError) -> str:
     """Returns what a person has to know about a refusal."""
     if isinstance(exc, ExpiredMetadataError):
         now = _date(time.time())
@@ -158,7 +158,7 @@ def _date(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
 
 
-def _settle(folder: Path) -> None:
+def _sync_to_disk(folder: Path) -> None:
     """Waits until what was verified is on the disk: a loss of power must not make the robot forget it."""
     for path in folder.rglob("*.json"):
         descriptor = os.open(path, os.O_RDONLY)

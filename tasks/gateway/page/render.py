@@ -136,7 +136,7 @@ _ALWAYS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "X-Robots-Tag": "noindex",
 }
-_STRANGERS = "sandbox allow-downloads; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_STORED_CONTENT = "sandbox allow-downloads; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
 
 
@@ -159,7 +159,7 @@ def own_headers(*, is_secure: bool) -> Mapping[str, str]:
     }
 
 
-def strangers_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, str]:
+def stored_content_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, str]:
     """Returns the headers of what lies in a store: a browser gives it no script, no session and no address.
 
     ``sandbox`` makes its origin one that nothing else has. There is no Cross-Origin-Opener-Policy: browsers show no
@@ -171,7 +171,7 @@ def strangers_headers(*, keep_s: int = 0, file_name: str = "") -> Mapping[str, s
     """
     return {
         **_ALWAYS,
-        "Content-Security-Policy": f"{_STRANGERS}; form-action 'none'; {_NOWHERE}",
+        "Content-Security-Policy": f"{_STORED_CONTENT}; form-action 'none'; {_NOWHERE}",
         "Referrer-Policy": "no-referrer",
         "Cache-Control": f"private, max-age={keep_s}" if keep_s else "no-store",
         **({"Content-Disposition": f'attachment; filename="{file_name}"'} if file_name else {}),

@@ -40,7 +40,7 @@ _AGENT_STEPS: tuple[tuple[object, str], ...] = (
     (install, "install"),
     (update, "run_script"),
     (launch.RunningApplication, "_launch"),
-    (launch.RunningApplication, "settle"),
+    (launch.RunningApplication, "wait_until_up"),
 )
 
 

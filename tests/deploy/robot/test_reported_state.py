@@ -58,7 +58,7 @@ def test_what_could_not_be_told_is_told_when_the_store_is_back(yard: Yard) -> No
     _attempt(yard, reporter).at("Launching")
     assert read_reported(yard.store, NAME) is None
 
-    assert reporter.settle()
+    assert reporter.flush()
 
     reported = read_reported(yard.store, NAME)
     assert reported is not None

@@ -86,7 +86,7 @@ class Owner:
 
     def vouch(self, *robots: str) -> None:
         """Signs that robots belong to the fleet."""
-        self.signer.vouch(lambda fleets: fleets.enlisted(FLEET, robots))
+        self.signer.sign_fleets(lambda fleets: fleets.enlisted(FLEET, robots))
 
     def metadata(self) -> dict[str, bytes]:
         return {key: self.store.get(key).body for key in self.store.keys(f"trust/{self.repository}")}

@@ -158,7 +158,7 @@ def test_a_deployment_that_died_before_its_record_had_a_plan_begins_again(
     yard: Yard, owner: Owner, robots: PuppetRobots
 ) -> None:
     version, job = yard.publish(GOOD), job_id("deployment-job", "one")
-    owner.signer.vouch(lambda fleets: fleets.begun(FLEET, job, [version.digest]))
+    owner.signer.sign_fleets(lambda fleets: fleets.begun(FLEET, job, [version.digest]))
 
     assert _deploy(yard, owner, robots, version, "one").status == "Succeeded"
     assert owner.signer.fleets().known(FLEET).deployments == [job]
@@ -241,7 +241,7 @@ def test_what_is_asked_of_a_robot_is_in_force_for_it(
 ) -> None:
     newer = yard.publish(NEWER)
     assert careful.look(asked(owner, newer, "next")).status == "InSync"
-    owner.signer.vouch(lambda fleets: fleets.enlisted("keepers", [NAME]))
+    owner.signer.sign_fleets(lambda fleets: fleets.enlisted("keepers", [NAME]))
 
     reported = careful.look(owner.signer.sign(desired(newer, 3, deployment="next")))
 

@@ -23,7 +23,7 @@ from tasks.deploy.fleet.fleet_registry import (
 )
 from tasks.deploy.fleet.reservation import delete_fleet
 from tasks.deploy.rollout.job import run_deployment_job
-from tasks.deploy.rollout.operator_commands import wish_of
+from tasks.deploy.rollout.operator_commands import command_of
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import open_signer
 from tasks.storage.base.keys import fleet_key, job_key
@@ -143,13 +143,13 @@ def test_a_robot_that_is_registered_without_keys_is_in_no_signed_fleet(gateway: 
     made, own, foreign = fleet(gateway), robot(gateway, "own")["arn"], robot(gateway, "foreign")["arn"]
     gateway.call("RegisterRobot", fleet=made, robot=own)
     signer = open_signer(store, keys)
-    signer.vouch(lambda fleets: fleets.enlisted("f", ["own"]))
+    signer.sign_fleets(lambda fleets: fleets.enlisted("f", ["own"]))
     before = {key: store.get(key).body for key in store.keys("trust")}
     gateway.call("RegisterRobot", fleet=made, robot=foreign)
     gateway.call("DeregisterRobot", fleet=made, robot=own)
     gateway.call("DeleteRobot", robot=own)
     assert [each.name for each in members(store, "f")] == ["foreign"]
-    assert signer.fleets().strangers("f", ["foreign"]) == ["foreign"]
+    assert signer.fleets().unsigned_members("f", ["foreign"]) == ["foreign"]
     assert {key: store.get(key).body for key in store.keys("trust")} == before
     assert signer.fleets().robots == {"own": "f"}
 
@@ -259,7 +259,7 @@ def test_a_cancelled_deployment_is_left_to_its_worker(asked: Asked):
     made = asked.call("CreateDeploymentJob", **asked.deployment_request(asked.fleet()))
     for _ in range(2):
         assert asked.call("CancelDeploymentJob", job=made["arn"]) == {}
-    assert wish_of(asked.store, path(made)) == "cancel"
+    assert command_of(asked.store, path(made)) == "cancel"
     advance(asked.store, KIND, path(made), "Succeeded")
     asked.fleet("others")
     other = asked.deployed("others", "d3")

@@ -134,7 +134,7 @@ def test_what_is_in_force_and_what_may_still_be_accepted_is_shown(file_store: St
     folder = tmp_path / "keys"
     _keys(file_store, "init", "--keys", str(folder))
     signer = open_signer(file_store, folder)
-    signer.vouch(lambda fleets: fleets.enlisted("couriers", ["r1"]).begun("couriers", "dep-1", ["a" * 64]))
+    signer.sign_fleets(lambda fleets: fleets.enlisted("couriers", ["r1"]).begun("couriers", "dep-1", ["a" * 64]))
     assert "couriers: 1 robots; in force: dep-1\n" in _keys(file_store, "show", "--keys", str(folder)).output
     signer.withdraw("dep-1")
 

@@ -13,7 +13,7 @@ from specs.errors import StageFailed
 from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
 from tasks.deploy.fleet.fleet_registry import create_fleet, read_reported
 from tasks.deploy.fleet_descriptions import describe_deployment_job
-from tasks.deploy.rollout.operator_commands import steer, wish_of
+from tasks.deploy.rollout.operator_commands import command_of, steer
 from tasks.storage.base.keys import claim_key, reported_key
 from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.claim import ClaimWatch
@@ -88,7 +88,7 @@ def test_a_paused_deployment_is_shown_as_paused(file_store: Store, tmp_path: Pat
                 arn = describe_deployment_job(file_store, job).arn or ""
                 told.append(CliRunner().invoke(app, ["describe", arn, "--store", file_store.url]).stderr)
                 titles.append(
-                    str(deployment_table(describe_deployment_job(file_store, job), wish_of(file_store, job)).title)
+                    str(deployment_table(describe_deployment_job(file_store, job), command_of(file_store, job)).title)
                 )
 
     run(yard, robots, yard.request(version, "one"), version.digest, pause)
