@@ -19,7 +19,6 @@ from specs.data.world import Color, Finish, Solid, World
 from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
 from tasks.export.surface.textures import texture_of
 
-GLB_FILE = "world.glb"
 CYLINDER_SIDES = 32
 _ROOT = "world"
 _Y_UP = trimesh.transformations.rotation_matrix(-math.pi / 2, (1.0, 0.0, 0.0)).round(12) + 0.0

@@ -80,11 +80,6 @@ class Ros1Lockstep:
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
         return frozenset(number for number, lane in self._lanes.items() if lane.graph.cancelled)
 
-    @property
-    def shared_network(self) -> str:
-        """Returns why lanes share one network, so that no two nodes can take one port; empty where they do not."""
-        return self._networks.shared
-
     def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up with its robot at rest.
 

@@ -132,7 +132,6 @@ class Profile(NamedTuple):
 
 
 DEFAULT = Profile()
-SENSOR_DATA = Profile(depth=5, reliable=False)
 CLOCK = Profile(depth=1, reliable=False)
 TRANSFORMS = Profile(depth=100)
 STATIC_TRANSFORMS = Profile(depth=1, latched=True)

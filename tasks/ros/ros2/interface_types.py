@@ -8,7 +8,7 @@ import functools
 from typing import cast
 
 from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import FieldDesc, Typesdict
+from rosbags.interfaces.typing import FieldDesc
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -90,8 +90,3 @@ def user_data(kind: str, distribution: str = DEFAULT_DISTRIBUTION, own: str = ""
         own: Pairs that come first, such as ``serviceid=...;``.
     """
     return f"{own}{'' if distribution in _WITHOUT_HASHES else f'typehash={type_hash(kind, distribution)};'}".encode()
-
-
-def field_forms(kind: str, distribution: str = DEFAULT_DISTRIBUTION) -> Typesdict:
-    """Returns a type's definition, as rosbags describes it, by its name."""
-    return {kind: type_store(distribution).fielddefs[kind]}

@@ -8,7 +8,7 @@ import yaml
 
 from specs.errors import LaunchRefused
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan
-from tasks.ros.ros2.launch_file.launch_description import is_ros2_launch_file, resolve_description
+from tasks.ros.ros2.launch_file.launch_description import resolve_description
 
 _IMPORTS = """
 import launch, launch_ros.actions, launch_ros.substitutions, launch.substitutions as s, launch.actions as a
@@ -220,9 +220,3 @@ def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) 
         bundle.resolve("other.launch.py")
     with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has robot"):
         resolve_description(LaunchSource(bundle.folder, "ro", "robot.launch.py"), {}, bundle.parameters)
-
-
-def test_a_launch_file_tells_by_its_name_whose_it_is() -> None:
-    assert is_ros2_launch_file("rotate.launch.py")
-    assert is_ros2_launch_file("navigation.launch.xml")
-    assert not is_ros2_launch_file("rotate.launch")

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tasks.ros.message.ros_messages import REQUEST_BYTES
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.dds_node import DEFAULT, SENSOR_DATA, DdsNode, dds_qos, structure
+from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
 from tasks.ros.ros2.ros2_node import Ros2Node, request_tags, twist_bytes
 
@@ -123,7 +123,7 @@ def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: Epis
 def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: EpisodeDomain, robot: Ros2Node) -> None:
     participant = DomainParticipant(domain.number)
     topic = Topic(participant, "rt/cmd_vel", structure(TWIST))
-    writer = DataWriter(participant, topic, dds_qos(SENSOR_DATA, b""))
+    writer = DataWriter(participant, topic, dds_qos(Profile(depth=5, reliable=False), b""))
     _until(lambda: robot.matches().refused)
     assert robot.matches().commanders == 0
     assert writer.get_publication_matched_status().current_count == 0

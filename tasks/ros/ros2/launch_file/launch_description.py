@@ -254,14 +254,8 @@ sys.stdout.write("\n" + json.dumps(answer) + "\n")
 
 _LIMIT_S = 60.0
 _STAND_IN = "tasks.ros.ros2.launch_file.stand_in_program"
-_LAUNCH_FILES = (".launch.py", ".launch.xml", ".launch.yaml", ".launch.yml", "_launch.py", ".py")
 # Simulated time, after whatever the launch file says of it.
 _SIMULATED_TIME = ("-p", "use_sim_time:=true")
-
-
-def is_ros2_launch_file(name: str) -> bool:
-    """Returns whether a launch file's name is one of ROS 2: ROS 1 has ``.launch`` alone."""
-    return name.endswith(_LAUNCH_FILES)
 
 
 def resolve_description(source: LaunchSource, variables: Mapping[str, str], folder: Path) -> LaunchPlan:
