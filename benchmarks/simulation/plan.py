@@ -2,9 +2,9 @@
 
     .venv/bin/python -m benchmarks.simulation.plan [--json FILE] [--case NAME ...] [--document PAGE]
 
-Each case has a cache folder of its own: the first prediction is a guess from a probe, those after it rest on the runs
-before. Each run is a process of its own with a new store, and its wall time is that of the whole command. A case takes
-one to three minutes. In parts: the figures in FILE are kept, and the tables have them all.
+Each case has a cache folder of its own: the first prediction is a wide range, those after it rest on the run before.
+Each run is a process of its own with a new store, and its wall time is that of the whole command. A case takes one to
+three minutes. In parts: the figures in FILE are kept, and the tables have them all.
 """
 
 import json
@@ -36,6 +36,7 @@ CASES: dict[str, tuple[Batch, ...]] = {
     "mjx, 64": (("mjx", 8, 4, 60),) * 2,
 }
 _ABOUT = re.compile(r"about (\S+) (s|min|h) \((\S+) to (\S+)\) and (\S+) to (\S+) GB")
+_PERHAPS = re.compile(r"perhaps (\S+) to (\S+) (s|min|h) and (\S+) to (\S+) GB")
 _LOOK_S = 0.5
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
 
@@ -73,10 +74,13 @@ def document(engine: str, worlds: int, seeds: int, duration_s: int) -> str:
 def measured(file: Path, store: str, environment: Mapping[str, str]) -> Turn:
     """Returns a prediction and what came of it."""
     told = subprocess.check_output([SIMYARD, "plan", str(file), "--store", store], env=environment, text=True)
-    found = _ABOUT.search(told)
-    if found is None:
+    if found := _ABOUT.search(told):
+        told_as, unit, low, high, least, most = found.groups()
+    elif found := _PERHAPS.search(told):
+        low, high, unit, least, most = found.groups()
+        told_as = (float(low) * float(high)) ** 0.5
+    else:
         raise SystemExit(f"no prediction: {told}")
-    told_as, unit, low, high, least, most = found.groups()
     scale = _SECONDS[unit]
     ran = run_watched([SIMYARD, "run", str(file), "--store", store], environment, ROOT, look_s=_LOOK_S)
     wall_s = (float(low) * scale, float(high) * scale)

@@ -284,14 +284,15 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
                 _begin_process(store, work.plan.digests())  # which imports JAX while the first chunk is made ready
             _unpack_bundles(work)
             watch = BatchWatch()
-            early = _simulate_chunks(work, location, gate)
+            with collect_timings() as driven:
+                early = _simulate_chunks(work, location, gate)
             watch.drove()
             with collect_timings() as audited:
                 end = _close_batch(work, location, early)
         except (DocumentError, StageFailed) as exc:
             close_refused(work, exc)
             raise
-        watch.keep(work, end, audited)
+        watch.keep(work, end, driven, audited)
         return end
 
 

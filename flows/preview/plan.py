@@ -29,7 +29,7 @@ from tasks.results.playback.replay_formats import is_installed
 from tasks.results.statistics.power import effective_episodes
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.forecast.batch_timing import Span
-from tasks.simulate.forecast.forecast import Basis, EnginePlan, engine_plan, node_bytes, nodes_pace
+from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
@@ -205,11 +205,7 @@ def _source(folder: Path, robot: ApplicationLaunch) -> LaunchSource:
 
 
 _ROBOTS = "simulationBatch.createSimulationJobRequests[*].robotApplications"
-_BASES: Mapping[Basis, str] = {
-    "this very program": "from what this program took here",
-    "other programs": "from what other programs took here",
-    "nothing": "a guess, since nothing has run here yet",
-}
+_UNITS = (("h", 3600.0), ("min", 60.0), ("s", 1.0))
 
 
 def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
@@ -338,7 +334,11 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     devices = _count(plan.devices, f"{plan.device} device")
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
     yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
-    yield f"                  about {_time(plan.wall_s)} and {_gigabytes(plan.memory_bytes)}; {_BASES[plan.known_from]}"
+    took = f"{_time(plan.wall_s, known=plan.known)} and {_gigabytes(plan.memory_bytes)}"
+    if plan.known:
+        yield f"                  about {took}; from the last batch of these programs here"
+    else:
+        yield f"                  time and memory unknown until these programs have run here: perhaps {took}"
     yield f"                  {_recordings(section)}{_bags(batch)}; {_audit(plan)}"
     yield f"                  applications run {confinement().sentence}"
 
@@ -347,12 +347,12 @@ def _count(number: int, thing: str) -> str:
     return f"{number:,} {thing}{'' if number == 1 else 's'}"
 
 
-def _time(span: Span) -> str:
-    for unit, seconds in (("h", 3600.0), ("min", 60.0)):
-        if span.high >= 2 * seconds:
-            low, middle, high = (each / seconds for each in (span.low, span.middle, span.high))
-            return f"{middle:.1f} {unit} ({low:.1f} to {high:.1f})"
-    return f"{span.middle:.0f} s ({span.low:.0f} to {span.high:.0f})"
+def _time(span: Span, *, known: bool) -> str:
+    """Returns a time, with its range; of one that is not known the range alone."""
+    unit, seconds = next(each for each in _UNITS if span.high >= 2 * each[1] or each[1] == 1.0)
+    digits = 0 if seconds == 1.0 else 1
+    low, middle, high = (f"{each / seconds:.{digits}f}" for each in (span.low, span.middle, span.high))
+    return f"{middle} {unit} ({low} to {high})" if known else f"{low} to {high} {unit}"
 
 
 def _gigabytes(span: Span) -> str:

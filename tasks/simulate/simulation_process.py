@@ -29,7 +29,7 @@ from specs.data.episode import EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import CLOCK_BYTES, BundleCrash, CallWatchdog, use_watchdog
-from tasks.simulate.chunk.byproducts import collect_tags, hand_over_timings
+from tasks.simulate.chunk.byproducts import collect_tags, collect_timings
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.recording import Ends, RecordingChoice, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.plan.chunks import Chunk
@@ -46,7 +46,6 @@ from tasks.simulate.sandbox.protocol import (
     Ready,
     RecordingBegins,
     RecordingEnds,
-    RememberedTiming,
     ReplayWork,
     Rows,
     Samples,
@@ -172,7 +171,7 @@ class Service:
         if self._under_way is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
             self._under_way = ChunkPipeline()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz, work.recorded)
-        with hand_over_timings() as timings, collect_tags() as tags:
+        with collect_timings() as timings, collect_tags() as tags:
             rows = simulate_columns(
                 chunk,
                 self._worlds,
@@ -182,19 +181,18 @@ class Service:
                 should_stop=self._should_stop,
                 progress=self._progress,
                 recorder=recorder,
-                timed_as=work.timed_as,
                 under_way=self._under_way,
                 ahead=ahead,
             )
         rest = rows.take(np.flatnonzero(~np.isin(rows.index, recorder.told if recorder else [])))
-        self.say(Rows(timings=_remembered(timings), tags=tags), [_row_bytes(rest)])
+        self.say(Rows(timings=tuple(timings), tags=tags), [_row_bytes(rest)])
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
         from tasks.simulate.audit.audit_sample import SampledEpisode  # noqa: PLC0415
 
         sample = [SampledEpisode(each.request, each.row, each.weight) for each in work.sample]
-        with hand_over_timings() as timings:
+        with collect_timings() as timings:
             report = audit(
                 sample,
                 self._worlds,
@@ -204,17 +202,16 @@ class Service:
                 drawn=work.drawn,
                 progress=self._progress,
             )
-        self.say(Audited(report=report.model_dump_json(), timings=_remembered(timings)))
+        self.say(Audited(report=report.model_dump_json(), timings=tuple(timings)))
 
     def _again(self, work: ReplayWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.replay.replay_drive import drive_replay  # noqa: PLC0415
         from tasks.simulate.replay.replay_result import replay_message  # noqa: PLC0415
 
-        with hand_over_timings():
-            again = drive_replay(
-                work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
-            )
-        self.say(*replay_message(again))
+        replay = drive_replay(
+            work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
+        )
+        self.say(*replay_message(replay))
 
     def _progress(self, done: int) -> None:
         self.say(Progress(done=done))
@@ -260,10 +257,6 @@ class _Forward:
 
 def _row_bytes(rows: EpisodeColumns) -> np.ndarray:
     return np.frombuffer(encode_columns(rows), np.uint8)
-
-
-def _remembered(timings: "Sequence[tuple[tuple[str, ...], object]]") -> tuple[RememberedTiming, ...]:
-    return tuple(RememberedTiming.model_validate({"program": program, "timing": timing}) for program, timing in timings)
 
 
 def _end_with_parent(connection: socket.socket) -> None:

@@ -46,7 +46,8 @@ from tasks.simulate.audit.audit_report import (
     with_verdict,
 )
 from tasks.simulate.audit.audit_sample import SampledEpisode
-from tasks.simulate.chunk.chunk_simulation import ReadyChunk, keep_timing, ready_parts
+from tasks.simulate.chunk.byproducts import note_timing
+from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_parts
 from tasks.simulate.chunk.lane_pool import lane_row, open_run
 from tasks.simulate.devices import device_count, device_kind
 from tasks.simulate.engines.engine_table import REFERENCE
@@ -305,7 +306,7 @@ def _last_state(state: LaneState) -> LaneState:
 
 
 def _driven_episodes(chunk: ReadyChunk, run: Run, end: LaneState, poses: list[Poses]) -> list[DrivenEpisode]:
-    keep_timing(chunk)
+    note_timing(chunk.watch.timing(chunk.program.lanes))
     path = np.concatenate(poses, axis=1)
     return [
         DrivenEpisode(

@@ -32,7 +32,7 @@ from tasks.simulate.batch.metrics import ChunkWork, work_of
 from tasks.simulate.chunk.byproducts import JobTags, collect_timings
 from tasks.simulate.data.mounts import Mounts, pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, RecordingChoice, sample_memory
-from tasks.simulate.plan.chunks import Chunk, ProgramKey, job_variables, program_key
+from tasks.simulate.plan.chunks import Chunk, job_variables
 from tasks.simulate.plan.plan_batch import entries
 from tasks.simulate.sandbox.sandbox_client import (
     FittedChunk,
@@ -174,7 +174,6 @@ class ChunkPart(NamedTuple):
         lanes: How many lanes to simulate it with.
         watch: Says when to stop.
         recorder: Is given what the lanes do; None if nothing of the batch is recorded.
-        program: What plans know the part's program by, whose variables name no folders of this machine yet.
         whole: Whether it is all of a chunk that can be simulated.
         recorded: Which of its episodes the recorder keeps, if they are not cancelled.
     """
@@ -184,7 +183,6 @@ class ChunkPart(NamedTuple):
     lanes: int
     watch: StopWatch
     recorder: Recorder | None
-    program: ProgramKey
     whole: bool = False
     recorded: RecordingChoice | None = None
 
@@ -242,8 +240,7 @@ def run_chunk(
         return ChunkEnd(batch.layout.chunk_size(number), lanes)
     start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
     chunk, able, worlds, unable = prepared_chunk(batch, number, unusable or {})
-    program = program_key(chunk.requests[0])
-    work = _Work(batch, able, worlds, left_s, simulate, program=program, recording=record is not None)
+    work = _Work(batch, able, worlds, left_s, simulate, recording=record is not None)
     with collect_timings() as timings:
         found, lanes = _simulated(work, after_deaths(lanes, start.attempts))
     _note_timeout(batch, work.watch, found)
@@ -292,13 +289,12 @@ class _Work:
         left_s: float,
         simulate: Simulate,
         *,
-        program: ProgramKey,
         recording: bool,
     ) -> None:
         self.sound = chunk
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
-        self._samples, self._program, self._rate_hz = sample_memory(), program, batch.plan.recordings.rateHz
+        self._samples, self._rate_hz = sample_memory(), batch.plan.recordings.rateHz
         self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
         recordings, layout = batch.plan.recordings, batch.layout
@@ -310,7 +306,7 @@ class _Work:
         """Returns the rows of a part; what it recorded is kept if it comes to its end."""
         recorder = Recorder(self._rate_hz, self._wanted, self._samples) if self._recording else None
         whole = chunk.requests == self.sound.requests
-        part = ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, self._program, whole, self._choice)
+        part = ChunkPart(chunk, self._worlds, lanes, self.watch, recorder, whole, self._choice)
         rows = self._simulate(part)
         if recorder is not None:
             self.recorders.append(recorder)
@@ -330,7 +326,7 @@ class _Work:
         return rows
 
     def _unrecorded(self, chunk: Chunk, lanes: int) -> Results:
-        return self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, None, self._program))
+        return self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, None))
 
     def _restarted_since(self) -> frozenset[int]:
         """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
@@ -404,7 +400,6 @@ class ChunkRunner:
             progress=self.progress,
             rate_hz=self.rate_hz,
             recorder=part.recorder,
-            timed_as=part.program,
             printed=self.printed.append,
             tagged=self.tagged,
             ahead=[each.able for each in coming],

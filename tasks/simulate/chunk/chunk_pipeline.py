@@ -16,7 +16,7 @@ from specs.data.episode import CONTROL_S
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import timed_call
-from tasks.simulate.chunk.byproducts import TurnWatch, remember_timing
+from tasks.simulate.chunk.byproducts import TurnWatch, note_timing
 from tasks.simulate.chunk.lane_pool import EpisodeGroup, LanePool, LaneSetting, PendingChunk
 from tasks.simulate.chunk.placing import PlacedChunk, check_applications, lane_forms, part_program, placing, program_of
 from tasks.simulate.devices import running_s
@@ -24,8 +24,8 @@ from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program
 from tasks.simulate.lane.recording import SampleRecorder, sample_stride
 from tasks.simulate.lane.result_rows import stopped_row
-from tasks.simulate.lane.staging import Lane, last_step
-from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
+from tasks.simulate.lane.staging import Lane
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
 
 logger = logging.getLogger(__name__)
 # Of samples, until their chunk is asked for: more are sent slice by slice, and a run keeps them in a file.
@@ -57,7 +57,6 @@ class ChunkPipeline:
         should_stop: Callable[[], bool],
         progress: Callable[[int], None],
         recorder: SampleRecorder | None,
-        timed_as: ProgramKey | None,
     ) -> EpisodeColumns | None:
         """Returns a chunk's rows in request order; None if it has to be simulated by itself.
 
@@ -69,7 +68,6 @@ class ChunkPipeline:
             should_stop: Asked after each slice; episodes not done by then are Canceled.
             progress: Told as often how many of the chunk's episodes are done.
             recorder: Given what the lanes do.
-            timed_as: Program to remember the time for.
         """
         if setting == self._refused or any(request.world not in worlds for request in chunk.requests):
             self.forget()
@@ -79,7 +77,7 @@ class ChunkPipeline:
                 self.forget()
                 return None
             self._expect([chunk, *ahead], worlds, setting)
-            return self._rows_of_first(should_stop, progress, recorder, timed_as)
+            return self._rows_of_first(should_stop, progress, recorder)
         except (Exception, SystemExit) as exc:  # noqa: BLE001 - who is to blame is found when it is simulated by itself
             self._leave(exc)
             return None
@@ -124,7 +122,6 @@ class ChunkPipeline:
         should_stop: Callable[[], bool],
         progress: Callable[[int], None],
         recorder: SampleRecorder | None,
-        timed_as: ProgramKey | None,
     ) -> EpisodeColumns:
         work = self._works[0]
         while not work.placed:
@@ -140,7 +137,7 @@ class ChunkPipeline:
         self._works.popleft()
         self._begin_next(at_once=True)
         rows = self._answer(work, recorder)
-        self._keep_timing(work, timed_as)
+        self._keep_timing(work)
         # A chunk whose ways are not known yet holds lanes that nothing of it waits for.
         held = {id(stream) for each in self._works for _, stream in each.parts}
         self._streams = {key: each for key, each in self._streams.items() if each.left or id(each) in held}
@@ -273,17 +270,11 @@ class ChunkPipeline:
         stream = self._streams[key]
         return EpisodeGroup(stream.program, lanes), stream
 
-    def _keep_timing(self, work: PendingChunk, timed_as: ProgramKey | None) -> None:
-        """Remembers what went by since the chunk before, for plans to come."""
+    def _keep_timing(self, work: PendingChunk) -> None:
+        """Notes what went by since the chunk before."""
         watch, self._watch = self._watch, TurnWatch()
-        program = max((stream.program for _, stream in work.parts), key=lambda each: each.lanes, default=None)
-        if program is None:
-            return
-        requests = work.chunk.requests
-        most = -(-max(map(last_step, requests)) // SLICE_STEPS)
-        timing = watch.timing(program.engine, lanes=program.lanes, episodes=len(requests), most_slices=most)
-        if timing is not None:
-            remember_timing(timed_as or program_key(requests[0]), timing)
+        if work.parts:
+            note_timing(watch.timing(max(stream.program.lanes for _, stream in work.parts)))
 
 
 def _is_refillable(program: Program) -> TypeGuard[CompiledProgram]:

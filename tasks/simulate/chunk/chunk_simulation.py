@@ -16,17 +16,16 @@ from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest, Epi
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CallKind, CrashCode, crash_of, timed_call
-from tasks.simulate.chunk.byproducts import ChunkWatch, remember_timing
+from tasks.simulate.chunk.byproducts import ChunkWatch, note_timing
 from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline, LaneSetting
 from tasks.simulate.chunk.lane_pool import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.placing import check_applications, part_program, place_chunk
-from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.program import Program, Run
 from tasks.simulate.lane.control_step import LaneState
 from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder
 from tasks.simulate.lane.result_rows import stopped_row
-from tasks.simulate.lane.staging import Lane, last_step, moved_lane, stack_lanes
-from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey, program_key
+from tasks.simulate.lane.staging import Lane, moved_lane, stack_lanes
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
 
 
 class ReadyChunk(NamedTuple):
@@ -37,7 +36,6 @@ class ReadyChunk(NamedTuple):
         run: None when no episode can run.
         rows: Of the episodes that cannot; where there are several parts, with the first.
         watch: Takes the times.
-        timed_as: Program to remember them for; None means that of the requests.
     """
 
     program: Program
@@ -45,7 +43,6 @@ class ReadyChunk(NamedTuple):
     run: Run | None
     rows: list[EpisodeResult]
     watch: ChunkWatch
-    timed_as: ProgramKey | None = None
 
 
 def simulate_episodes(
@@ -58,7 +55,6 @@ def simulate_episodes(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
     recorder: SampleRecorder | None = None,
-    timed_as: ProgramKey | None = None,
     under_way: ChunkPipeline | None = None,
     ahead: Sequence[Chunk] = (),
 ) -> EpisodeColumns:
@@ -73,7 +69,6 @@ def simulate_episodes(
         should_stop: Asked after each slice; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
-        timed_as: Program to remember the time for, if requests name folders that plans do not know.
         under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
         ahead: Chunks that are going to be asked for after it.
     """
@@ -87,7 +82,6 @@ def simulate_episodes(
             should_stop=should_stop,
             progress=progress,
             recorder=recorder,
-            timed_as=timed_as,
         )
         if found is not None:
             return found
@@ -104,7 +98,7 @@ def simulate_episodes(
             for part in placed.parts:
                 with _crash_is_their_end([lane.request for lane in part], rows):
                     program = part_program(placed, part, bundles, lanes=lanes, engine=engine)
-                    ready = _ready(program, part, placed.worlds, watch)._replace(timed_as=timed_as)
+                    ready = _ready(program, part, placed.worlds, watch)
                     before = len(rows) - len(missing)
                     found = run_ready(ready, should_stop, lambda done, before=before: progress(before + done), recorder)
                     rows.update({row.index: row for row in found})
@@ -211,7 +205,7 @@ def run_ready(
             return chunk.rows + [stopped_row(lane.request) for lane in chunk.lanes]
         state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
     if np.all(state.done):
-        keep_timing(chunk)
+        note_timing(chunk.watch.timing(chunk.program.lanes))
     rows = [
         lane_row(chunk.program, chunk.run.host, lane, position, state, poses)
         if state.done[position]
@@ -221,21 +215,6 @@ def run_ready(
     if recorder is not None:
         recorder.end(lane_ends(chunk.lanes, state), rows)
     return chunk.rows + rows
-
-
-def keep_timing(chunk: ReadyChunk) -> None:
-    """Remembers what a chunk took that came to its end, for plans to come."""
-    requests = [lane.request for lane in chunk.lanes]
-    timing = chunk.watch.timing(
-        chunk.program.engine,
-        device_kind(),
-        lanes=chunk.program.lanes,
-        episodes=len(requests),
-        most_slices=-(-max(last_step(request) for request in requests) // SLICE_STEPS),
-        host=chunk.run is not None and chunk.run.host is not None,
-    )
-    if timing is not None:
-        remember_timing(chunk.timed_as or program_key(requests[0]), timing)
 
 
 def _advance_until_done(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from specs.data.world import World
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.recording import SampleRecorder
-from tasks.simulate.plan.chunks import Chunk, ProgramKey
+from tasks.simulate.plan.chunks import Chunk
 
 if TYPE_CHECKING:
     from specs.data.episode_columns import EpisodeColumns
@@ -29,7 +29,6 @@ def simulate_columns(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = lambda _: None,
     recorder: SampleRecorder | None = None,
-    timed_as: ProgramKey | None = None,
     under_way: "ChunkPipeline | None" = None,
     ahead: Sequence[Chunk] = (),
 ) -> "EpisodeColumns":
@@ -47,7 +46,6 @@ def simulate_columns(
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
-        timed_as: Program to remember the time for, if requests name folders that plans do not know.
         under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
         ahead: Chunks that are going to be asked for after it, in their order; ``worlds`` has theirs, too.
 
@@ -67,7 +65,6 @@ def simulate_columns(
         should_stop=should_stop,
         progress=progress,
         recorder=recorder,
-        timed_as=timed_as,
         under_way=under_way,
         ahead=ahead,
     )

@@ -3,10 +3,6 @@
 Whole batches are remembered in the user's cache folder: a batch of the same programs takes the same again, but for what
 its first run had to compile. Nothing of it is ever part of a result. A folder that cannot be written to, or a file of
 another version, is as good as no memory at all.
-
-A simple model of each engine, measured once, says how costs grow with lanes and steps; what chunks took before says how
-fast this machine is and what the applications cost, which no model knows. Without such memory a short probe compares
-this machine with the one of the measurements, and the range is wide.
 """
 
 import hashlib
@@ -15,29 +11,37 @@ import math
 import os
 import time
 from collections.abc import Sequence
-from math import log
 from pathlib import Path
-from statistics import median
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from specs.base import Spec
-from specs.data.episode import CONTROL_HZ
-from specs.field_types import EngineName
 from tasks.progress.log_lines import taken_s
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.metrics import recorded_metrics, work_of
 from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.simulate.devices import device_count, device_kind
-from tasks.simulate.engines.engine_table import ENGINES, EngineCost
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.chunks import SLICE_STEPS, program_key
+from tasks.simulate.plan.chunks import program_key
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.storage.base.local_files import cache_folder, whole_file
 from tasks.storage.jobs.records import JobRecord
 
-_PROBE_S = 0.00087
-_MEASURED_DEVICES = 2
+logger = logging.getLogger(__name__)
+_KEPT = 8
+# Of as many batches whose programs, lanes or durations differ; those that were remembered last.
+_FILES_KEPT = 200
+_MARGIN = 1.15
+_LESS_MEMORY, _MORE_MEMORY = 0.7, 1.3
+# From the command to the worlds, where nobody knows: imports, and the server's start (docs/reference/speed.md).
+_START_S = 5.0
+# A process that has lived longer without making worlds was there before its run, as a notebook's is, or one that waited
+# for its turn.
+_OLDEST_START_S = 60.0
+# Steps before the first chunk that a run pays again for its worlds, and those that only a first run pays: Prefect's
+# database is there the next time, and so are the files of applications.
+_OF_WORLDS = ("generate_worlds", "draw_worlds")
+_ONCE = ("make_server_database", "unpack_application")
 
 
 class Span(Spec):
@@ -60,135 +64,6 @@ class Span(Spec):
         return Span(low=factor * self.low, high=factor * self.high)
 
 
-class Speed(Spec):
-    """How much longer this machine takes than the model says.
-
-    Attributes:
-        drive: For control steps.
-        ready: To make episodes ready.
-        first: Seconds to compile or load a program; None if that is not known.
-        share: Which part of their longest duration chunks take until their last episode ends.
-        peak_bytes: The most memory that was seen for each lane count; empty if nothing is known.
-    """
-
-    drive: Span
-    ready: Span
-    share: Span
-    first: Span | None = None
-    peak_bytes: dict[int, int] = Field(default_factory=dict[int, int])
-
-
-def remembered_speed(timings: Sequence[ChunkTiming], lanes: int, *, same_program: bool) -> Speed | None:
-    """Returns what timings of an engine say; None if there are none of driving.
-
-    Args:
-        timings: Of one engine and kind of device.
-        lanes: Of the chunks that are asked about: chunks of very different sizes are left out if there are others.
-        same_program: Whether they are of the very applications that are asked about.
-    """
-    driven = [each for each in timings if each.slices > 0]
-    known = [each for each in driven if lanes <= 2 * each.lanes <= 4 * lanes] or driven
-    if not known:
-        return None
-    drive = [each.slices_s / (each.slices * _slice_s(ENGINES[each.engine].cost, each.lanes)) for each in known]
-    ready = [each.ready_s / (each.episodes * ENGINES[each.engine].cost.ready_s) for each in known]
-    shares = [each.slices / max(1, each.most_slices) for each in known]
-    return Speed(
-        drive=_spread(drive, 1.25 if same_program else 2.0),
-        ready=_spread(ready, 1.25 if same_program else 2.0),
-        share=Span(low=min(shares), high=max(shares)) if same_program else Span(low=0.5, high=1.0),
-        first=_first(known) if same_program else None,
-        peak_bytes={each.lanes: each.peak_bytes for each in known} if same_program else {},
-    )
-
-
-def probed_speed(devices: int) -> Speed:
-    """Returns a guess from a hundredth of a second of arithmetic; the applications may be anything."""
-    slower = _probe_s() / _PROBE_S * _MEASURED_DEVICES / max(1, devices)
-    return Speed(
-        drive=Span(low=0.5 * slower, high=2.0 * slower),
-        ready=Span(low=0.5 * slower, high=2.0 * slower),
-        share=Span(low=0.5, high=1.0),
-    )
-
-
-def driving_s(engine: EngineName, speed: Speed, *, episodes: int, lanes: int, chunks: int, duration_s: float) -> Span:
-    """Returns the wall seconds of a program's chunks, compiling apart.
-
-    Args:
-        engine: What drives.
-        speed: This machine's.
-        episodes: In all.
-        lanes: Of a chunk.
-        chunks: How many there are.
-        duration_s: The longest simulated time of an episode.
-    """
-    cost = ENGINES[engine].cost
-    slices = -(-max(1, round(duration_s * CONTROL_HZ)) // SLICE_STEPS)
-    each_s = slices * _slice_s(cost, lanes)
-    drive = Span(low=speed.drive.low * speed.share.low, high=speed.drive.high * speed.share.high).times(each_s * chunks)
-    return drive.plus(speed.ready.times(cost.ready_s * episodes))
-
-
-def compiling_s(engine: EngineName, speed: Speed) -> Span:
-    """Returns the wall seconds until a program's first step; one that never ran here is not in the cache."""
-    if speed.first is not None:
-        return speed.first
-    cost = ENGINES[engine].cost
-    ready = max(0.5, min(2.0, median([speed.ready.low, speed.ready.high])))
-    return Span(low=0.6 * cost.compile_s * ready, high=1.6 * cost.compile_s * ready)
-
-
-def memory_bytes(engine: EngineName, speed: Speed, lanes: int) -> Span:
-    """Returns the most memory that a process takes which drives so many lanes at a time."""
-    cost = ENGINES[engine].cost
-    if speed.peak_bytes:
-        nearest = min(speed.peak_bytes, key=lambda known: abs(known - lanes))
-        seen = speed.peak_bytes[nearest] + (lanes - nearest) * cost.lane_bytes
-        return Span(low=0.7 * seen, high=1.3 * seen)
-    grown = cost.base_bytes + lanes * cost.lane_bytes
-    return Span(low=0.6 * grown, high=cost.base_bytes * 1.3 + 3.0 * lanes * cost.lane_bytes)
-
-
-def _first(timings: Sequence[ChunkTiming]) -> Span:
-    """Returns what a program may take to compile or load: within a process, only the first chunk has to."""
-    most_s = max(each.compile_s for each in timings)
-    return Span(low=min(0.5 * most_s, ENGINES[timings[0].engine].cost.load_s), high=1.25 * most_s)
-
-
-def _slice_s(cost: EngineCost, lanes: int) -> float:
-    return SLICE_STEPS * (cost.step_s + lanes * cost.lane_step_s)
-
-
-def _spread(ratios: Sequence[float], margin: float) -> Span:
-    return Span(low=min(ratios) / margin, high=max(ratios) * margin)
-
-
-def _probe_s() -> float:
-    """Returns the seconds of some arithmetic like that of a step: small arrays, many operations; the best of three."""
-    import numpy as np  # noqa: PLC0415 - where this machine is known, planning does without
-
-    values = np.linspace(0.0, 1.0, 4096, dtype=np.float32)
-
-    def once() -> float:
-        start_s = time.perf_counter()
-        for _ in range(200):
-            np.sqrt(values * values + 1.0).sum()
-        return time.perf_counter() - start_s
-
-    return min(once() for _ in range(3))
-
-
-logger = logging.getLogger(__name__)
-_KEPT = 8
-_MARGIN = 1.15
-# From the command to the worlds, where nobody knows: imports, and the server's start (docs/reference/speed.md).
-_START_S = 5.0
-# A process that has lived longer without making worlds was there before its run, as a notebook's is, or one that waited
-# for its turn.
-_OLDEST_START_S = 60.0
-
-
 class BatchTiming(Spec):
     """What a batch took that came to its end in one process.
 
@@ -203,6 +78,7 @@ class BatchTiming(Spec):
         compile_s: Of that, to compile programs, or to load what was compiled.
         after_s: For tables, audit and report.
         audit_compile_s: Of that, likewise.
+        peak_bytes: The most memory that a process held which simulated or audited it; 0 if that is not known.
     """
 
     episodes: int
@@ -214,6 +90,7 @@ class BatchTiming(Spec):
     compile_s: float
     after_s: float
     audit_compile_s: float
+    peak_bytes: int = 0
 
 
 _TIMINGS = TypeAdapter(list[BatchTiming])
@@ -225,6 +102,7 @@ def remember_batch(plan: BatchPlan, timing: BatchTiming) -> None:
     try:
         with whole_file(path) as file:
             file.write(_TIMINGS.dump_json([*_read_batches(path), timing][-_KEPT:]))
+        _forget_oldest(path.parent)
     except OSError as exc:
         logger.debug("what the batch took is not remembered: %s", exc)
 
@@ -250,7 +128,7 @@ def remembered_wall_s(known: Sequence[BatchTiming], plan: BatchPlan, episodes: i
     """
     if not known:
         return None
-    like = min(reversed(known), key=lambda each: abs(log(each.episodes / episodes)))
+    like = min(reversed(known), key=lambda each: abs(math.log(each.episodes / episodes)))
     # Lanes fall idle at a batch's end: the last episodes take as long as if there were as many as lanes.
     growth = (episodes + plan.lanes) / (like.episodes + plan.lanes)
     driven_s = (like.chunks_s - like.compile_s) * growth
@@ -263,6 +141,12 @@ def remembered_wall_s(known: Sequence[BatchTiming], plan: BatchPlan, episodes: i
     rest_s = _start_s(like) + making_s + like.after_s - like.audit_compile_s + audit_first_s
     total_s, margin = rest_s + first_s + driven_s, _MARGIN * max(growth, 1.0 / growth) ** 0.25
     return Span(low=total_s / margin, high=total_s * margin)
+
+
+def remembered_bytes(known: Sequence[BatchTiming]) -> Span | None:
+    """Returns the most memory that a batch takes, as the last one of its programs and lanes that said so."""
+    peak_bytes = next((each.peak_bytes for each in reversed(known) if each.peak_bytes), 0)
+    return Span(low=_LESS_MEMORY * peak_bytes, high=_MORE_MEMORY * peak_bytes) if peak_bytes else None
 
 
 def _start_s(timing: BatchTiming) -> float:
@@ -289,18 +173,19 @@ def _read_batches(path: Path) -> list[BatchTiming]:
         return []
 
 
+def _forget_oldest(folder: Path) -> None:
+    """Removes the files that were written longest ago, where there are more than are kept."""
+    files = sorted(folder.glob("*.json"), key=lambda path: path.stat().st_mtime_ns, reverse=True)
+    for path in files[_FILES_KEPT:]:
+        path.unlink(missing_ok=True)
+
+
 def _batches_file(plan: BatchPlan) -> Path:
     programs = sorted(repr(program_key(request)) for request, _ in Layout(plan).programs())
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
     machine = device_kind(), device_count()  # of one machine: cores may be fewer for this process
     known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records(), machine)
-    return cache_folder() / "batches" / f"{hashlib.sha256(repr(known_by).encode()).hexdigest()}.json"
-
-
-# Steps before the first chunk that a run pays again for its worlds, and those that only a first run pays: Prefect's
-# database is there the next time, and so are the files of applications.
-_OF_WORLDS = ("generate_worlds", "draw_worlds")
-_ONCE = ("make_server_database", "unpack_application")
+    return cache_folder() / "timings" / f"{hashlib.sha256(repr(known_by).encode()).hexdigest()}.json"
 
 
 class _Process:
@@ -322,12 +207,15 @@ class BatchWatch:
         """Notes that all chunks are committed."""
         self._driven_s = time.monotonic()
 
-    def keep(self, batch: OpenBatch, record: JobRecord, audited: Sequence[ChunkTiming]) -> None:
+    def keep(
+        self, batch: OpenBatch, record: JobRecord, driven: Sequence[ChunkTiming], audited: Sequence[ChunkTiming]
+    ) -> None:
         """Remembers what a batch took, if this process simulated all of it.
 
         Args:
             batch: The batch.
             record: Its record at its end.
+            driven: What its chunks took.
             audited: What its audit's chunks took.
         """
         metrics = recorded_metrics(record)
@@ -349,6 +237,7 @@ class BatchWatch:
                 audit_compile_s=min(
                     work_of(audited, simulated_s=0.0, wall_s=0.0).compile_s, after_s - _rest_s(audited, after_s)
                 ),
+                peak_bytes=max((each.peak_bytes for each in (*driven, *audited)), default=0),
             ),
         )
 

@@ -1,5 +1,8 @@
 """The forecast of a batch: its engines, chunks, time and memory, in general found without importing JAX.
 
+Time and memory are those of the last batch of these programs here. Where there was none they are unknown: all that is
+said is a wide range, from what the engines took where they were measured.
+
 The choice of a robot's engine is kept in the user's cache folder, because to make it anew imports MuJoCo. What is
 remembered is good for the same bundle and the same code. Nothing of it is ever part of a result: a batch that runs
 chooses anew. A folder that cannot be written to is as good as no memory at all.
@@ -9,78 +12,44 @@ one lane, 740 in all with 8, 620 with 32; 1.3, 2.3 and 6.5 s until they are read
 takes 2 MB.
 """
 
-import functools
 import hashlib
 import logging
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.data.episode import CONTROL_HZ, PHYSICS_HZ, ApplicationLaunch, EpisodeRequest
+from specs.data.episode import CONTROL_HZ, PHYSICS_HZ, ApplicationLaunch
 from specs.field_types import EngineName
 from specs.launched_file import policy_file
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.chunk.byproducts import recall_engine_timings, recall_timings
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engines.engine_table import ENGINES, REFERENCE, EngineChoice, choose_engine
-from tasks.simulate.forecast.batch_timing import (
-    Span,
-    Speed,
-    compiling_s,
-    driving_s,
-    memory_bytes,
-    probed_speed,
-    recall_batches,
-    remembered_speed,
-    remembered_wall_s,
-)
+from tasks.simulate.forecast.batch_timing import Span, recall_batches, remembered_bytes, remembered_wall_s
 from tasks.simulate.host.declaration import ControllerKind, controller_kind
 from tasks.simulate.host.policy_check import check_policy
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.chunks import program_key
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.storage.base.local_files import cache_folder, whole_file
 
+logger = logging.getLogger(__name__)
+_CODE = Path(__file__).parents[1]
+# Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
+_START_S = Span(low=4.0, high=12.0)
+_ROW_S = Span(low=0.2e-3, high=1e-3)
+# Of what an engine took where it was measured: applications may be anything, and so may this machine.
+_LEAST_GUESSED, _MOST_GUESSED = 0.25, 3.0
 # Of a lane alone, and of each of many that share the cores.
 _STEP_S, _LANE_STEP_S = 2.7e-3, 1.5e-3
 _MEASURED_CORES = 2
 _READY_S, _LANE_READY_S = 1.2, 0.17
 _NODE_BYTES = 42_000_000
-# Nodes that wait for single messages take 10 times as long; in C++ they take half.
+# Nodes that wait for single messages take 5 times as long; in C++ they take two thirds.
 _LOW, _HIGH = 0.2, 1.5
-
-
-def node_bytes() -> int:
-    """Returns the memory of a Python node, as far as it shares none with others."""
-    return _NODE_BYTES
-
-
-def nodes_pace(lanes: int, nodes: int) -> Span:
-    """Returns how many control steps a second all lanes go in all, with so many nodes each."""
-    expected = lanes / _step_s(lanes, nodes)
-    return Span(low=_LOW * expected, high=_HIGH * expected)
-
-
-def nodes_s(episodes: int, lanes: int, steps: int, nodes: int = 1) -> Span:
-    """Returns the wall seconds that nodes add to a batch of so many episodes of so many control steps at most."""
-    chunks = -(-episodes // lanes)
-    ready_s = chunks * (_READY_S + _LANE_READY_S * min(lanes, episodes) * nodes)
-    drive_s = chunks * steps * _step_s(min(lanes, episodes), nodes)
-    return Span(low=0.3 * (ready_s + drive_s), high=ready_s / _LOW + drive_s / _LOW)
-
-
-def _step_s(lanes: int, nodes: int) -> float:
-    slower = max(1.0, _MEASURED_CORES / (os.cpu_count() or 1))
-    return max(_STEP_S, _LANE_STEP_S * lanes * nodes * slower)
-
-
-logger = logging.getLogger(__name__)
-_CODE = Path(__file__).parents[1]
 
 
 class EngineAnswer(Spec):
@@ -142,15 +111,6 @@ def _choice_file(parts: Sequence[str]) -> Path:
     return cache_folder() / "engines" / f"{hashlib.sha256(repr(parts).encode()).hexdigest()}.json"
 
 
-Basis = Literal["this very program", "other programs", "nothing"]
-# From what is known best.
-_BASES: Sequence[Basis] = ("this very program", "other programs", "nothing")
-# Importing JAX and Prefect, the server's start, and for each episode its row in chunk and tables.
-_NODES = ("ros", "ros2")
-_START_S = Span(low=4.0, high=12.0)
-_ROW_S = Span(low=0.2e-3, high=1e-3)
-
-
 class RobotPlan(Spec):
     """What is going to drive a robot application.
 
@@ -180,7 +140,7 @@ class EnginePlan(Spec):
         lane_steps_at_most: Physics steps of all lanes, if every episode took its full duration.
         wall_s: From the command to the batch's tables and audit.
         memory_bytes: The most that the process holds.
-        known_from: What on this machine the two were told from, of the program that is known least.
+        known: Whether both follow from the last batch of these programs here; else they are wide guesses.
     """
 
     episodes: int
@@ -194,7 +154,7 @@ class EnginePlan(Spec):
     lane_steps_at_most: int
     wall_s: Span
     memory_bytes: Span
-    known_from: Basis
+    known: bool
 
 
 def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
@@ -210,13 +170,19 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         launch: controller_kind(folders[launch.digest], launch) for launch in launches
     }
     choices = {launch: _robot(plan.engine, launch, folders, kind, _label(launch, launches)) for launch in launches}
-    programs = [
-        _Program(request, episodes, choice.engine, kind, plan.lanes, controller=controllers[request.robot])
+    drives = [
+        _Drive(choice.engine, episodes, plan.lanes, controllers[request.robot] in ("ros", "ros2"))
         for request, episodes in layout.programs()
         if (choice := choices[request.robot].choice)
     ]
+    audited = min(plan.audit, layout.episodes) if drives else 0
+    load_s = sum(ENGINES[each.engine].cost.load_s for each in drives)
+    known = recall_batches(plan) if drives else []
+    if audited:  # as if they were all of the first program
+        engines = dict.fromkeys((drives[0].engine, REFERENCE))
+        few = drives[0]._replace(episodes=audited, lanes=min(audited, plan.lanes))
+        drives += [few._replace(engine=engine) for engine in engines]
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
-    audited = min(plan.audit, layout.episodes) if programs else 0
     return EnginePlan(
         episodes=layout.episodes,
         robots=tuple(choices.values()),
@@ -227,61 +193,11 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         compilations=len(layout.programs()),
         audited=audited,
         lane_steps_at_most=_lane_steps(plan),
-        wall_s=_remembered_wall_s(plan, programs, layout.episodes)
-        or _wall_s(programs, layout.episodes, plan.lanes, longest_s, audited),
-        memory_bytes=_most(programs, plan.lanes, audited),
-        known_from=_BASES[max((_BASES.index(each.basis) for each in programs), default=-1)],
+        wall_s=remembered_wall_s(known, plan, layout.episodes, load_s)
+        or _guessed_wall_s(drives, layout.episodes, longest_s),
+        memory_bytes=remembered_bytes(known) or _guessed_bytes(drives),
+        known=bool(known),
     )
-
-
-class _Program:
-    """A program of a batch, and what is known of its speed."""
-
-    def __init__(
-        self,
-        request: EpisodeRequest,
-        episodes: int,
-        engine: EngineName,
-        device: DeviceKind,
-        lanes: int,
-        *,
-        controller: ControllerKind,
-    ) -> None:
-        self.device: DeviceKind = device
-        self.engine: EngineName = engine
-        self.request, self.episodes = request, episodes
-        self.controller: ControllerKind = controller
-        self.speed: Speed
-        self.basis: Basis
-        self.speed, self.basis = _speed(request, engine, device, lanes, host=controller != "jax")
-
-    def reference(self, lanes: int) -> "_Program":
-        """Returns the program that audits it."""
-        return _Program(self.request, self.episodes, REFERENCE, self.device, lanes, controller=self.controller)
-
-    def wall_s(self, episodes: int, lanes: int, longest_s: float, *, compiled: bool = False) -> Span:
-        """Returns what some of its episodes take, with so many lanes, and the program if it is not there."""
-        chunks = -(-episodes // lanes)
-        drive = driving_s(self.engine, self.speed, episodes=episodes, lanes=lanes, chunks=chunks, duration_s=longest_s)
-        if self.basis == "nothing" and self.controller in _NODES:
-            drive = drive.plus(nodes_s(episodes, lanes, round(longest_s * CONTROL_HZ)))
-        return drive if compiled else drive.plus(compiling_s(self.engine, self.speed))
-
-
-def _speed(
-    request: EpisodeRequest, engine: EngineName, device: DeviceKind, lanes: int, *, host: bool
-) -> tuple[Speed, Basis]:
-    own = [each for each in recall_timings(program_key(request)) if (each.engine, each.device) == (engine, device)]
-    if (speed := remembered_speed(own, lanes, same_program=True)) is not None:
-        return speed, "this very program"
-    speed = _speed_of_engine(engine, device, lanes, cache_folder(), host=host)
-    return (speed, "other programs") if speed is not None else (probed_speed(device_count()), "nothing")
-
-
-@functools.cache
-def _speed_of_engine(engine: EngineName, device: DeviceKind, lanes: int, _cache: Path, *, host: bool) -> Speed | None:
-    """Returns what programs of an engine took; read once for each cache folder, however many programs a batch has."""
-    return remembered_speed(recall_engine_timings(engine, device, host=host), lanes, same_program=False)
 
 
 def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
@@ -335,29 +251,66 @@ def _lane_steps(plan: BatchPlan) -> int:
     return round(sum(len(plan.worlds_of(template)) * template.duration_s * each for template in plan.templates))
 
 
-def _remembered_wall_s(plan: BatchPlan, programs: Sequence[_Program], episodes: int) -> Span | None:
-    """Returns what whole batches of these programs took here; None if none has come to its end."""
-    load_s = sum(ENGINES[each.engine].cost.load_s for each in programs)
-    return remembered_wall_s(recall_batches(plan), plan, episodes, load_s) if programs else None
+class _Drive(NamedTuple):
+    """Episodes that a program drives: those of the batch that are its own, or those of the audit.
+
+    Attributes:
+        nodes: Whether ROS nodes drive beside it.
+    """
+
+    engine: EngineName
+    episodes: int
+    lanes: int
+    nodes: bool
 
 
-def _wall_s(programs: Sequence[_Program], episodes: int, lanes: int, longest_s: float, audited: int) -> Span:
+def _guessed_wall_s(drives: Sequence[_Drive], episodes: int, longest_s: float) -> Span:
+    """Returns a wide range for programs that have not run here.
+
+    Args:
+        drives: All that is driven.
+        episodes: How many the batch has.
+        longest_s: The longest simulated time of an episode.
+    """
+    steps = max(1, round(longest_s * CONTROL_HZ))
     wall = _START_S.plus(_ROW_S.times(episodes))
-    for program in programs:
-        wall = wall.plus(program.wall_s(program.episodes, lanes, longest_s))
-    if audited:  # as if they were all of the first program
-        program, few = programs[0], min(audited, lanes)
-        wall = wall.plus(program.wall_s(audited, few, longest_s, compiled=few == lanes))
-        if program.engine != REFERENCE:
-            wall = wall.plus(program.reference(few).wall_s(audited, few, longest_s))
+    for each in drives:
+        cost, chunks = ENGINES[each.engine].cost, -(-each.episodes // each.lanes)
+        drive_s = chunks * steps * (cost.step_s + each.lanes * cost.lane_step_s)
+        measured_s = cost.compile_s + each.episodes * cost.ready_s + drive_s
+        wall = wall.plus(Span(low=_LEAST_GUESSED * measured_s, high=_MOST_GUESSED * measured_s))
+        if each.nodes:
+            wall = wall.plus(nodes_s(each.episodes, each.lanes, steps))
     return wall
 
 
-def _most(programs: Sequence[_Program], lanes: int, audited: int) -> Span:
+def _guessed_bytes(drives: Sequence[_Drive]) -> Span:
     """Returns the most memory: programs follow one another in one process, which keeps what the largest took."""
-    spans = [memory_bytes(each.engine, each.speed, lanes) for each in programs]
-    if audited:
-        reference = programs[0].reference(min(audited, lanes))
-        spans.append(memory_bytes(reference.engine, reference.speed, min(audited, lanes)))
-    low, high = max((span.low for span in spans), default=0.0), max((span.high for span in spans), default=0.0)
+    costs = [(ENGINES[each.engine].cost, each.lanes) for each in drives]
+    low = max((0.6 * (cost.base_bytes + lanes * cost.lane_bytes) for cost, lanes in costs), default=0.0)
+    high = max((1.3 * cost.base_bytes + 3.0 * lanes * cost.lane_bytes for cost, lanes in costs), default=0.0)
     return Span(low=low, high=high)
+
+
+def node_bytes() -> int:
+    """Returns the memory of a Python node, as far as it shares none with others."""
+    return _NODE_BYTES
+
+
+def nodes_pace(lanes: int, nodes: int) -> Span:
+    """Returns how many control steps a second all lanes go in all, with so many nodes each."""
+    expected = lanes / _step_s(lanes, nodes)
+    return Span(low=_LOW * expected, high=_HIGH * expected)
+
+
+def nodes_s(episodes: int, lanes: int, steps: int, nodes: int = 1) -> Span:
+    """Returns the wall seconds that nodes add to a batch of so many episodes of so many control steps at most."""
+    chunks = -(-episodes // lanes)
+    ready_s = chunks * (_READY_S + _LANE_READY_S * min(lanes, episodes) * nodes)
+    drive_s = chunks * steps * _step_s(min(lanes, episodes), nodes)
+    return Span(low=0.3 * (ready_s + drive_s), high=ready_s / _LOW + drive_s / _LOW)
+
+
+def _step_s(lanes: int, nodes: int) -> float:
+    slower = max(1.0, _MEASURED_CORES / (os.cpu_count() or 1))
+    return max(_STEP_S, _LANE_STEP_S * lanes * nodes * slower)

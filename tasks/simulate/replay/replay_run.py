@@ -12,7 +12,7 @@ from specs.errors import ResourceNotFound
 from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.batch.batch_record import OpenBatch, StopWatch
 from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, batch_mounts, load_worlds
-from tasks.simulate.plan.chunks import Chunk, plan_chunks, program_key
+from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tasks.simulate.replay.replay_result import ReplayResult, received_replay
 from tasks.simulate.sandbox.process_pool import ask_exclusive
 from tasks.simulate.sandbox.protocol import Crashed, NoMemory, Replayed, ReplayWork
@@ -123,8 +123,7 @@ def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: S
 
     def part(chunk: Chunk, lanes: int) -> Results:
         asked = tuple(mounted.resolved(each) for each in chunk.requests)
-        program = program_key(chunk.requests[0])
-        return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None, program))
+        return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None))
 
     for chunk in plan_chunks([each for each in requests if each.index not in rows], batch.plan.lanes):
         found = retry_with_fewer_lanes(chunk, batch.plan.lanes, part, lambda: False).rows

@@ -24,7 +24,7 @@ from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.ros.bag.message_log import Channel, LogEntry, MessageLog
 from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.simulate.lane.recording import RecordingChoice
-from tasks.simulate.plan.chunks import Chunk, ProgramKey
+from tasks.simulate.plan.chunks import Chunk
 
 # Far more than the rows of the largest chunk, or than the samples of one of its slices.
 _JSON_BYTES, _ARRAY_BYTES, _ARRAYS = 1 << 30, 1 << 32, 64
@@ -178,7 +178,6 @@ class LanesWork(Spec):
         numbers: The chunk's number, and those of the chunks that are going to be asked for after it, in their order.
         new: Those of these chunks that no question before this one named, or that have other episodes since.
         bundles: Unpacked folders of the applications, by digest.
-        timed_as: Program to remember the time for.
         rate_hz: How many samples a simulated second to tell; None if nobody records.
         recorded: Which episodes of the first chunk to tell samples of; None means all.
     """
@@ -190,7 +189,6 @@ class LanesWork(Spec):
     bundles: dict[str, str]
     lanes: int
     engine: str
-    timed_as: ProgramKey | None = None
     rate_hz: float | None = None
     recorded: RecordingChoice | None = None
 
@@ -229,13 +227,6 @@ class ReplayWork(Spec):
 
 Work = Annotated[LanesWork | AuditWork | ReplayWork, Field(discriminator="kind")]
 WORK: TypeAdapter[LanesWork | AuditWork | ReplayWork] = TypeAdapter(Work)
-
-
-class RememberedTiming(Spec):
-    """What a chunk of a program took; remembered by whoever may write to the cache folder."""
-
-    program: ProgramKey
-    timing: ChunkTiming
 
 
 class Ready(Spec):
@@ -288,7 +279,7 @@ class Rows(Spec):
     """
 
     kind: Literal["rows"] = "rows"
-    timings: tuple[RememberedTiming, ...] = ()
+    timings: tuple[ChunkTiming, ...] = ()
     tags: dict[int, TagMap] = Field(default_factory=dict[int, TagMap])
 
 
@@ -297,7 +288,7 @@ class Audited(Spec):
 
     kind: Literal["audited"] = "audited"
     report: str
-    timings: tuple[RememberedTiming, ...] = ()
+    timings: tuple[ChunkTiming, ...] = ()
 
 
 class Replayed(Spec):

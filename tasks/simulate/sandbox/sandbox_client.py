@@ -30,7 +30,7 @@ from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.chunk.byproducts import JobTags
 from tasks.simulate.host.declaration import FEWEST_LANES, most_lanes
 from tasks.simulate.lane.recording import Ends, Recorder, RecordingChoice, SliceSamples
-from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, ProgramKey
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
 from tasks.simulate.sandbox.process_pool import simulator
 from tasks.simulate.sandbox.protocol import (
     Answer,
@@ -243,7 +243,6 @@ class SandboxClient:
         progress: Told how many of the part's episodes are done.
         rate_hz: Of the recorder's samples.
         recorder: Given what the lanes do, unless a process ended over it.
-        timed_as: Program to remember the time for.
         printed: Given what applications print.
         tagged: Given the tags that applications gave to their jobs, by the index of the episode.
         ahead: Chunks that are going to be simulated next, in their order; the process begins them when lanes are free.
@@ -257,7 +256,6 @@ class SandboxClient:
     progress: Callable[[int], None] = lambda _: None
     rate_hz: float = 1.0
     recorder: Recorder | None = None
-    timed_as: ProgramKey | None = None
     printed: Callable[[str], None] = lambda _: None
     tagged: Callable[[JobTags], None] = lambda _: None
     ahead: Sequence[Chunk] = ()
@@ -332,7 +330,6 @@ class SandboxClient:
                 bundles={digest: str(folder) for digest, folder in self.bundles.items()},
                 lanes=self.lanes,
                 engine=self.engine,
-                timed_as=self.timed_as,
                 rate_hz=self.rate_hz if recorder else None,
                 recorded=self.recorded,
             )

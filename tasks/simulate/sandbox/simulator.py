@@ -28,7 +28,7 @@ from specs.errors import SimyardError
 from specs.settings import import_limit_s, step_limit_s
 from tasks.progress.listener import report_progress
 from tasks.simulate.application.bundle_code import CLOCK_BYTES, CallKind, RunningCall, running_call
-from tasks.simulate.chunk.byproducts import remember_timing
+from tasks.simulate.chunk.byproducts import note_timing
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.confinement import confined_command, confined_environment, programs_folder
 from tasks.simulate.sandbox.protocol import (
@@ -339,7 +339,7 @@ class Simulator:
             raise self.refused(exc) from None
         if isinstance(answer, Rows | Audited):
             for each in answer.timings:
-                remember_timing(each.program, each.timing)
+                note_timing(each)
         if isinstance(answer, Defect):
             raise SimulatorDefect(answer.text)
         return answer, message

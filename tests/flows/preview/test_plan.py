@@ -46,7 +46,7 @@ def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     assert f"`{line}`" in " ".join((ROOT / "README.md").read_text().split())
     assert "courier: engine planar, the fastest of all" in told
     assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
-    assert re.search(r"about \S+ (s|min|h) \(\S+ to \S+\) and \S+ to \S+ GB of memory; a guess", told)
+    assert re.search(r"unknown .*: perhaps \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory", told)
     assert "recordings of failed episodes at 10 Hz; 32 episodes audited on C MuJoCo" in told
 
 
@@ -135,7 +135,7 @@ def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
 def test_a_large_batch_is_told_in_hours_and_whole_numbers(lines: Tell):
     told = lines(matrix={"seeds": 10_000, "environmentVariables": {"MAX_SPEED": ["0.6"]}}, engine="mujoco")
     assert "480,000 episodes" in told
-    assert re.search(r"about \S+ h \(\S+ to \S+\) and", told)
+    assert re.search(r"perhaps \S+ to \S+ h and", told)
     assert "2,500 chunks of 192 lanes" in told
 
 

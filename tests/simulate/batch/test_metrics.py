@@ -1,39 +1,19 @@
 """A batch's speed: what its chunks took, added up, and told; never part of a result."""
 
-import pytest
-
 from specs.data.episode import EpisodeResult
 from tasks.simulate.batch.batch_record import close_batch, complete
 from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, ChunkWork, metric_lines, metric_rows, metrics_of, work_of
-from tasks.simulate.chunk.byproducts import ChunkTiming, collect_timings, remember_timing
-from tasks.simulate.plan.chunks import ProgramKey
+from tasks.simulate.chunk.byproducts import ChunkTiming, collect_timings, note_timing
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import all_pass, begun
 
-PROGRAM: ProgramKey = ("robot",)
-TIMING = ChunkTiming(
-    engine="planar",
-    device="cpu",
-    lanes=16,
-    episodes=10,
-    ready_s=2.0,
-    compile_s=5.0,
-    slices=4,
-    slices_s=4.0,
-    most_slices=9,
-    peak_bytes=1,
-)
-
-
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path_factory.mktemp("cache")))
+TIMING = ChunkTiming(lanes=16, ready_s=2.0, compile_s=5.0, slices=4, slices_s=4.0, peak_bytes=1)
 
 
 def timed(part: ChunkPart) -> list[EpisodeResult]:
-    remember_timing(PROGRAM, TIMING)
+    note_timing(TIMING)
     return all_pass(part)
 
 
@@ -78,9 +58,11 @@ def test_every_share_of_the_time_is_told():
 
 def test_a_timing_is_collected_inside_the_block_only():
     with collect_timings() as inside:
-        remember_timing(PROGRAM, TIMING)
-    remember_timing(PROGRAM, TIMING)
-    assert inside == [TIMING]
+        note_timing(TIMING)
+        with collect_timings() as within:
+            note_timing(TIMING)
+    note_timing(TIMING)
+    assert (inside, within) == ([TIMING, TIMING], [TIMING])
 
 
 def test_a_chunk_tells_what_it_took_and_one_that_was_committed_nothing(file_store: Store):

@@ -1,8 +1,6 @@
 """Whole episodes of the shipped courier and delivery, and what their rows say."""
 
-import functools
 import logging
-from pathlib import Path
 
 import jax
 import numpy as np
@@ -10,8 +8,7 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.byproducts import recall_timings
-from tasks.simulate.plan.chunks import Chunk, plan_chunks, program_key
+from tasks.simulate.plan.chunks import Chunk, plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pen, pushing, simulate_lanes
 from tests.factories.worlds import PAINT, box
 from tests.simulate.conftest import LANES, PUSHER_LANES, Simulate
@@ -122,19 +119,6 @@ def test_progress_counts_the_episodes_that_are_done(pens: dict[str, World]):
     simulate_lanes(chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False, progress=told.append)
     assert told == sorted(told)
     assert (told[0], told[-1]) == (1, 2)
-
-
-def test_what_a_chunk_took_is_remembered_for_the_program_that_plans_know(
-    pens: dict[str, World], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
-    chunk = Chunk(number=0, requests=(pushing(0, world="hand/pen-0"),))
-    ran = functools.partial(simulate_lanes, chunk, pens, FOLDERS, lanes=PUSHER_LANES, should_stop=lambda: False)
-    ran(timed_as=("planned",))
-    assert len(recall_timings(("planned",))) == 1
-    assert recall_timings(program_key(chunk.requests[0])) == []
-    ran()
-    assert len(recall_timings(program_key(chunk.requests[0]))) == 1
 
 
 REQUESTS = [

@@ -21,7 +21,6 @@ from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.data.data_sources import DATA_PREFIX, PinnedFile, PinnedSource, within_limits
 from tasks.simulate.data.mounts import Mounts, pin_source
 from tasks.simulate.plan.batch_plan import BatchPlan
-from tasks.simulate.plan.chunks import ProgramKey, program_key
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import plan_batch
 from tasks.storage.base.store import Store
@@ -29,7 +28,7 @@ from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
 from tests.factories.data_buckets import ONE, cache, source
 from tests.factories.episodes import passed
-from tests.factories.planned_batches import all_pass, begun, plan, put_world, template
+from tests.factories.planned_batches import begun, plan, put_world, template
 
 
 @pytest.mark.parametrize(
@@ -372,24 +371,6 @@ def test_a_file_put_into_a_mount_is_not_there_for_the_next_batch(file_store: Sto
     folder.chmod(0o755)
     (folder / "stranger").touch()
     assert [path.name for path in mounted_anew(file_store, tmp_path).iterdir()] == ["one.yaml"]
-
-
-def test_a_chunk_is_timed_as_the_program_that_plans_know(
-    file_store: Store, map_bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path))
-    source = pin_source(file_store, tmp_path / "data", ASKED)
-    reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
-    batch = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
-    timed: list[tuple[ProgramKey, ProgramKey]] = []
-
-    def simulate(part: ChunkPart) -> list[EpisodeResult]:
-        timed.append((part.program, program_key(part.chunk.requests[0])))
-        return all_pass(part)
-
-    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
-    ((planned, resolved),) = timed
-    assert planned == program_key(batch.layout.request(0)) != resolved
 
 
 def test_a_mount_that_nobody_wrote_into_is_used_again(file_store: Store, map_bucket: Store, tmp_path: Path):

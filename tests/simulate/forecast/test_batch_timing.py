@@ -1,13 +1,11 @@
-"""The cost model grows where costs do, and follows what was measured."""
+"""What batches took before says what the next one takes."""
 
+import os
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from specs.field_types import EngineName
 from tasks.progress.log_lines import log_duration
 from tasks.simulate.batch.metrics import METRICS, metrics_of, work_of
 from tasks.simulate.chunk.byproducts import ChunkTiming
@@ -15,95 +13,15 @@ from tasks.simulate.forecast import batch_timing
 from tasks.simulate.forecast.batch_timing import (
     BatchTiming,
     BatchWatch,
-    Span,
-    compiling_s,
-    driving_s,
-    memory_bytes,
-    probed_speed,
     process_age_s,
     recall_batches,
     remember_batch,
-    remembered_speed,
+    remembered_bytes,
     remembered_wall_s,
 )
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.store import Store
 from tests.factories.planned_batches import begun, template
-
-ENGINES: st.SearchStrategy[EngineName] = st.sampled_from(["planar", "mjx", "mujoco"])
-
-
-def timing(engine: EngineName, lanes: int, slices_s: float, slices: int = 47) -> ChunkTiming:
-    return ChunkTiming(
-        engine=engine,
-        device="cpu",
-        lanes=lanes,
-        episodes=lanes,
-        ready_s=0.5,
-        compile_s=1.0,
-        slices=slices,
-        slices_s=slices_s,
-        most_slices=47,
-        peak_bytes=1 << 30,
-    )
-
-
-@given(ENGINES, st.integers(1, 512), st.floats(0.01, 100.0))
-def test_a_chunk_like_those_before_takes_what_those_took(engine: EngineName, lanes: int, slices_s: float):
-    speed = remembered_speed([timing(engine, lanes, slices_s)], lanes, same_program=True)
-    assert speed
-    span = driving_s(engine, speed, episodes=lanes, lanes=lanes, chunks=1, duration_s=60.0)
-    assert span.low <= slices_s + 0.5 <= span.high
-    assert span.high <= 1.6 * (slices_s * 48 / 47 + 0.5)
-
-
-@given(ENGINES, st.integers(1, 256), st.integers(1, 20))
-def test_more_lanes_chunks_and_seconds_take_longer(engine: EngineName, lanes: int, chunks: int):
-    speed = probed_speed(2)
-
-    def took(lanes: int, chunks: int, duration_s: float) -> Span:
-        return driving_s(engine, speed, episodes=1, lanes=lanes, chunks=chunks, duration_s=duration_s)
-
-    base = took(lanes, chunks, 60.0)
-    assert all(base.high < more.high for more in (took(2 * lanes, chunks, 60.0), took(lanes, chunks + 1, 60.0)))
-    assert base.high < took(lanes, chunks, 120.0).high
-
-
-@given(ENGINES, st.integers(8, 512))
-def test_ranges_are_ranges_and_a_memory_narrows_them(engine: EngineName, lanes: int):
-    guess, known = probed_speed(2), remembered_speed([timing(engine, lanes, 5.0)], lanes, same_program=True)
-    assert known
-    for speed in (guess, known):
-        for span in (compiling_s(engine, speed), memory_bytes(engine, speed, lanes)):
-            assert 0.0 < span.low < span.high
-    assert known.drive.high / known.drive.low < guess.drive.high / guess.drive.low
-    seen = memory_bytes(engine, known, lanes)
-    assert seen.low < 1 << 30 < seen.high
-
-
-def test_memory_of_other_lane_counts_is_carried_over():
-    known = remembered_speed([timing("planar", 64, 5.0)], 64, same_program=True)
-    assert known
-    assert memory_bytes("planar", known, 512).high > memory_bytes("planar", known, 64).high
-
-
-def test_other_programs_say_nothing_of_memory_and_of_early_ends():
-    other = remembered_speed([timing("planar", 64, 5.0, slices=10)], 64, same_program=False)
-    assert other
-    assert other.peak_bytes == {}
-    assert other.share == Span(low=0.5, high=1.0)
-
-
-def test_chunks_that_ended_in_their_first_slice_are_no_measure():
-    assert remembered_speed([timing("planar", 64, 0.0, slices=0)], 64, same_program=True) is None
-
-
-def test_chunks_of_another_size_are_asked_only_if_there_are_no_others():
-    audit, chunk = timing("planar", 16, 50.0), timing("planar", 192, 5.0)
-    alone = remembered_speed([chunk], 256, same_program=True)
-    assert remembered_speed([audit, chunk], 256, same_program=True) == alone
-    assert remembered_speed([audit], 256, same_program=True) is not None
-
 
 LOAD_S = 1.5
 WARM = BatchTiming(
@@ -218,6 +136,22 @@ def test_the_last_batches_are_kept():
     assert [each.episodes for each in recall_batches(plan())] == list(range(13, 21))
 
 
+def test_only_batches_that_were_remembered_last_are_kept(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(batch_timing, "_FILES_KEPT", 3)
+    for lanes in range(1, 6):
+        remember_batch(plan(lanes=lanes), WARM)
+        os.utime(batch_timing._batches_file(plan(lanes=lanes)), ns=(lanes, lanes))
+    assert [bool(recall_batches(plan(lanes=lanes))) for lanes in range(1, 6)] == [False, False, True, True, True]
+
+
+def test_the_memory_of_the_last_batch_that_says_it_is_what_the_next_one_takes():
+    held = [WARM.model_copy(update={"peak_bytes": bytes_}) for bytes_ in (1 << 32, 1 << 30, 0)]
+    assert remembered_bytes([WARM]) is None
+    span = remembered_bytes(held)
+    assert span
+    assert span.low < 1 << 30 < span.high < 1 << 32
+
+
 def test_a_process_knows_its_age():
     age_s = process_age_s()
     assert age_s is None or 0.0 < age_s < 1e6
@@ -231,21 +165,10 @@ def test_what_more_cores_took_says_nothing_of_fewer(monkeypatch: pytest.MonkeyPa
     assert recall_batches(plan()) == []
 
 
-DROVE = ChunkTiming(
-    engine="mujoco",
-    device="cpu",
-    lanes=4,
-    episodes=4,
-    ready_s=1.0,
-    compile_s=2.5,
-    slices=3,
-    slices_s=2.0,
-    most_slices=3,
-    peak_bytes=1,
-)
+DROVE = ChunkTiming(lanes=4, ready_s=1.0, compile_s=2.5, slices=3, slices_s=2.0, peak_bytes=1 << 30)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture
 def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """A cache of its own, and a clock that a test sets."""
     now_s = [100.0]
@@ -253,7 +176,7 @@ def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     monkeypatch.setattr(
         batch_timing,
         "time",
-        SimpleNamespace(monotonic=lambda: now_s[0], perf_counter=lambda: now_s.append(0.001) or sum(now_s)),
+        SimpleNamespace(monotonic=lambda: now_s[0]),
     )
     return now_s
 
@@ -269,7 +192,7 @@ def kept(store: Store, clock: list[float], *audited: ChunkTiming) -> BatchTiming
         work_of([DROVE] * 3, simulated_s=1.0, wall_s=10.0)._replace(chunks=batch.layout.chunks), 10.0, 1
     )
     detail = {**batch.record().detail, METRICS: metrics.model_dump(mode="json")}
-    watch.keep(batch, batch.record().model_copy(update={"status": "Completed", "detail": detail}), audited)
+    watch.keep(batch, batch.record().model_copy(update={"status": "Completed", "detail": detail}), [DROVE] * 3, audited)
     return recall_batches(batch.plan)[-1]
 
 
@@ -294,3 +217,4 @@ def test_what_an_audit_compiled_while_it_drove_is_no_part_of_what_its_driving_to
     timing = kept(file_store, clock, DROVE, DROVE)
     assert (timing.chunks_s, timing.compile_s, timing.after_s) == (10.0, 7.5, 4.0)
     assert timing.after_s - timing.audit_compile_s == DROVE.ready_s + DROVE.slices_s
+    assert timing.peak_bytes == DROVE.peak_bytes
