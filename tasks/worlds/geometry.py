@@ -4,11 +4,11 @@ import math
 import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy import ndimage
 
 from specs.data.world import Furniture, OccupancyMap, Solid
 
@@ -162,45 +162,11 @@ def _corners(solid: Solid) -> Float[np.ndarray, "4 2"]:
     return local @ np.array([[cos, sin], [-sin, cos]]) + np.array(solid.center_m[:2])
 
 
-_LARGE_BITS = 10_000
-_STEPS, _LARGE_STEPS = 16, 64
-
-
-def flood(start: int, free: int, row: int) -> int:
-    """Returns the free cells that a walk from some of them reaches; it goes to the four neighbours of a cell.
-
-    Args:
-        start: Where the walk begins; free cells.
-        free: The free cells. The last of each row is never free: it keeps walks from going around.
-        row: How many cells a row has.
-    """
-    strides = _strides(free, row)
-    part, before = start, 0
-    while part != before:
-        before = part
-        part |= free & ((free + part) ^ free)  # the carry runs from a cell to the end of the free ones after it
-        for down, along, forward, back, over in strides:
-            part |= part >> down & along
-            part |= part << over & forward
-            part |= part >> over & back
-    return part
-
-
-def _strides(free: int, row: int) -> list[tuple[int, int, int, int, int]]:
-    """Returns strides of 1, 2, 4 cells and so on: where each may end, for all cells on its way are free.
-
-    Each is: how many cells within a row, where it may end there, where it may end some rows on and some rows back, and
-    how many cells these rows are.
-    """
-    strides: list[tuple[int, int, int, int, int]] = []
-    along = forward = back = free
-    step = 1
-    while step < (_LARGE_STEPS if free.bit_length() > _LARGE_BITS else _STEPS):
-        over = step * row
-        strides.append((step, along, forward, back, over))
-        along, forward, back = along & along >> step, forward & forward << over, back & back >> over
-        step *= 2
-    return strides
+def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.ndarray, "x y"]:
+    """Returns the free cells that a walk from one of them reaches; it goes to the four neighbours of a cell."""
+    labels = np.zeros(free.shape, dtype=np.int32)
+    ndimage.label(free, output=labels)
+    return (labels == labels[cell]) & free
 
 
 CELL_M = 0.05
@@ -229,8 +195,8 @@ class Clearance:
     origin: tuple[float, float]
     touched: Bool[np.ndarray, "x y"]
     covered: Bool[np.ndarray, "x y"]
-    _known: dict[int, int] = field(default_factory=dict[int, int])
-    _floods: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
+    _free: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
+    _reached: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
 
     def cells(self, box: Box) -> tuple[slice, slice]:
         """Returns the cells whose centres lie in a box."""
@@ -241,7 +207,10 @@ class Clearance:
 
     def free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
         """Returns the cells at which a robot of that radius, at most ``RADIUS_MAX_M``, can stand."""
-        return self._unpack(self._free(_needed(radius_m)))
+        needed = _needed(radius_m)
+        if needed not in self._free:
+            self._free[needed] = ~_spread(self.touched, needed - 1)
+        return self._free[needed]
 
     def widest_radius(self, box: Box) -> float:
         """Returns the radius of the largest robot, up to ``RADIUS_MAX_M``, that can stand at some cell of a box."""
@@ -254,8 +223,11 @@ class Clearance:
         for around in (max(x.stop - x.start, y.stop - y.start) // 2 + 2, _REACH):
             low_x, low_y = max(x.start - around, 0), max(y.start - around, 0)
             window = self.touched[low_x : x.stop + around, low_y : y.stop + around]
-            inner = (x.start - low_x, x.stop - low_x, y.start - low_y, y.stop - low_y)
-            squared = _roomiest(window.tobytes(), window.shape, inner)
+            if not window.any():
+                continue
+            distances = np.asarray(ndimage.distance_transform_edt(~window))
+            furthest = distances[x.start - low_x : x.stop - low_x, y.start - low_y : y.stop - low_y].max()
+            squared = min(round(float(furthest * furthest)), _REACH * _REACH)
             if squared < around * around:
                 return float(_RADII_M[squared])
         return float(_RADII_M[-1])
@@ -263,79 +235,31 @@ class Clearance:
     def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
         """Returns the cells that a robot of that radius gets to from (0, 0)."""
         needed = _needed(radius_m)
-        if needed not in self._floods:
-            free = self._free(needed)
-            self._floods[needed] = self._unpack(flood(self._start & free, free, self._row))
-        return self._floods[needed]
+        if needed not in self._reached:
+            self._reached[needed] = self._walk(self.free(radius_m))
+        return self._reached[needed]
 
-    @cached_property
-    def _start(self) -> int:
-        """The cell of (0, 0), where that is on the grid."""
+    def _walk(self, free: Bool[np.ndarray, "x y"]) -> Bool[np.ndarray, "x y"]:
+        """Returns the free cells that a walk from (0, 0) reaches."""
         x, y = (int(-low // CELL_M) for low in self.origin)
-        rows, columns = self.touched.shape
-        return 1 << x * self._row + y if 0 <= x < rows and 0 <= y < columns else 0
-
-    @cached_property
-    def _row(self) -> int:
-        """How many bits a row of cells has: discs that reach beyond its ends do not reach into other rows."""
-        return (self.touched.shape[1] + _REACH) // 8 * 8 + 8
-
-    @cached_property
-    def _grid(self) -> tuple[int, int]:
-        """The touched cells, and all cells."""
-        return self._pack(self.touched), self._pack(np.ones_like(self.touched))
-
-    def _free(self, needed: int) -> int:
-        """Returns the cells with no touched one so near, by the square of the cells between them."""
-        if needed not in self._known:
-            touched, cells = self._grid
-            near, wide, aside = 0, touched, 0
-            for rows in range(math.isqrt(needed - 1), -1, -1):
-                reach = math.isqrt(needed - 1 - rows * rows)
-                while aside < reach:
-                    aside += 1
-                    wide |= touched << aside | touched >> aside
-                near |= wide << rows * self._row | wide >> rows * self._row
-            self._known[needed] = cells & ~near
-        return self._known[needed]
-
-    def _pack(self, grid: Bool[np.ndarray, "x y"]) -> int:
-        rows, columns = grid.shape
-        bits = np.zeros((rows, self._row), dtype=np.bool_)
-        bits[:, :columns] = grid
-        return int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little")
-
-    def _unpack(self, cells: int) -> Bool[np.ndarray, "x y"]:
-        rows, columns = self.touched.shape
-        packed = np.frombuffer(cells.to_bytes(rows * self._row // 8, "little"), dtype=np.uint8)
-        return np.unpackbits(packed, bitorder="little").view(np.bool_).reshape(rows, self._row)[:, :columns]
+        rows, columns = free.shape
+        return connected(free, (x, y)) if 0 <= x < rows and 0 <= y < columns else np.zeros_like(free)
 
 
-@lru_cache(maxsize=1024)
-def _roomiest(window: bytes, shape: tuple[int, int], inner: tuple[int, int, int, int]) -> int:
-    """Returns the greatest square of cells that one of a window's inner cells has to the nearest touched one.
+def _spread(touched: Bool[np.ndarray, "x y"], squared: int) -> Bool[np.ndarray, "x y"]:
+    """Returns the cells with a touched one so near, by the square of the cells between them.
 
-    Interiors of a floor plan share it: nothing stands before a passage.
-
-    Args:
-        window: Which cells are touched, row by row.
-        shape: Rows, and cells in each.
-        inner: From which to which row, and from which to which cell of each.
+    A disc is spread row by row: its rows get longer towards its middle.
     """
-    touched = np.frombuffer(window, dtype=np.bool_).reshape(shape)
-    free, beside = ~touched, np.zeros(shape, dtype=np.bool_)
-    beside[1:] |= free[:-1]
-    beside[:-1] |= free[1:]
-    beside[:, 1:] |= free[:, :-1]
-    beside[:, :-1] |= free[:, 1:]
-    x, y = (touched & beside).nonzero()  # what is nearest to a free cell has a free one beside it
-    own_x, own_y = free[inner[0] : inner[1], inner[2] : inner[3]].nonzero()
-    own_x, own_y = own_x + inner[0], own_y + inner[2]
-    # |a - b|^2 as |a|^2 + (|b|^2 - 2 ab): one product of whole numbers, exact in doubles, for all pairs of cells.
-    own = np.stack([own_x, own_y, np.ones_like(own_x)], axis=1, dtype=np.float64)
-    others = np.stack([-2 * x, -2 * y, x * x + y * y], dtype=np.float64)
-    nearest = (own @ others).min(axis=1, initial=_REACH * _REACH) + own_x * own_x + own_y * own_y
-    return min(int(nearest.max(initial=0)), _REACH * _REACH)
+    near, wide, aside, last = np.zeros_like(touched), touched.copy(), 0, len(touched)
+    for rows in range(math.isqrt(squared), -1, -1):
+        while aside < math.isqrt(squared - rows * rows):
+            aside += 1
+            wide[:, aside:] |= touched[:, :-aside]
+            wide[:, :-aside] |= touched[:, aside:]
+        near[rows:] |= wide[: max(last - rows, 0)]
+        near[: max(last - rows, 0)] |= wide[rows:]
+    return near
 
 
 def _needed(radius_m: float) -> int:

@@ -2,14 +2,15 @@
 
 import math
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
+from jaxtyping import Bool
+from scipy import ndimage
 
 from tasks.worlds.furnishing.groups import FurnitureGroup
 from tasks.worlds.furnishing.intervals import Spot, find_spots
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
-from tasks.worlds.geometry import Box, flood
+from tasks.worlds.geometry import Box, connected
 
 _CELL_M = 0.1
 # What the clearance grid takes from a way at most: see ``_GRID_SLACK_M`` of ``geometry``, and half of its cell.
@@ -32,64 +33,49 @@ def robot_gets_around(
     rows, columns = int(room.width / _CELL_M) + 1, int(room.height / _CELL_M) + 1
     if min(rows, columns) < 2:
         return not bodies
-    starts = _row_starts(rows, columns)
-    free = starts[rows] * ((1 << columns) - 1)
+    free = np.ones((rows, columns), dtype=bool)
     for body in bodies:
-        free &= ~_covered(body, room, radius_m + _PLAY_M, rows, columns)
+        free[_touching(body, room, radius_m + _PLAY_M)] = False
+    wanted = _CONNECTED * np.count_nonzero(free)
     if not entries:
-        return _has_large_part(free, columns + 1)
+        return _has_large_part(free, wanted)
     cells = [_cell(room, entry, rows, columns) for entry in entries]
-    if not all(free & cell for cell in cells):
+    if not all(free[cell] for cell in cells):
         return False
-    part = flood(cells[0], free, columns + 1)
-    return all(part & cell for cell in cells) and part.bit_count() >= _CONNECTED * free.bit_count()
+    part = connected(free, cells[0])
+    return all(part[cell] for cell in cells) and bool(np.count_nonzero(part) >= wanted)
 
 
-@lru_cache(maxsize=256)
-def _row_starts(rows: int, columns: int) -> tuple[int, ...]:
-    """Returns the first cells of so many rows, for 0 to ``rows``; rows are a cell further apart than they are long."""
-    starts = [0]
-    for row in range(rows):
-        starts.append(starts[-1] | 1 << row * (columns + 1))
-    return tuple(starts)
-
-
-def _covered(body: Box, room: Box, by_m: float, rows: int, columns: int) -> int:
+def _touching(body: Box, room: Box, by_m: float) -> tuple[slice, slice]:
     """Returns the cells from which a robot would touch a body.
 
     Args:
         body: The body.
         room: Where the robot's middle may be.
         by_m: How near it may come to the body.
-        rows: How many cells there are along x.
-        columns: How many cells there are along y.
     """
-    x_min, y_min, x_max, y_max = body
-    low_x = max(int((x_min - by_m - room.x_min) / _CELL_M) + 1, 0)
-    high_x = min(max(int((x_max + by_m - room.x_min) / _CELL_M) + 1, 0), rows)
-    low_y = max(int((y_min - by_m - room.y_min) / _CELL_M) + 1, 0)
-    high_y = min(max(int((y_max + by_m - room.y_min) / _CELL_M) + 1, 0), columns)
-    if high_x <= low_x or high_y <= low_y:
-        return 0
-    block = _row_starts(rows, columns)[high_x - low_x] * ((1 << high_y - low_y) - 1)
-    return block << low_x * (columns + 1) + low_y
+    x_min, y_min, x_max, y_max = body.grown(by_m)
+    return _cells_between(x_min - room.x_min, x_max - room.x_min), _cells_between(
+        y_min - room.y_min, y_max - room.y_min
+    )
 
 
-def _cell(room: Box, point: tuple[float, float], rows: int, columns: int) -> int:
+def _cells_between(low_m: float, high_m: float) -> slice:
+    return slice(max(int(low_m / _CELL_M) + 1, 0), max(int(high_m / _CELL_M) + 1, 0))
+
+
+def _cell(room: Box, point: tuple[float, float], rows: int, columns: int) -> tuple[int, int]:
     x = min(max(round((point[0] - room.x_min) / _CELL_M), 0), rows - 1)
     y = min(max(round((point[1] - room.y_min) / _CELL_M), 0), columns - 1)
-    return 1 << x * (columns + 1) + y
+    return x, y
 
 
-def _has_large_part(free: int, row: int) -> bool:
-    """Returns whether nearly all free cells hang together."""
-    wanted, left = _CONNECTED * free.bit_count(), free
-    while left and left.bit_count() >= wanted:
-        part = flood(left & -left, left, row)
-        if part.bit_count() >= wanted:
-            return True
-        left &= ~part
-    return False
+def _has_large_part(free: Bool[np.ndarray, "x y"], wanted: float) -> bool:
+    """Returns whether so many free cells hang together."""
+    labels = np.zeros(free.shape, dtype=np.int32)
+    ndimage.label(free, output=labels)
+    sizes = np.bincount(labels[free])
+    return sizes.size > 0 and int(sizes.max()) >= wanted
 
 
 # What standing in the middle of a room costs, where that is no hall: there people do so.
