@@ -230,7 +230,7 @@ def register(
     from tasks.storage.store_url import open_store
 
     opened = open_store(store)
-    found, _ = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
+    found = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
     known = create_robot(opened, robot, architecture or "X86_64")
     if architecture not in {None, known.architecture}:
         value, allowed = f"{robot}, of architecture {known.architecture}", f"a robot of architecture {architecture}"
@@ -335,7 +335,7 @@ def watch(
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet)[0].deployment
+    deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet).deployment
     if not deployment:
         echo(f"nothing was deployed to {fleet} yet")
         return
@@ -366,7 +366,7 @@ def deregister(
     from tasks.storage.store_url import open_existing_store
 
     opened = open_existing_store(store)
-    name = deregister_robot(opened, read_robot(opened, robot)[0].name).name
+    name = deregister_robot(opened, read_robot(opened, robot).name).name
     _sign(opened, keys, lambda fleets: fleets.dismissed({name}))
     echo(f"{name} is in no fleet now")
 

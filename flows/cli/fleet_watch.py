@@ -66,10 +66,10 @@ def next_deployment(store: Store, fleet: str, sleep: Callable[[float], None] = t
     Raises:
         ResourceNotFound: No such fleet.
     """
-    ended = read_fleet(store, fleet)[0].deployment
+    ended = read_fleet(store, fleet).deployment
     if ended and not is_terminal(read(store, _KIND, ended)):
         return ended
-    while (latest := read_fleet(store, fleet)[0].deployment) == ended:
+    while (latest := read_fleet(store, fleet).deployment) == ended:
         sleep(_LOOK_S)
     return latest
 
@@ -80,7 +80,7 @@ def fleet_notes(store: Store, fleet: str) -> list[str]:
     Raises:
         ResourceNotFound: No such fleet.
     """
-    name, job = read_fleet(store, fleet)[0].name, active_deployment(store, fleet)
+    name, job = read_fleet(store, fleet).name, active_deployment(store, fleet)
     robots = robots_now(store, (robot.name for robot in members(store, name)))
     return [*(wish_notes(store, job) if job else ()), *map(_has_line, robots), *([_ONLY_CHANGES] if robots else [])]
 

@@ -130,7 +130,7 @@ def _register(gateway: Gateway, request: RegisterRobotRequest) -> RegisterRobotR
     store = gateway.store
     fleet, robot = _fleet(store, request.fleet), _robot(store, request.robot)
     read_fleet(store, fleet)
-    if read_robot(store, robot)[0].fleet != fleet:
+    if read_robot(store, robot).fleet != fleet:
         with one_more(FLEET_ROBOTS, lambda: _member_count(store, fleet)):
             register_robot(store, fleet, robot)
         _remind(store, f"simyard fleet vouch {fleet} {robot}", robot)
@@ -154,7 +154,7 @@ def _member_count(store: Store, fleet: str) -> int:
 
 def _known_fleet(store: Store, name: str) -> FleetRecord | None:
     try:
-        return read_fleet(store, name)[0]
+        return read_fleet(store, name)
     except ResourceNotFound:
         return None
 
@@ -196,7 +196,7 @@ def _create_deployment(gateway: Gateway, request: CreateDeploymentJobRequest) ->
 
     def checked() -> NewRecord:
         use = request.deploymentApplicationConfigs[0]
-        require_free(store, fleet, read_fleet(store, fleet)[0].deployment)
+        require_free(store, fleet, read_fleet(store, fleet).deployment)
         version = resolve(store, "robot-application", use.application, use.applicationVersion)
         plan_deployment(store, request, version.digest)
         return NewRecord(asked)
@@ -213,7 +213,7 @@ def _sync_deployment(gateway: Gateway, request: SyncDeploymentJobRequest) -> Syn
     asked: Document = {"fleet": arn("deployment-fleet", store_id(store), fleet), SYNC: True}
 
     def checked() -> NewRecord:
-        require_free(store, fleet, read_fleet(store, fleet)[0].deployment)
+        require_free(store, fleet, read_fleet(store, fleet).deployment)
         last = sync_request(latest_deployment(store, fleet), token)
         return NewRecord({**canonical_document(last), "fleet": asked["fleet"]})
 

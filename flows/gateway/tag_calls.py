@@ -115,8 +115,8 @@ def _own(tags: Tags) -> Tags:
 
 
 _SAID: Mapping[ResourceKind, Callable[[Store, str], Tags]] = {
-    "robot": lambda store, robot: read_robot(store, robot)[0].tags,
-    "deployment-fleet": lambda store, fleet: read_fleet(store, fleet)[0].tags,
+    "robot": lambda store, robot: read_robot(store, robot).tags,
+    "deployment-fleet": lambda store, fleet: read_fleet(store, fleet).tags,
     "robot-application": lambda store, name: _application_tags(store, "robot-application", name),
     "simulation-application": lambda store, name: _application_tags(store, "simulation-application", name),
     "world-template": lambda store, template: describe_template(store, template).tags or {},

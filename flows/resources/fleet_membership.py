@@ -64,7 +64,7 @@ def membership_change(
         ResourceNotFound: No such fleet.
         DocumentError: A robot is not in the fleet.
     """
-    name, fleets = read_fleet(store, fleet)[0].name, signer.fleets()
+    name, fleets = read_fleet(store, fleet).name, signer.fleets()
     there = [robot.name for robot in members(store, name)]
     wanted = [robot_name(robot) for robot in robots] or there
     if faults := [

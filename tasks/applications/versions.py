@@ -12,15 +12,12 @@ from specs.base import Fault, canonical_json
 from specs.errors import (
     DocumentError,
     LimitExceeded,
-    ObjectConflict,
     ObjectCorrupt,
-    ObjectExists,
-    ObjectNotFound,
     ResourceNotFound,
 )
 from specs.robomaker.bundle import VERSIONS_AT_MOST, Application, ApplicationKind, Build, Version
 from tasks.storage.base.keys import application_key
-from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.base.store import Store, find_document, update
 from tasks.storage.tags import Change
 
 _REVISION_CHARACTERS = 40
@@ -29,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 
 def read_application(store: Store, kind: ApplicationKind, name: str) -> Application | None:
     """Returns an application that somebody made and nobody deleted, or None."""
-    found = _read(store, kind, name)[0]
+    found = _checked(find_document(store, application_key(kind, name), Application), store, kind, name)
     return None if found is None or found.deleted else found
 
 
@@ -67,20 +64,15 @@ def change(
         step: Returns what it shall be, from what it is (None for one that is not there) and the number that a new
             version would have. Called again when another process changed it meanwhile.
     """
-    key = application_key(kind, name)
-    while True:
-        before, etag = _read(store, kind, name)
+
+    def changed(found: Application | None) -> Application:
+        before = _checked(found, store, kind, name)
         last = _last_number(before) if before else 0
         after = step(None if before is None or before.deleted else before, last + 1)
         after = after.model_copy(update={"last_number": max(_last_number(after), last)})  # also after a deletion
-        if after == before:
-            return after
-        body = encode_document(after)
-        try:
-            store.replace(key, body, etag) if before else store.create(key, body)
-        except (ObjectExists, ObjectConflict):  # another process was first; look again
-            continue
-        return after
+        return before if before and after == before else after
+
+    return update(store, application_key(kind, name), Application, changed)
 
 
 def change_application_tags(store: Store, kind: ApplicationKind, reference: str, tags: Change) -> Application:
@@ -203,16 +195,10 @@ def not_found(path: str, value: str, allowed: str) -> ResourceNotFound:
     return ResourceNotFound([Fault(path=path, value=repr(value), allowed=allowed)])
 
 
-def _read(store: Store, kind: ApplicationKind, name: str) -> tuple[Application | None, str]:
-    key = application_key(kind, name)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None, ""
-    found = decode_document(Application, stored, store, key)
-    if found.name != name:
-        raise ObjectCorrupt(f"{store.url}: {key} is the record of {found.name!r}")
-    return found, stored.etag
+def _checked(found: Application | None, store: Store, kind: ApplicationKind, name: str) -> Application | None:
+    if found and found.name != name:
+        raise ObjectCorrupt(f"{store.url}: {application_key(kind, name)} is the record of {found.name!r}")
+    return found
 
 
 def _last_number(application: Application) -> int:

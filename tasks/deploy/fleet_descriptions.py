@@ -146,7 +146,7 @@ def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
         ResourceNotFound: No such fleet.
         DocumentError: The name is none.
     """
-    fleet, _ = read_fleet(store, reference)
+    fleet = read_fleet(store, reference)
     identifier = store_id(store)
     return DescribeFleetResponse.model_validate(
         {
@@ -164,7 +164,7 @@ def describe_robot(store: Store, reference: str) -> DescribeRobotResponse:
         ResourceNotFound: No such robot.
         DocumentError: The name is none.
     """
-    record, _ = read_robot(store, reference)
+    record = read_robot(store, reference)
     # The shapes spell Greengrass differently.
     document = summarise_robot(store, record, store_id(store)).model_dump(exclude={"greenGrassGroupId"})
     own = {"greengrassGroupId": record.greengrass_group or None, "tags": record.tags or None}

@@ -81,7 +81,7 @@ def find_template_in_bucket(bucket: str, key: str, store: Store) -> TemplateBody
 def _named(template: str, name: str, store: Store) -> NamedTemplate | None:
     """Returns the template that somebody made by a call and that an ARN, an id or a name means; None for any other."""
     if name.startswith(NAMED_TEMPLATE_PREFIX) and store.exists(named_template_key(name)):
-        return read_template(store, name)[0]
+        return read_template(store, name)
     return None if template.startswith("arn:") else find_template_name(store, name)
 
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Collection, Mapping
 from specs.arn import Reference, ResourceKind
 from specs.base import Fault, Spec
 from specs.data.outcomes import is_reserved, with_outcome
-from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, tags_key
-from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.base.store import Store, find_document, update
 
 TAGS_AT_MOST = 50  # docs/reference/robomaker.md, section 9
 Tags = Mapping[str, str]
@@ -46,8 +46,8 @@ def tags_of(store: Store, reference: Reference, said: Tags | None) -> dict[str, 
         said: The tags that it was made with, or those in its record, and those that Simyard gives it.
     """
     outcome = {key: value for key, value in (said or {}).items() if is_reserved(key)}
-    found = None if are_in_record(reference) else _read(store, reference)
-    return with_outcome(found[0].tags if found else said or {}, outcome)
+    found = None if are_in_record(reference) else find_document(store, _key(reference), _TagsRecord)
+    return with_outcome(found.tags if found else said or {}, outcome)
 
 
 def change_tags(store: Store, reference: Reference, born: Callable[[], Tags], change: Change) -> None:
@@ -64,17 +64,13 @@ def change_tags(store: Store, reference: Reference, born: Callable[[], Tags], ch
         DocumentError: The change gives it more tags than a resource may have.
     """
     key = _key(reference)
-    while True:
+
+    def step(found: _TagsRecord | None) -> _TagsRecord:
         made = born()
-        found = _read(store, reference)
-        after = _TagsRecord(
-            kind=_kind(reference), resource=reference.path, tags=change(found[0].tags if found else made)
-        )
-        try:
-            store.replace(key, encode_document(after), found[1]) if found else store.create(key, encode_document(after))
-        except (ObjectExists, ObjectConflict):
-            continue
-        break
+        tags = change(found.tags if found else made)
+        return _TagsRecord(kind=_kind(reference), resource=reference.path, tags=tags)
+
+    update(store, key, _TagsRecord, step)
     try:
         born()  # who deletes a resource deletes its tags afterwards: one of the two sees the other
     except ResourceNotFound:
@@ -143,12 +139,3 @@ def _kind(reference: Reference) -> ResourceKind:
     if reference.kind is None:
         raise ValueError(f"{reference.path!r} is a plain name; tags belong to a resource of a known kind")
     return reference.kind
-
-
-def _read(store: Store, reference: Reference) -> tuple[_TagsRecord, str] | None:
-    key = _key(reference)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None
-    return decode_document(_TagsRecord, stored, store, key), stored.etag

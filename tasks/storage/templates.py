@@ -22,7 +22,6 @@ from specs.arn import absence
 from specs.base import Fault, Spec, canonical_document, canonical_json
 from specs.errors import (
     IdempotentParameterMismatch,
-    ObjectConflict,
     ObjectCorrupt,
     ObjectExists,
     ObjectNotFound,
@@ -37,7 +36,13 @@ from tasks.storage.base.keys import (
     template_key,
     template_name_key,
 )
-from tasks.storage.base.store import Store, StoredObject, create_once, decode_document, encode_document
+from tasks.storage.base.store import (
+    Store,
+    create_once,
+    encode_document,
+    find_document,
+    update,
+)
 
 HasName = Callable[[Store, str, str], bool]
 """Tells whether the template with an id is there, and has the name."""
@@ -60,8 +65,8 @@ class _Name(Spec):
 
 def name_holder(store: Store, name: str) -> str:
     """Returns the id of the template that took a name last, whether or not it still has it; empty for none."""
-    found = _read(store, name)
-    return found[0].template if found else ""
+    found = _of_name(store, name)
+    return found.template if found else ""
 
 
 def take_name(store: Store, name: str, template: str, has_name: HasName) -> None:
@@ -76,30 +81,27 @@ def take_name(store: Store, name: str, template: str, has_name: HasName) -> None
     Raises:
         ResourceAlreadyExists: Another template has it.
     """
-    while name:
-        try:
-            store.create(template_name_key(name), _wanted(name, template))
-        except ObjectExists:
-            if not _take_over(store, name, template, has_name):
-                continue
-        return
+
+    def step(found: _Name | None) -> _Name:
+        if found and found.template != template and has_name(store, found.template, name):
+            raise name_taken(name)
+        return _Name(name=name, template=template, turn=secrets.token_hex(8))
+
+    if name:
+        update(store, template_name_key(name), _Name, step)
 
 
 def confirm_name(store: Store, name: str, template: str) -> bool:
     """Returns whether the name is the template's, whose record is there by now; then nobody takes it over any more."""
-    while name:
-        found = _read(store, name)
-        if found is None or found[0].template != template:
-            return False
-        if found[0].confirmed:
-            return True
-        try:
-            confirmed = found[0].model_copy(update={"confirmed": True})
-            store.replace(template_name_key(name), encode_document(confirmed), found[1].etag)
-        except ObjectConflict:
-            continue
+    if not name:
         return True
-    return True
+
+    def step(found: _Name | None) -> _Name | None:
+        is_ours = found is not None and found.template == template and not found.confirmed
+        return found.model_copy(update={"confirmed": True}) if found and is_ours else found
+
+    found = update(store, template_name_key(name), _Name, step)
+    return found is not None and found.template == template
 
 
 def leave_name(store: Store, name: str, template: str) -> None:
@@ -108,8 +110,8 @@ def leave_name(store: Store, name: str, template: str) -> None:
         entry = store.entry(template_name_key(name))
     except ObjectNotFound:
         return
-    found = _read(store, name)
-    if found and found[0].template == template:
+    found = _of_name(store, name)
+    if found and found.template == template:
         store.delete_unchanged(entry)
 
 
@@ -118,31 +120,8 @@ def name_taken(name: str) -> ResourceAlreadyExists:
     return ResourceAlreadyExists([Fault(path="name", value=repr(name), allowed="a name that no world template has")])
 
 
-def _take_over(store: Store, name: str, template: str, has_name: HasName) -> bool:
-    """Returns whether a name that was written down is this template's now; False to try again."""
-    found = _read(store, name)
-    if found is None:
-        return False
-    if found[0].template != template and has_name(store, found[0].template, name):
-        raise name_taken(name)
-    try:
-        store.replace(template_name_key(name), _wanted(name, template), found[1].etag)
-    except ObjectConflict:
-        return False
-    return True
-
-
-def _wanted(name: str, template: str) -> bytes:
-    return encode_document(_Name(name=name, template=template, turn=secrets.token_hex(8)))
-
-
-def _read(store: Store, name: str) -> tuple[_Name, StoredObject] | None:
-    key = template_name_key(name)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None
-    return decode_document(_Name, stored, store, key), stored
+def _of_name(store: Store, name: str) -> _Name | None:
+    return find_document(store, template_name_key(name), _Name)
 
 
 _LOG = logging.getLogger(__name__)
@@ -199,7 +178,7 @@ def digest_now(store: Store, template: str) -> str:
     Raises:
         ResourceNotFound: There is no such template.
     """
-    return read_template(store, template)[0].digest if template.startswith(NAMED_TEMPLATE_PREFIX) else template
+    return read_template(store, template).digest if template.startswith(NAMED_TEMPLATE_PREFIX) else template
 
 
 def create_template(
@@ -233,12 +212,12 @@ def create_template(
         request_digest=hashlib.sha256(canonical_json(request)).hexdigest() if token else "",
     )
     if token and (before := _found(store, made.id)):
-        return _same_request(before[0], made)
+        return _same_request(before, made)
     take_name(store, name, made.id, _has_name)
     try:
         store.create(named_template_key(made.id), encode_document(made))
     except ObjectExists:  # the same token, at the same time
-        return _same_request(read_template(store, made.id)[0], made)
+        return _same_request(read_template(store, made.id), made)
     if not confirm_name(store, name, made.id):
         store.delete(named_template_key(made.id))
         raise name_taken(name)
@@ -261,7 +240,7 @@ def update_template(
         ResourceAlreadyExists: Another template has the name.
     """
     digest = keep_body(store, body) if body else ""
-    before, _ = read_template(store, template)
+    before = read_template(store, template)
     renamed = name is not None and name != before.name
     if renamed:
         take_name(store, name or "", template, _has_name)
@@ -293,14 +272,9 @@ def change_template(store: Store, template: str, step: Callable[[NamedTemplate],
     Raises:
         ResourceNotFound: There is no such template.
     """
-    while True:
-        before, etag = read_template(store, template)
-        after = step(before)
-        try:
-            store.replace(named_template_key(template), encode_document(after), etag)
-        except ObjectConflict:
-            continue
-        return after
+    return update(
+        store, named_template_key(template), NamedTemplate, lambda found: step(_present(found, store, template))
+    )
 
 
 def delete_template(store: Store, template: str) -> None:
@@ -309,27 +283,25 @@ def delete_template(store: Store, template: str) -> None:
     Raises:
         ResourceNotFound: There is no such template.
     """
-    found, _ = read_template(store, template)
+    found = read_template(store, template)
     store.delete(named_template_key(template))
     leave_name(store, found.name, template)
 
 
-def read_template(store: Store, template: str) -> tuple[NamedTemplate, str]:
-    """Returns a template and its record's etag, by its id.
+def read_template(store: Store, template: str) -> NamedTemplate:
+    """Returns a template, by its id.
 
     Raises:
         ResourceNotFound: There is no such template.
     """
-    if found := _found(store, template):
-        return found
-    raise _missing(store, template)
+    return _present(_found(store, template), store, template)
 
 
 def find_template_name(store: Store, name: str) -> NamedTemplate | None:
     """Returns the template that has a name, or None."""
     holder = name_holder(store, name)
     found = _found(store, holder) if holder else None
-    return found[0] if found and found[0].name == name else None
+    return found if found and found.name == name else None
 
 
 def named_templates(store: Store) -> list[NamedTemplate]:
@@ -341,11 +313,10 @@ def named_templates(store: Store) -> list[NamedTemplate]:
 
 def _listed(store: Store, template: str) -> NamedTemplate | None:
     try:
-        found = _found(store, template)
+        return _found(store, template)
     except ObjectCorrupt as exc:
         _LOG.warning("the template %s is left out of lists: %s", template, exc)
         return None
-    return found[0] if found else None
 
 
 def template_count(store: Store) -> int:
@@ -373,16 +344,17 @@ def _same_request(before: NamedTemplate, now: NamedTemplate) -> NamedTemplate:
 
 def _has_name(store: Store, template: str, name: str) -> bool:
     found = _found(store, template)
-    return found is not None and found[0].name == name
+    return found is not None and found.name == name
 
 
-def _found(store: Store, template: str) -> tuple[NamedTemplate, str] | None:
-    key = named_template_key(template)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None
-    return decode_document(NamedTemplate, stored, store, key), stored.etag
+def _found(store: Store, template: str) -> NamedTemplate | None:
+    return find_document(store, named_template_key(template), NamedTemplate)
+
+
+def _present(found: NamedTemplate | None, store: Store, template: str) -> NamedTemplate:
+    if found is None:
+        raise _missing(store, template)
+    return found
 
 
 def _missing(store: Store, template: str) -> ResourceNotFound:

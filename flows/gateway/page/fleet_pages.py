@@ -151,7 +151,7 @@ def fleet_page(context: RequestContext, name: str) -> Page:
         DocumentError: The name can be no fleet's.
     """
     context.require("deployment-fleet", name)
-    fleet, _ = read_fleet(context.store, name)
+    fleet = read_fleet(context.store, name)
     known = _robot_names(context)
     records = at_once(partial(_robot, context), known[:_ROBOTS_LOOKED_AT])
     members = sorted(record.name for record in records if record and record.fleet == fleet.name)
@@ -356,7 +356,7 @@ def _fleet_name(context: RequestContext, key: str) -> str:
 
 def _fleet(context: RequestContext, name: str) -> FleetRecord | None:
     try:
-        return read_fleet(context.store, name)[0]
+        return read_fleet(context.store, name)
     except ResourceNotFound:  # it is being deleted
         return None
     except StoreUnreachable:

@@ -186,7 +186,7 @@ def templates_page(context: RequestContext) -> Page:
     shown, steps = step_of(context, newest_names(context, named_templates_prefix(), name_of), "/templates")
     named_rows = tuple(
         (Cell(each.name or each.id, address("world-template", each.id)), Cell(each.version), when(each.updated_at_s))
-        for each in (read_template(context.store, template)[0] for template in shown)
+        for each in (read_template(context.store, template) for template in shown)
     )
     columns = ("Template", "Version", "Changed")
     templates = Table("Templates", columns, named_rows, "CreateWorldTemplate makes one.", steps=steps)
@@ -204,7 +204,7 @@ def template_page(context: RequestContext, name: str) -> Page:
         DocumentError: The name can be no template's.
     """
     context.require("world-template", name)
-    template = read_template(context.store, name)[0] if name.startswith(NAMED_TEMPLATE_PREFIX) else None
+    template = read_template(context.store, name) if name.startswith(NAMED_TEMPLATE_PREFIX) else None
     digest = template.digest if template else name
     body = read_bytes(context.store, template_key(digest), _MOST_TEMPLATE_BYTES)
     if body is None:

@@ -5,7 +5,7 @@ A fleet's record names its one active deployment. A robot's record names its fle
 
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import PurePosixPath
 
@@ -15,7 +15,6 @@ from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.errors import (
     DocumentError,
-    ObjectConflict,
     ObjectExists,
     ObjectNotFound,
     ObjectTooBig,
@@ -25,7 +24,7 @@ from specs.errors import (
 from specs.field_types import Architecture, RobotTagMap
 from tasks.deploy.fleet.states import Desired, FleetRecord, Reported, RobotRecord, Withdrawn, read_listed
 from tasks.storage.base.keys import desired_key, fleet_key, reported_key, robot_record_key
-from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.base.store import Store, decode_document, encode_document, find_document, update
 from tasks.storage.tags import Change
 
 _FLEETS = "fleets"
@@ -38,54 +37,51 @@ def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None)
         DocumentError: The name is none.
     """
     record = FleetRecord(name=name, created_at_s=time.time(), tags=dict(tags or {}))
-    while True:
-        try:
-            store.create(fleet_key(name), encode_document(record))
-        except ObjectExists:
-            found, etag = read_fleet(store, name, deleted=True)
-            if not found.deleted:
-                return found
-            try:
-                store.replace(fleet_key(name), encode_document(record), etag)
-            except ObjectConflict:  # its deletion is done now
-                continue
-        return record
+    # One whose deletion is not done yet is made anew.
+    return update(store, fleet_key(name), FleetRecord, lambda found: found if found and not found.deleted else record)
 
 
-def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> tuple[FleetRecord, str]:
-    """Returns a fleet and its etag, by name or ARN; one that is being deleted only if asked for.
+def read_fleet(store: Store, reference: str, *, deleted: bool = False) -> FleetRecord:
+    """Returns a fleet, by name or ARN; one that is being deleted only if asked for.
 
     Raises:
         ResourceNotFound: No such fleet.
         DocumentError: The reference is no fleet's.
     """
-    name = fleet_name(reference)
-    key = fleet_key(name)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound as exc:
-        raise _missing_fleet(reference, absence(["deployment-fleet"], store.url)) from exc
-    record = decode_document(FleetRecord, stored, store, key)
-    if record.deleted and not deleted:
-        raise _missing_fleet(reference, f"a fleet in {store.url}; this one is being deleted")
-    return record, stored.etag
+    found = find_document(store, fleet_key(fleet_name(reference)), FleetRecord)
+    return _present_fleet(found, store, reference, deleted=deleted)
+
+
+def change_fleet(
+    store: Store, reference: str, step: Callable[[FleetRecord], FleetRecord], *, deleted: bool = False
+) -> FleetRecord:
+    """Returns a fleet after a change, written over exactly what was read.
+
+    Args:
+        store: Where it is.
+        reference: Its name or ARN.
+        step: Returns what it shall be; called again when another process was first.
+        deleted: Whether it may be one that is being deleted.
+
+    Raises:
+        ResourceNotFound: No such fleet.
+        DocumentError: The reference is no fleet's.
+    """
+
+    def changed(found: FleetRecord | None) -> FleetRecord:
+        return step(_present_fleet(found, store, reference, deleted=deleted))
+
+    return update(store, fleet_key(fleet_name(reference)), FleetRecord, changed)
 
 
 def change_fleet_tags(store: Store, reference: str, change: Change) -> FleetRecord:
-    """Returns a fleet after its tags were changed, over exactly what was read.
+    """Returns a fleet after its tags were changed.
 
     Raises:
         ResourceNotFound: No such fleet.
         DocumentError: There would be too many.
     """
-    while True:
-        record, etag = read_fleet(store, reference)
-        changed = record.model_copy(update={"tags": change(record.tags)})
-        try:
-            store.replace(fleet_key(record.name), encode_document(changed), etag)
-        except ObjectConflict:
-            continue
-        return changed
+    return change_fleet(store, reference, lambda fleet: fleet.model_copy(update={"tags": change(fleet.tags)}))
 
 
 def fleets(store: Store) -> list[FleetRecord]:
@@ -109,6 +105,14 @@ def fleet_name(reference: str) -> str:
     if parsed.kind not in {None, "deployment-fleet"}:
         raise _missing_fleet(reference, "the name or ARN of a deployment-fleet")
     return parsed.path
+
+
+def _present_fleet(found: FleetRecord | None, store: Store, reference: str, *, deleted: bool) -> FleetRecord:
+    if found is None:
+        raise _missing_fleet(reference, absence(["deployment-fleet"], store.url))
+    if found.deleted and not deleted:
+        raise _missing_fleet(reference, f"a fleet in {store.url}; this one is being deleted")
+    return found
 
 
 def _missing_fleet(reference: str, allowed: str) -> ResourceNotFound:
@@ -153,7 +157,7 @@ def create_robot(
     try:
         return add_robot(store, record)
     except ResourceAlreadyExists:
-        return read_robot(store, name)[0]
+        return read_robot(store, name)
 
 
 def add_robot(store: Store, record: RobotRecord) -> RobotRecord:
@@ -178,14 +182,15 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
         ResourceNotFound: No such fleet or robot.
         DocumentError: The robot belongs to another fleet; a robot has one (docs/reference/robomaker.md, section 8).
     """
-    name = read_fleet(store, fleet)[0].name
-    while True:
-        record, etag = read_robot(store, robot)
+    name = read_fleet(store, fleet).name
+
+    def joined(record: RobotRecord) -> RobotRecord:
         if record.fleet and record.fleet != name:
             fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
             raise DocumentError([fault])
-        if changed := _change_fleet(store, record, etag, name):
-            break
+        return _with_fleet(record, name)
+
+    changed = _change_robot(store, robot, joined)
     try:
         read_fleet(store, fleet)  # who deletes a fleet marks it first: one of the two sees the other
     except ResourceNotFound:
@@ -205,12 +210,13 @@ def deregister_robot(store: Store, robot: str, fleet: str = "") -> RobotRecord:
     Raises:
         ResourceNotFound: No such robot, or it is not in that fleet.
     """
-    while True:
-        record, etag = read_robot(store, robot)
+
+    def left(record: RobotRecord) -> RobotRecord:
         if fleet and record.fleet != fleet:
             raise _missing_robot(robot, f"a robot of the fleet {fleet}")
-        if changed := _change_fleet(store, record, etag, ""):
-            return changed
+        return _with_fleet(record, "")
+
+    return _change_robot(store, robot, left)
 
 
 def change_robot_tags(store: Store, reference: str, change: Change) -> RobotRecord:
@@ -220,34 +226,42 @@ def change_robot_tags(store: Store, reference: str, change: Change) -> RobotReco
         ResourceNotFound: No such robot.
         DocumentError: There would be too many, or one that cannot be a variable.
     """
-    while True:
-        record, etag = read_robot(store, reference)
+
+    def tagged(record: RobotRecord) -> RobotRecord:
         try:
             tags = _ROBOT_TAGS.validate_python(change(record.tags))
         except ValidationError as exc:
             fault = Fault(path="tags", value="given", allowed=_reason(exc))
             raise DocumentError([fault], source=record.name) from exc
-        changed = record.model_copy(update={"tags": tags})
-        try:
-            store.replace(robot_record_key(record.name), encode_document(changed), etag)
-        except ObjectConflict:
-            continue
-        return changed
+        return record.model_copy(update={"tags": tags})
+
+    return _change_robot(store, reference, tagged)
 
 
-def read_robot(store: Store, reference: str) -> tuple[RobotRecord, str]:
-    """Returns a robot and its record's etag, by name or ARN.
+def read_robot(store: Store, reference: str) -> RobotRecord:
+    """Returns a robot, by name or ARN.
 
     Raises:
         ResourceNotFound: No such robot.
         DocumentError: The name is none.
     """
+    found = find_document(store, robot_record_key(robot_name(reference)), RobotRecord)
+    return _present_robot(found, store, reference)
+
+
+def _change_robot(store: Store, reference: str, step: Callable[[RobotRecord], RobotRecord]) -> RobotRecord:
     key = robot_record_key(robot_name(reference))
-    try:
-        stored = store.get(key)
-    except ObjectNotFound as exc:
-        raise _missing_robot(reference, absence(["robot"], store.url)) from exc
-    return decode_document(RobotRecord, stored, store, key), stored.etag
+    return update(store, key, RobotRecord, lambda found: step(_present_robot(found, store, reference)))
+
+
+def _present_robot(found: RobotRecord | None, store: Store, reference: str) -> RobotRecord:
+    if found is None:
+        raise _missing_robot(reference, absence(["robot"], store.url))
+    return found
+
+
+def _with_fleet(record: RobotRecord, fleet: str) -> RobotRecord:
+    return record if record.fleet == fleet else record.model_copy(update={"fleet": fleet})
 
 
 def known_robot(store: Store, name: str) -> RobotRecord | None:
@@ -358,18 +372,6 @@ def _warn_once(robot: str, etag: str, what: str) -> None:
 
 def _reason(exc: ValidationError) -> str:
     return exc.errors(include_url=False, include_input=False)[0]["msg"]
-
-
-def _change_fleet(store: Store, record: RobotRecord, etag: str, fleet: str) -> RobotRecord | None:
-    """Returns the robot in that fleet, or None when another process changed it meanwhile and it must be read again."""
-    if record.fleet == fleet:
-        return record
-    changed = record.model_copy(update={"fleet": fleet})
-    try:
-        store.replace(robot_record_key(record.name), encode_document(changed), etag)
-    except ObjectConflict:
-        return None
-    return changed
 
 
 def _missing_robot(reference: str, allowed: str) -> ResourceNotFound:

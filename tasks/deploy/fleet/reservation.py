@@ -5,12 +5,12 @@ what it runs.
 """
 
 from specs.base import Fault
-from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound
+from specs.errors import ConcurrentDeployment, ResourceNotFound
 from specs.job_kinds import JobKind
-from tasks.deploy.fleet.fleet_registry import deregister_robot, members, read_fleet, read_robot, robot_name
+from tasks.deploy.fleet.fleet_registry import change_fleet, deregister_robot, members, read_robot, robot_name
 from tasks.deploy.fleet.states import FleetRecord
 from tasks.storage.base.keys import fleet_key, robot_record_key
-from tasks.storage.base.store import Store, encode_document
+from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import is_terminal, read
 
@@ -24,16 +24,14 @@ def reserve_fleet(store: Store, reference: str, job: str) -> None:
         ResourceNotFound: No such fleet.
         ConcurrentDeployment: Another deployment to it has not ended, or is about to begin.
     """
-    while True:
-        fleet, etag = read_fleet(store, reference)
+
+    def taken(fleet: FleetRecord) -> FleetRecord:
         if fleet.deployment == job:
-            return
+            return fleet
         require_free(store, fleet.name, fleet.deployment)
-        try:
-            store.replace(fleet_key(fleet.name), encode_document(fleet.model_copy(update={"deployment": job})), etag)
-        except ObjectConflict:  # another job wants it too: look again
-            continue
-        return
+        return fleet.model_copy(update={"deployment": job})
+
+    change_fleet(store, reference, taken)
 
 
 def require_free(store: Store, fleet: str, deployment: str) -> None:
@@ -77,16 +75,14 @@ def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
 
 def _mark_deleted(store: Store, reference: str) -> FleetRecord:
     """Marks a fleet as deleted, and returns it; no deployment to it can begin any more."""
-    while True:
-        fleet, etag = read_fleet(store, reference, deleted=True)
+
+    def marked(fleet: FleetRecord) -> FleetRecord:
         if fleet.deployment and not has_ended(store, fleet.deployment):
             allowed = "a fleet without an active deployment; cancel it, or wait"
             raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
-        try:
-            store.replace(fleet_key(fleet.name), encode_document(fleet.model_copy(update={"deleted": True})), etag)
-        except ObjectConflict:
-            continue
-        return fleet
+        return fleet.model_copy(update={"deleted": True})
+
+    return change_fleet(store, reference, marked, deleted=True)
 
 
 def delete_robot(store: Store, reference: str) -> str:

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from functools import partial
 
 from specs.base import Fault, canonical_document
-from specs.errors import ConcurrentDeployment, ObjectConflict, ResourceNotFound, TrustRefused
+from specs.errors import ConcurrentDeployment, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.fleet_registry import fleet_name, read_fleet
+from tasks.deploy.fleet.fleet_registry import change_fleet, fleet_name, read_fleet
 from tasks.deploy.fleet.reservation import require_free
+from tasks.deploy.fleet.states import FleetRecord
 from tasks.deploy.rollout.controller import ControllerPace, control_rollout
 from tasks.deploy.rollout.observation import progress_document
 from tasks.deploy.rollout.operator_commands import close_abandoned_job
@@ -25,8 +26,8 @@ from tasks.deploy.rollout.resolved_request import (
 )
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.trust.trust_record import Admission, Signer, check_recorded_plan, sign_plan
-from tasks.storage.base.keys import claim_key, fleet_key
-from tasks.storage.base.store import Store, encode_document
+from tasks.storage.base.keys import claim_key
+from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim, hold_claim_unless_alive
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, submit
@@ -125,7 +126,7 @@ def run_sync_job(
         TrustRefused: The signer has not signed what was deployed last, or it is another fleet's, or was withdrawn.
         StoreError: The store fails, or another process has taken the job over.
     """
-    last, name = latest_deployment(store, fleet), read_fleet(store, fleet)[0].name
+    last, name = latest_deployment(store, fleet), read_fleet(store, fleet).name
     check_recorded_plan(signer, last, name)
     known = _find_job(store, job_id(_KIND, token))
     request = CreateDeploymentJobRequest.model_validate(known.request) if known else sync_request(last, token)
@@ -159,7 +160,7 @@ def _run(
             _check_fleet(plan, fleet, signer)
         elif plan is None:
             work.check()
-        _free_fleet(store, fleet, job)
+        _free_fleet(store, read_fleet(store, fleet), job)
         record = submit(store, _KIND, document, token)
         _take_fleet(store, fleet, job)
         with robots() if robots else nullcontext(()) as own:
@@ -206,24 +207,21 @@ def _recorded_plan(record: JobRecord | None) -> RolloutPlan | None:
 
 def _take_fleet(store: Store, name: str, job: str) -> None:
     """Makes this job the fleet's one active deployment."""
-    while True:
-        _free_fleet(store, name, job)
-        fleet, etag = read_fleet(store, name)
-        if fleet.deployment == job:
-            return
-        try:
-            store.replace(fleet_key(name), encode_document(fleet.model_copy(update={"deployment": job})), etag)
-        except ObjectConflict:  # another process wants it too: look again
-            continue
+
+    def taken(fleet: FleetRecord) -> FleetRecord:
+        _free_fleet(store, fleet, job)
+        return fleet if fleet.deployment == job else fleet.model_copy(update={"deployment": job})
+
+    change_fleet(store, name, taken)
 
 
-def _free_fleet(store: Store, name: str, job: str) -> None:
+def _free_fleet(store: Store, fleet: FleetRecord, job: str) -> None:
     """Returns when no other deployment to the fleet is under way or queued; an abandoned one is canceled.
 
     Raises:
         ConcurrentDeployment: One is.
     """
-    other = read_fleet(store, name)[0].deployment
+    other, name = fleet.deployment, fleet.name
     if not other or other == job:
         return
     known = _find_job(store, other)

@@ -153,7 +153,7 @@ def active_deployment(store: Store, fleet: str) -> str:
     Raises:
         ResourceNotFound: No such fleet.
     """
-    job = read_fleet(store, fleet)[0].deployment
+    job = read_fleet(store, fleet).deployment
     return job if job and not has_ended(store, job) else ""
 
 

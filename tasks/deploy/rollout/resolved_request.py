@@ -60,7 +60,7 @@ def plan_deployment(
         ResourceNotFound: No such fleet, application or version.
         DocumentError: The version is another than was tested, a variable or file is not allowed, or the fleet is empty.
     """
-    fleet, _ = read_fleet(store, request.fleet)
+    fleet = read_fleet(store, request.fleet)
     robots = members(store, fleet.name)
     version = _checked_version(store, request, digest, builds, _fleet_faults(fleet.name, robots, "fleet"))
     config = request.deploymentApplicationConfigs[0]
@@ -137,7 +137,7 @@ def preflight(
 def _member_faults(store: Store, reference: str, version: Version, signer: Signer | None) -> list[Fault]:
     path = "deployment.fleet"
     try:
-        name = read_fleet(store, reference)[0].name
+        name = read_fleet(store, reference).name
     except DocumentError as exc:
         return [fault.model_copy(update={"path": path}) for fault in exc.faults]
     robots = members(store, name)
@@ -311,7 +311,7 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
         ResourceNotFound: No such fleet, or nothing was deployed to it yet.
         TrustRefused: The store's records name another fleet's.
     """
-    record, _ = read_fleet(store, fleet)
+    record = read_fleet(store, fleet)
     last = _recorded(store, record.deployment)
     if record.deployment and (last is None or "plan" not in last.detail):
         # It waits, or was killed before it was planned, and asked no robot: the deployment before it counts.

@@ -1,14 +1,15 @@
 """What a store promises, whatever holds it, and how a document becomes an object in it."""
 
-from collections.abc import Generator
+import time
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, overload
 
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.errors import ObjectCorrupt, ObjectExists
+from specs.errors import ObjectConflict, ObjectCorrupt, ObjectExists, ObjectNotFound
 
 UNBOUNDED = 1 << 62
 
@@ -195,6 +196,7 @@ class Store(Protocol):
 
 
 Document = TypeVar("Document", bound=Spec)
+_ATTEMPTS, _LONGEST_PAUSE_S = 1000, 0.05
 
 
 def encode_document(document: Spec) -> bytes:
@@ -219,6 +221,59 @@ def decode_document(model: type[Document], stored: StoredObject, store: Store, k
     except ValidationError as exc:
         reason = exc.errors(include_url=False)[0]["msg"]
         raise ObjectCorrupt(f"{store.url}: {key} was not written by this version of Simyard: {reason}") from exc
+
+
+def find_document(store: Store, key: str, model: type[Document]) -> Document | None:
+    """Returns the document under a key; None if there is none.
+
+    Raises:
+        ObjectCorrupt: There is something else.
+    """
+    try:
+        return decode_document(model, store.get(key), store, key)
+    except ObjectNotFound:
+        return None
+
+
+@overload
+def update(store: Store, key: str, model: type[Document], step: Callable[[Document | None], Document]) -> Document: ...
+@overload
+def update(
+    store: Store, key: str, model: type[Document], step: Callable[[Document | None], Document | None]
+) -> Document | None: ...
+def update(
+    store: Store, key: str, model: type[Document], step: Callable[[Document | None], Document | None]
+) -> Document | None:
+    """Returns a document after a change, written over exactly what was read.
+
+    Args:
+        store: Where it is.
+        key: Its key.
+        model: What it is.
+        step: Returns what it shall be from what it is, None if there is none; the very same, or None, to write nothing.
+            Called again when another process was first.
+
+    Raises:
+        ObjectCorrupt: There is something else.
+        ObjectConflict: Others were first, a thousand times in a row.
+    """
+    for attempt in range(_ATTEMPTS):
+        try:
+            stored = store.get(key)
+        except ObjectNotFound:
+            stored = None
+        before = decode_document(model, stored, store, key) if stored else None
+        after = step(before)
+        if after is None or after is before:
+            return before
+        body = encode_document(after)
+        try:
+            store.replace(key, body, stored.etag) if stored else store.create(key, body)
+        except (ObjectConflict, ObjectExists):
+            time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
+        else:
+            return after
+    raise ObjectConflict(f"{store.url}: {key} changed {_ATTEMPTS} times while it was being changed")
 
 
 def create_once(store: Store, key: str, body: bytes) -> None:

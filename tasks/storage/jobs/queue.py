@@ -13,10 +13,10 @@ from contextlib import suppress
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
-from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreAway, StoreError
+from specs.errors import ObjectExists, ObjectNotFound, StoreAway, StoreError
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
-from tasks.storage.base.store import Entry, Store, decode_document, encode_document
+from tasks.storage.base.store import Entry, Store, decode_document, encode_document, find_document, update
 
 _LOG = logging.getLogger(__name__)
 
@@ -95,22 +95,16 @@ def turn_key(kind: JobKind, job: str) -> str:
 
 def find_entry(store: Store, kind: JobKind, job: str) -> QueueEntry | None:
     """Returns a job's entry as it stands; None if it has left the queue."""
-    found = _read(store, queue_key(kind, job))
-    return found[0] if found else None
+    return find_document(store, queue_key(kind, job), QueueEntry)
 
 
 def change_entry(store: Store, kind: JobKind, job: str, **fields: JsonValue) -> QueueEntry | None:
     """Returns a job's entry after the change of some fields; None if it has left the queue."""
-    key = queue_key(kind, job)
-    while found := _read(store, key):
-        entry, etag = found
-        changed = entry.model_copy(update=fields)
-        try:
-            store.replace(key, encode_document(changed), etag)
-        except ObjectConflict:  # another process was faster, or the job has left
-            continue
-        return changed
-    return None
+
+    def step(entry: QueueEntry | None) -> QueueEntry | None:
+        return entry and entry.model_copy(update=fields)
+
+    return update(store, queue_key(kind, job), QueueEntry, step)
 
 
 class QueueView:
@@ -140,19 +134,11 @@ class QueueView:
         if self._damaged.get(listed.key) == listed.mark:
             return None
         try:
-            found = _read(self._store, listed.key)
+            found = find_document(self._store, listed.key, QueueEntry)
         except StoreAway:
             raise
         except StoreError as exc:  # the jobs of the others do not wait for it
             self._damaged[listed.key] = listed.mark
             _LOG.warning("an entry of the queue is passed by until somebody changes it: %s", exc)
             return None
-        return (listed.mark, found[0]) if found else None
-
-
-def _read(store: Store, key: str) -> tuple[QueueEntry, str] | None:
-    try:
-        stored = store.get(key)
-    except ObjectNotFound:
-        return None
-    return decode_document(QueueEntry, stored, store, key), stored.etag
+        return (listed.mark, found) if found else None

@@ -25,7 +25,6 @@ from specs.base import Fault, Spec
 from specs.errors import (
     DocumentError,
     IdempotentParameterMismatch,
-    ObjectConflict,
     ObjectExists,
     ObjectNotFound,
     ResourceNotFound,
@@ -34,7 +33,7 @@ from specs.errors import (
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.robomaker.failure_codes import JobFailureCode, require_code_of
 from tasks.storage.base.keys import claim_key, job_key, jobs_prefix, token_key
-from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.base.store import Store, decode_document, encode_document, find_document, update
 from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.store_url import store_id
 
@@ -155,8 +154,6 @@ def announce_transition(transition: Transition) -> None:
 
 TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
 _STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
-_ATTEMPTS = 1000
-_LONGEST_PAUSE_S = 0.05
 _LONGEST_REASON = 1024
 _EPOCH = "epoch"
 
@@ -282,7 +279,7 @@ def read(store: Store, kind: JobKind, id: str) -> JobRecord:  # noqa: A002 - the
     Raises:
         ResourceNotFound: No such job.
     """
-    return _read(store, kind, id)[0]
+    return _known(find_document(store, job_key(kind, id), JobRecord), store, kind, id)
 
 
 def records(store: Store, kind: JobKind) -> list[JobRecord]:
@@ -311,23 +308,22 @@ class _Change(NamedTuple):
 
 
 def _advance(store: Store, kind: JobKind, wanted: str, change: _Change) -> JobRecord:
-    for attempt in range(_ATTEMPTS):
-        before, etag = _read(store, kind, wanted)
-        if is_terminal(before) or before.status not in change.only_from:
-            return before
-        if change.epoch and change.epoch < _epoch(before):
+    before: list[JobRecord] = []
+
+    def step(found: JobRecord | None) -> JobRecord:
+        record = _known(found, store, kind, wanted)
+        before[:] = [record]
+        if is_terminal(record) or record.status not in change.only_from:
+            return record
+        if change.epoch and change.epoch < _epoch(record):
             raise StoreError(
-                f"{store.url}: {wanted} is another process's since epoch {_epoch(before)}; this one had {change.epoch}"
+                f"{store.url}: {wanted} is another process's since epoch {_epoch(record)}; this one had {change.epoch}"
             )
-        after = _changed(before, change)
-        try:
-            store.replace(job_key(kind, wanted), encode_document(after), etag)
-        except ObjectConflict:
-            time.sleep(min(0.001 * attempt, _LONGEST_PAUSE_S))
-        else:
-            _announce(before, after)
-            return after
-    raise ObjectConflict(f"{store.url}: {job_key(kind, wanted)} changed {_ATTEMPTS} times while it was being advanced")
+        return _changed(record, change)
+
+    after = update(store, job_key(kind, wanted), JobRecord, step)
+    _announce(before[-1], after)
+    return after
 
 
 def _changed(before: JobRecord, change: _Change) -> JobRecord:
@@ -402,14 +398,11 @@ def _mismatch(store: Store, kind: JobKind, old: JobToken, request: dict[str, Jso
     return token_mismatch(kind, old, request_digest(request), changes)
 
 
-def _read(store: Store, kind: JobKind, wanted: str) -> tuple[JobRecord, str]:
-    key = job_key(kind, wanted)
-    try:
-        stored = store.get(key)
-    except ObjectNotFound as exc:
+def _known(found: JobRecord | None, store: Store, kind: JobKind, wanted: str) -> JobRecord:
+    if found is None:
         fault = Fault(path=kind, value=repr(wanted), allowed=absence([kind], store.url))
-        raise ResourceNotFound([fault], source="store") from exc
-    return decode_document(JobRecord, stored, store, key), stored.etag
+        raise ResourceNotFound([fault], source="store")
+    return found
 
 
 _GOING = frozenset({"Pending", "Running", "Canceling"})

@@ -172,7 +172,7 @@ def describe_template(store: Store, name: str) -> DescribeWorldTemplateResponse:
         DocumentError: The name is none.
     """
     if name.startswith(NAMED_TEMPLATE_PREFIX):
-        return describe_named_template(store, read_template(store, name)[0])
+        return describe_named_template(store, read_template(store, name))
     body = TemplateBody.model_validate_json(_read_object(store, template_key(name), "world-template", name))
     return DescribeWorldTemplateResponse(arn=_arn(store, name), name=name, version=body.Version)
 

@@ -58,7 +58,7 @@ def test_a_fleet_that_is_made_twice_is_one_fleet(file_store: Store) -> None:
 def test_a_fleet_is_found_by_name_and_by_either_arn(reference: str, file_store: Store) -> None:
     fleet = create_fleet(file_store, "couriers")
 
-    assert read_fleet(file_store, reference)[0] == fleet
+    assert read_fleet(file_store, reference) == fleet
 
 
 @pytest.mark.parametrize("reference", ["nobody", "arn:simyard:robot:0123456789ab:couriers", "arn:nonsense"])

@@ -4,18 +4,16 @@ import pytest
 
 from specs.errors import ConcurrentDeployment, ResourceNotFound, StageFailed
 from tasks.deploy.fleet.fleet_registry import (
+    change_fleet,
     create_fleet,
     create_robot,
     fleets,
     read_desired,
-    read_fleet,
     read_robot,
     register_robot,
     robots,
 )
 from tasks.deploy.fleet.reservation import delete_fleet, delete_robot
-from tasks.storage.base.keys import fleet_key
-from tasks.storage.base.store import encode_document
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
@@ -85,7 +83,6 @@ def test_a_deletion_that_was_killed_halfway_is_finished_by_the_next(
 
 
 def test_a_fleet_is_made_anew_while_the_old_one_is_being_deleted(yard: Yard) -> None:
-    record, etag = read_fleet(yard.store, FLEET)
-    yard.store.replace(fleet_key(FLEET), encode_document(record.model_copy(update={"deleted": True})), etag)
+    change_fleet(yard.store, FLEET, lambda fleet: fleet.model_copy(update={"deleted": True}))
     assert not create_fleet(yard.store, FLEET).deleted
     assert [fleet.name for fleet in fleets(yard.store)] == [FLEET]

@@ -123,7 +123,7 @@ def test_a_fleet_with_a_spoilt_robot_is_deleted(yard: Yard) -> None:
     yard.store.put(robot_record_key("r1"), b"garbage")
 
     assert delete_fleet(yard.store, FLEET) == ("r0",)
-    assert read_robot(yard.store, "r0")[0].fleet == ""
+    assert read_robot(yard.store, "r0").fleet == ""
 
 
 @pytest.mark.parametrize("body", [b"\xff", b"[]", b" " * (2 << 20), b'{"name": "?", "created_at_s": 1, "tags": {}}'])

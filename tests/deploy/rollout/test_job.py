@@ -8,10 +8,10 @@ import pytest
 
 from specs.errors import ConcurrentDeployment, DocumentError, IdempotentParameterMismatch, ResourceNotFound, StageFailed
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.fleet.fleet_registry import create_robot, members, read_fleet, register_robot
+from tasks.deploy.fleet.fleet_registry import change_fleet, create_robot, members, read_fleet, register_robot
 from tasks.deploy.fleet_descriptions import describe_deployment_job, list_deployment_jobs
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.storage.base.keys import claim_key, fleet_key
+from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import encode_document
 from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim
 from tasks.storage.jobs.records import job_id, read, records, submit
@@ -36,7 +36,7 @@ def test_a_deployment_is_its_fleets_last_from_then_on(yard: Yard) -> None:
     version = yard.publish({"run.sh": STAYS_UP})
     record = run(yard, PuppetRobots(yard.store, 1), yard.request(version, "one"), version.digest)
 
-    assert read_fleet(yard.store, FLEET)[0].deployment == record.id
+    assert read_fleet(yard.store, FLEET).deployment == record.id
 
 
 def test_the_next_deployment_has_a_higher_sequence(yard: Yard) -> None:
@@ -112,8 +112,7 @@ def _interrupted(yard: Yard, token: str) -> str:
     """Makes a deployment the fleet's active one, as a process that went away leaves it; returns its id."""
     request = yard.request(yard.publish({"run.sh": STAYS_UP}), token).model_dump(mode="json", exclude_none=True)
     other = submit(yard.store, KIND, request, token).id
-    fleet, etag = read_fleet(yard.store, FLEET)
-    yard.store.replace(fleet_key(FLEET), encode_document(fleet.model_copy(update={"deployment": other})), etag)
+    change_fleet(yard.store, FLEET, lambda fleet: fleet.model_copy(update={"deployment": other}))
     return other
 
 
@@ -141,7 +140,7 @@ class Made:
 
     @contextmanager
     def __call__(self) -> Generator[None]:
-        self.owners.append(read_fleet(self._yard.store, FLEET)[0].deployment)
+        self.owners.append(read_fleet(self._yard.store, FLEET).deployment)
         self.open = True
         for name in ("r0", "r1"):
             create_robot(self._yard.store, name)

@@ -26,7 +26,7 @@ KIND = "deployment-job"
 
 
 def job_of(yard: Yard) -> str:
-    return read_fleet(yard.store, FLEET)[0].deployment
+    return read_fleet(yard.store, FLEET).deployment
 
 
 def test_a_canceled_deployment_asks_nobody_further_and_those_asked_finish(yard: Yard) -> None:

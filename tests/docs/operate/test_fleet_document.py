@@ -83,7 +83,7 @@ def test_what_it_says_one_types_rolls_out(tmp_path: Path, monkeypatch: pytest.Mo
 def _is_under_way(url: str) -> bool:
     time.sleep(0.2)
     store = open_store(url)
-    job = read_fleet(store, "couriers")[0].deployment
+    job = read_fleet(store, "couriers").deployment
     return bool(job) and read(store, "deployment-job", job).status == "InProgress"
 
 

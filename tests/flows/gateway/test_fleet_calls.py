@@ -124,7 +124,7 @@ def test_a_robot_never_stays_in_a_fleet_that_goes_meanwhile(file_store: Store, m
     monkeypatch.setattr(file_store, "replace", after_the_deletion)
     with pytest.raises(ResourceNotFound):
         register_robot(file_store, "f", "r")
-    assert read_robot(file_store, "r")[0].fleet == ""
+    assert read_robot(file_store, "r").fleet == ""
 
 
 def test_a_fleet_with_a_deployment_under_way_stays(gateway: Asked) -> None:
@@ -176,7 +176,7 @@ def test_a_deployment_is_recorded_and_queued_and_has_its_fleet(asked: Asked):
     }
     assert made["status"] == "Pending"
     assert is_queued(asked.store, KIND, path(made))
-    assert read_fleet(asked.store, "team")[0].deployment == path(made)
+    assert read_fleet(asked.store, "team").deployment == path(made)
     assert asked.call("CreateDeploymentJob", **request) == made
     assert asked.call("DescribeDeploymentJob", job=made["arn"])["fleet"] == request["fleet"]
 
@@ -273,7 +273,7 @@ def test_a_deployment_too_many_leaves_its_fleet_free(asked: Asked, monkeypatch: 
     other = asked.fleet("others")
     with pytest.raises(LimitExceeded):
         asked.call("CreateDeploymentJob", **asked.deployment_request(other, "d2"))
-    assert read_fleet(asked.store, "others")[0].deployment == ""
+    assert read_fleet(asked.store, "others").deployment == ""
 
 
 @pytest.mark.parametrize("lacking", ["fleet", "application", "version"])

@@ -27,7 +27,7 @@ SMALL, WIDE = (sample(path.name.removesuffix(".body.json")) for path in SAMPLES[
 
 def test_a_template_points_at_its_body(store: Store) -> None:
     made = create_template(store, SMALL, name="a small flat", tags={"team": "arms"})
-    assert read_template(store, made.id)[0] == made
+    assert read_template(store, made.id) == made
     assert TemplateBody.model_validate_json(read_body(store, made.digest)) == SMALL
     assert find_template_name(store, "a small flat") == made
 
@@ -66,7 +66,7 @@ def test_a_renamed_template_gives_its_old_name_back(file_store: Store) -> None:
     other = create_template(file_store, SMALL, name="flat")
     with pytest.raises(ResourceAlreadyExists):
         update_template(file_store, other.id, name="house")
-    assert read_template(file_store, other.id)[0].name == "flat"
+    assert read_template(file_store, other.id).name == "flat"
 
 
 def test_a_deleted_template_gives_its_name_back(file_store: Store) -> None:
