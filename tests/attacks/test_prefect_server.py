@@ -1,4 +1,4 @@
-"""Point 7: who reaches the port of a Prefect server that Simyard started. No store is attacked, so none is made."""
+"""Who reaches the port of a Prefect server that Simyard started. No store is attacked, so none is made."""
 
 import json
 import os

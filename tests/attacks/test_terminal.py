@@ -1,6 +1,6 @@
-"""Point 8, the terminal: what a stranger wrote into the store is text there, and nothing else.
+"""The terminal: what a stranger wrote into the store is text there, and nothing else.
 
-That `simyard fleet watch` does not read a reason as markup: tests/flows/cli/test_fleet_watch.py and test_output.py.
+That `simyard fleet watch` reads no reason as markup: tests/flows/cli/fleet/test_fleet_watch.py.
 """
 
 import json

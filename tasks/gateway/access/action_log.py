@@ -29,7 +29,7 @@ _MOST_WAITING_BYTES = 1 << 20
 class _Lost(NamedTuple):
     """How many lines were given up while the store was away, and the times of the first and the last of them."""
 
-    count: int
+    lines: int
     first: str
     last: str
 
@@ -148,7 +148,7 @@ class ActionLog:
                 line = self._waiting.pop(0)
                 size -= len(line)
                 time_of = json.loads(line)["time"]
-                lost = _Lost(lost.count + 1, lost.first, time_of) if lost else _Lost(1, time_of, time_of)
+                lost = _Lost(lost.lines + 1, lost.first, time_of) if lost else _Lost(1, time_of, time_of)
             is_new, self._lost = lost != self._lost, lost
         if lost and is_new:
             _LOG.error("%d lines of the log of actions are lost, %s to %s: the store is away", *lost)

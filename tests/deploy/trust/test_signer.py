@@ -142,7 +142,7 @@ def agents() -> Iterator[list[subprocess.Popen[bytes]]]:
         kill(agent)
 
 
-def test_an_agent_that_verifies_is_small_and_needs_nothing_heavy(
+def test_an_agent_that_verifies_runs_what_was_signed(
     owner: Owner, yard: Yard, agents: list[subprocess.Popen[bytes]]
 ) -> None:
     agents.append(_start(yard, "r1", f"--root-of-trust={owner.signer.root_of_trust}"))
@@ -160,14 +160,7 @@ def test_an_agent_that_verifies_is_small_and_needs_nothing_heavy(
     )
     wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
 
-    status = Path(f"/proc/{agents[0].pid}/status").read_text()
-    peak_kib = int(status.split("VmHWM:")[1].split()[0])
-    assert peak_kib < 80 * 1024
     assert len(programs_of(yard.root("r1"))) == 1
-    heavy = ["jax", "prefect", "mujoco", "pyarrow", "numpy", "scipy", "typer", "rich", "s3fs"]
-    imports = "import sys, tasks.deploy.robot.agent, tasks.deploy.trust.verification"
-    code = f"{imports}; print([n for n in {heavy} if n in sys.modules])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout == b"[]\n"
 
 
 def test_an_agent_that_verifies_nothing_says_so(yard: Yard, agents: list[subprocess.Popen[bytes]]) -> None:

@@ -172,9 +172,7 @@ def test_what_is_not_there(operation: str, error: ErrorName, shared: Prepared):
         "DescribeWorld": {"world": asked.arn("world", "hand/none")},
     }
     named = {key: arn for key, arn in request.items() if str(arn).startswith("arn:") and key != "iamRole"}
-    nowhere = {
-        key: f"{arn.rpartition(':')[0]}:{f'{NOTHING}/0' if '/' in arn else NOTHING}" for key, arn in named.items()
-    }
+    nowhere = {key: _none(arn) for key, arn in named.items()}
     assert shared.code(operation, **special.get(operation, nowhere)) == error
 
 

