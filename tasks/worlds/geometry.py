@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
-from scipy import ndimage
+from jaxtyping import Bool, Float, Int
 
 from specs.data.world import Furniture, OccupancyMap, Solid
 
@@ -162,10 +161,21 @@ def _corners(solid: Solid) -> Float[np.ndarray, "4 2"]:
     return local @ np.array([[cos, sin], [-sin, cos]]) + np.array(solid.center_m[:2])
 
 
-def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.ndarray, "x y"]:
-    """Returns the free cells that a walk from one of them reaches; it goes to the four neighbours of a cell."""
+def label_parts(free: Bool[np.ndarray, "x y"]) -> Int[np.ndarray, "x y"]:
+    """Returns a number for each free cell, 1 or more and the same for all that hang together; 0 for the others.
+
+    What hangs together is what a walk reaches that goes to the four neighbours of a cell.
+    """
+    from scipy import ndimage  # noqa: PLC0415 - commands that make no worlds start without SciPy
+
     labels = np.zeros(free.shape, dtype=np.int32)
     ndimage.label(free, output=labels)
+    return labels
+
+
+def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.ndarray, "x y"]:
+    """Returns the free cells that hang together with one of them; none where that one is not free."""
+    labels = label_parts(free)
     return (labels == labels[cell]) & free
 
 
@@ -220,6 +230,8 @@ class Clearance:
         )
         if x.start >= x.stop or y.start >= y.stop:
             return RADIUS_MAX_M
+        from scipy import ndimage  # noqa: PLC0415 - as above
+
         for around in (max(x.stop - x.start, y.stop - y.start) // 2 + 2, _REACH):
             low_x, low_y = max(x.start - around, 0), max(y.start - around, 0)
             window = self.touched[low_x : x.stop + around, low_y : y.stop + around]

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Bool
-from scipy import ndimage
 
 from tasks.worlds.furnishing.groups import FurnitureGroup
 from tasks.worlds.furnishing.intervals import Spot, find_spots
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
-from tasks.worlds.geometry import Box, connected
+from tasks.worlds.geometry import Box, connected, label_parts
 
 _CELL_M = 0.1
 # What the clearance grid takes from a way at most: see ``_GRID_SLACK_M`` of ``geometry``, and half of its cell.
@@ -72,9 +71,7 @@ def _cell(room: Box, point: tuple[float, float], rows: int, columns: int) -> tup
 
 def _has_large_part(free: Bool[np.ndarray, "x y"], wanted: float) -> bool:
     """Returns whether so many free cells hang together."""
-    labels = np.zeros(free.shape, dtype=np.int32)
-    ndimage.label(free, output=labels)
-    sizes = np.bincount(labels[free])
+    sizes = np.bincount(label_parts(free)[free])
     return sizes.size > 0 and int(sizes.max()) >= wanted
 
 
