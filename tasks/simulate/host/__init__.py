@@ -1,1 +1,1 @@
-"""Controllers that run on the host, between two control steps of all lanes. Engine may import it."""
+"""Controllers that run on the host, between two control steps of all lanes. Engines may import it."""

@@ -62,10 +62,16 @@ def test_what_a_row_says_does_not_depend_on_where_the_store_is(bucket: Store, tm
         assert pin_source(here, cache(tmp_path), asked) == pin_source(elsewhere, cache(tmp_path), asked)
 
 
-def test_a_bucket_that_is_not_there_is_no_jobs_fault(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_BUCKETS", "s3://")
-    with pytest.raises(StoreUnreachable, match="SIMYARD_BUCKETS"):
-        pin_source(s3_store, cache(tmp_path), source("maps/one.yaml", s3Bucket="nobody-has-this"))
+def test_a_bucket_that_nobody_answers_for_is_no_jobs_fault(
+    file_store: Store, bucket: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def unreachable(*_: object, **__: object) -> None:
+        raise StoreUnreachable("the server knows no such bucket")
+
+    for method in ("get", "head", "keys", "download"):
+        monkeypatch.setattr(type(bucket), method, unreachable, raising=False)
+    with pytest.raises(StoreUnreachable, match="no such bucket"):
+        pin_source(file_store, cache(tmp_path), source("maps/one.yaml"))
 
 
 def test_planning_again_fetches_nothing_that_nobody_wrote(
@@ -314,15 +320,6 @@ def test_on_another_machine_the_pinned_content_is_fetched_again_or_the_row_says_
 def test_names_that_would_share_a_variable_are_a_fault_of_the_document(file_store: Store, bucket: Store):
     with pytest.raises(DocumentError, match=r"createSimulationJobRequests\[0\]\.dataSources: DATA_SOURCE_A_B"):
         _planned(file_store, [source("k", name="a-b"), source("k", name="A_b")])
-
-
-def test_on_s3_it_is_the_same(s3_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setenv("SIMYARD_BUCKETS", s3_store.url)
-    open_bucket(s3_store, "maps-bucket").put("maps/one.yaml", ONE)
-    found = pin_source(s3_store, cache(tmp_path), source("maps/", type="Prefix"))
-    assert (mounted(s3_store, found, tmp_path) / "maps/one.yaml").read_bytes() == ONE
-    assert pin_source(s3_store, cache(tmp_path), source("maps/lost")).failure_code == "InvalidS3Resource"
 
 
 CONTENT = b"walls: []\n"
