@@ -6,10 +6,10 @@ gate is certain.
 """
 
 import functools
-from collections.abc import Generator, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 from pydantic import JsonValue
 
@@ -133,20 +133,23 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     return BatchTables(detail, summary_rows(found), summary_note(found))
 
 
-def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
+def audit_batch(
+    store_url: str, batch: str, location: OutputLocation, chunks: int | None = None
+) -> dict[str, JsonValue]:
     """Returns what the batch's record says of its audit.
 
     Args:
         store_url: Where the batch's record, worlds and chunks are.
-        batch: The batch's id; all its chunks are committed.
+        batch: The batch's id; all its chunks are committed, or so many as are audited.
         location: The batch's output location.
+        chunks: How many chunks a batch has driven that may be ended now; None of one that has ended.
     """
     work, progress = load_batch(open_store(store_url), batch), stage_progress(AUDIT)
     lanes = min(work.plan.audit, work.layout.episodes)
     folders = _bundles(work).folders
     progress(0, 2 * lanes)
     with _output_to(location):
-        return write_audit(work, folders, location, lambda done: progress(done, 2 * lanes))
+        return write_audit(work, folders, location, lambda done: progress(done, 2 * lanes), chunks=chunks)
 
 
 @contextmanager
@@ -200,15 +203,28 @@ def unusable_bundle(batch: OpenBatch, digest: str, error: BundleRefused | StoreE
 class SequentialStop:
     """Looks at a batch after each chunk, in their order: a batch that is continued ends where it would have.
 
-    Where two versions take turns on the same episodes, it looks after each second chunk.
+    Where two versions take turns on the same episodes, it looks after each second chunk. A PASS that an audit of the
+    episodes so far gives reason to doubt ends nothing, nor does a later one: the batch goes on to its end, or to a
+    FAIL, since more episodes may stand the doubt.
 
     Attributes:
         detail: What the batch's record says of its early end; empty if there was none.
+        audit: What it says of the audit that let a PASS end it; empty if there was none.
     """
 
-    def __init__(self, batch: OpenBatch, gate: Gate | None) -> None:
-        """Begins to look, at a batch whose gate asks for it and whose plan allows it."""
+    def __init__(
+        self, batch: OpenBatch, gate: Gate | None, audited: Callable[[int], dict[str, JsonValue]] | None = None
+    ) -> None:
+        """Begins to look, at a batch whose gate asks for it and whose plan allows it.
+
+        Args:
+            batch: The batch.
+            gate: What its document asks for.
+            audited: Audits so many chunks; None for a batch whose end is known.
+        """
         self.detail: dict[str, JsonValue] = {}
+        self.audit: dict[str, JsonValue] = {}
+        self._audited, self._doubted = audited if batch.plan.audit else None, False
         self._batch, self._paired = batch, batch.plan.shuffled == "pairs"
         self._other, self._first = "", list[EpisodeResult]()
         if gate and self._paired:
@@ -221,7 +237,7 @@ class SequentialStop:
         if self._answer is None or self._gate is None or number == 0 or not self._counted(number - 1, self._answer):
             return False
         answer = self._answer.answer()
-        if answer is None:
+        if answer is None or (answer == "PASS" and not self._stands(number, self._answer)):
             return False
         left_out, ended = leave_out(self._batch, number), self._answer.episodes()
         were = "was" if left_out == 1 else "were"
@@ -236,6 +252,14 @@ class SequentialStop:
             **self._looks(),
         }
         return True
+
+    def _stands(self, number: int, answer: InterimGate) -> bool:
+        """Returns whether a PASS stands what an audit of the chunks before that one says; it is made once."""
+        if self._audited and not self._doubted:
+            found = self._audited(number)
+            self._doubted = not answer.stands(cast("dict[str, JsonValue] | None", found.get("audit")))
+            self.audit = {} if self._doubted else found
+        return not self._doubted
 
     def _looks(self) -> dict[str, JsonValue]:
         """Returns after how many episodes the gate was asked; of a batch of before there is nothing to say."""

@@ -14,7 +14,7 @@ import math
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from random import Random, SystemRandom
 from typing import NamedTuple, cast
@@ -187,7 +187,9 @@ def count_batch(record: JobRecord, store: Store, gate: Gate, planned: PlannedRun
     plan = planned.plan
     batch = require_plan(store, record.id, plan)
     folders, sealed = bundles(batch), is_sealed(record, batch.voucher)
-    early = _commit_authentic(batch, folders, gate, planned.location)
+    early = _commit_authentic(
+        batch, folders, _gate_that_ended(record, gate, sealed=sealed), planned.location, sealed=sealed
+    )
     if sealed:  # by the gate of the run that drove it, which may not be this one
         early = {name: fact for name, fact in record.detail.items() if name == "stopped_early"}
     facts = recounted_facts(
@@ -201,13 +203,19 @@ def count_batch(record: JobRecord, store: Store, gate: Gate, planned: PlannedRun
     return BatchRecount(batch, with_facts(record, plan, facts), changes, folders)
 
 
+def _gate_that_ended(record: JobRecord, gate: Gate, *, sealed: bool) -> Gate | None:
+    """Returns the gate if it may have ended the batch early; the owner's record says whether anything did."""
+    return gate if stops_early(gate) and (not sealed or "stopped_early" in record.detail) else None
+
+
 def _commit_authentic(
-    batch: OpenBatch, folders: Mapping[str, Path], gate: Gate, location: OutputLocation
+    batch: OpenBatch, folders: Mapping[str, Path], gate: Gate | None, location: OutputLocation, *, sealed: bool
 ) -> dict[str, JsonValue]:
     """Lets each chunk be one that is vouched for; returns why the batch ended early, if its gate is sure of it."""
     recordings = RecordedEpisodes(batch, location, folders).write
     runner = ChunkRunner(folders, batch.plan.engine, batch.plan.recordings.rateHz, lambda _: None)
-    early, lanes = SequentialStop(batch, gate if stops_early(gate) else None), batch.plan.lanes
+    audited = None if sealed else partial(audit_again, batch, folders)
+    early, lanes = SequentialStop(batch, gate, audited), batch.plan.lanes
     try:
         for number in range(batch.layout.chunks):
             if early.ends_before(number):

@@ -285,10 +285,10 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
             _unpack_bundles(work)
             watch = BatchWatch()
             with collect_timings() as driven:
-                early = _simulate_chunks(work, location, gate)
+                more, audit = _simulate_chunks(work, location, gate)
             watch.drove()
             with collect_timings() as audited:
-                end = _close_batch(work, location, early)
+                end = _close_batch(work, location, more, audit)
         except (DocumentError, StageFailed) as exc:
             close_refused(work, exc)
             raise
@@ -308,22 +308,28 @@ def _unpack_bundles(batch: OpenBatch) -> None:
             logger.warning("%s: jobs will fail: %s", batch.id, unusable_bundle(batch, digest, exc))
 
 
-def _simulate_chunks(batch: OpenBatch, location: OutputLocation, gate: Gate | None) -> dict[str, JsonValue]:
+def _simulate_chunks(
+    batch: OpenBatch, location: OutputLocation, gate: Gate | None
+) -> tuple[dict[str, JsonValue], dict[str, JsonValue]]:
     """Commits all chunks, or those before the batch is cancelled or its time is over.
 
-    Returns the batch's speed, and why it ended early, if it did.
+    Returns the batch's speed, and why it ended early, if it did; and its audit, where that let it end.
     """
     workers = _batch_workers(batch)
     if workers:
-        return _metric_fields(orchestrator().spread_batch(batch, location, workers))
-    early, meter = SequentialStop(batch, gate), BatchMeter()
+        return _metric_fields(orchestrator().spread_batch(batch, location, workers)), {}
+
+    def audited(chunks: int) -> dict[str, JsonValue]:
+        return run_step(audit_batch, batch.store.url, batch.id, location, chunks)
+
+    early, meter = SequentialStop(batch, gate, audited), BatchMeter()
     note_machine(batch)
     _import_ahead()
     try:
         _simulate_here(batch, location, early, meter)
     finally:
         forget_chunks(batch)
-    return {**early.detail, **_metric_fields(meter.metrics())}
+    return {**early.detail, **_metric_fields(meter.metrics())}, early.audit
 
 
 def _simulates(batch: OpenBatch) -> bool:
@@ -379,8 +385,17 @@ def _simulate_here(batch: OpenBatch, location: OutputLocation, early: Sequential
         progress(layout.episodes, layout.episodes)
 
 
-def _close_batch(batch: OpenBatch, location: OutputLocation, more: dict[str, JsonValue]) -> JobRecord:
-    """Returns the batch in its terminal state, with its tables, audit and report."""
+def _close_batch(
+    batch: OpenBatch, location: OutputLocation, more: dict[str, JsonValue], audited: dict[str, JsonValue]
+) -> JobRecord:
+    """Returns the batch in its terminal state, with its tables, audit and report.
+
+    Args:
+        batch: All that it drives is committed.
+        location: Where its tables go.
+        more: What its record says besides.
+        audited: What it says of its audit, where that was made already; else empty.
+    """
     record = complete(batch)
     if is_terminal(record):
         return record
@@ -389,7 +404,9 @@ def _close_batch(batch: OpenBatch, location: OutputLocation, more: dict[str, Jso
         return run_step(write_tables, of.store.url, of.id, status, place).detail
 
     def audit() -> dict[str, JsonValue]:
-        return run_step(audit_batch, batch.store.url, batch.id, location) if batch.plan.audit else {}
+        if audited or not batch.plan.audit:
+            return audited
+        return run_step(audit_batch, batch.store.url, batch.id, location)
 
     end = end_batch(batch, record, location, write_tables=tables, audit=audit, more=more)
     orchestrator().show_metrics(end.record)

@@ -112,10 +112,12 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     persist_result=False,
     **STORE_RETRY,
 )
-def audit_batch(store_url: str, batch: str, location: OutputLocation) -> dict[str, JsonValue]:
+def audit_batch(
+    store_url: str, batch: str, location: OutputLocation, chunks: int | None = None
+) -> dict[str, JsonValue]:
     """Returns what `flows.batch.batch_steps.audit_batch` does, and shows the audit's sentence."""
     with show_progress(batch_steps.AUDIT, "audit-progress"):
-        detail = batch_steps.audit_batch(store_url, batch, location)
+        detail = batch_steps.audit_batch(store_url, batch, location, chunks)
     report = AuditReport.model_validate(detail["audit"])
     said = escape_markdown(report.sentence)
     body = f"# {_AUDIT_MARKS[report.verdict]} {report.verdict}\n\n{said}\n\nReport: `{detail['audit_url']}`"

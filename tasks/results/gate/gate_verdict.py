@@ -308,12 +308,25 @@ class InterimGate:
         """
         return self._answer(inner=False) if self._answer(inner=True) else None
 
+    def stands(self, audit: Mapping[str, JsonValue] | None) -> bool:
+        """Returns whether a PASS stays one where an audit of the episodes so far gives reason to doubt the engine.
+
+        Args:
+            audit: As the batch's record would have it; None if there was none.
+        """
+        sections = [asked for _, _, asked in self._rules]
+        answers = zip(self._judged(inner=False), sections, strict=True)
+        return combine([with_engine_doubt(answer, asked, audit).verdict for answer, asked in answers]) == "PASS"
+
     def _answer(self, *, inner: bool) -> Verdict | None:
+        answer = combine([found.verdict for found in self._judged(inner=inner)])
+        return answer if answer == "FAIL" or (answer == "PASS" and self._all_can_be_sure) else None
+
+    def _judged(self, *, inner: bool) -> list[RuleVerdict]:
         counts = self._counts()
         lacks = Completeness(canceled=counts.canceled, looks=self._looks, paired=self._paired, inner=inner)
         material = GateMaterial(counts, lacks, pairs=self._pairs, shares=self._shares)
-        answer = combine([rule.judge(asked, material, label).verdict for rule, label, asked in self._rules])
-        return answer if answer == "FAIL" or (answer == "PASS" and self._all_can_be_sure) else None
+        return [rule.judge(asked, material, label) for rule, label, asked in self._rules]
 
     def _counts(self) -> EpisodeCounts:
         return count_endings(self._endings)

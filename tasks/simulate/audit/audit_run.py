@@ -97,7 +97,12 @@ class _Begun(Spec):
 
 
 def write_audit(
-    batch: OpenBatch, bundles: Mapping[str, Path], location: OutputLocation, progress: AuditProgress = lambda _: None
+    batch: OpenBatch,
+    bundles: Mapping[str, Path],
+    location: OutputLocation,
+    progress: AuditProgress = lambda _: None,
+    *,
+    chunks: int | None = None,
 ) -> dict[str, JsonValue]:
     """Returns what a batch's record says of its audit.
 
@@ -105,16 +110,17 @@ def write_audit(
     ``sha256s``.
 
     Args:
-        batch: All its chunks are committed.
+        batch: All its chunks are committed, or so many as are audited.
         bundles: Unpacked folders of the applications, by digest.
         location: The batch's output location.
         progress: Told how many episodes were driven again, out of two for each lane.
+        chunks: How many chunks a batch has driven that may be ended now; None of one that has ended.
     """
     attempts = _begin(batch)
     if attempts > _MOST_ATTEMPTS:
         report = not_run(f"its process died {_MOST_ATTEMPTS} times")
     else:
-        report = _audited(batch, bundles, progress)
+        report = _audited(batch, bundles, progress, chunks)
     logger.info("the audit of %s says %s: %s", batch.id, report.verdict, report.sentence)
     bucket = open_bucket(batch.store, location.s3Bucket or "")
     key = output_key(location.s3Prefix, f"{batch.id}/{AUDIT_FILE}")
@@ -123,14 +129,15 @@ def write_audit(
     return {**_said(report), "audit_url": f"{bucket.url}/{key}"}
 
 
-def audit_again(batch: OpenBatch, bundles: Mapping[str, Path]) -> dict[str, JsonValue]:
+def audit_again(batch: OpenBatch, bundles: Mapping[str, Path], chunks: int | None = None) -> dict[str, JsonValue]:
     """Returns what a batch's record has to say of its audit, which is made anew; nothing is written.
 
     Args:
-        batch: All its chunks are committed.
+        batch: All its chunks are committed, or so many as are audited.
         bundles: Unpacked folders of the applications, by digest.
+        chunks: As for `write_audit`.
     """
-    return _said(_audited(batch, bundles, lambda _: None))
+    return _said(_audited(batch, bundles, lambda _: None, chunks))
 
 
 def _said(report: AuditReport) -> dict[str, JsonValue]:
@@ -138,11 +145,14 @@ def _said(report: AuditReport) -> dict[str, JsonValue]:
     return {"audit": report.model_dump(mode="json"), "sha256s": digests}
 
 
-def _audited(batch: OpenBatch, bundles: Mapping[str, Path], progress: AuditProgress) -> AuditReport:
+def _audited(
+    batch: OpenBatch, bundles: Mapping[str, Path], progress: AuditProgress, chunks: int | None = None
+) -> AuditReport:
     found = draw_sample(
         batch.layout,
         lambda number: counted_chunk(batch.store, batch.id, number, batch.voucher) or (),
         batch.plan.audit,
+        chunks=chunks,
     )
     worlds, missing = load_worlds(batch, [each.request for each in found])
     mounted = batch_mounts(batch)

@@ -41,7 +41,9 @@ class _Member(NamedTuple):
     weight: int
 
 
-def draw_sample(layout: Layout, rows_of: Rows, lanes: int, pick: Pick | None = None) -> list[SampledEpisode]:
+def draw_sample(
+    layout: Layout, rows_of: Rows, lanes: int, pick: Pick | None = None, *, chunks: int | None = None
+) -> list[SampledEpisode]:
     """Returns the episodes to audit, by index; those that were never driven are left out.
 
     A quarter of the lanes goes to episodes that failed, where there are so many, and the rest to those that passed;
@@ -54,9 +56,11 @@ def draw_sample(layout: Layout, rows_of: Rows, lanes: int, pick: Pick | None = N
         rows_of: Gives the rows of a chunk.
         lanes: Most episodes, at least 1.
         pick: Draws; by default from the batch's plan, so that the sample is the same whenever it is asked.
+        chunks: How many chunks a batch has driven that may be ended now; None of one that has ended.
     """
     draw = pick or plan_picks(layout.plan_digest)
-    members = _members(layout, rows_of, lanes, draw)
+    driven = _chunks_driven(layout, rows_of) if chunks is None else chunks
+    members = _members(layout, rows_of, lanes, draw, driven)
     passed = [each for each in members if success(each.row)]
     failed = [each for each in members if not success(each.row)]
     of_failed = min(len(failed), max(failed_lanes(lanes), lanes - len(passed)))
@@ -92,10 +96,10 @@ def stretches(size: int, count: int) -> list[range]:
     return [range(size * k // number, size * (k + 1) // number) for k in range(number)]
 
 
-def _members(layout: Layout, rows_of: Rows, lanes: int, pick: Pick) -> list[_Member]:
+def _members(layout: Layout, rows_of: Rows, lanes: int, pick: Pick, chunks: int) -> list[_Member]:
     """Returns the driven episodes of the chunks that are read, those with the same setting together."""
     found: list[_Member] = []
-    for k, stretch in enumerate(stretches(_chunks_driven(layout, rows_of), lanes)):
+    for k, stretch in enumerate(stretches(chunks, lanes)):
         rows = rows_of(stretch[pick(f"chunk/{k}", len(stretch))])
         found += [_Member(row, len(stretch)) for row in rows if was_driven(row)]
     settings = math.prod(len(values) for values in layout.plan.sweep.values())

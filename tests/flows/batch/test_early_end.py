@@ -1,5 +1,6 @@
 """A batch is ended when its gate is certain: after the same episodes wherever it was killed, with the same answer."""
 
+from collections.abc import Callable
 from typing import cast
 
 import pytest
@@ -30,9 +31,15 @@ def started(store: Store, gate: Gate = GATE, name: str = "tok") -> OpenBatch:
     return begun(store, shuffle_if_endable(plan(store, seeds=tuple(range(80)), lanes=16), gate), name)
 
 
-def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, most: int = 99) -> dict[str, JsonValue]:
+def driven(
+    batch: OpenBatch,
+    simulate: Simulate = all_pass,
+    gate: Gate = GATE,
+    most: int = 99,
+    audited: Callable[[int], dict[str, JsonValue]] | None = None,
+) -> dict[str, JsonValue]:
     """Drives a batch's chunks as its flow does, until so many were simulated; returns what ended it."""
-    early = SequentialStop(batch, gate)
+    early = SequentialStop(batch, gate, audited)
     for number in range(batch.layout.chunks):
         if early.ends_before(number):
             return cast("dict[str, JsonValue]", early.detail["stopped_early"])
@@ -40,6 +47,12 @@ def driven(batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = GATE, m
             raise KeyboardInterrupt
         run_chunk(batch, number, simulate, lanes=16, left_s=99.0)
     return {}
+
+
+def audit_of(flips: int) -> dict[str, JsonValue]:
+    """Returns what a record says of an audit in which so many of 24 passes failed on C MuJoCo."""
+    share: dict[str, JsonValue] = {"lanes": 24, "flips": flips, "chaotic": 0, "episodes": 48.0, "effective": 24.0}
+    return {"audit": {"false_passes": {**share, "beyond": flips / 24, "chance": 0.01}}}
 
 
 def closed(batch: OpenBatch, ended: dict[str, JsonValue]) -> JobRecord:
@@ -101,6 +114,36 @@ def test_a_job_that_somebody_cancelled_keeps_a_good_batch_going_to_its_end(file_
     verdict = judge(GATE, gate_material(GATE, closed(batch, {}), file_store, None))
     assert verdict.sentence.endswith("; 1 canceled")
     assert verdict.verdict == "INCONCLUSIVE"
+
+
+def test_a_pass_that_the_audit_so_far_doubts_ends_no_batch(file_store: Store):
+    batch, asked = started(file_store), list[int]()
+
+    def audited(chunks: int) -> dict[str, JsonValue]:
+        asked.append(chunks)
+        return audit_of(flips=2)
+
+    assert driven(batch, audited=audited) == {}
+    assert asked == [4]
+
+
+def test_a_pass_that_stands_the_audit_ends_the_batch_with_it(file_store: Store):
+    batch = started(file_store)
+    early = SequentialStop(batch, GATE, lambda _: audit_of(flips=0))
+    for number in range(batch.layout.chunks):
+        if early.ends_before(number):
+            break
+        run_chunk(batch, number, all_pass, lanes=16, left_s=99.0)
+    assert early.audit == audit_of(flips=0)
+    assert early.detail["stopped_early"]
+
+
+def test_a_batch_whose_pass_is_doubted_may_still_fail_early(file_store: Store):
+    def first_pass(part: ChunkPart) -> list[EpisodeResult]:
+        return all_pass(part) if part.chunk.number < 4 else [collided(each.index) for each in part.chunk.requests]
+
+    ended = driven(started(file_store), first_pass, audited=lambda _: audit_of(flips=2))
+    assert ended["verdict"] == "FAIL"
 
 
 def test_without_stop_early_a_batch_is_neither_shuffled_nor_ended(file_store: Store):

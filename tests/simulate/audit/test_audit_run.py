@@ -184,8 +184,8 @@ def test_a_process_that_ended_for_another_reason_is_not_followed_by_one_with_few
 def test_idle_lanes_that_would_take_longer_than_another_program_are_left_out(
     wide: OpenBatch, monkeypatch: pytest.MonkeyPatch, engine: str, simulated_s: float, lanes: int
 ):
-    def long(*given: object) -> list[SampledEpisode]:
-        found = draw_sample(*given)  # pyright: ignore[reportArgumentType]
+    def long(*given: object, **more: object) -> list[SampledEpisode]:
+        found = draw_sample(*given, **more)  # pyright: ignore[reportArgumentType]
         update = {"engine": engine, "simulated_s": simulated_s}
         return [each._replace(row=each.row.model_copy(update=update)) for each in found]
 
