@@ -183,6 +183,8 @@ def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
     assert len(found) == 16
     assert {early.chunk_of(each.request.index) for each in found} == {0, 1, 2}
     assert len(set(read)) <= 3 + 4  # of 16 chunks
+    # Before it is ended there, its next chunks have no rows; the sample is that of its end.
+    assert draw_sample(early, lambda number: rows_of(number) if number < 3 else (), 16, chunks=3) == found
 
 
 def test_a_shuffled_batch_that_ran_to_its_end_is_audited_as_any_other():
