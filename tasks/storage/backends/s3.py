@@ -24,8 +24,8 @@ from specs.errors import (
     StoreError,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_access import access_to
-from tasks.storage.backends.s3_client import FAULTS, PART_BYTES, Answer, S3Client, is_etag_of, s3_error
+from tasks.storage.backends.s3_access import PART_BYTES, access_to
+from tasks.storage.backends.s3_client import FAULTS, Answer, S3Client, is_etag_of, s3_error
 from tasks.storage.base.keys import checked_key
 from tasks.storage.base.local_files import room_in, whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject

@@ -1,8 +1,9 @@
-"""Credentials for buckets that do not come from the environment: kept in this process, and never written anywhere.
+"""How a bucket is reached. Credentials that do not come from the environment are kept in this process alone.
 
 A program that this process starts does not get them: an application, a robot of a demonstration, a worker of a cluster.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
@@ -26,6 +27,16 @@ class S3Access:
     endpoint: str = ""
 
 
+CONFIG: Mapping[str, object] = {
+    "connect_timeout": 2,
+    "max_pool_connections": 32,
+    # Newer checksums are refused by older servers; ETags and TLS protect what is sent.
+    "request_checksum_calculation": "when_required",
+    "response_checksum_validation": "when_required",
+}
+"""What botocore is told of every connection to a server."""
+PART_BYTES = 16 << 20
+"""A bigger file is sent in parts of so many."""
 _ENVIRONMENT = S3Access()
 _of_bucket: dict[str, S3Access] = {}
 

@@ -33,7 +33,7 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_access import S3Access
+from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access
 from tasks.storage.base.local_files import NO_ROOM
 
 FAULTS = (OSError, BotoCoreError, ClientError)
@@ -126,16 +126,8 @@ Answer = Mapping[str, object]
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 8.0
 _ANSWER_S = 20.0
-PART_BYTES = 16 << 20
 _BLOCK_BYTES = 1 << 18
 _AFTER_THE_END = "InvalidRange"
-CONFIG: Mapping[str, object] = {
-    "connect_timeout": 2,
-    "max_pool_connections": 32,
-    # Newer checksums are refused by older servers; ETags and TLS protect what is sent.
-    "request_checksum_calculation": "when_required",
-    "response_checksum_validation": "when_required",
-}
 
 
 class _Body(Protocol):

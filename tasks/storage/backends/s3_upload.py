@@ -5,8 +5,7 @@ from pathlib import Path
 from aiohttp import ClientError
 from s3fs import S3FileSystem
 
-from tasks.storage.backends.s3_access import S3Access
-from tasks.storage.backends.s3_client import CONFIG, PART_BYTES
+from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access
 
 _READ_TIMEOUT_S = 30
 
