@@ -151,7 +151,6 @@ def _batch(batch: "str | Run", store: Place | None) -> "tuple[Store, str]":
     """Returns the store of a batch, and what names the batch there."""
     from simyard.answer.run_answers import Run
     from simyard.document_calls import store_url
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.storage.store_url import open_existing_store
 
@@ -159,7 +158,7 @@ def _batch(batch: "str | Run", store: Place | None) -> "tuple[Store, str]":
         return open_existing_store(store_url(store)), batch
     if batch.batch is None:
         allowed = "a run of a document with a simulationBatch"
-        raise DocumentError([Fault(path="run", value=batch.id, allowed=allowed)], batch.report.name)
+        raise DocumentError.of("run", batch.id, allowed, source=batch.report.name)
     return open_existing_store(store_url(store) or batch.store), batch.batch
 
 
@@ -236,7 +235,6 @@ def _batch_rows(store: "Store", batch: str, columns: Sequence[str] | None, *, fa
 
 
 def _refused(path: str, value: str, allowed: str) -> "DocumentError":
-    from specs.base import Fault
     from specs.errors import DocumentError
 
-    return DocumentError([Fault(path=path, value=value, allowed=allowed)], "simyard")
+    return DocumentError.of(path, value, allowed, source="simyard")

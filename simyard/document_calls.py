@@ -150,14 +150,12 @@ def _is_text(document: str) -> bool:
 
 
 def _json(document: Mapping[str, object]) -> bytes:
-    from specs.base import Fault
     from specs.errors import DocumentError
 
     try:
         return json.dumps(document, ensure_ascii=False, default=_plain).encode("utf-8", "surrogatepass")
     except (TypeError, ValueError, RecursionError) as exc:
-        fault = Fault(path="document", value=str(exc), allowed="texts, numbers, true, false, lists and dictionaries")
-        raise DocumentError([fault]) from exc
+        raise DocumentError.of("document", str(exc), "texts, numbers, true, false, lists and dictionaries") from exc
 
 
 def _plain(value: object) -> object:

@@ -92,14 +92,13 @@ def _known(name: str, store: "Store") -> "Worlds | None":
 
 def _of_job(store: "Store", job: str) -> "Worlds":
     from simyard.answer.run_answers import Worlds
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.storage.jobs.records import read
     from tasks.worlds.job.generation_job import KIND
 
     names = cast("list[str]", read(store, KIND, job).detail.get("worlds", []))
     if not names:
-        raise DocumentError([Fault(path=KIND, value=repr(job), allowed="a job that has made worlds")])
+        raise DocumentError.of(KIND, repr(job), "a job that has made worlds")
     return Worlds(job, tuple(names), _read=lambda name: _read(store, name))
 
 

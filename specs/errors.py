@@ -42,6 +42,7 @@ All of them survive the way from a worker's process: pickled and read again, an 
 """
 
 from collections.abc import Sequence
+from typing import Self
 
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
@@ -74,6 +75,18 @@ class DocumentError(SimyardError):
         plural = "" if len(self.faults) == 1 else "s"
         lines = "".join(f"\n  {fault}" for fault in self.faults)
         super().__init__(f"{source}: {len(self.faults)} fault{plural}{lines}")
+
+    @classmethod
+    def of(cls, path: str, value: str, allowed: str, source: str = NO_SOURCE) -> Self:
+        """Returns the refusal of a document that has one fault.
+
+        Args:
+            path: Where in the document, or which variable or argument.
+            value: What stands there, as it is shown.
+            allowed: What may stand there.
+            source: Which document it is.
+        """
+        return cls([Fault(path=path, value=value, allowed=allowed)], source=source)
 
 
 class ConcurrentDeployment(DocumentError):  # noqa: N818 - RoboMaker's name

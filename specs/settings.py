@@ -8,7 +8,7 @@ import os
 import re
 from typing import Literal
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError
 
 MAX_WORLDS = "SIMYARD_MAX_WORLDS"
@@ -102,7 +102,7 @@ def region() -> str:
     """
     text = os.environ.get(REGION) or "us-west-2"
     if not _REGION.fullmatch(text):
-        raise DocumentError([Fault(path=REGION, value=repr(text), allowed="a region's name, such as us-west-2")])
+        raise DocumentError.of(REGION, repr(text), "a region's name, such as us-west-2")
     return text
 
 
@@ -116,7 +116,7 @@ def count_setting(name: str, default: int, allowed: str) -> int:
     if not text:
         return default
     if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise DocumentError([Fault(path=name, value=repr(text), allowed=allowed)])
+        raise DocumentError.of(name, repr(text), allowed)
     return int(text)
 
 
@@ -158,4 +158,4 @@ def chosen_workers() -> Workers | None:
         return Workers(kind="dask" if local[1] == "dask" else "ray", count=count)
     if _ADDRESS.fullmatch(text):
         return Workers(kind="ray" if text.startswith("ray://") else "dask", address=text)
-    raise DocumentError([Fault(path=WORKERS, value=repr(text), allowed=_ALLOWED)])
+    raise DocumentError.of(WORKERS, repr(text), _ALLOWED)

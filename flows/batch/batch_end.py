@@ -20,7 +20,6 @@ from urllib.request import url2pathname
 
 from pydantic import JsonValue
 
-from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
 from specs.field_types import OutputLocation
@@ -476,4 +475,4 @@ def ended_batch(store: Store, text: str) -> JobRecord:
 
 
 def _refused(text: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="arn", value=repr(text), allowed=allowed)], source="simyard")
+    return DocumentError.of("arn", repr(text), allowed, source="simyard")

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from flows.batch.replay_episode import bundles
 from flows.batch.world_identity import world_identities
 from specs.arn import arn, store_id_of
-from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from tasks.applications.versions import read_application
@@ -81,7 +80,7 @@ def find_batch(store: Store, text: str) -> ComparedBatch:
     record = work.record()
     if "results_url" not in record.detail:
         allowed = f"a batch that has its tables; this one is {record.status}"
-        raise DocumentError([Fault(path=KIND, value=work.id, allowed=allowed)], source="simyard")
+        raise DocumentError.of(KIND, work.id, allowed, source="simyard")
     location = recorded_location(record)
     written = cast("dict[str, str]", record.detail["sha256s"])[RESULTS_FILE]
     rows = stored_rows(store, location, work.id, RESULTS_FILE, sha256=written)
@@ -97,7 +96,7 @@ def _picked(store: Store, batch: str, rows: pa.Table, version: str) -> pa.Table:
     if not found.num_rows:
         asked = sorted({label for versions in driven.values() for label in versions.values()})
         allowed = f"a version that this batch drove: {', '.join(asked)}; or the beginning of a bundle's digest"
-        raise DocumentError([Fault(path=KIND, value=f"{batch}@{version}", allowed=allowed)], source="simyard")
+        raise DocumentError.of(KIND, f"{batch}@{version}", allowed, source="simyard")
     return _unambiguous(batch, found)
 
 
@@ -114,7 +113,7 @@ def _unambiguous(batch: str, rows: pa.Table) -> pa.Table:
     if several:
         which = " or ".join(f"{batch}@{each}" for each in several)
         allowed = f"one version of an application; this batch drove several, so name one: {which}"
-        raise DocumentError([Fault(path=KIND, value=batch, allowed=allowed)], source="simyard")
+        raise DocumentError.of(KIND, batch, allowed, source="simyard")
     return rows
 
 
@@ -130,7 +129,7 @@ def common_episodes(first: ComparedBatch, second: ComparedBatch) -> CommonEpisod
         allowed = "batches with episodes in common: the same worlds, seeds, environments and applications"
         why = ["all that both have were canceled"] if pairs.canceled else pairs.apart or pairs.origins
         value = f"{first.name} and {second.name} ({'; '.join(why)})"
-        raise DocumentError([Fault(path=KIND, value=value, allowed=allowed)], source="simyard")
+        raise DocumentError.of(KIND, value, allowed, source="simyard")
     return pairs
 
 

@@ -10,7 +10,6 @@ from typing import NamedTuple, cast
 import numpy as np
 import pyarrow as pa
 
-from specs.base import Fault
 from specs.data.episode import reason
 from specs.data.world import World
 from specs.errors import DocumentError
@@ -165,7 +164,7 @@ def _causes(record: JobRecord, recorded: pa.Table, again: Replay) -> Iterator[st
 
 
 def _refused(batch: OpenBatch, index: int, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=allowed)], "simyard")
+    return DocumentError.of("simulation-job", f"{batch.id}/{index}", allowed, source="simyard")
 
 
 # From above there is a picture a control step. With a GL in software one takes a twentieth of a second.
@@ -207,8 +206,7 @@ def wanted_files(*, mcap: bool | None, video: bool, bags: Sequence[str] = ()) ->
 def _bag_format(text: str) -> BagFormat:
     found = _BAG_FORMATS.get(text)
     if found is None:
-        fault = Fault(path="--bag", value=repr(text), allowed=f"one of {', '.join(BAG_ENDINGS)}")
-        raise DocumentError([fault], source="simyard")
+        raise DocumentError.of("--bag", repr(text), f"one of {', '.join(BAG_ENDINGS)}", source="simyard")
     return found
 
 

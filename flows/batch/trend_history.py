@@ -20,7 +20,7 @@ import pyarrow as pa
 from jaxtyping import Float
 from pydantic import Field, JsonValue, ValidationError
 
-from specs.base import Fault, Spec, canonical_json, digest
+from specs.base import Spec, canonical_json, digest
 from specs.errors import BucketNotFound, DocumentError, ObjectNotFound, ResourceNotFound, SimyardError
 from specs.field_types import OutputLocation
 from tasks.results.report.report_page import REPORT_FILE, file_key
@@ -389,7 +389,7 @@ def _view(trend: Trend, history: History, asked: TrendAsked, base: str) -> Trend
     shown = [at for at, night in enumerate(trend.nights) if night.begun_at_s >= asked.since_s]
     if not shown:
         day = datetime.fromtimestamp(asked.since_s, tz=UTC).date().isoformat()
-        raise DocumentError([Fault(path="--since", value=day, allowed="a day with a night on it or after it")])
+        raise DocumentError.of("--since", day, "a day with a night on it or after it")
     first = max(shown[0], len(trend.nights) - asked.last if asked.last else 0)
     choice = asked.choice
     parts = [
@@ -413,7 +413,7 @@ def _only_document(store: Store) -> str:
     if len(names) == 1:
         return names[0]
     allowed = f"one of {', '.join(names[:20])}" if names else "a document that has been run in this store"
-    raise DocumentError([Fault(path="DOCUMENT-NAME", value="not given", allowed=allowed)], source="simyard")
+    raise DocumentError.of("DOCUMENT-NAME", "not given", allowed, source="simyard")
 
 
 def _unknown_document(store: Store, document: str) -> DocumentError:
@@ -421,4 +421,4 @@ def _unknown_document(store: Store, document: str) -> DocumentError:
     allowed = "a document with a batch that has ended"
     if document not in names:
         allowed += f"; the documents of this store are {', '.join(names[:20])}" if names else "; this store has none"
-    return DocumentError([Fault(path="DOCUMENT-NAME", value=repr(document), allowed=allowed)], source="simyard")
+    return DocumentError.of("DOCUMENT-NAME", repr(document), allowed, source="simyard")

@@ -151,7 +151,6 @@ def _pairs(given: Sequence[str], option: str) -> "list[tuple[Architecture, str]]
 
 
 def _refused(option: str, value: str, allowed: str) -> Exception:
-    from specs.base import Fault
     from specs.errors import DocumentError
 
-    return DocumentError([Fault(path=option, value=repr(value), allowed=allowed)], source="simyard")
+    return DocumentError.of(option, repr(value), allowed, source="simyard")

@@ -317,12 +317,11 @@ def trend(
 
 
 def _variable(text: str) -> tuple[str, str]:
-    from specs.base import Fault
     from specs.errors import DocumentError
 
     name, equals, value = text.partition("=")
     if not (name and equals):
-        raise DocumentError([Fault(path="--variable", value=repr(text), allowed="NAME=VALUE")], source="simyard")
+        raise DocumentError.of("--variable", repr(text), "NAME=VALUE", source="simyard")
     return name, value
 
 

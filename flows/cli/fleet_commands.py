@@ -166,7 +166,6 @@ def agent_kit(
     unsigned: Annotated[bool, typer.Option("--unsigned", help="For robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Write what a robot needs: the agent, an installer, a systemd unit, the store's URL and the root of trust."""
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.deploy.kit.robot_kit import write_kit
     from tasks.deploy.trust.keyring import ROOT_FILE
@@ -175,7 +174,7 @@ def agent_kit(
     root = None if unsigned or keys is None else keys / ROOT_FILE
     if not unsigned and (root is None or not root.is_file()):
         allowed = "the folder of simyard fleet keys init; or --unsigned, for robots that run whatever is in the store"
-        raise DocumentError([Fault(path="--keys", value=str(keys or ""), allowed=allowed)])
+        raise DocumentError.of("--keys", str(keys or ""), allowed)
     opened = open_existing_store(store)
     for path in write_kit(folder, store_url=opened.url, root_of_trust=root.read_bytes() if root else None):
         echo(path)
@@ -223,7 +222,6 @@ def register(
     store: _StoreUrl = None,
 ) -> None:
     """Put a robot into a fleet; a robot has one. Prints the robot's ARN. With keys, they vouch for it."""
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.deploy.fleet.fleet_registry import create_robot, read_fleet, register_robot
     from tasks.deploy.fleet_descriptions import describe_robot
@@ -234,9 +232,7 @@ def register(
     known = create_robot(opened, robot, architecture or "X86_64")
     if architecture not in {None, known.architecture}:
         value, allowed = f"{robot}, of architecture {known.architecture}", f"a robot of architecture {architecture}"
-        raise DocumentError(
-            [Fault(path="--architecture", value=value, allowed=f"{allowed}; delete it to make it anew")]
-        )
+        raise DocumentError.of("--architecture", value, f"{allowed}; delete it to make it anew")
     register_robot(opened, found.name, robot)
     echo(describe_robot(opened, robot).arn)
     later = f"no key vouches for it yet (--keys): simyard fleet vouch {found.name} {known.name}"
@@ -401,13 +397,12 @@ def delete_robot(
 
 
 def _signer(store: "Store", keys: Path | None) -> "DeploymentSigner":
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.deploy.trust.signer import open_signer
 
     if keys is None:
         allowed = "the folder of simyard fleet keys init (--keys, or SIMYARD_KEYS)"
-        raise DocumentError([Fault(path="--keys", value="", allowed=allowed)])
+        raise DocumentError.of("--keys", "", allowed)
     return open_signer(store, keys)
 
 

@@ -25,7 +25,6 @@ from flows.pipeline.pipeline_run import pipeline
 from flows.pipeline.references import new_bucket_lines, pins
 from flows.pipeline.version_retention import version_lines
 from flows.prefect.prefect_server import ServerChoice, prefect_server
-from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.pipeline.document import PipelineSpec
@@ -138,8 +137,9 @@ def prepare_junit(path: Path, asked: AskedRun) -> None:
     try:
         write_junit(path, begun)
     except OSError as exc:
-        fault = Fault(path="--junit", value=str(path), allowed=f"a file that can be written: {exc.strerror}")
-        raise DocumentError([fault], source="simyard") from exc
+        raise DocumentError.of(
+            "--junit", str(path), f"a file that can be written: {exc.strerror}", source="simyard"
+        ) from exc
 
 
 def write_junit(path: Path, report: FullReport) -> None:
@@ -363,7 +363,7 @@ def _block_fault() -> DocumentError:
         "a block of this Prefect server, made with the command of docs/operate/operations.md, Results; or not set, as "
         "for a server that runs only as long as this command"
     )
-    return DocumentError([Fault(path=_RESULT_BLOCK, value=repr(os.environ.get(_RESULT_BLOCK)), allowed=allowed)])
+    return DocumentError.of(_RESULT_BLOCK, repr(os.environ.get(_RESULT_BLOCK)), allowed)
 
 
 @contextmanager

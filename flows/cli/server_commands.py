@@ -174,7 +174,6 @@ def _show_keys(keys: Path, url: str, model: Path | None) -> None:
 
 
 def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
-    from specs.base import Fault
     from specs.errors import DocumentError
     from tasks.gateway.access.guard import is_loopback
 
@@ -182,21 +181,20 @@ def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
         return
     if is_unsigned:
         allowed = "127.0.0.1 with --unsigned: whoever reaches another address would be let in"
-        raise DocumentError([Fault(path="--host", value=repr(host), allowed=allowed)])
+        raise DocumentError.of("--host", repr(host), allowed)
     if not is_encrypted:
         allowed = (
             "127.0.0.1 without TLS; name --tls-certificate and --tls-key, or say --without-tls if a proxy encrypts: "
             "anybody on the way could read answers, and the secrets of those who sign in to the page"
         )
-        raise DocumentError([Fault(path="--host", value=repr(host), allowed=allowed)])
+        raise DocumentError.of("--host", repr(host), allowed)
 
 
 def _require_folder(model: Path | None) -> None:
-    from specs.base import Fault
     from specs.errors import DocumentError
 
     if model is None:
-        raise DocumentError([Fault(path="--model-only", value="alone", allowed="with --model ~/.aws/models")])
+        raise DocumentError.of("--model-only", "alone", "with --model ~/.aws/models")
 
 
 def _write_model(folder: Path) -> None:

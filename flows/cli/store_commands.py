@@ -290,11 +290,9 @@ def _size(size: float) -> str:
 def _seconds(text: str, option: str) -> float:
     found = re.fullmatch(r"(\d+)([smhdw])", text)
     if found is None:
-        from specs.base import Fault
         from specs.errors import DocumentError
 
-        fault = Fault(path=option, value=repr(text), allowed="a number and s, m, h, d or w, such as 24h")
-        raise DocumentError([fault], source="simyard")
+        raise DocumentError.of(option, repr(text), "a number and s, m, h, d or w, such as 24h", source="simyard")
     return float(int(found[1]) * _SECONDS[found[2]])
 
 

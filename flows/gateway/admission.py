@@ -13,7 +13,7 @@ from uuid import uuid4
 from pydantic import JsonValue
 
 from specs.arn import parse_reference
-from specs.base import Fault, Spec, canonical_document
+from specs.base import Spec, canonical_document
 from specs.errors import (
     BucketNotFound,
     DocumentError,
@@ -69,7 +69,7 @@ def require_room(store: Store, kind: JobKind, quota: Quota) -> None:
     if len(keys) <= most or len(_waiting(store, kind, keys, single=single)) <= most:
         return
     allowed = f"at most {most} {quota.what} ({quota.setting}); wait for one, or cancel one"
-    raise LimitExceeded([Fault(path="request", value="one more", allowed=allowed)], "request")
+    raise LimitExceeded.of("request", "one more", allowed, source="request")
 
 
 def _waiting(store: Store, kind: JobKind, keys: Sequence[str], *, single: bool) -> list[QueueEntry]:
@@ -115,15 +115,15 @@ def require_output(store: Store, bucket: str | None, member: str) -> None:
         StoreError: Nothing answers.
     """
     if bucket is None:
-        raise DocumentError([Fault(path=member, value="none", allowed="the name of a bucket")], "request")
+        raise DocumentError.of(member, "none", "the name of a bucket", source="request")
     try:
         open_bucket(store, bucket)
     except BucketNotFound as exc:
         allowed = "a bucket that exists; SIMYARD_BUCKETS of the gateway says where buckets lie"
-        raise DocumentError([Fault(path=member, value=repr(bucket), allowed=allowed)], "request") from exc
+        raise DocumentError.of(member, repr(bucket), allowed, source="request") from exc
     except StoreAccessDenied as exc:
         allowed = "a bucket that the gateway's credentials reach"
-        raise DocumentError([Fault(path=member, value=repr(bucket), allowed=allowed)], "request") from exc
+        raise DocumentError.of(member, repr(bucket), allowed, source="request") from exc
 
 
 Document = dict[str, JsonValue]
@@ -210,7 +210,7 @@ def admit(store: Store, admission: Admission) -> JobRecord:
     """
     if run_of(admission.token):
         allowed = "another token: those that begin with run- and 16 digits are of the jobs of documents"
-        raise DocumentError([Fault(path="clientRequestToken", value=repr(admission.token), allowed=allowed)], "request")
+        raise DocumentError.of("clientRequestToken", repr(admission.token), allowed, source="request")
     known = _known(store, admission)
     if known is None:
         new = admission.checked()
@@ -229,8 +229,7 @@ def _known(store: Store, admission: Admission) -> JobRecord | None:
         return None
     if dict(admission.asked_in(record)) != admission.asked:
         allowed = f"another token: this one came before with another request, which made {record.id}"
-        fault = Fault(path="clientRequestToken", value=repr(admission.token), allowed=allowed)
-        raise IdempotentParameterMismatch([fault], source="request")
+        raise IdempotentParameterMismatch.of("clientRequestToken", repr(admission.token), allowed, source="request")
     return record
 
 
@@ -291,7 +290,7 @@ def cancel_recorded_job(store: Store, kind: JobKind, job: str) -> JobRecord:
 
 def ended(arn: str, status: str) -> DocumentError:
     """Returns the error that says that a job cannot be cancelled any more."""
-    return DocumentError([Fault(path="job", value=arn, allowed=f"a job that is under way; this one is {status}")])
+    return DocumentError.of("job", arn, f"a job that is under way; this one is {status}")
 
 
 T = TypeVar("T", bound=Spec)

@@ -3,7 +3,7 @@
 from typing import TypeVar
 
 from flows.gateway.gateway import Gateway, Handler, Handlers, one_more, path_of
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import ResourceAlreadyExists
 from specs.robomaker.applications import (
     CreateApplicationVersionRequest,
@@ -135,7 +135,7 @@ def _delete(kind: ApplicationKind, shape: type[Spec]) -> Handler:
 
 
 def _taken(name: str, kind: ApplicationKind) -> ResourceAlreadyExists:
-    return ResourceAlreadyExists([Fault(path="name", value=repr(name), allowed=f"a name that no {kind} has")])
+    return ResourceAlreadyExists.of("name", repr(name), f"a name that no {kind} has")
 
 
 HANDLERS: Handlers = {

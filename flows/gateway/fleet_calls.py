@@ -9,7 +9,7 @@ from pydantic import JsonValue
 from flows.gateway.admission import Admission, Document, NewRecord, admit, answer_of
 from flows.gateway.gateway import Gateway, Handlers, one_more, path_of
 from specs.arn import arn
-from specs.base import Fault, canonical_document
+from specs.base import canonical_document
 from specs.errors import ResourceAlreadyExists, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.robomaker.deployment import (
@@ -95,8 +95,7 @@ def _delete_fleet(gateway: Gateway, request: DeleteFleetRequest) -> DeleteFleetR
 def _create_robot(gateway: Gateway, request: CreateRobotRequest) -> CreateRobotResponse:
     require_free_keys(request.tags or {}, "tags")
     if known_robot(gateway.store, request.name):  # the name is what is wrong, whatever the quota is
-        fault = Fault(path="name", value=repr(request.name), allowed="a name that no robot has")
-        raise ResourceAlreadyExists([fault])
+        raise ResourceAlreadyExists.of("name", repr(request.name), "a name that no robot has")
     record = RobotRecord(
         name=request.name,
         architecture=request.architecture,

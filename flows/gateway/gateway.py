@@ -10,7 +10,7 @@ from threading import Lock
 from typing import Any
 
 from specs.arn import KINDS, RUN_KIND, Reference, ResourceKind, absence, parse_reference
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError, LimitExceeded, ResourceNotFound
 from specs.robomaker.operations import Quota
 from tasks.storage.base.keys import checked_name
@@ -80,7 +80,7 @@ def referenced(store: Store, text: str, kinds: Collection[ResourceKind], member:
 
 def missing(store: Store, text: str, kind: ResourceKind, member: str) -> ResourceNotFound:
     """Returns the error that says that there is no such resource."""
-    return ResourceNotFound([Fault(path=member, value=repr(text), allowed=absence([kind], store.url))])
+    return ResourceNotFound.of(member, repr(text), absence([kind], store.url))
 
 
 def _parsed(text: str, member: str) -> Reference:
@@ -99,7 +99,7 @@ def _is_name(part: str) -> bool:
 
 
 def _refused(text: str, member: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=member, value=repr(text), allowed=allowed)])
+    return DocumentError.of(member, repr(text), allowed)
 
 
 _LOCKS: dict[Quota, Lock] = {}
@@ -123,5 +123,5 @@ def one_more(quota: Quota, count: Callable[[], int]) -> Generator[None]:
         most = quota.most()
         if count() >= most:
             allowed = f"at most {most} {quota.what} ({quota.setting}); delete one"
-            raise LimitExceeded([Fault(path="request", value="one more", allowed=allowed)], "request")
+            raise LimitExceeded.of("request", "one more", allowed, source="request")
         yield

@@ -18,7 +18,6 @@ from flows.gateway.admission import (
 )
 from flows.gateway.gateway import Gateway, Handlers, missing, one_more, path_of
 from flows.resources.kinds import with_tags_now
-from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import MAX_SEED, WorldExport, WorldFormat
@@ -151,11 +150,11 @@ def _named(store: Store, text: str) -> str:
     if template.startswith(NAMED_TEMPLATE_PREFIX):
         return template
     allowed = "a template that CreateWorldTemplate made; what documents used has no name, and stays what it is"
-    raise ResourceNotFound([Fault(path="template", value=repr(text), allowed=allowed)])
+    raise ResourceNotFound.of("template", repr(text), allowed)
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=path, value=value, allowed=allowed)])
+    return DocumentError.of(path, value, allowed)
 
 
 TEMPLATE_HANDLERS: Handlers = {

@@ -131,7 +131,7 @@ def _answer(
 def _gate_of(spec: PipelineSpec) -> Gate:
     if spec.gate is None:
         allowed = "a section gate with the rules to judge by, such as `gate: {successRate: {atLeast: 0.9}}`"
-        raise DocumentError([Fault(path="gate", value="missing", allowed=allowed)])
+        raise DocumentError.of("gate", "missing", allowed)
     return spec.gate
 
 

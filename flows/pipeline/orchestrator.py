@@ -13,7 +13,6 @@ from typing import ParamSpec, Protocol, TypeVar
 from flows.batch.batch_end import WrittenReport
 from flows.pipeline.run_gate import GateAnswer
 from flows.pipeline.stage_report import MadeAsset
-from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
@@ -203,7 +202,7 @@ class ProcessAlone:
         if chosen_workers() is None:
             return None
         allowed = "nothing, where no Prefect server hands out the work: unset it, or leave --direct out"
-        raise DocumentError([Fault(path=WORKERS, value="set", allowed=allowed)])
+        raise DocumentError.of(WORKERS, "set", allowed)
 
     def world_makers(self, store: Store) -> RemoteWorldMaker | None:  # noqa: ARG002 - the protocol's
         """Returns None, having refused workers as `wanted_workers` does."""

@@ -233,7 +233,7 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
         path = "deployment.deploymentApplicationConfigs[0]"
         seen = ", ".join(f"{other} ({digest[:12]})" for other, digest in tested.items())
         value = f"{name} version {version.number} ({version.digest[:12]})"
-        raise DocumentError([Fault(path=path, value=value, allowed=f"{_TESTED} {seen}")])
+        raise DocumentError.of(path, value, f"{_TESTED} {seen}")
     return version
 
 

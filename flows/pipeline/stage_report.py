@@ -13,7 +13,6 @@ from pydantic import JsonValue
 
 from flows.pipeline.run_gate import GateAnswer, read_gate_answer
 from specs.arn import RUN_KIND, resource_name
-from specs.base import Fault
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.data.world import Certificate
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
@@ -48,7 +47,7 @@ def recorded_report(run: JobRecord) -> PipelineReport:
     """
     report = run.detail.get("report")
     if report is None and run.detail.get("refused"):
-        raise DocumentError([Fault(path="run", value=run.id, allowed=run.failure_reason)])
+        raise DocumentError.of("run", run.id, run.failure_reason)
     if report is None:
         raise StageFailed(run.failure_code, run.failure_reason)
     return PipelineReport.model_validate(report)

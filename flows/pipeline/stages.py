@@ -25,7 +25,7 @@ from flows.pipeline.stage_report import JOBS, made_by
 from flows.pipeline.tested_batch import batch_plan
 from flows.resources.kinds import REASON
 from specs.arn import arn
-from specs.base import Fault, canonical_document
+from specs.base import canonical_document
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.field_types import Architecture, OutputLocation
 from specs.pipeline.gate_section import Gate
@@ -199,7 +199,7 @@ def world_export(
         allowed = (
             "<generation>/<world> of each world, in this parameter or in spec.worlds; a run of this flow alone has none"
         )
-        raise DocumentError([Fault(path="worlds", value="none", allowed=allowed)], "parameters")
+        raise DocumentError.of("worlds", "none", allowed, source="parameters")
     references = [reference_arn("world", world, store_id(opened)) for world in chosen]
 
     def work(given: str) -> JobRecord:

@@ -168,7 +168,7 @@ def require_one_version(plan: BatchPlan, baseline: str) -> None:
             "a batch that tests one version, since its rules count all episodes together; name the other one in "
             "noWorseThan, or give each a document of its own"
         )
-        raise DocumentError([Fault(path="gate", value=", ".join(tested), allowed=allowed)])
+        raise DocumentError.of("gate", ", ".join(tested), allowed)
 
 
 def tested_bundles(plan: BatchPlan, other: str) -> dict[str, str]:
@@ -186,6 +186,5 @@ def _world_digest(path: str, store: Store) -> str:
     try:
         body = world_bytes(store, path)
     except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=repr(path), allowed=absence(["world"], store.url))
-        raise ResourceNotFound([fault]) from exc
+        raise ResourceNotFound.of("worlds", repr(path), absence(["world"], store.url)) from exc
     return hashlib.sha256(body).hexdigest()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pydantic import JsonValue
 
-from specs.base import Fault, canonical_document
+from specs.base import canonical_document
 from specs.errors import LimitExceeded, ResourceNotFound
 from specs.job_kinds import JOB_KINDS
 from specs.pipeline.document import PipelineSpec
@@ -99,7 +99,7 @@ def limit_exceeded(name: str, kind: ApplicationKind, free: Iterable[Version]) ->
     listed = ", ".join(map(str, numbers))
     found = f"nothing refers to {listed}" if numbers else "a fleet, a document or a run refers to each of them"
     allowed = f"at most {VERSIONS_AT_MOST} versions; {found}; delete one: {command}"
-    return LimitExceeded([Fault(path="application", value=f"a new version of {name}", allowed=allowed)], source=name)
+    return LimitExceeded.of("application", f"a new version of {name}", allowed, source=name)
 
 
 def free_versions(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec | None = None) -> list[Version]:

@@ -25,7 +25,7 @@ from pydantic import BeforeValidator, Field, GetJsonSchemaHandler, WithJsonSchem
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError
 from specs.field_types import Path as SourcePath
 from specs.pipeline.document import PipelineSpec
@@ -154,7 +154,7 @@ def _text(block: Block, *names: str) -> str:
 
 
 def _refused(chosen: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="store", value=repr(chosen), allowed=allowed)], "parameters")
+    return DocumentError.of("store", repr(chosen), allowed, source="parameters")
 
 
 _SPEC, _BASE, _FILE = "spec", "base", "document"
@@ -215,7 +215,7 @@ def with_document(function: Callable[..., object], parameters: dict[str, Any]) -
     path = Path(parameters.get(_BASE) or ".") / named
     if not path.is_file():
         allowed = f"a document on this machine; {path.resolve()} is no file"
-        raise DocumentError([Fault(path=f"{_SPEC}.{_FILE}", value=repr(named), allowed=allowed)], "parameters")
+        raise DocumentError.of(f"{_SPEC}.{_FILE}", repr(named), allowed, source="parameters")
     found = _part(_document_in(path), form.section, path)
     base = {_BASE: str(path.parent)} if _BASE in inspect.signature(function).parameters else {}
     return {**parameters, **base, _SPEC: found}
@@ -233,10 +233,9 @@ def _document_in(path: Path) -> PipelineSpec:
     data = read_document(path)
     if not is_meant_as_document(data):
         sections = ", ".join(name for name in PipelineSpec.model_fields if name != "name")
-        fault = Fault(
-            path=_FILE, value="no document of Simyard's", allowed=f"a file with some of {sections} at its top"
+        raise DocumentError.of(
+            _FILE, "no document of Simyard's", f"a file with some of {sections} at its top", source=str(path)
         )
-        raise DocumentError([fault], str(path))
     return pipeline_of(data, path, path.parent)
 
 
@@ -248,9 +247,7 @@ def _form(function: Callable[..., object]) -> _OrFile | None:
 def _part(spec: PipelineSpec, section: str, path: Path) -> object:
     found = getattr(spec, section) if section else spec
     if found is None:
-        raise DocumentError(
-            [Fault(path=section, value="missing", allowed="a section, which this flow runs")], str(path)
-        )
+        raise DocumentError.of(section, "missing", "a section, which this flow runs", source=str(path))
     return found
 
 
@@ -296,4 +293,4 @@ def guarded(flow: Flow[P, R]) -> Flow[P, R]:
 def _require_no_secret(parameters: Mapping[str, object]) -> None:
     store = parameters.get(_STORE)
     if isinstance(store, str) and has_secret(store):
-        raise DocumentError([Fault(path=_STORE, value="a URL with a secret in it", allowed=ALLOWED)], "parameters")
+        raise DocumentError.of(_STORE, "a URL with a secret in it", ALLOWED, source="parameters")

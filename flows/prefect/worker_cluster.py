@@ -24,7 +24,6 @@ from prefect.context import FlowRunContext
 from prefect.futures import PrefectFuture
 from prefect.task_runners import TaskRunner
 
-from specs.base import Fault
 from specs.errors import DocumentError, StageFailed
 from specs.settings import WORKERS, Workers, chosen_workers
 
@@ -53,7 +52,7 @@ def wanted_workers() -> Workers | None:
     workers = chosen_workers()
     if workers and find_spec(f"prefect_{workers.kind}") is None:
         allowed = f"a kind of workers that is installed: simyard[{workers.kind}]"
-        raise DocumentError([Fault(path=WORKERS, value=workers.kind, allowed=allowed)])
+        raise DocumentError.of(WORKERS, workers.kind, allowed)
     return workers
 
 

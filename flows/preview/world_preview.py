@@ -98,7 +98,7 @@ def _suffix_faults(output: Path) -> Iterator[Fault]:
 
 
 def _refused_template(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="--output", value=value, allowed=allowed)], "simyard world template")
+    return DocumentError.of("--output", value, allowed, source="simyard world template")
 
 
 FURNITURE_KINDS: tuple[str, ...] = get_args(ModelType)
@@ -175,8 +175,9 @@ def write_furniture_pictures(folder: Path) -> list[Path]:
         for file, kind in zip(files, FURNITURE_KINDS, strict=True):
             file.write_text(furniture_picture(kind), encoding="utf-8")
     except OSError as exc:
-        fault = Fault(path="--pictures", value=f"{folder} ({exc.strerror})", allowed="a folder that can be written")
-        raise DocumentError([fault], "simyard world furniture") from exc
+        raise DocumentError.of(
+            "--pictures", f"{folder} ({exc.strerror})", "a folder that can be written", source="simyard world furniture"
+        ) from exc
     return files
 
 
@@ -364,7 +365,7 @@ def _names_job(reference: str) -> bool:
 def _of_job(store: Store, job: str, count: int) -> WorldSelection:
     references = cast("list[str]", read(store, KIND, job).detail.get("worlds", []))
     if not references:
-        raise DocumentError([Fault(path=KIND, value=repr(job), allowed="a job that has made worlds")])
+        raise DocumentError.of(KIND, repr(job), "a job that has made worlds")
     worlds = tuple(read_world(store, reference, job) for reference in references[:count])
     return WorldSelection(title=job, worlds=worlds, total=len(references))
 
@@ -377,4 +378,4 @@ def _write(path: Path, body: bytes) -> None:
 
 
 def _refused(output: Path, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="--output", value=repr(str(output)), allowed=allowed)], "simyard")
+    return DocumentError.of("--output", repr(str(output)), allowed, source="simyard")

@@ -34,7 +34,6 @@ from flows.queue.lane import LOOK_S, Signals
 from flows.queue.queued_flows import TAG, end_in_flow, queued_flow
 from flows.queue.supervisor import log_to_stderr
 from flows.resources.kinds import cancel_resource
-from specs.base import Fault
 from specs.errors import DocumentError, SimyardError, StageFailed, StoreAway
 from specs.job_kinds import JobKind
 from tasks.simulate.devices import prepare_devices
@@ -166,7 +165,7 @@ def _require_pool(client: SyncPrefectClient, pool: str) -> None:
         client.read_work_pool(pool)
     except ObjectNotFound as exc:
         allowed = f"a work pool of {client.api_url}: prefect work-pool create {pool} --type process"
-        raise DocumentError([Fault(path="--pool", value=repr(pool), allowed=allowed)], "command") from exc
+        raise DocumentError.of("--pool", repr(pool), allowed, source="command") from exc
 
 
 def _deploy(client: SyncPrefectClient, flow: Flow[..., object], pool: str) -> UUID:

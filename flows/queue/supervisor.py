@@ -21,7 +21,6 @@ from types import TracebackType
 from typing import NamedTuple, NoReturn
 
 from flows.prefect.prefect_server import ServerChoice, known_server, prefect_server
-from specs.base import Fault
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.job_kinds import JobKind
 from specs.untrusted_text import terminal_text
@@ -244,7 +243,7 @@ def require_lasting_server(pool: str) -> None:
     with known_server() as url:
         if not url:
             allowed = "a work pool of a server that stays: set PREFECT_API_URL, or simyard up"
-            raise DocumentError([Fault(path="--pool", value=repr(pool), allowed=allowed)], "command")
+            raise DocumentError.of("--pool", repr(pool), allowed, source="command")
 
 
 @contextmanager

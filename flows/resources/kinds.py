@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 from pydantic import JsonValue
 
 from specs.arn import Reference, ResourceKind, list_name, parse_reference
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError, ResourceNotFound, StageFailed, StoreError
 from specs.field_types import Page
 from specs.job_kinds import JOB_KINDS, JobKind
@@ -378,7 +378,7 @@ def require_not_canceled(store: Store, run: JobRecord) -> None:
 
 
 def _refused_arn(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="arn", value=repr(value), allowed=allowed)], source="simyard")
+    return DocumentError.of("arn", repr(value), allowed, source="simyard")
 
 
 _JOB: ResourceKind = "simulation-job"
@@ -458,4 +458,4 @@ def _resource(plural: str) -> Resource:
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=path, value=repr(value), allowed=allowed)], source="simyard")
+    return DocumentError.of(path, repr(value), allowed, source="simyard")

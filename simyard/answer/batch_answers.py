@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, cast
 from flows.batch.replay_episode import JobReplay
 from flows.pipeline.judge_again import LaterVerdict
 from simyard.answer.html import MOST_ROWS, Html, badge, block, heading, link, paragraph, picture, table, text
-from specs.base import Fault
 from specs.data.run_report import Verdict
 from specs.errors import DocumentError
 from tasks.results.batch_comparison import Comparison as Found
@@ -109,9 +108,7 @@ def _cell(name: str, value: object) -> str:
 def _require(library: str) -> None:
     if find_spec(library) is None:
         allowed = f"run pip install 'simyard[{library}]'; without it, .table is an Arrow table"
-        raise DocumentError(
-            [Fault(path=f"to_{library}()", value=f"{library} is not installed", allowed=allowed)], "simyard"
-        )
+        raise DocumentError.of(f"to_{library}()", f"{library} is not installed", allowed, source="simyard")
 
 
 @dataclass(frozen=True, eq=False, repr=False)

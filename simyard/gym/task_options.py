@@ -214,7 +214,6 @@ def _sensors(declared: Mapping[str, Mapping[str, object]] | None) -> object | No
 
 
 def _fault(path: str, value: object, allowed: str) -> Exception:
-    from specs.base import Fault
     from specs.errors import DocumentError
 
-    return DocumentError([Fault(path=path, value=repr(value), allowed=allowed)], "simyard.gym")
+    return DocumentError.of(path, repr(value), allowed, source="simyard.gym")

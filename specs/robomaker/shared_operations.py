@@ -11,7 +11,7 @@ from typing import TypeVar, cast
 
 from pydantic import JsonValue
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError
 from specs.field_types import Arn, FilteredPage, Page, TagKey, TagMap
 
@@ -90,7 +90,7 @@ def _token(place: Place, of: str) -> str:
 
 
 def _refused(path: str, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=path, value=value, allowed=allowed)], source="simyard")
+    return DocumentError.of(path, value, allowed, source="simyard")
 
 
 class ListTagsForResourceRequest(Spec):

@@ -56,8 +56,7 @@ def create_application(
 
     def step(before: Application | None, _number: int) -> Application:
         if before:
-            fault = Fault(path="name", value=name, allowed=f"a name that no {kind} has; update it, or publish into it")
-            raise ResourceAlreadyExists([fault])
+            raise ResourceAlreadyExists.of("name", name, f"a name that no {kind} has; update it, or publish into it")
         made = Application(
             kind=kind,
             name=name,
@@ -217,7 +216,7 @@ def _require_image(found: Application, image_digest: str) -> None:
     environment = found.platform.environment
     if image_digest and not (environment and environment.uri):
         allowed = f"none: {found.name} has no environment whose image it could be of"
-        raise DocumentError([Fault(path="imageDigest", value=image_digest, allowed=allowed)])
+        raise DocumentError.of("imageDigest", image_digest, allowed)
 
 
 def _require_etags(bundles: Sequence[Build], etags: Sequence[str]) -> None:
@@ -226,7 +225,7 @@ def _require_etags(bundles: Sequence[Build], etags: Sequence[str]) -> None:
     given = sorted(each.strip('"') for each in etags)
     if given != found:
         allowed = f"the ETags of what lies at the sources now: {', '.join(found)}"
-        raise DocumentError([Fault(path="s3Etags", value=", ".join(given) or "none", allowed=allowed)])
+        raise DocumentError.of("s3Etags", ", ".join(given) or "none", allowed)
 
 
 def _there(before: Application | None, kind: ApplicationKind, reference: str) -> Application:
@@ -267,7 +266,7 @@ def _taken(store: Store, source: SourceConfig) -> Build:
         except (ObjectNotFound, BundleRefused) as exc:
             path = f"sources[{source.architecture}]"
             allowed = f"a bundle, a plain tar: {exc}"
-            raise DocumentError([Fault(path=path, value=f"s3://{bucket}/{key}", allowed=allowed)]) from exc
+            raise DocumentError.of(path, f"s3://{bucket}/{key}", allowed) from exc
         digest = digest_of(archive)
         store.upload(bundle_key(digest), archive)
         origin = S3Object(bucket=bucket, key=key, etag=etag.strip('"'))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from pydantic import JsonValue
 
 from specs.arn import parse_reference
-from specs.base import Fault, canonical_json
+from specs.base import canonical_json
 from specs.errors import (
     DocumentError,
     LimitExceeded,
@@ -123,7 +123,7 @@ def with_version(
             f"a new version of {before.name}",
             f"at most {VERSIONS_AT_MOST} versions; delete one: simyard app delete",
         )
-        raise LimitExceeded([Fault(path="application", value=value, allowed=allowed)], source=before.name)
+        raise LimitExceeded.of("application", value, allowed, source=before.name)
     main = next((build for build in bundles if build.architecture == "X86_64"), bundles[0])
     revision = next_revision(before, [number, *(build.digest for build in bundles)])
     version = Version(
@@ -171,7 +171,7 @@ def require_revision(application: Application, current: str | None) -> None:
     """
     if current is not None and current != application.revision:
         allowed = f"the revision that it has now, {application.revision!r}: somebody has changed it; look at it again"
-        raise DocumentError([Fault(path="currentRevisionId", value=repr(current), allowed=allowed)], application.name)
+        raise DocumentError.of("currentRevisionId", repr(current), allowed, source=application.name)
 
 
 def application_name(kind: ApplicationKind, reference: str) -> str:
@@ -183,16 +183,15 @@ def application_name(kind: ApplicationKind, reference: str) -> str:
     try:
         parsed = parse_reference(reference)
     except ValueError as exc:
-        raise DocumentError([Fault(path="application", value=reference, allowed=str(exc))]) from exc
+        raise DocumentError.of("application", reference, str(exc)) from exc
     if parsed.kind not in {None, kind}:
-        fault = Fault(path="application", value=reference, allowed=f"the ARN or the name of a {kind}")
-        raise DocumentError([fault])
+        raise DocumentError.of("application", reference, f"the ARN or the name of a {kind}")
     return parsed.path
 
 
 def not_found(path: str, value: str, allowed: str) -> ResourceNotFound:
     """Returns the error that says that something does not exist."""
-    return ResourceNotFound([Fault(path=path, value=repr(value), allowed=allowed)])
+    return ResourceNotFound.of(path, repr(value), allowed)
 
 
 def _checked(found: Application | None, store: Store, kind: ApplicationKind, name: str) -> Application | None:

@@ -314,8 +314,9 @@ def parse(model: type[Model], data: JsonValue, source: str = "document") -> Mode
         document = model.model_validate(data)
     except ValidationError as exc:
         if exc.error_count() > _MOST_TOLD:
-            fault = Fault(path="document", value=f"{exc.error_count():,} faults", allowed=f"a {model.__name__}")
-            raise DocumentError([fault], source) from None
+            raise DocumentError.of(
+                "document", f"{exc.error_count():,} faults", f"a {model.__name__}", source=source
+            ) from None
         faults, more = _with_errors(_all_errors(exc, model, data), model, faults)
     else:
         if not faults:

@@ -160,9 +160,7 @@ def _refuse_bare_request(data: JsonValue, path: Path) -> None:
     section = next((section for key, section in _BARE_REQUESTS.items() if part(data, key) is not None), None)
     if section and part(data, "name") is None:
         allowed = f"`name: ...` at the top, and this request as it stands below `{section}:`"
-        raise DocumentError(
-            [Fault(path="document", value="a request of RoboMaker's alone", allowed=allowed)], str(path)
-        )
+        raise DocumentError.of("document", "a request of RoboMaker's alone", allowed, source=str(path))
 
 
 def _template_faults(data: JsonValue, folder: Path) -> list[Fault]:

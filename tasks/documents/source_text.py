@@ -185,7 +185,7 @@ def decode_source_text(body: bytes, source: str) -> JsonValue:
     except UnicodeDecodeError as exc:
         raise _refused(f"byte {exc.start} is not UTF-8", "text in UTF-8", source) from exc
     except (YamlRefusedError, _JsonRefusedError) as exc:
-        raise DocumentError([Fault(path=exc.where, value=exc.what, allowed=exc.allowed)], source) from exc
+        raise DocumentError.of(exc.where, exc.what, exc.allowed, source=source) from exc
     faults = list(_not_plain(data))
     if faults:
         raise DocumentError(faults, source)
@@ -203,7 +203,7 @@ class _JsonRefusedError(ValueError):
 
 
 def _refused(value: str, allowed: str, source: str) -> DocumentError:
-    return DocumentError([Fault(path="file", value=value, allowed=allowed)], source)
+    return DocumentError.of("file", value, allowed, source=source)
 
 
 def _load_json(text: str) -> JsonValue:

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from specs.arn import parse_reference
-from specs.base import Fault
 from specs.errors import (
     BucketNotFound,
     DocumentError,
@@ -71,10 +70,9 @@ def find_template_in_bucket(bucket: str, key: str, store: Store) -> TemplateBody
     try:
         body = open_bucket(store, bucket).get(key, _BODY_BYTES).body
     except (ObjectNotFound, BucketNotFound) as exc:
-        fault = Fault(path="templateLocation", value=source, allowed="a template; none is there")
-        raise ResourceNotFound([fault]) from exc
+        raise ResourceNotFound.of("templateLocation", source, "a template; none is there") from exc
     except (ObjectTooBig, StoreAccessDenied) as exc:
-        raise DocumentError([Fault(path="templateLocation", value=source, allowed=f"a template: {exc}")]) from exc
+        raise DocumentError.of("templateLocation", source, f"a template: {exc}") from exc
     return _parse_template(body, source)
 
 
@@ -107,4 +105,4 @@ def _parse_template(body: bytes, source: str) -> TemplateBody:
 
 
 def _missing(template: str, allowed: str) -> DocumentError:
-    return ResourceNotFound([Fault(path="worldGeneration.template", value=repr(template), allowed=allowed)])
+    return ResourceNotFound.of("worldGeneration.template", repr(template), allowed)

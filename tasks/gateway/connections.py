@@ -18,7 +18,6 @@ from uvicorn.config import Config
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.server import ServerState
 
-from specs.base import Fault
 from specs.errors import AccessRefused, DocumentError
 
 
@@ -382,7 +381,7 @@ def bound_socket(host: str, port: int) -> socket.socket:
         bound.close()
         option, value = ("--host", host) if isinstance(exc, socket.gaierror) else ("--port", str(port))
         allowed = f"an address of this machine and a port that is free: {exc.strerror or exc}"
-        raise DocumentError([Fault(path=option, value=repr(value), allowed=allowed)]) from exc
+        raise DocumentError.of(option, repr(value), allowed) from exc
     return bound
 
 
@@ -411,4 +410,4 @@ def _no_password() -> str:
 
 
 def _refused(allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="TLS", value="certificate and key", allowed=allowed)], source="simyard serve")
+    return DocumentError.of("TLS", "certificate and key", allowed, source="simyard serve")

@@ -21,7 +21,7 @@ from urllib.parse import parse_qsl, unquote
 from pydantic import JsonValue, StringConstraints
 
 from specs.arn import ArnForm
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import (
     ConcurrentDeployment,
     DocumentError,
@@ -257,7 +257,7 @@ def _without_nulls(value: Any) -> Any:  # noqa: ANN401 - JSON
 
 
 def _refused(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="body", value=value, allowed=allowed)])
+    return DocumentError.of("body", value, allowed)
 
 
 _URL = re.compile(r"file://[^\s'\";,)]*")

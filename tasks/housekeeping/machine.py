@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError
 from tasks.server.resident import end_kept, is_kept_elsewhere, kept_process
 from tasks.storage.backends.local import disk_now_s
@@ -547,4 +547,4 @@ def _owner(number: int) -> str:
 
 
 def _refused(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="SIMYARD_CACHE", value=value, allowed=allowed)], source="simyard")
+    return DocumentError.of("SIMYARD_CACHE", value, allowed, source="simyard")

@@ -13,7 +13,6 @@ from typing import Literal, get_args
 
 from pydantic import JsonValue
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from specs.untrusted_text import terminal_json
 
@@ -61,7 +60,7 @@ def chosen_log_format() -> LogFormat | None:
         if asked == form:
             return form
     if asked:
-        raise DocumentError([Fault(path=LOG_FORMAT, value=asked, allowed=" or ".join(get_args(LogFormat)))])
+        raise DocumentError.of(LOG_FORMAT, asked, " or ".join(get_args(LogFormat)))
     return None
 
 

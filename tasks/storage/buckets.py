@@ -24,8 +24,9 @@ def bucket_url(store: Store, bucket: str) -> str:
     """
     root = os.environ.get("SIMYARD_BUCKETS") or f"{store.url}/buckets"
     if not root.startswith(("s3://", "file:///")):
-        fault = Fault(path="SIMYARD_BUCKETS", value=repr(root), allowed="s3://, s3://bucket/prefix or file:///folder")
-        raise DocumentError([fault], source="environment")
+        raise DocumentError.of(
+            "SIMYARD_BUCKETS", repr(root), "s3://, s3://bucket/prefix or file:///folder", source="environment"
+        )
     return f"{root if root.endswith('://') else root.rstrip('/') + '/'}{checked_bucket(bucket)}"
 
 

@@ -5,7 +5,6 @@ from difflib import get_close_matches
 from typing import NamedTuple
 
 from specs.arn import KINDS, Reference, ResourceKind, absence, arn, parse_reference
-from specs.base import Fault
 from specs.errors import DocumentError, ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
 from tasks.storage.base.keys import (
@@ -143,8 +142,7 @@ def _missing(store: Store, reference: Reference, kinds: Sequence[ResourceKind]) 
     shown = jobs if len(jobs) == 1 else kinds
     near = [name for kind in shown for name in _near(store, kind, reference.path)][:_NEAR_AT_MOST]
     what = shown[0] if len(shown) == 1 else "name"
-    fault = Fault(path=what, value=repr(reference.path), allowed=absence(shown, store.url, near))
-    return ResourceNotFound([fault], "simyard")
+    return ResourceNotFound.of(what, repr(reference.path), absence(shown, store.url, near), source="simyard")
 
 
 def _near(store: Store, kind: ResourceKind, path: str) -> list[str]:
@@ -178,4 +176,4 @@ def _any_of(kinds: Collection[ResourceKind]) -> str:
 
 
 def _refused(text: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="name", value=repr(text), allowed=allowed)], source="simyard")
+    return DocumentError.of("name", repr(text), allowed, source="simyard")

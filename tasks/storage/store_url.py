@@ -8,7 +8,7 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from uuid import uuid4
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import (
     DocumentError,
     ObjectConflict,
@@ -113,7 +113,7 @@ def _folder(url: str) -> Path:
 def _not_a_store(url: str) -> DocumentError:
     shown = _CREDENTIALS.sub("//***@", url)
     allowed = _URL_RULE if "://" in url else f"{_URL_RULE}; perhaps {Path(shown).resolve().as_uri()}"
-    return DocumentError([Fault(path="store", value=repr(shown), allowed=allowed)], source="--store or SIMYARD_STORE")
+    return DocumentError.of("store", repr(shown), allowed, source="--store or SIMYARD_STORE")
 
 
 def _record(store: Store) -> _StoreRecord | None:

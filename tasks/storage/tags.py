@@ -99,7 +99,7 @@ def with_tags(new: Tags, most: int = TAGS_AT_MOST) -> Change:
         after = {**tags, **new}
         if len(after) > most:
             allowed = f"at most {most} in all; remove some"
-            raise DocumentError([Fault(path="tags", value=f"{len(after)} tags", allowed=allowed)])
+            raise DocumentError.of("tags", f"{len(after)} tags", allowed)
         return after
 
     return change

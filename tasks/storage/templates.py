@@ -19,7 +19,7 @@ from pathlib import PurePosixPath
 from pydantic import JsonValue
 
 from specs.arn import absence
-from specs.base import Fault, Spec, canonical_document, canonical_json
+from specs.base import Spec, canonical_document, canonical_json
 from specs.errors import (
     IdempotentParameterMismatch,
     ObjectCorrupt,
@@ -117,7 +117,7 @@ def leave_name(store: Store, name: str, template: str) -> None:
 
 def name_taken(name: str) -> ResourceAlreadyExists:
     """Returns the error that says that another template has a name."""
-    return ResourceAlreadyExists([Fault(path="name", value=repr(name), allowed="a name that no world template has")])
+    return ResourceAlreadyExists.of("name", repr(name), "a name that no world template has")
 
 
 def _of_name(store: Store, name: str) -> _Name | None:
@@ -338,7 +338,7 @@ def _new_id(token: str) -> str:
 def _same_request(before: NamedTemplate, now: NamedTemplate) -> NamedTemplate:
     if before.request_digest != now.request_digest:
         allowed = f"came before with another request ({before.id}); send the same one, or another token"
-        raise IdempotentParameterMismatch([Fault(path="clientRequestToken", value=repr(now.token), allowed=allowed)])
+        raise IdempotentParameterMismatch.of("clientRequestToken", repr(now.token), allowed)
     return before
 
 
@@ -358,5 +358,4 @@ def _present(found: NamedTemplate | None, store: Store, template: str) -> NamedT
 
 
 def _missing(store: Store, template: str) -> ResourceNotFound:
-    fault = Fault(path="template", value=repr(template), allowed=absence(["world-template"], store.url))
-    return ResourceNotFound([fault])
+    return ResourceNotFound.of("template", repr(template), absence(["world-template"], store.url))

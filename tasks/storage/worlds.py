@@ -14,7 +14,6 @@ from pydantic import ValidationError
 from pydantic_core import to_json
 
 from specs.arn import absence
-from specs.base import Fault
 from specs.data.world import Color, Furniture, Solid, World
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, WorldChanged
 from tasks.storage.base.keys import world_key
@@ -160,11 +159,11 @@ def read_world(store: Store, reference: str, source: str) -> World:
     try:
         return decode_world(world_bytes(store, reference))
     except ObjectNotFound as exc:
-        fault = Fault(path="worlds", value=reference, allowed=absence(["world"], store.url))
-        raise ResourceNotFound([fault], source=source) from exc
+        raise ResourceNotFound.of("worlds", reference, absence(["world"], store.url), source=source) from exc
     except ValidationError as exc:
-        fault = Fault(path="worlds", value=reference, allowed="a world that this version of Simyard wrote")
-        raise DocumentError([fault], source=store.url) from exc
+        raise DocumentError.of(
+            "worlds", reference, "a world that this version of Simyard wrote", source=store.url
+        ) from exc
 
 
 def write_world(store: Store, reference: str, body: bytes) -> None:

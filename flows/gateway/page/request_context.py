@@ -12,7 +12,6 @@ from typing import TypeVar
 from urllib.parse import quote, urlsplit
 
 from specs.arn import ArnForm, Reference, ResourceKind, arn, parse_reference
-from specs.base import Fault
 from specs.errors import (
     DocumentError,
     ObjectNotFound,
@@ -104,12 +103,12 @@ class RequestContext:
 
 def missing(kind: ResourceKind, path: str) -> ResourceNotFound:
     """Returns what to raise for what is not there."""
-    return ResourceNotFound([Fault(path=kind, value=repr(path[:80]), allowed="one that is there")], source="page")
+    return ResourceNotFound.of(kind, repr(path[:80]), "one that is there", source="page")
 
 
 def nothing_there() -> DocumentError:
     """Returns what to raise for an address that is nothing's."""
-    return DocumentError([Fault(path="address", value="it", allowed="one that a page links")], source="page")
+    return DocumentError.of("address", "it", "one that a page links", source="page")
 
 
 def address(kind: ResourceKind, path: str) -> str:

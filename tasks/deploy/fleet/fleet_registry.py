@@ -12,7 +12,6 @@ from pathlib import PurePosixPath
 from pydantic import TypeAdapter, ValidationError
 
 from specs.arn import absence, parse_reference
-from specs.base import Fault
 from specs.errors import (
     DocumentError,
     ObjectExists,
@@ -116,7 +115,7 @@ def _present_fleet(found: FleetRecord | None, store: Store, reference: str, *, d
 
 
 def _missing_fleet(reference: str, allowed: str) -> ResourceNotFound:
-    return ResourceNotFound([Fault(path="fleet", value=repr(reference), allowed=allowed)])
+    return ResourceNotFound.of("fleet", repr(reference), allowed)
 
 
 _LOG = logging.getLogger(__name__)
@@ -170,8 +169,7 @@ def add_robot(store: Store, record: RobotRecord) -> RobotRecord:
     try:
         store.create(robot_record_key(record.name), encode_document(record))
     except ObjectExists as exc:
-        fault = Fault(path="name", value=repr(record.name), allowed="a name that no robot has")
-        raise ResourceAlreadyExists([fault]) from exc
+        raise ResourceAlreadyExists.of("name", repr(record.name), "a name that no robot has") from exc
     return record
 
 
@@ -186,8 +184,7 @@ def register_robot(store: Store, fleet: str, robot: str) -> RobotRecord:
 
     def joined(record: RobotRecord) -> RobotRecord:
         if record.fleet and record.fleet != name:
-            fault = Fault(path="robot", value=record.name, allowed=f"a robot without a fleet; it is in {record.fleet}")
-            raise DocumentError([fault])
+            raise DocumentError.of("robot", record.name, f"a robot without a fleet; it is in {record.fleet}")
         return _with_fleet(record, name)
 
     changed = _change_robot(store, robot, joined)
@@ -231,8 +228,7 @@ def change_robot_tags(store: Store, reference: str, change: Change) -> RobotReco
         try:
             tags = _ROBOT_TAGS.validate_python(change(record.tags))
         except ValidationError as exc:
-            fault = Fault(path="tags", value="given", allowed=_reason(exc))
-            raise DocumentError([fault], source=record.name) from exc
+            raise DocumentError.of("tags", "given", _reason(exc), source=record.name) from exc
         return record.model_copy(update={"tags": tags})
 
     return _change_robot(store, reference, tagged)
@@ -375,4 +371,4 @@ def _reason(exc: ValidationError) -> str:
 
 
 def _missing_robot(reference: str, allowed: str) -> ResourceNotFound:
-    return ResourceNotFound([Fault(path="robot", value=repr(reference), allowed=allowed)])
+    return ResourceNotFound.of("robot", repr(reference), allowed)

@@ -4,7 +4,6 @@ A fleet is taken before anybody works on the job: from then on it is that job's 
 what it runs.
 """
 
-from specs.base import Fault
 from specs.errors import ConcurrentDeployment, ResourceNotFound
 from specs.job_kinds import JobKind
 from tasks.deploy.fleet.fleet_registry import change_fleet, deregister_robot, members, read_robot, robot_name
@@ -47,7 +46,7 @@ def require_free(store: Store, fleet: str, deployment: str) -> None:
     """
     if deployment and not has_ended(store, deployment):
         allowed = f"a fleet without an active deployment; {deployment} has not ended: wait for it, or cancel it"
-        raise ConcurrentDeployment([Fault(path="fleet", value=fleet, allowed=allowed)], source="request")
+        raise ConcurrentDeployment.of("fleet", fleet, allowed, source="request")
 
 
 def has_ended(store: Store, deployment: str) -> bool:
@@ -79,7 +78,7 @@ def _mark_deleted(store: Store, reference: str) -> FleetRecord:
     def marked(fleet: FleetRecord) -> FleetRecord:
         if fleet.deployment and not has_ended(store, fleet.deployment):
             allowed = "a fleet without an active deployment; cancel it, or wait"
-            raise ConcurrentDeployment([Fault(path="fleet", value=fleet.name, allowed=allowed)], source="DeleteFleet")
+            raise ConcurrentDeployment.of("fleet", fleet.name, allowed, source="DeleteFleet")
         return fleet.model_copy(update={"deleted": True})
 
     return change_fleet(store, reference, marked, deleted=True)

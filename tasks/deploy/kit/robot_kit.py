@@ -19,7 +19,6 @@ from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM
 
@@ -178,7 +177,7 @@ def _refuse_foreign(folder: Path, ours: set[str]) -> None:
     there = [path.name for path in folder.iterdir()] if folder.is_dir() else [""]
     if not all(name in ours or _is_wheel(name) for name in there):
         allowed = "a folder that is new, empty, or holds an older kit"
-        raise DocumentError([Fault(path="FOLDER", value=str(folder), allowed=allowed)])
+        raise DocumentError.of("FOLDER", str(folder), allowed)
 
 
 def _is_wheel(name: str) -> bool:

@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.storage.backends.local import LOCKS, LocalStore
 from tasks.storage.base.keys import STORE, reported_key
@@ -79,7 +78,7 @@ def make_home(account: Account, root: Path) -> Path:
     if not _can_enter(account, home):
         otherwise = f"or --user {os.geteuid()}, and programs run as this agent does"
         allowed = f"a folder that the account {account.name!r} can get to; {otherwise}"
-        raise DocumentError([Fault(path="--root", value=str(root), allowed=allowed)], source="agent")
+        raise DocumentError.of("--root", str(root), allowed, source="agent")
     return home
 
 
@@ -134,7 +133,7 @@ def _can_enter(account: Account, folder: Path) -> bool:
 
 
 def _refused(user: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="--user", value=repr(user), allowed=allowed)], source="agent")
+    return DocumentError.of("--user", repr(user), allowed, source="agent")
 
 
 _ANY = ".any"

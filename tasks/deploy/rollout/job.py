@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
-from specs.base import Fault, canonical_document
+from specs.base import canonical_document
 from specs.errors import ConcurrentDeployment, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import RollOutRules
@@ -233,10 +233,9 @@ def _free_fleet(store: Store, fleet: FleetRecord, job: str) -> None:
         return
     with hold_claim_unless_alive(store, claim_key(_KIND, other)) as claim:
         if claim is None:
-            fault = Fault(
-                path="fleet", value=name, allowed=f"a fleet without an active deployment; wait for {known.arn}"
+            raise ConcurrentDeployment.of(
+                "fleet", name, f"a fleet without an active deployment; wait for {known.arn}", source="deployment"
             )
-            raise ConcurrentDeployment([fault], source="deployment")
         reason = f"nobody worked on it any more when {job} was asked for"
         ended = close_abandoned_job(store, known, claim, reason)
     _LOG.warning("deployment %s is %s: %s", other, ended.status, reason)

@@ -9,7 +9,6 @@ from typing import Literal
 
 from pydantic import JsonValue
 
-from specs.base import Fault
 from specs.errors import DocumentError, ObjectConflict, ObjectExists, ObjectNotFound, ResourceNotFound
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.deploy.fleet.fleet_registry import NOTHING_ASKED, TOO_BIG, read_desired, read_fleet
@@ -166,4 +165,4 @@ def _close_if_abandoned(store: Store, record: JobRecord) -> JobRecord:
 
 
 def _refused(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="arn", value=repr(value), allowed=allowed)], source="simyard")
+    return DocumentError.of("arn", repr(value), allowed, source="simyard")

@@ -296,7 +296,7 @@ def _fleet_faults(fleet: str, robots: list[RobotRecord], path: str) -> Iterator[
 
 
 def _missing(field: str, value: str, allowed: str) -> ResourceNotFound:
-    return ResourceNotFound([Fault(path=f"{_PATH}.{field}", value=repr(value), allowed=allowed)], source="deployment")
+    return ResourceNotFound.of(f"{_PATH}.{field}", repr(value), allowed, source="deployment")
 
 
 SYNC = "sync"
@@ -318,8 +318,9 @@ def latest_deployment(store: Store, fleet: str) -> JobRecord:
         planned = [job for job in records(store, _KIND) if _plan_of(job).get("fleet") == record.name]
         last = planned[-1] if planned else None
     if last is None:
-        fault = Fault(path="fleet", value=repr(fleet), allowed="a fleet to which something was deployed")
-        raise ResourceNotFound([fault], source="SyncDeploymentJob")
+        raise ResourceNotFound.of(
+            "fleet", repr(fleet), "a fleet to which something was deployed", source="SyncDeploymentJob"
+        )
     if (planned := _plan_of(last).get("fleet")) != record.name:
         what = f"{last.id!r:.100}, the last deployment of {record.name!r} by the store's records, is {planned!r:.100}'s"
         raise TrustRefused(f"{what}; find out who writes to the store, and make a new deployment")

@@ -23,7 +23,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 from pydantic import Field, ValidationError
 
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import DocumentError
 from tasks.storage.base.local_files import flush_to_disk, settle_names
 from tasks.storage.base.store import Store
@@ -186,7 +186,7 @@ class Keyring:
         found = self.find(role, keyids)
         if found is None:
             allowed = f"the key {role}-*.pem that the store's metadata names; fetch it from where you keep it offline"
-            raise DocumentError([Fault(path="keys", value=str(self.folder), allowed=allowed)])
+            raise DocumentError.of("keys", str(self.folder), allowed)
         return found
 
     def keep_only(self, role: Role, keyids: Iterable[str]) -> None:
@@ -250,8 +250,7 @@ class Keyring:
         except FileNotFoundError:
             return None
         except ValidationError as exc:
-            fault = Fault(path="keys", value=str(self.folder / name), allowed="what simyard fleet keys init wrote")
-            raise DocumentError([fault]) from exc
+            raise DocumentError.of("keys", str(self.folder / name), "what simyard fleet keys init wrote") from exc
 
     @contextmanager
     def alone(self) -> Generator[None]:
@@ -273,7 +272,7 @@ def checked_role(name: str) -> Role:
     roles: dict[str, Role] = {role: role for role in ROLES}
     found = roles.get(name)
     if found is None:
-        raise DocumentError([Fault(path="role", value=repr(name), allowed=", ".join(ROLES))])
+        raise DocumentError.of("role", repr(name), ", ".join(ROLES))
     return found
 
 
@@ -359,4 +358,4 @@ def _write(path: Path, body: bytes, mode: int = 0o600) -> None:
 
 def refused_keys(path: Path, allowed: str) -> DocumentError:
     """Returns the error for a file or folder of keys that is not what it must be."""
-    return DocumentError([Fault(path="keys", value=str(path), allowed=allowed)])
+    return DocumentError.of("keys", str(path), allowed)

@@ -19,7 +19,6 @@ from threading import Lock
 from typing import Literal, get_args
 
 from specs.arn import KINDS, ResourceKind, parse_reference
-from specs.base import Fault
 from specs.errors import DocumentError, ResourceAlreadyExists, ResourceNotFound
 from specs.settings import region
 from tasks.storage.base.keys import checked_name
@@ -85,7 +84,7 @@ def _scope(text: str, kind: str, path: str, store_id: str) -> Scope:
 
 
 def _refused_scope(text: str) -> DocumentError:
-    return DocumentError([Fault(path="--on", value=repr(text), allowed=_SCOPES)], source="access key")
+    return DocumentError.of("--on", repr(text), _SCOPES, source="access key")
 
 
 KeyRight = Literal["read", "simulate", "deploy"]
@@ -195,7 +194,7 @@ def _parser() -> configparser.ConfigParser:
 
 
 def _fault(source: str, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="access key", value=repr(value), allowed=allowed)], source=source)
+    return DocumentError.of("access key", repr(value), allowed, source=source)
 
 
 ACCESS_FILE = "SIMYARD_ACCESS_FILE"
@@ -253,7 +252,7 @@ def add_key(path: Path, name: str, rights: Iterable[str], on: Iterable[str] = ()
         keys = read_keys(path)
         if any(key.name == name for key in keys.values()):
             allowed = f"a new name; simyard access revoke {name} makes it free"
-            raise ResourceAlreadyExists([Fault(path="access key", value=repr(name), allowed=allowed)], str(path))
+            raise ResourceAlreadyExists.of("access key", repr(name), allowed, source=str(path))
         key = new_key(name, rights, on)
         _write(path, [*keys.values(), key])
         return key
@@ -282,7 +281,7 @@ def find_key(keys: Mapping[str, AccessKey], name: str, path: Path) -> AccessKey:
         if name in {key.name, key.key_id}:
             return key
     allowed = "a key of the file; simyard access list shows them"
-    raise ResourceNotFound([Fault(path="access key", value=repr(name), allowed=allowed)], str(path))
+    raise ResourceNotFound.of("access key", repr(name), allowed, source=str(path))
 
 
 class KeyFile:
@@ -334,7 +333,7 @@ def _write(path: Path, keys: Iterable[AccessKey]) -> None:
 
 
 def _refused_file(path: Path, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="access keys", value=repr(str(path)), allowed=allowed)], source="simyard")
+    return DocumentError.of("access keys", repr(str(path)), allowed, source="simyard")
 
 
 _EVERYWHERE = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - to be told apart from names that clients can ask for

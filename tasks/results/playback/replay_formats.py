@@ -4,7 +4,6 @@ from collections.abc import Iterable, Mapping
 from importlib.util import find_spec
 from typing import Literal
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from specs.field_types import BagFormat
 
@@ -29,7 +28,7 @@ def require_extra(extra: Extra, path: str, value: str = "asked for") -> None:
     """
     if not is_installed(extra):
         allowed = f"with what writes it installed: pip install 'simyard[{extra}]'"
-        raise DocumentError([Fault(path=path, value=value, allowed=allowed)], source="simyard")
+        raise DocumentError.of(path, value, allowed, source="simyard")
 
 
 def is_installed(extra: Extra) -> bool:

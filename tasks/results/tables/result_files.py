@@ -10,7 +10,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import JsonValue
 
-from specs.base import Fault
 from specs.data.episode_columns import pair_columns
 from specs.errors import ObjectNotFound, ResourceNotFound, StageFailed
 from specs.field_types import OutputLocation
@@ -292,8 +291,9 @@ def _read(store: Store, location: OutputLocation, path: str, sha256: str = "") -
     try:
         body = bucket.get(key).body
     except ObjectNotFound as exc:
-        fault = Fault(path="outputLocation", value=url, allowed="a file that its batch has left there")
-        raise ResourceNotFound([fault], source="simyard") from exc
+        raise ResourceNotFound.of(
+            "outputLocation", url, "a file that its batch has left there", source="simyard"
+        ) from exc
     if sha256:
         require_as_written(hashlib.sha256(body).hexdigest(), sha256, url)
     return pa.BufferReader(body)

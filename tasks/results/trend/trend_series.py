@@ -56,7 +56,7 @@ def parse_measure(text: str) -> Measure:
     except ValueError:
         value = 0.0
     if not (0.0 < value < 1.0) or column in {SUCCESS, COLLISION} or not measure_column(column):
-        raise DocumentError([Fault(path="--measure", value=repr(text), allowed=_ALLOWED)], source="simyard")
+        raise DocumentError.of("--measure", repr(text), _ALLOWED, source="simyard")
     return Measure(column=column, quantile=value)
 
 

@@ -16,7 +16,7 @@ from typing import TypeVar, cast
 from pydantic import JsonValue
 
 from specs.arn import arn, parse_reference
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.data.outcomes import failed_tags, outcome_tags, with_outcome
 from specs.errors import DocumentError, ResourceNotFound
@@ -164,7 +164,7 @@ class Jobs:
         allowed = (
             f"a request that never became a job ({why}); simyard describe {self._batch.id} has it in failedRequests"
         )
-        raise ResourceNotFound([Fault(path="simulation-job", value=f"'{self._batch.id}/{index}'", allowed=allowed)])
+        raise ResourceNotFound.of("simulation-job", f"'{self._batch.id}/{index}'", allowed)
 
     def described(self, index: int) -> _Document:
         """Returns a job as DescribeSimulationJob answers.
@@ -407,7 +407,7 @@ def _job_path(reference: str) -> str:
 
 
 def _unknown(reference: str) -> ResourceNotFound:
-    return ResourceNotFound([Fault(path="jobs", value=repr(reference), allowed="the ARN of a simulation job")])
+    return ResourceNotFound.of("jobs", repr(reference), "the ARN of a simulation job")
 
 
 def _few(found: Iterable[T]) -> tuple[T, ...] | None:
@@ -464,7 +464,7 @@ def _ended_jobs(batch: OpenBatch, chunk: int) -> dict[int, str]:
 
 
 def _refused(value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path="arn", value=repr(value), allowed=allowed)], source="simyard")
+    return DocumentError.of("arn", repr(value), allowed, source="simyard")
 
 
 def restart_job(store: Store, path: str) -> None:
@@ -497,4 +497,4 @@ def restart_job(store: Store, path: str) -> None:
 
 def _not_running(path: str, status: str) -> DocumentError:
     allowed = f"a job that is running; this one is {status}. To test new content of its applications, run the document"
-    return DocumentError([Fault(path="arn", value=repr(path), allowed=f"{allowed} again")], source="simyard")
+    return DocumentError.of("arn", repr(path), f"{allowed} again", source="simyard")

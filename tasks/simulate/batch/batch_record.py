@@ -21,7 +21,6 @@ from typing import Literal, cast, get_args
 
 from pydantic import JsonValue
 
-from specs.base import Fault
 from specs.data.episode import WITHDRAWN, EpisodeResult, unfinished_result
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.robomaker.simulation import SimulationJobBatchErrorCode, SimulationJobErrorCode
@@ -171,7 +170,7 @@ def job_of(store: Store, path: str) -> tuple[OpenBatch, int]:
     index = int(number) if number.isdecimal() else -1
     if not 0 <= index < jobs or number != str(index):
         allowed = f"{name}/0 to {name}/{jobs - 1}"
-        raise ResourceNotFound([Fault(path="simulation-job", value=repr(path), allowed=allowed)])
+        raise ResourceNotFound.of("simulation-job", repr(path), allowed)
     return batch, index
 
 

@@ -115,7 +115,7 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     if len(places) > 1:
         path = "simulationBatch.createSimulationJobRequests[*].outputLocation"
         allowed = "one place for the whole batch, as simulationBatch.outputLocation"
-        raise DocumentError([Fault(path=path, value=", ".join(sorted(places)), allowed=allowed)])
+        raise DocumentError.of(path, ", ".join(sorted(places)), allowed)
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
@@ -182,13 +182,13 @@ def _simulated_architecture(version: Version, asked: Architecture | None) -> Arc
     """
     if not version.builds and asked:
         allowed = f"nothing: version {version.number} of {version.name} has one bundle for all architectures"
-        raise DocumentError([Fault(path="architecture", value=asked, allowed=allowed)])
+        raise DocumentError.of("architecture", asked, allowed)
     if not version.builds or (asked or "X86_64") in version.digests:
         return (asked or "X86_64") if version.builds else None
     value = f"{version.name} version {version.number}, for {', '.join(version.digests)}"
     if asked is None:
-        raise DocumentError([Fault(path="applicationVersion", value=value, allowed="a version with an X86_64 source")])
-    raise DocumentError([Fault(path="architecture", value=asked, allowed=f"an architecture of {value}")])
+        raise DocumentError.of("applicationVersion", value, "a version with an X86_64 source")
+    raise DocumentError.of("architecture", asked, f"an architecture of {value}")
 
 
 def _own_worlds(request: PipelineJobRequest) -> list[str]:

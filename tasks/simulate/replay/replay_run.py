@@ -5,7 +5,6 @@ from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.base import Fault
 from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from specs.errors import ResourceNotFound
@@ -94,8 +93,9 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
     worlds, missing = load_worlds(batch, [request])
     mounted = batch_mounts(batch)
     if why := missing.get(request.world) or mounted.failure(request):
-        fault = Fault(path="simulation-job", value=f"{batch.id}/{index}", allowed=f"one that can be replayed: {why}")
-        raise ResourceNotFound([fault], source="simyard")
+        raise ResourceNotFound.of(
+            "simulation-job", f"{batch.id}/{index}", f"one that can be replayed: {why}", source="simyard"
+        )
     driven = drive_apart(
         mounted.resolved(request),
         worlds,

@@ -67,7 +67,7 @@ def action_map(robot: Path, *, normalized: bool) -> ActionMap:
     limited = np.flatnonzero(model.actuator_ctrllimited)
     if not limited.size:
         allowed = "at least one actuator with a ctrlrange: actions are drawn from it"
-        raise DocumentError([Fault(path="actuator", value="no ctrlrange", allowed=allowed)], f"{robot}")
+        raise DocumentError.of("actuator", "no ctrlrange", allowed, source=f"{robot}")
     low, high = model.actuator_ctrlrange[limited].astype(np.float32).T
     names = tuple(model.actuator(int(each)).name or f"actuator {each}" for each in limited)
     return ActionMap(names, limited, np.ascontiguousarray(low), np.ascontiguousarray(high), model.nu, normalized)

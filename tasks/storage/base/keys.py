@@ -8,7 +8,6 @@ import hashlib
 import re
 from string import Formatter
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
 
@@ -98,7 +97,7 @@ def _match(pattern: re.Pattern[str], text: str, what: str, rule: str) -> str:
 
 
 def _refused(what: str, text: str, rule: str) -> DocumentError:
-    return DocumentError([Fault(path=what, value=repr(text[:80]), allowed=rule)], source="store")
+    return DocumentError.of(what, repr(text[:80]), rule, source="store")
 
 
 STORE = "store.json"

@@ -13,7 +13,6 @@ import secrets
 from contextlib import suppress
 from pathlib import Path
 
-from specs.base import Fault
 from specs.errors import DocumentError
 from specs.settings import OWNER_KEY
 from tasks.storage.base.local_files import cache_folder, flush_to_disk, hidden_file, settle_names
@@ -85,7 +84,7 @@ def owner_key() -> bytes:
         key = path.read_bytes()
     if len(key) != _KEY_BYTES:
         allowed = f"a file of {_KEY_BYTES} random bytes; remove it, and a new one is made"
-        raise DocumentError([Fault(path=OWNER_KEY, value=repr(str(path)), allowed=allowed)], source="simyard")
+        raise DocumentError.of(OWNER_KEY, repr(str(path)), allowed, source="simyard")
     return key
 
 

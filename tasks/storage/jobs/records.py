@@ -21,7 +21,7 @@ from typing import NamedTuple
 from pydantic import JsonValue
 
 from specs.arn import RUN_KIND, absence, arn
-from specs.base import Fault, Spec
+from specs.base import Spec
 from specs.errors import (
     DocumentError,
     IdempotentParameterMismatch,
@@ -63,9 +63,7 @@ def token_mismatch(kind: JobKind, known: JobToken, digest: str, changes: str) ->
     what = f": {changes}" if changes else ""
     digests = f"request {known.request_digest}, now {digest}"
     allowed = f"came before with another request ({known.id}){what}; send the same one, or another token ({digests})"
-    return IdempotentParameterMismatch(
-        [Fault(path="clientRequestToken", value=repr(known.token), allowed=allowed)], source=kind
-    )
+    return IdempotentParameterMismatch.of("clientRequestToken", repr(known.token), allowed, source=kind)
 
 
 _SHOWN = 3
@@ -400,8 +398,7 @@ def _mismatch(store: Store, kind: JobKind, old: JobToken, request: dict[str, Jso
 
 def _known(found: JobRecord | None, store: Store, kind: JobKind, wanted: str) -> JobRecord:
     if found is None:
-        fault = Fault(path=kind, value=repr(wanted), allowed=absence([kind], store.url))
-        raise ResourceNotFound([fault], source="store")
+        raise ResourceNotFound.of(kind, repr(wanted), absence([kind], store.url), source="store")
     return found
 
 
@@ -417,8 +414,9 @@ def cancel_watched_job(store: Store, kind: JobKind, job: str) -> JobRecord:
     """
     record = advance(store, kind, job, "Canceling", only_from=_GOING)
     if record.status != "Canceling":
-        fault = Fault(path="arn", value=repr(job), allowed=f"a job that is under way; this one is {record.status}")
-        raise DocumentError([fault], source="simyard")
+        raise DocumentError.of(
+            "arn", repr(job), f"a job that is under way; this one is {record.status}", source="simyard"
+        )
     with hold_claim_unless_alive(store, claim_key(kind, job)) as claim:
         if claim is None:
             return record

@@ -11,7 +11,6 @@ from pathlib import Path
 from pydantic import JsonValue, ValidationError
 
 from specs.arn import Reference, reference_path
-from specs.base import Fault
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists, ObjectNotFound
 from specs.job_kinds import JobKind
@@ -71,7 +70,7 @@ def _wrong_fields(world: World) -> list[str]:
 
 
 def _fault(file: Path, value: str, allowed: str) -> DocumentError:
-    return DocumentError([Fault(path=str(file), value=value, allowed=allowed)], source="simyard")
+    return DocumentError.of(str(file), value, allowed, source="simyard")
 
 
 _USERS: Sequence[JobKind] = ("simulation-job-batch", "world-export-job")

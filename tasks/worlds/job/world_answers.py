@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from pydantic import JsonValue, TypeAdapter
 
 from specs.arn import ResourceKind, absence, arn, reference_path, store_id_of
-from specs.base import Fault, Spec, canonical_json
+from specs.base import Spec, canonical_json
 from specs.data.world import World
 from specs.errors import ObjectNotFound, ResourceNotFound
 from specs.job_kinds import JobKind
@@ -198,7 +198,7 @@ def _read_object(store: Store, key: str, kind: ResourceKind, path: str) -> bytes
     try:
         return store.get(key).body
     except ObjectNotFound as exc:
-        raise ResourceNotFound([Fault(path=kind, value=repr(path), allowed=absence([kind], store.url))]) from exc
+        raise ResourceNotFound.of(kind, repr(path), absence([kind], store.url)) from exc
 
 
 _WORLD, _TEMPLATE = "world", "world-template"
