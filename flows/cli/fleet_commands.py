@@ -111,7 +111,7 @@ def show_keys(keys: _RequiredKeys, store: _StoreUrl = None) -> None:
     from flows.resources.fleet_membership import force_lines
     from tasks.deploy.trust.keyring import ROLES, keyring
     from tasks.deploy.trust.repository import open_repository
-    from tasks.deploy.trust.signed_fleets import SignedFleets, read_fleets
+    from tasks.deploy.trust.signed_fleets import read_fleets
     from tasks.storage.store_url import open_existing_store
 
     found = open_existing_store(store)
@@ -121,7 +121,7 @@ def show_keys(keys: _RequiredKeys, store: _StoreUrl = None) -> None:
             where = "here" if session.at_hand(role) else "not here"
             until = session.state.expires(role).strftime("%Y-%m-%dT%H:%MZ" if role == "timestamp" else "%Y-%m-%d")
             echo(f"{role:10}{keyid[:16]}  until {until:17}  {where}")
-        fleets = read_fleets(session.state.deployer.signed) or SignedFleets()
+        fleets = read_fleets(session.state.deployer.signed)
     for line in force_lines(fleets):
         echo(line)
 

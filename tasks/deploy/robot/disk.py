@@ -74,7 +74,7 @@ class Disk:
         """
         path = self.root / "state.json"
         try:
-            path.chmod(0o600)  # of an older version it may have another
+            path.chmod(0o600)  # whoever wrote it
             return RobotState.model_validate_json(path.read_bytes())
         except FileNotFoundError:
             return self._fresh_state()

@@ -244,17 +244,15 @@ class SignedFleets(_Signed):
         return self.model_copy(update=changes)
 
 
-def read_fleets(deployer: Targets) -> SignedFleets | None:
-    """Returns what the deployer's metadata says of fleets; None where an older Simyard has signed it.
+def read_fleets(deployer: Targets) -> SignedFleets:
+    """Returns what the deployer's metadata says of fleets; of none, before the first was signed.
 
     Raises:
         TrustRefused: It says something that cannot be read.
     """
     found = deployer.unrecognized_fields.get(FIELD)
-    if found is None:
-        return None
     try:
-        return SignedFleets.model_validate(found)
+        return SignedFleets() if found is None else SignedFleets.model_validate(found)
     except ValidationError as exc:
         raise TrustRefused("what is signed of fleets cannot be read: install a newer Simyard here") from exc
 

@@ -112,7 +112,7 @@ class DeploymentSigner:
 
     def fleets(self) -> SignedFleets:
         """Returns what is signed of fleets now."""
-        return read_fleets(read_repository(self._store, self._ring).deployer.signed) or SignedFleets()
+        return read_fleets(read_repository(self._store, self._ring).deployer.signed)
 
     def withdraw(self, deployment: str) -> int | None:
         """Has robots accept a deployment no more; those that have begun with it go on.
@@ -258,7 +258,7 @@ def chosen_signer(store: Store, trust: Literal["signed", "unsigned"], *, local: 
 
 def _fleets(session: Session) -> SignedFleets:
     """Returns what is signed of fleets, and will be replaced now."""
-    found = read_fleets(session.state.deployer.signed) or SignedFleets()
+    found = read_fleets(session.state.deployer.signed)
     return found.replacing(session.state.expires("timestamp").timestamp())
 
 

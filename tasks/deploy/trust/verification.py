@@ -97,17 +97,10 @@ class Verifier:
         if desired.expires_at_s <= self._now_s():
             raise TrustExpired(f"it expired at {_date(desired.expires_at_s)}; {self._clock()} deploy again")
         found = updater.get_targetinfo(bundle_target(desired.digest))
-        self._require_in_force(desired)
+        read_fleets(self._verified("deployer")).admit(desired)
         if found is None or found.hashes.get("sha256") != desired.digest:
             raise TrustRefused(f"bundle {desired.digest[:12]} is not on the deployer's signed list; deploy it again")
         return found.length
-
-    def _require_in_force(self, desired: Desired) -> None:
-        fleets = read_fleets(self._verified("deployer"))
-        if fleets is None:
-            what = "what is signed does not say which deployments are in force"
-            raise TrustRefused(f"{what}: install a newer Simyard where you deploy, and deploy again")
-        fleets.admit(desired)
 
     def _verified(self, role: Role) -> Targets:
         """Returns metadata that the updater has just verified and written."""

@@ -106,32 +106,6 @@ def test_an_agent_that_is_killed_in_a_step_finishes_after_its_next_start(
     assert sorted(path.name for path in (yard.root("r1") / "versions").iterdir()) == sorted([old.digest, new.digest])
 
 
-@pytest.mark.long
-def test_an_agent_that_is_killed_again_and_again_never_breaks_its_version(
-    yard: Yard, agents: list[subprocess.Popen[bytes]]
-) -> None:
-    scripts = {"run.sh": STAYS_UP, "before.sh": "#!/bin/sh\n", "after.sh": "#!/bin/sh\n"}
-    versions = [yard.publish({**scripts, "run.sh": f"{STAYS_UP}# {number}\n"}) for number in range(4)]
-    for number, version in enumerate(versions):
-        _ask(yard, version, f"dep-{number}")
-        for kills in range(3):
-            agent = yard.start_agent("r1")
-            agents.append(agent)
-            pause = 0.25 + 0.13 * kills + 0.05 * number  # spread over start-up, installation and launch
-            try:
-                agent.wait(pause)
-            except subprocess.TimeoutExpired:
-                kill(agent)
-            yard.current("r1")
-
-    agents.append(yard.start_agent("r1"))
-    done = wait_for_report(
-        yard, "r1", lambda reported: reported.deployment == "dep-3" and reported.status != "Deploying"
-    )
-    assert (done.status, yard.current("r1")) == ("InSync", versions[-1].digest)
-    assert programs_of(yard.root("r1")) == ["sleep 1000"]
-
-
 def test_an_agent_that_is_told_to_end_ends_its_application_and_exits_with_0(
     yard: Yard, agents: list[subprocess.Popen[bytes]]
 ) -> None:

@@ -1,10 +1,8 @@
 """The controller: what it asks of robots, when it waits, stops, and is continued."""
 
 import contextlib
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import cast
@@ -14,7 +12,7 @@ import pytest
 from specs.errors import StageFailed, StoreUnreachable
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig
-from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, read_reported, register_robot
+from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, register_robot
 from tasks.deploy.fleet.states import MOST_SEQUENCE, Desired, Withdrawn
 from tasks.deploy.fleet_descriptions import describe_deployment_job
 from tasks.deploy.rollout.controller import ControllerPace, ask_robot
@@ -25,7 +23,7 @@ from tasks.storage.jobs.records import job_id, records
 from tests.deploy.one_robot import GOOD, NAME, desired
 from tests.deploy.puppets import CountingStore, FailingStore, PuppetRobots, run
 from tests.deploy.trust.signed_fleet import Owner
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
+from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 NOW_S = 1_700_000_000.0
 
@@ -105,15 +103,6 @@ def test_a_fleet_without_keys_is_asked_too_when_somebody_has_used_up_the_numbers
 
 
 KIND = "deployment-job"
-CONTROLLER = """
-import sys
-from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.rollout.job import run_deployment_job
-from tasks.storage.store_url import open_store
-request = CreateDeploymentJobRequest.model_validate_json(sys.argv[2])
-run_deployment_job(open_store(sys.argv[1]), request, digest=sys.argv[3], token=sys.argv[4],
-                   progress=lambda ended, robots: print(ended, flush=True))
-"""
 
 
 def test_a_robot_that_never_answers_counts_as_failed_after_its_timeout(yard: Yard) -> None:
@@ -296,43 +285,6 @@ def test_a_controller_s_clock_goes_on_when_the_machine_s_is_set(monkeypatch: pyt
         monkeypatch.setattr(time, "monotonic", lambda: ticks() + 1000.0)
         assert pace.now_s() == pytest.approx(before_s + 1000.0, abs=100.0)
         monkeypatch.undo()
-
-
-@pytest.fixture
-def agents(yard: Yard) -> Iterator[list[str]]:
-    names = [f"r{number}" for number in range(3)]
-    for name in names:
-        create_robot(yard.store, name)
-        register_robot(yard.store, FLEET, name)
-    started = [yard.start_agent(name) for name in names]
-    yield names
-    for agent in started:
-        kill(agent)
-
-
-@pytest.mark.long
-@pytest.mark.integration
-def test_a_controller_process_that_is_killed_is_continued_and_every_robot_launches_once(
-    yard: Yard, agents: list[str]
-) -> None:
-    version = yard.publish({"run.sh": STAYS_UP})
-    request = yard.request(version, "one")
-    argv = [sys.executable, "-c", CONTROLLER, yard.store.url, request.model_dump_json(), version.digest, "one"]
-    with subprocess.Popen(argv, stdout=subprocess.PIPE) as controller:
-        assert controller.stdout
-        controller.stdout.readline()
-        kill(controller)
-    assert any(read_reported(yard.store, name) for name in agents)
-    asked = [read_desired(yard.store, name)[0] for name in agents]
-
-    record = yard.deploy(version, "one")
-
-    assert record.status == "Succeeded"
-    for name in agents:
-        eventually((yard.root(name) / "launches").exists)
-    assert [(yard.root(name) / "launches").read_text() for name in agents] == ["up\n"] * 3
-    after = [read_desired(yard.store, name)[0] for name in agents]
-    assert [each for each in asked if each and each not in after] == [], "nobody is asked twice"
 
 
 class SpoiltRobots(PuppetRobots):

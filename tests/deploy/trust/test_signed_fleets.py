@@ -235,9 +235,9 @@ def test_metadata_lists_no_bundle_that_nothing_in_force_brings() -> None:
     assert read_fleets(deployer) == _BEGUN
 
 
-def test_metadata_of_an_older_simyard_says_nothing_and_of_a_newer_one_no_less() -> None:
+def test_metadata_that_says_nothing_of_fleets_names_none_and_of_a_newer_simyard_no_less() -> None:
     deployer = Targets()
-    assert read_fleets(deployer) is None
+    assert read_fleets(deployer) == SignedFleets()
     deployer.unrecognized_fields[FIELD] = {**_BEGUN.model_dump(mode="json"), "newer": 1}
     assert read_fleets(deployer) == _BEGUN
     deployer.unrecognized_fields[FIELD] = {"robots": 1}

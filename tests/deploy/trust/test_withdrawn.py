@@ -210,13 +210,13 @@ def test_a_plan_of_another_fleet_is_not_synced_unsigned_either(yard: Yard, robot
         run_sync_job(yard.store, "keepers", token="sync", progress=lambda *_: None)  # noqa: S106
 
 
-def test_metadata_of_before_says_nothing_of_force_and_is_refused(yard: Yard, owner: Owner) -> None:
+def test_metadata_that_says_nothing_of_force_is_refused(yard: Yard, owner: Owner) -> None:
     wanted = owner.signed(yard.publish(GOOD), 1)
     with open_repository(yard.store, owner.ring) as session:
         session.state.deployer.signed.unrecognized_fields.clear()
         session.commit(["deployer"])
 
-    assert "install a newer Simyard where you deploy" in CarefulRobot(yard, owner.root).look(wanted).failure_reason
+    assert "in no fleet that a key vouches for" in CarefulRobot(yard, owner.root).look(wanted).failure_reason
 
 
 def test_the_owner_writes_back_what_was_replaced_or_lost(yard: Yard, owner: Owner) -> None:
