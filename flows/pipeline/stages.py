@@ -72,7 +72,7 @@ from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 from tasks.storage.jobs.runs import stage_token
 from tasks.storage.store_url import open_store, store_id
-from tasks.worlds.step import generate_elsewhere, generate_worlds
+from tasks.worlds.step import generate_on_workers, generate_worlds
 
 _FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 
@@ -144,7 +144,7 @@ def world_generation(
 
     make = partial(run_step, generate_worlds)
     if makers:  # they show a task run for each piece; one around them would hold what cannot be sent
-        make = partial(generate_elsewhere, elsewhere=makers)
+        make = partial(generate_on_workers, remote=makers)
 
     def work_part(given: str, part: GenerationPart) -> JobRecord:
         request = generation_request(spec, part, template=arn("world-template", store_id(opened), digest), token=given)

@@ -52,7 +52,7 @@ _SQUARE = 1.0
 
 
 def weigh_wishes(
-    brief: ResolvedTemplate,
+    resolved: ResolvedTemplate,
     rooms: Sequence[Room],
     passages: Sequence[Passage],
     furniture: Sequence[Furniture],
@@ -64,8 +64,8 @@ def weigh_wishes(
     """Returns every measurable wish with what was found, in a fixed order: home, then rooms, then ways between them.
 
     Args:
-        brief: What the template asks for.
-        rooms: The finished rooms, in the brief's order.
+        resolved: What the template asks for.
+        rooms: The finished rooms, in the template's order.
         passages: The ways between them.
         furniture: All furniture.
         doors: All doors.
@@ -73,11 +73,11 @@ def weigh_wishes(
         outline_m: The footprint's extents along x and y.
     """
     by_room: list[Iterator[Wish]] = []
-    for wish, room, figure in zip(brief.rooms, rooms, figures, strict=True):
+    for wish, room, figure in zip(resolved.rooms, rooms, figures, strict=True):
         pieces = [piece.model_type for piece in furniture if piece.room == wish.name]
         by_room += [_shape(wish, room), _surfaces(wish, room), _furnishing(wish, pieces, figure)]
-    footprint = _aspect("footprint", "footprint", outline_m, brief.footprint_aspect)
-    return (*footprint, *chain(*by_room), *_connections(brief, passages), *_doors(brief, passages, doors))
+    footprint = _aspect("footprint", "footprint", outline_m, resolved.footprint_aspect)
+    return (*footprint, *chain(*by_room), *_connections(resolved, passages), *_doors(resolved, passages, doors))
 
 
 def _shape(wish: RoomWish, room: Room) -> Iterator[Wish]:
@@ -154,10 +154,10 @@ def _furnishing(wish: RoomWish, pieces: Sequence[str], figures: RoomFigures) -> 
         )
 
 
-def _connections(brief: ResolvedTemplate, passages: Sequence[Passage]) -> Iterator[Wish]:
+def _connections(resolved: ResolvedTemplate, passages: Sequence[Passage]) -> Iterator[Wish]:
     built = Counter((frozenset(passage.rooms), passage.kind) for passage in passages if passage.desired)
-    for wish, count in Counter(brief.connections).items():
-        pair = _names(brief, wish)
+    for wish, count in Counter(resolved.connections).items():
+        pair = _names(resolved, wish)
         found = {kind: built[frozenset(pair), kind] for kind in ("Doorway", "Opening")}
         yield Wish(
             kind="connection",
@@ -168,19 +168,19 @@ def _connections(brief: ResolvedTemplate, passages: Sequence[Passage]) -> Iterat
         )
 
 
-def _names(brief: ResolvedTemplate, wish: ConnectionWish) -> tuple[str, str]:
-    return brief.rooms[wish.rooms[0]].name, brief.rooms[wish.rooms[1]].name
+def _names(resolved: ResolvedTemplate, wish: ConnectionWish) -> tuple[str, str]:
+    return resolved.rooms[wish.rooms[0]].name, resolved.rooms[wish.rooms[1]].name
 
 
 def _ways(kind: str, count: int) -> str:
     return f"{count} {kind.lower()}{'s' if count > 1 else ''}"
 
 
-def _doors(brief: ResolvedTemplate, passages: Sequence[Passage], doors: Sequence[Door]) -> Iterator[Wish]:
-    if brief.doors is None:
+def _doors(resolved: ResolvedTemplate, passages: Sequence[Passage], doors: Sequence[Door]) -> Iterator[Wish]:
+    if resolved.doors is None:
         return
-    for (low, high), wished in brief.doors.wished:
-        pair = (brief.rooms[low].name, brief.rooms[high].name)
+    for (low, high), wished in resolved.doors.wished:
+        pair = (resolved.rooms[low].name, resolved.rooms[high].name)
         for door in (each for each in doors if set(passages[each.passage].rooms) == set(pair)):
             yield Wish(
                 kind="door",
@@ -246,7 +246,7 @@ def survey_as_set(
 
 
 def certify(
-    brief: ResolvedTemplate,
+    resolved: ResolvedTemplate,
     rooms: Sequence[Room],
     passages: Sequence[Passage],
     *,
@@ -258,8 +258,8 @@ def certify(
     """Returns a world's certificate.
 
     Args:
-        brief: What the template asks for.
-        rooms: The rooms, in the brief's order.
+        resolved: What the template asks for.
+        rooms: The rooms, in the template's order.
         passages: The ways between them.
         walls: All walls.
         furniture: All furniture.
@@ -268,22 +268,22 @@ def certify(
     """
     clear = surveyed or survey(rooms, passages, walls, furniture, doors)
     floors = [_box(room) for room in rooms]
-    figures = tuple(_figures(brief, clear.opened, rooms))
+    figures = tuple(_figures(resolved, clear.opened, rooms))
     reachable, as_set = _reachable_radii(clear, rooms, passages)
     leaves = [door.leaf for door in doors]
     solids = [*[solid for piece in furniture for solid in piece.solids], *leaves, *walls]
     rows = solid_rows(solids)
     return Certificate(
         origin_clear_radius_m=rounded(distance_to_origin(solids, rows)),
-        guaranteed_robot_radius_m=rounded(brief.robot_radius_m),
+        guaranteed_robot_radius_m=rounded(resolved.robot_radius_m),
         reachable_robot_radius_m=rounded(reachable),
         doors_as_set_robot_radius_m=rounded(as_set),
         narrowest_passage_m=rounded(narrowest_passage(passages, doors)),
         free_floor_share=rounded(_free_share(clear.opened, floors)),
-        area_error_mean=rounded(_area_error_mean(brief, floors)),
+        area_error_mean=rounded(_area_error_mean(resolved, floors)),
         overlaps=count_overlaps(furniture, walls, leaves, rows),
         rooms=figures,
-        wishes=weigh_wishes(brief, rooms, passages, furniture, doors, figures=figures, outline_m=_outline(floors)),
+        wishes=weigh_wishes(resolved, rooms, passages, furniture, doors, figures=figures, outline_m=_outline(floors)),
     )
 
 
@@ -293,9 +293,9 @@ def _outline(floors: Sequence[Box]) -> tuple[float, float]:
     return box.width, box.height
 
 
-def _area_error_mean(brief: ResolvedTemplate, floors: Sequence[Box]) -> float:
+def _area_error_mean(resolved: ResolvedTemplate, floors: Sequence[Box]) -> float:
     """Returns by what share rooms miss their wished areas on average."""
-    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, brief.rooms, strict=True)]
+    errors = [abs(floor.area - wish.area_m2) / wish.area_m2 for floor, wish in zip(floors, resolved.rooms, strict=True)]
     return float(np.mean(errors))
 
 
@@ -316,15 +316,15 @@ def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> flo
     return min(widths, default=0.0)
 
 
-def _figures(brief: ResolvedTemplate, clear: Clearance, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
-    reached = clear.reached(brief.robot_radius_m)
+def _figures(resolved: ResolvedTemplate, clear: Clearance, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
+    reached = clear.reached(resolved.robot_radius_m)
     for room in rooms:
         floor = _box(room)
         yield RoomFigures(
             room=room.name,
             area_m2=rounded(floor.area),
             free_floor_share=rounded(_free_share(clear, [floor])),
-            reached_share=rounded(connected_share(reached, clear, floor, brief.robot_radius_m)),
+            reached_share=rounded(connected_share(reached, clear, floor, resolved.robot_radius_m)),
         )
 
 
@@ -468,7 +468,7 @@ def _keep_other_wishes(measured: Certificate, before: Certificate) -> Certificat
 
 
 def _brief_as_built(world: World) -> ResolvedTemplate:
-    """Returns a brief that asks for the rooms as they are, to measure with where nobody knows what was asked for."""
+    """Returns a template that asks for the rooms as they are, to measure with where nobody knows what was asked for."""
     return ResolvedTemplate(
         footprint_aspect=1.0,
         ceiling_height_m=world.ceiling_height_m,

@@ -26,26 +26,26 @@ _GREY = (0.5, 0.5, 0.5)
 
 
 @lru_cache(maxsize=64)
-def sound_plan(brief: ResolvedTemplate, seed: int, floorplan_index: int) -> FloorPlan:
+def sound_plan(resolved: ResolvedTemplate, seed: int, floorplan_index: int) -> FloorPlan:
     """Returns the first plan drawn that its open doors leave passable, else the last: its certificate tells.
 
     Raises:
         WorldRejected: InvalidInput, as ``plan_floor`` says.
     """
-    plan = plan_floor(brief, seed, floorplan_index)
+    plan = plan_floor(resolved, seed, floorplan_index)
     for redraw in range(1, _REDRAWS):
-        if brief.doors is None or _is_passable(brief, plan):
+        if resolved.doors is None or _is_passable(resolved, plan):
             return plan
-        plan = plan_floor(brief, seed, floorplan_index, redraw)
+        plan = plan_floor(resolved, seed, floorplan_index, redraw)
     return plan
 
 
-def _is_passable(brief: ResolvedTemplate, plan: FloorPlan) -> bool:
-    walls = build_walls(plan, brief.ceiling_height_m, [_GREY] * len(plan.cells))
-    leaves = [way.leaf("leaf", 100.0, _GREY) for way in hang_doors(brief, plan)]
+def _is_passable(resolved: ResolvedTemplate, plan: FloorPlan) -> bool:
+    walls = build_walls(plan, resolved.ceiling_height_m, [_GREY] * len(plan.cells))
+    leaves = [way.leaf("leaf", 100.0, _GREY) for way in hang_doors(resolved, plan)]
     clearance = measure_clearance(plan.footprint, [*walls, *leaves])
-    reached = clearance.reached(brief.robot_radius_m)
-    return all(reaches_room(reached, clearance, floor, brief.robot_radius_m) for floor in plan.floors)
+    reached = clearance.reached(resolved.robot_radius_m)
+    return all(reaches_room(reached, clearance, floor, resolved.robot_radius_m) for floor in plan.floors)
 
 
 GENERATOR = "simyard-3"
@@ -83,11 +83,11 @@ def generate_world(
         WorldRejected: InvalidInput when the template's rooms cannot be laid out, InternalServiceError when the
             finished world breaks a guarantee with every sub-seed.
     """
-    brief, digest = _read(_Same(template), robot_radius_m)
+    resolved, digest = _read(_Same(template), robot_radius_m)
     broken: tuple[str, ...] = ()
     for sub_seed in range(_SUB_SEEDS):
         draw = InteriorKey(seed, floorplan_index, interior_index, sub_seed)
-        world = _draw_world(brief, draw, generation, digest)
+        world = _draw_world(resolved, draw, generation, digest)
         broken = broken_guarantees(world.certificate)
         if not broken:
             return world
@@ -116,15 +116,15 @@ def _read(same: _Same, robot_radius_m: float) -> tuple[ResolvedTemplate, str]:
     return resolve_template(same.template, robot_radius_m), template_digest(same.template)
 
 
-def _draw_world(brief: ResolvedTemplate, draw: InteriorKey, generation: str, digest: str) -> World:
+def _draw_world(resolved: ResolvedTemplate, draw: InteriorKey, generation: str, digest: str) -> World:
     """Returns the world of one sub-seed, whatever it keeps of its guarantees."""
     indices = (draw.seed, draw.floorplan_index, draw.interior_index)
-    plan = sound_plan(brief, draw.seed, draw.floorplan_index)
-    surfaces = draw_surfaces(brief, materials_stream(*indices))
-    walls = build_walls(plan, brief.ceiling_height_m, [each.walls.color for each in surfaces])
-    doors = build_doors(brief, plan, doors_stream(*indices, draw.sub_seed))
-    rooms, passages = _rooms(brief, plan, surfaces), _passages(brief, plan)
-    interior = furnish_interior(brief, plan, [*walls, *open_leaves(doors, passages)], draw)
+    plan = sound_plan(resolved, draw.seed, draw.floorplan_index)
+    surfaces = draw_surfaces(resolved, materials_stream(*indices))
+    walls = build_walls(plan, resolved.ceiling_height_m, [each.walls.color for each in surfaces])
+    doors = build_doors(resolved, plan, doors_stream(*indices, draw.sub_seed))
+    rooms, passages = _rooms(resolved, plan, surfaces), _passages(resolved, plan)
+    interior = furnish_interior(resolved, plan, [*walls, *open_leaves(doors, passages)], draw)
     furniture = interior.furniture
     shut = any(door.open_percent < FULLY_OPEN for door in doors)
     as_set = survey_as_set(rooms, walls, furniture, [door.leaf for door in doors]) if shut else interior.clearance
@@ -138,22 +138,24 @@ def _draw_world(brief: ResolvedTemplate, draw: InteriorKey, generation: str, dig
         name=world_name(draw.floorplan_index, draw.interior_index),
         floorplan_index=draw.floorplan_index,
         interior_index=draw.interior_index,
-        ceiling_height_m=rounded(brief.ceiling_height_m),
+        ceiling_height_m=rounded(resolved.ceiling_height_m),
         wall_thickness_m=WALL_M,
         footprint=_rectangle(plan.footprint),
         rooms=rooms,
         passages=passages,
         walls=walls,
         doors=doors,
-        windows=_windows(brief, plan),
+        windows=_windows(resolved, plan),
         furniture=furniture,
-        lights=_lights(plan, brief.ceiling_height_m),
+        lights=_lights(plan, resolved.ceiling_height_m),
         map=occupancy(surveyed.as_set),
-        certificate=certify(brief, rooms, passages, walls=walls, furniture=furniture, doors=doors, surveyed=surveyed),
+        certificate=certify(
+            resolved, rooms, passages, walls=walls, furniture=furniture, doors=doors, surveyed=surveyed
+        ),
     )
 
 
-def _rooms(brief: ResolvedTemplate, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple[Room, ...]:
+def _rooms(resolved: ResolvedTemplate, plan: FloorPlan, surfaces: Sequence[Surfaces]) -> tuple[Room, ...]:
     return tuple(
         Room(
             name=wish.name,
@@ -162,14 +164,14 @@ def _rooms(brief: ResolvedTemplate, plan: FloorPlan, surfaces: Sequence[Surfaces
             flooring=surface.flooring,
             walls=surface.walls,
         )
-        for wish, floor, surface in zip(brief.rooms, plan.floors, surfaces, strict=True)
+        for wish, floor, surface in zip(resolved.rooms, plan.floors, surfaces, strict=True)
     )
 
 
-def _passages(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Passage, ...]:
+def _passages(resolved: ResolvedTemplate, plan: FloorPlan) -> tuple[Passage, ...]:
     return tuple(
         Passage(
-            rooms=(brief.rooms[gap.rooms[0]].name, brief.rooms[gap.rooms[1]].name),
+            rooms=(resolved.rooms[gap.rooms[0]].name, resolved.rooms[gap.rooms[1]].name),
             kind=gap.kind,
             center_m=(rounded(gap.center[0]), rounded(gap.center[1])),
             width_m=rounded(gap.width),
@@ -180,10 +182,10 @@ def _passages(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Passage, ...]:
     )
 
 
-def _windows(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Window, ...]:
+def _windows(resolved: ResolvedTemplate, plan: FloorPlan) -> tuple[Window, ...]:
     return tuple(
         Window(
-            room=brief.rooms[pane.room].name,
+            room=resolved.rooms[pane.room].name,
             center_m=(rounded(pane.center[0]), rounded(pane.center[1])),
             width_m=rounded(pane.width),
             along=pane.along,

@@ -162,14 +162,14 @@ class Surfaces:
     walls: Finish
 
 
-def draw_surfaces(brief: ResolvedTemplate, rng: np.random.Generator) -> tuple[Surfaces, ...]:
+def draw_surfaces(resolved: ResolvedTemplate, rng: np.random.Generator) -> tuple[Surfaces, ...]:
     """Returns each room's surfaces; a wish for materials that nobody knows leaves them to the room's type."""
     return tuple(
         Surfaces(
             _draw(rng, room.floorings, FLOORINGS, _USUAL_FLOORS[room.type]),
             _draw(rng, room.walls, WALLS, _USUAL_WALLS[room.type]),
         )
-        for room in brief.rooms
+        for room in resolved.rooms
     )
 
 

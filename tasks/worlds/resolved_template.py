@@ -39,7 +39,7 @@ class DoorWishes:
     """How far doors stand open.
 
     Attributes:
-        wished: The opening by pair of rooms (indices into the brief's rooms, lower first), where a set names the pair.
+        wished: The opening by pair of rooms (indices of rooms, lower first), where a set names the pair.
     """
 
     wished: tuple[tuple[tuple[int, int], Opening], ...] = ()
@@ -117,7 +117,7 @@ class RoomWish:
 
 @dataclass(frozen=True)
 class ConnectionWish:
-    """A wished way between two rooms (indices into the brief's rooms, lower first); repeated for several doorways."""
+    """A wished way between two rooms (indices of rooms, lower first); repeated for several doorways."""
 
     rooms: tuple[int, int]
     kind: PassageKind

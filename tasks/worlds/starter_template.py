@@ -122,8 +122,8 @@ def _materials(name: str, kinds: Sequence[RoomType], *materials: str) -> Body:
 
 
 def _arrangement(kind: RoomType, room: str) -> Body:
-    programme = ROOM_DEFAULTS[kind]
-    listed = [*(each for choice in programme.essential for each in choice), *programme.likely]
+    defaults = ROOM_DEFAULTS[kind]
+    listed = [*(each for choice in defaults.essential for each in choice), *defaults.likely]
     return {
         "Name": f"Furniture of the {room.lower()}",
         "TargetSet": {"RoomNames": [room]},
@@ -169,29 +169,29 @@ def commented_yaml(body: Body) -> str:
     return head + "\n".join(_lines(body, 0, set())) + "\n"
 
 
-def _lines(data: Body, indent: int, told: set[str]) -> list[str]:
+def _lines(data: Body, indent: int, commented: set[str]) -> list[str]:
     """Returns the lines of an object, with each comment once."""
     space, lines = " " * indent, list[str]()
     for key, value in data.items():
-        if key in _COMMENTS and key not in told:
+        if key in _COMMENTS and key not in commented:
             lines.append(f"{space}# {_COMMENTS[key]}")
-            told.add(key)
+            commented.add(key)
         flow = _flow(value)
-        if indent + len(key) + len(flow) <= _WIDTH and not _has_comments(value, told):
+        if indent + len(key) + len(flow) <= _WIDTH and not _has_comments(value, commented):
             lines.append(f"{space}{key}: {flow}")
         elif isinstance(value, dict):
-            lines += [f"{space}{key}:", *_lines(value, indent + 2, told)]
+            lines += [f"{space}{key}:", *_lines(value, indent + 2, commented)]
         else:
-            lines += [f"{space}{key}:", *_items(value, indent, told)]
+            lines += [f"{space}{key}:", *_items(value, indent, commented)]
     return lines
 
 
-def _items(value: JsonValue, indent: int, told: set[str]) -> list[str]:
+def _items(value: JsonValue, indent: int, commented: set[str]) -> list[str]:
     """Returns the lines of a list, its dashes below the key."""
     lines: list[str] = []
     for item in value if isinstance(value, list) else ():
         if isinstance(item, dict):
-            inside = _lines(item, indent + 2, told)
+            inside = _lines(item, indent + 2, commented)
             first = next(number for number, line in enumerate(inside) if not line.lstrip().startswith("#"))
             lines += [*inside[:first], f"{' ' * indent}- {inside[first].lstrip()}", *inside[first + 1 :]]
         else:
@@ -199,12 +199,14 @@ def _items(value: JsonValue, indent: int, told: set[str]) -> list[str]:
     return lines
 
 
-def _has_comments(value: JsonValue, told: set[str]) -> bool:
+def _has_comments(value: JsonValue, commented: set[str]) -> bool:
     if isinstance(value, list):
-        return any(_has_comments(item, told) for item in value)
+        return any(_has_comments(item, commented) for item in value)
     if not isinstance(value, dict):
         return False
-    return any((key in _COMMENTS and key not in told) or _has_comments(below, told) for key, below in value.items())
+    return any(
+        (key in _COMMENTS and key not in commented) or _has_comments(below, commented) for key, below in value.items()
+    )
 
 
 def _flow(value: JsonValue) -> str:

@@ -32,12 +32,12 @@ def generate_worlds(
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         first: Floor plan and interior of the first world.
     """
-    return generate_elsewhere(
-        store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, first=first, elsewhere=None
+    return generate_on_workers(
+        store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, first=first, remote=None
     )
 
 
-def generate_elsewhere(
+def generate_on_workers(
     store_url: str,
     request: CreateWorldGenerationJobRequest,
     template: TemplateBody,
@@ -46,7 +46,7 @@ def generate_elsewhere(
     token: str,
     robot_radius_m: float,
     first: Indices = (1, 1),
-    elsewhere: RemoteWorldMaker | None,
+    remote: RemoteWorldMaker | None,
 ) -> JobRecord:
     """Returns what `generate_worlds` does, for which workers of a cluster make the worlds; for who holds them."""
     return run_generation_job(
@@ -58,5 +58,5 @@ def generate_elsewhere(
         progress=stage_progress(STAGE),
         robot_radius_m=robot_radius_m,
         first=first,
-        elsewhere=elsewhere,
+        remote=remote,
     )

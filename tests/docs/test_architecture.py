@@ -27,9 +27,9 @@ MOST_MODULES = 12
 # `reaping` is the name under which people deploy the flow.
 ING = frozenset({"scoring", "slicing", "staging", "recording", "encoding", "keyring", "delta_debugging", "reaping"})
 TERMS = """
-agent; application; ARN; batch; brief; bucket; bundle; chunk; claim; deployment; desired state;
+agent; application; ARN; batch; bucket; bundle; chunk; claim; deployment; desired state;
 engine; episode; evidence; failure code; fleet; gate; generation; job; lane; outcome; plan; program;
-record; reported state; robot; rollout; rule; run; scenario; stage; store; template; verdict;
+record; reported state; resolved template; robot; rollout; rule; run; scenario; stage; store; template; verdict;
 version; wave; world
 """
 

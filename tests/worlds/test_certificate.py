@@ -178,13 +178,13 @@ def sound_world() -> World:
     return generate_world(BODY, seed=3, generation="wgj-1", floorplan_index=1, interior_index=1)
 
 
-def certificate(made: World, *more: Solid, brief: ResolvedTemplate = BRIEF) -> Certificate:
+def certificate(made: World, *more: Solid, resolved: ResolvedTemplate = BRIEF) -> Certificate:
     extra = [
         Furniture(name=each.name, model_type="Ottomans", room="A", center_m=(0.0, 0.0), yaw_rad=0.0, solids=(each,))
         for each in more
     ]
     return certify(
-        brief, made.rooms, made.passages, walls=made.walls, furniture=(*made.furniture, *extra), doors=made.doors
+        resolved, made.rooms, made.passages, walls=made.walls, furniture=(*made.furniture, *extra), doors=made.doors
     )
 
 
@@ -256,7 +256,7 @@ def test_the_radius_is_the_largest_that_reaches_every_room(offset_m: float) -> N
 
 def test_missed_areas_and_aspects_are_named_with_numbers() -> None:
     other = resolve_template(template(room("A", area_m2=25.0), room("B", area_m2=20.0, aspect=(4.0, 1.0))))
-    found = certificate(sound_world(), brief=other)
+    found = certificate(sound_world(), resolved=other)
     assert found.area_error_mean == pytest.approx(0.1, abs=0.01)
     assert any(sentence.startswith("A: 20.0 m2, wished 25 m2") for sentence in found.unmet)
     assert any(sentence.startswith("B: ") and "wished 4:1" in sentence for sentence in found.unmet)

@@ -37,13 +37,13 @@ def test_a_covering_has_the_figures_of_its_material() -> None:
 
 
 def test_two_rooms_of_one_material_need_not_look_alike() -> None:
-    brief = resolve_template(
+    resolved = resolve_template(
         template(*(room(f"R{n}") for n in range(6)), walls=(materials({"RoomTypes": ["Living"]}, "Wall paint"),))
     )
-    assert len({each.walls.color for each in draw_surfaces(brief, np.random.default_rng(1))}) > 1
+    assert len({each.walls.color for each in draw_surfaces(resolved, np.random.default_rng(1))}) > 1
 
 
 def test_interiors_differ_in_their_materials() -> None:
-    brief = resolve_template(template(*(room(f"R{n}") for n in range(6))))
-    drawn = {draw_surfaces(brief, np.random.default_rng(n)) for n in range(1, 6)}
+    resolved = resolve_template(template(*(room(f"R{n}") for n in range(6))))
+    drawn = {draw_surfaces(resolved, np.random.default_rng(n)) for n in range(1, 6)}
     assert len(drawn) > 1

@@ -15,9 +15,9 @@ def test_furniture_by_name_beats_by_type_beats_for_all() -> None:
         furniture({"RoomNames": ["Mine"]}, [], "Moderate"),
     )
     rooms = (room("Hall", "Hallway"), room("Yours", "Bedroom"), room("Mine", "Bedroom"))
-    brief = resolve_template(template(*rooms, arrangements=sets, version="2"))
-    assert [each.furniture for each in brief.rooms] == [("Ottomans",), ("Beds",), ()]
-    assert [each.density for each in brief.rooms] == ["Sparse", "Dense", "Moderate"]
+    resolved = resolve_template(template(*rooms, arrangements=sets, version="2"))
+    assert [each.furniture for each in resolved.rooms] == [("Ottomans",), ("Beds",), ()]
+    assert [each.density for each in resolved.rooms] == ["Sparse", "Dense", "Moderate"]
 
 
 def test_of_two_sets_at_the_same_level_the_first_wins() -> None:
@@ -38,13 +38,13 @@ def test_an_untargeted_room_is_moderately_furnished() -> None:
 
 
 def test_aspects_are_width_over_depth() -> None:
-    brief = resolve_template(template(room("A", aspect=(1.0, 2.0)), footprint=(4.0, 1.0)))
-    assert (brief.rooms[0].aspect, brief.footprint_aspect) == (0.5, 4.0)
+    resolved = resolve_template(template(room("A", aspect=(1.0, 2.0)), footprint=(4.0, 1.0)))
+    assert (resolved.rooms[0].aspect, resolved.footprint_aspect) == (0.5, 4.0)
 
 
 def test_connections_name_rooms_by_place_lower_first() -> None:
-    brief = resolve_template(template(room("A"), room("B"), connections=(connection("B", "A", "Opening"),)))
-    assert brief.connections == (ConnectionWish((0, 1), "Opening"),)
+    resolved = resolve_template(template(room("A"), room("B"), connections=(connection("B", "A", "Opening"),)))
+    assert resolved.connections == (ConnectionWish((0, 1), "Opening"),)
 
 
 def test_doorways_of_version_1_have_no_doors() -> None:

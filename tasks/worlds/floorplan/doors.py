@@ -75,28 +75,28 @@ class Hanging:
         )
 
 
-def build_doors(brief: ResolvedTemplate, plan: FloorPlan, rng: np.random.Generator) -> tuple[Door, ...]:
+def build_doors(resolved: ResolvedTemplate, plan: FloorPlan, rng: np.random.Generator) -> tuple[Door, ...]:
     """Returns the doors of one interior as they stand; none for a template whose doorways have no doors.
 
     Args:
-        brief: What the template asks for.
+        resolved: What the template asks for.
         plan: The floor plan; its doors hang the same way in each of its interiors.
         rng: Decides colours, and openings that are left to chance.
     """
-    if brief.doors is None:
+    if resolved.doors is None:
         return ()
     color = _LEAF_COLORS[int(rng.integers(len(_LEAF_COLORS)))]
     doors: list[Door] = []
-    for number, hanging in enumerate(hang_doors(brief, plan), start=1):
+    for number, hanging in enumerate(hang_doors(resolved, plan), start=1):
         drawn = round(100.0 * float(rng.random()), 1)
-        opening = brief.doors.opening(plan.gaps[hanging.passage].rooms)
+        opening = resolved.doors.opening(plan.gaps[hanging.passage].rooms)
         percent = drawn if opening == "Random" else opening
         name = f"door_{number}"
         doors.append(
             Door(
                 name=name,
                 passage=hanging.passage,
-                opens_into=brief.rooms[hanging.room].name,
+                opens_into=resolved.rooms[hanging.room].name,
                 hinge_m=(rounded(hanging.hinge[0]), rounded(hanging.hinge[1])),
                 closed_yaw_rad=rounded(hanging.closed_yaw),
                 open_yaw_rad=rounded(
@@ -120,16 +120,16 @@ def open_leaves(doors: Sequence[Door], passages: Sequence[Passage]) -> tuple[Sol
 
 
 @lru_cache(maxsize=64)
-def hang_doors(brief: ResolvedTemplate, plan: FloorPlan) -> tuple[Hanging, ...]:
+def hang_doors(resolved: ResolvedTemplate, plan: FloorPlan) -> tuple[Hanging, ...]:
     """Returns how the doors of a plan hang, one for each doorway; none where the template wants none."""
-    if brief.doors is None:
+    if resolved.doors is None:
         return ()
     ways = [_ways(plan, number) for number, gap in enumerate(plan.gaps) if gap.kind == "Doorway"]
-    chosen = [min(each, key=lambda way: _cost(brief, plan, way, ())) for each in ways]
+    chosen = [min(each, key=lambda way: _cost(resolved, plan, way, ())) for each in ways]
     for _ in range(_SWEEPS):
         for place, each in enumerate(ways):
             others = [*chosen[:place], *chosen[place + 1 :]]
-            chosen[place] = min(each, key=lambda way: _cost(brief, plan, way, others))
+            chosen[place] = min(each, key=lambda way: _cost(resolved, plan, way, others))
     return tuple(chosen)
 
 
@@ -154,7 +154,7 @@ def _way(gap: Gap, number: int, room: int, side: int, end: int) -> Hanging:
     return Hanging(number, room, (hinge[0], hinge[1]), closed, 1 if turn > 0 else -1, length, swing)
 
 
-def _cost(brief: ResolvedTemplate, plan: FloorPlan, way: Hanging, others: Sequence[Hanging]) -> float:
+def _cost(resolved: ResolvedTemplate, plan: FloorPlan, way: Hanging, others: Sequence[Hanging]) -> float:
     """Returns what stands against a way to hang a door, given how the others hang."""
     swing, floor = way.swing, plan.floors[way.room]
     start = (max(swing.x_min, -swing.x_max, 0.0), max(swing.y_min, -swing.y_max, 0.0))
@@ -173,7 +173,7 @@ def _cost(brief: ResolvedTemplate, plan: FloorPlan, way: Hanging, others: Sequen
         + _IN_LEAF * sum(swing.meets(other.swing) for other in others)
         + _IN_WAY * sum(swing.meets(box) for box in ways_through)
         + _OUT_OF_CORNER * min(corner, 2.0)
-        - _PUBLIC * HUBS[brief.rooms[way.room].type]
+        - _PUBLIC * HUBS[resolved.rooms[way.room].type]
     )
 
 

@@ -63,12 +63,12 @@ class _Side:
         return int((self.end - self.start + EPSILON_M) / (width + _BETWEEN_M))
 
 
-def place_windows(brief: ResolvedTemplate, cells: Sequence[Box]) -> tuple[Pane, ...]:
+def place_windows(resolved: ResolvedTemplate, cells: Sequence[Box]) -> tuple[Pane, ...]:
     """Returns the windows of a plan, room by room; a closet has none, and nor has a room without an outer wall."""
     outline = bounding_box(cells)
     return tuple(
         pane
-        for room, wish in enumerate(brief.rooms)
+        for room, wish in enumerate(resolved.rooms)
         for pane in _windows(room, wish.type, cells[room], _sides(cells[room], outline))
     )
 
@@ -142,7 +142,7 @@ class FloorPlan:
     """A floor plan, with the start at (0, 0).
 
     Attributes:
-        cells: Each room's rectangle between wall centre lines, in the brief's order.
+        cells: Each room's rectangle between wall centre lines, in the template's order.
         gaps: The passages.
         windows: The windows.
     """
@@ -164,13 +164,13 @@ class FloorPlan:
 
 
 @lru_cache(maxsize=64)
-def plan_floor(brief: ResolvedTemplate, seed: int, floorplan_index: int, redraw: int = 0) -> FloorPlan:
+def plan_floor(resolved: ResolvedTemplate, seed: int, floorplan_index: int, redraw: int = 0) -> FloorPlan:
     """Returns the floor plan with that index, the same for each of its interiors.
 
-    Its walls alone leave the start's clear disc free and let the brief's robot into every room.
+    Its walls alone leave the start's clear disc free and let the template's robot into every room.
 
     Args:
-        brief: What the template asks for.
+        resolved: What the template asks for.
         seed: At least 0.
         floorplan_index: From 1.
         redraw: Another number gives another plan of the same index.
@@ -181,18 +181,18 @@ def plan_floor(brief: ResolvedTemplate, seed: int, floorplan_index: int, redraw:
     found = ""
     for attempt in range(redraw * _ATTEMPTS, (redraw + 1) * _ATTEMPTS):
         rng = floor_plan_stream(seed, floorplan_index, attempt)
-        layout = draw_layout(rng, brief)
+        layout = draw_layout(rng, resolved)
         cells = [Box(*corners) for corners in layout.cells()[:, :, 0].T.tolist()]
-        gaps = place_passages(rng, brief, cells)
-        start = choose_start(rng, brief, cells, gaps)
-        found = hindrance(brief, cells, gaps, start)
+        gaps = place_passages(rng, resolved, cells)
+        start = choose_start(rng, resolved, cells, gaps)
+        found = hindrance(resolved, cells, gaps, start)
         if start is not None and not found:
-            return _move_to_start(brief, layout, cells, gaps, start)
+            return _move_to_start(resolved, layout, cells, gaps, start)
     raise WorldRejected("InvalidInput", f"no floor plan of {_ATTEMPTS} can be driven through: {found}")
 
 
 def _move_to_start(
-    brief: ResolvedTemplate, layout: Layouts, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float]
+    resolved: ResolvedTemplate, layout: Layouts, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float]
 ) -> FloorPlan:
     """Returns the plan with the start as its origin."""
     dx, dy = -start[0], -start[1]
@@ -200,7 +200,7 @@ def _move_to_start(
         cells=tuple(Box(*(round(side, 2) for side in cell.shifted(dx, dy))) for cell in cells),
         cuts=tuple(_cut(layout, line, cells).shifted(dx, dy) for line in range(4, len(layout.lines))),
         gaps=tuple(gap.shifted(dx, dy) for gap in gaps),
-        windows=tuple(pane.shifted(dx, dy) for pane in place_windows(brief, cells)),
+        windows=tuple(pane.shifted(dx, dy) for pane in place_windows(resolved, cells)),
     )
 
 

@@ -101,10 +101,10 @@ def shared_wall(a: Box, b: Box) -> SharedWall | None:
     return None
 
 
-def place_passages(rng: np.random.Generator, brief: ResolvedTemplate, cells: Sequence[Box]) -> tuple[Gap, ...]:
+def place_passages(rng: np.random.Generator, resolved: ResolvedTemplate, cells: Sequence[Box]) -> tuple[Gap, ...]:
     """Returns the passages of a plan; a wished one that its walls cannot hold is narrower, or left out."""
-    builder = _Builder(rng, brief, cells)
-    for wish, count in Counter(brief.connections).items():
+    builder = _Builder(rng, resolved, cells)
+    for wish, count in Counter(resolved.connections).items():
         builder.add_wished(wish, count)
     builder.join()
     return tuple(builder.gaps)
@@ -113,11 +113,11 @@ def place_passages(rng: np.random.Generator, brief: ResolvedTemplate, cells: Seq
 class _Builder:
     """Breaks gaps into walls, one after the other."""
 
-    def __init__(self, rng: np.random.Generator, brief: ResolvedTemplate, cells: Sequence[Box]) -> None:
+    def __init__(self, rng: np.random.Generator, resolved: ResolvedTemplate, cells: Sequence[Box]) -> None:
         self.gaps: list[Gap] = []
-        self._rng, self._brief = rng, brief
+        self._rng, self._brief = rng, resolved
         self._floors = [cell.grown(-WALL_M / 2) for cell in cells]
-        self._width = doorway_width(brief)
+        self._width = doorway_width(resolved)
         self._opening = max(OPENING_MIN_M, self._width)
         pairs = ((a, b) for a in range(len(cells)) for b in range(a + 1, len(cells)))
         walls = ((pair, shared_wall(cells[pair[0]], cells[pair[1]])) for pair in pairs)
@@ -220,7 +220,7 @@ _TASTE_M = 0.5
 
 
 def choose_start(
-    rng: np.random.Generator, brief: ResolvedTemplate, cells: Sequence[Box], gaps: Sequence[Gap]
+    rng: np.random.Generator, resolved: ResolvedTemplate, cells: Sequence[Box], gaps: Sequence[Gap]
 ) -> tuple[float, float] | None:
     """Returns where the robot starts, in whole centimetres; None when no room holds the clear disc.
 
@@ -228,21 +228,21 @@ def choose_start(
 
     Args:
         rng: The floor plan's stream.
-        brief: What the template asks for.
-        cells: Each room's cell, in the brief's order.
+        resolved: What the template asks for.
+        cells: Each room's cell, in the template's order.
         gaps: The passages.
     """
     fitting = [room for room, cell in enumerate(cells) if min(_inner(cell).width, _inner(cell).height) >= -1e-9]
     if not fitting:
         return None
-    room = min(fitting, key=lambda each: (_RANKS[brief.rooms[each].type], -cells[each].area))
+    room = min(fitting, key=lambda each: (_RANKS[resolved.rooms[each].type], -cells[each].area))
     inner, exits = _inner(cells[room]), [gap for gap in gaps if room in gap.rooms]
     spots = [
         (inner.x_min + u * inner.width, inner.y_min + v * inner.height) for u, v in rng.random((_SPOTS, 2)).tolist()
     ]
-    spots += [_clamp(gap.center, inner, reach) for gap in exits for reach in _reaches(brief, gap)]
+    spots += [_clamp(gap.center, inner, reach) for gap in exits for reach in _reaches(resolved, gap)]
     taste = rng.random(len(spots)).tolist()
-    costs = [_cost(brief, exits, spot) + _TASTE_M * each for spot, each in zip(spots, taste, strict=True)]
+    costs = [_cost(resolved, exits, spot) + _TASTE_M * each for spot, each in zip(spots, taste, strict=True)]
     x, y = spots[costs.index(min(costs))]
     return round(x, 2), round(y, 2)
 
@@ -252,9 +252,9 @@ def _inner(cell: Box) -> Box:
     return cell.grown(-WALL_M / 2 - START_CLEAR_M)
 
 
-def _reaches(brief: ResolvedTemplate, gap: Gap) -> tuple[float, ...]:
+def _reaches(resolved: ResolvedTemplate, gap: Gap) -> tuple[float, ...]:
     """Returns how far from the wall of a way out to begin: at once, or beyond the reach of its leaf."""
-    return (0.0,) if brief.doors is None else (0.0, gap.width)
+    return (0.0,) if resolved.doors is None else (0.0, gap.width)
 
 
 def _clamp(point: tuple[float, float], inner: Box, reach: float) -> tuple[float, float]:
@@ -265,11 +265,11 @@ def _clamp(point: tuple[float, float], inner: Box, reach: float) -> tuple[float,
     return x, y
 
 
-def _cost(brief: ResolvedTemplate, exits: Sequence[Gap], spot: tuple[float, float]) -> float:
+def _cost(resolved: ResolvedTemplate, exits: Sequence[Gap], spot: tuple[float, float]) -> float:
     """Returns how far it is to the next way out, and what leaves are in the way."""
     x, y = spot
     cost = min((abs(gap.center[0] - x) + abs(gap.center[1] - y) for gap in exits), default=0.0)
-    if brief.doors is None:
+    if resolved.doors is None:
         return cost
     for gap in (each for each in exits if each.kind == "Doorway"):
         swing = gap.box(gap.width + WALL_M / 2)
@@ -279,27 +279,27 @@ def _cost(brief: ResolvedTemplate, exits: Sequence[Gap], spot: tuple[float, floa
 
 
 def hindrance(
-    brief: ResolvedTemplate, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float] | None
+    resolved: ResolvedTemplate, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float] | None
 ) -> str:
-    """Returns what keeps the brief's robot from the start or from a room, for a person; empty for nothing.
+    """Returns what keeps the template's robot from the start or from a room, for a person; empty for nothing.
 
     In a room without furniture a disc gets everywhere that it fits, and through every gap wider than itself.
 
     Args:
-        brief: What the template asks for.
-        cells: Each room's cell, in the brief's order.
+        resolved: What the template asks for.
+        cells: Each room's cell, in the template's order.
         gaps: The passages.
         start: Where the robot starts; None for nowhere.
     """
-    names = [room.name for room in brief.rooms]
+    names = [room.name for room in resolved.rooms]
     floors = [cell.grown(-WALL_M / 2) for cell in cells]
     if start is None or not any(_holds(floor, start) for floor in floors):
         return f"no room holds the {START_CLEAR_M} m around the start that are kept clear"
     for name, floor in zip(names, floors, strict=True):
-        if min(floor.width, floor.height) < passable_width(brief) - EPSILON_M:
+        if min(floor.width, floor.height) < passable_width(resolved) - EPSILON_M:
             return f"{name} is {floor.width:.2f} x {floor.height:.2f} m, too narrow for the robot"
     reached = {next(room for room, floor in enumerate(floors) if _holds(floor, start))}
-    wide = [gap.rooms for gap in gaps if gap.width > doorway_width(brief) - EPSILON_M]
+    wide = [gap.rooms for gap in gaps if gap.width > doorway_width(resolved) - EPSILON_M]
     for _ in names:
         reached |= {room for pair in wide if reached & set(pair) for room in pair}
     if apart := [name for room, name in enumerate(names) if room not in reached]:

@@ -113,7 +113,7 @@ PRIVATE: frozenset[RoomType] = frozenset({"Bathroom", "Closet"})
 
 @dataclass(frozen=True)
 class Demands:
-    """A brief as arrays over rooms, and over the pairs of rooms that shall be connected.
+    """A template as arrays over rooms, and over the pairs of rooms that shall be connected.
 
     Attributes:
         aspect: Wished width over height by room.
@@ -143,40 +143,40 @@ class Demands:
     footprint_over: float
 
 
-def doorway_width(brief: ResolvedTemplate) -> float:
+def doorway_width(resolved: ResolvedTemplate) -> float:
     """Returns how wide doorways are: for a person, and for the robot with some play beside an open leaf (metres)."""
-    leaf = 0.0 if brief.doors is None else _LEAF_M
-    needed = max(_DOORWAY_MIN_M, passable_width(brief) + leaf)
+    leaf = 0.0 if resolved.doors is None else _LEAF_M
+    needed = max(_DOORWAY_MIN_M, passable_width(resolved) + leaf)
     return math.ceil(round(100.0 * needed, 6)) / 100.0
 
 
-def passable_width(brief: ResolvedTemplate) -> float:
+def passable_width(resolved: ResolvedTemplate) -> float:
     """Returns how wide a room must be for the robot to get about it (metres)."""
-    return 2.0 * brief.robot_radius_m + _ROBOT_PLAY_M
+    return 2.0 * resolved.robot_radius_m + _ROBOT_PLAY_M
 
 
-def demands_of(brief: ResolvedTemplate) -> Demands:
-    """Returns a brief as arrays."""
-    aspect = np.array([room.aspect for room in brief.rooms])
-    doorway = doorway_width(brief)
+def demands_of(resolved: ResolvedTemplate) -> Demands:
+    """Returns a template as arrays."""
+    aspect = np.array([room.aspect for room in resolved.rooms])
+    doorway = doorway_width(resolved)
     shared: dict[tuple[int, int], float] = {}
-    for wish, count in Counter(brief.connections).items():
+    for wish, count in Counter(resolved.connections).items():
         width = max(OPENING_MIN_M, doorway) if wish.kind == "Opening" else doorway
         shared[wish.rooms] = shared.get(wish.rooms, WALL_M + JAMB_M) + count * (width + JAMB_M)
     return Demands(
-        areas_m2=np.array([room.area_m2 for room in brief.rooms]),
+        areas_m2=np.array([room.area_m2 for room in resolved.rooms]),
         aspect=aspect,
         weight=np.where(aspect == 1.0, _DEFAULT_ROOM, 1.0),
-        slim_m=np.array([_sliver_width(room) for room in brief.rooms]),
-        lit=np.array([room.type in LIT for room in brief.rooms]),
-        quiet=np.array([[room.type in types for room in brief.rooms] for types in (PRIVATE, PRIVATE | {"Bedroom"})]),
+        slim_m=np.array([_sliver_width(room) for room in resolved.rooms]),
+        lit=np.array([room.type in LIT for room in resolved.rooms]),
+        quiet=np.array([[room.type in types for room in resolved.rooms] for types in (PRIVATE, PRIVATE | {"Bedroom"})]),
         pairs=np.array(list(shared), dtype=int).reshape(-1, 2).T,
         shared_m=np.array(list(shared.values())),
         joint_m=WALL_M + 2 * JAMB_M + doorway,
-        narrow_m=passable_width(brief),
-        footprint_aspect=brief.footprint_aspect,
-        footprint_weight=_DEFAULT_FOOTPRINT_ROOM * len(aspect) if brief.footprint_aspect == 1.0 else _FOOTPRINT,
-        footprint_over=math.inf if brief.footprint_aspect == 1.0 else FOOTPRINT_OVER,
+        narrow_m=passable_width(resolved),
+        footprint_aspect=resolved.footprint_aspect,
+        footprint_weight=_DEFAULT_FOOTPRINT_ROOM * len(aspect) if resolved.footprint_aspect == 1.0 else _FOOTPRINT,
+        footprint_over=math.inf if resolved.footprint_aspect == 1.0 else FOOTPRINT_OVER,
     )
 
 

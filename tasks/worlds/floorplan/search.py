@@ -311,34 +311,34 @@ class GoodLayouts:
 
 
 @lru_cache(maxsize=16)
-def good_layouts(brief: ResolvedTemplate) -> GoodLayouts:
-    """Returns the layouts that fulfil a brief about as well as any.
+def good_layouts(resolved: ResolvedTemplate) -> GoodLayouts:
+    """Returns the layouts that fulfil a template about as well as any.
 
     Raises:
         WorldRejected: InvalidInput, when no layout has a place for the start, or joins all rooms for the robot.
     """
-    demands = demands_of(brief)
+    demands = demands_of(resolved)
     layouts = refine(propose(demands, _PROPOSALS), demands)
     # Equal layouts must be equal on every machine, to the last bit or not.
     scores = np.round(score(layouts, demands), 4)
     if scores.min() >= HARD:
-        raise WorldRejected("InvalidInput", _hindrance(brief, demands))
+        raise WorldRejected("InvalidInput", _hindrance(resolved, demands))
     best = np.argsort(scores, kind="stable")
     beyond = scores[best] - scores[best[0]]
-    far = _FAR * len(brief.rooms)
+    far = _FAR * len(resolved.rooms)
     limit = max(_NEAR, _NEAR_SHARE * float(scores[best[0]] % CONNECTION), min(float(beyond[:_MANY][-1]), far))
     best, beyond = best[beyond <= limit], beyond[beyond <= limit]
     weight = 1.0 / (1.0 + 2.0 * beyond / far)
     return GoodLayouts(layouts[best], scores[best], weight / weight.sum(), demands)
 
 
-def draw_layout(rng: np.random.Generator, brief: ResolvedTemplate) -> Layouts:
+def draw_layout(rng: np.random.Generator, resolved: ResolvedTemplate) -> Layouts:
     """Returns one good layout (an axis of length 1), in whole centimetres.
 
     Raises:
         WorldRejected: As ``good_layouts`` says.
     """
-    good = good_layouts(brief)
+    good = good_layouts(resolved)
     place, across, along = rng.random(3).tolist()
     chosen = min(int(np.searchsorted(np.cumsum(good.chance), place)), len(good.scores) - 1)
     layout = good.layouts[np.array([chosen])]
@@ -366,9 +366,9 @@ def _stretch(rng: np.random.Generator, layout: Layouts, demands: Demands, cost: 
     return many[np.flatnonzero(score(many, demands) <= cost + _STRETCH_SLACK)[:1]]
 
 
-def _hindrance(brief: ResolvedTemplate, demands: Demands) -> str:
+def _hindrance(resolved: ResolvedTemplate, demands: Demands) -> str:
     """Returns why no layout is usable, for a person."""
-    rooms = sorted(brief.rooms, key=lambda room: room.area_m2)
+    rooms = sorted(resolved.rooms, key=lambda room: room.area_m2)
     small, large = rooms[0], rooms[-1]
     if math.sqrt(large.area_m2) < START_SIDE_M:
         return (
@@ -377,10 +377,10 @@ def _hindrance(brief: ResolvedTemplate, demands: Demands) -> str:
         )
     if math.sqrt(small.area_m2) < demands.narrow_m:
         return (
-            f"a robot of {brief.robot_radius_m:g} m radius needs rooms at least {demands.narrow_m:.2f} m wide, and "
+            f"a robot of {resolved.robot_radius_m:g} m radius needs rooms at least {demands.narrow_m:.2f} m wide, and "
             f"{small.name} has {small.area_m2:g} m2; make it larger or the robot smaller"
         )
     return (
-        f"no layout of the {len(rooms)} rooms joins them all by doorways of {doorway_width(brief):.2f} m and has one "
-        f"at least {START_SIDE_M} m wide, which the clear metre around the start needs; make a room larger"
+        f"no layout of the {len(rooms)} rooms joins them all by doorways of {doorway_width(resolved):.2f} m and has "
+        f"one at least {START_SIDE_M} m wide, which the clear metre around the start needs; make a room larger"
     )

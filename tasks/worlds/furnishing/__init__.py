@@ -1,1 +1,1 @@
-"""Rooms are furnished: programme, groups, spots, placement. Generation may import it."""
+"""Rooms are furnished: groups, intervals, placement, assembly. Generation may import it."""

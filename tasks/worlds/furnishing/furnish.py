@@ -216,29 +216,31 @@ class _Furnished:
 class _Site:
     """What an interior is made for."""
 
-    brief: ResolvedTemplate
+    resolved: ResolvedTemplate
     plan: FloorPlan
     draw: InteriorKey
     hangings: tuple[Hanging, ...]
     floors: tuple[Box, ...]
 
 
-def furnish_interior(brief: ResolvedTemplate, plan: FloorPlan, fixed: Sequence[Solid], draw: InteriorKey) -> Interior:
+def furnish_interior(
+    resolved: ResolvedTemplate, plan: FloorPlan, fixed: Sequence[Solid], draw: InteriorKey
+) -> Interior:
     """Returns all furniture of an interior, such that a robot gets into every room and nearly everywhere in it.
 
     Rooms draw from streams of their own, so trying one again leaves the others as they are.
 
     Args:
-        brief: What the template asks for.
+        resolved: What the template asks for.
         plan: The floor plan.
         fixed: Walls, and door leaves as they stand fully open.
         draw: Which interior it is.
     """
-    site = _Site(brief, plan, draw, hang_doors(brief, plan), plan.floors)
-    attempts = [0] * len(brief.rooms)
-    rooms = [_furnish_room(site, room, attempts) for room in range(len(brief.rooms))]
+    site = _Site(resolved, plan, draw, hang_doors(resolved, plan), plan.floors)
+    attempts = [0] * len(resolved.rooms)
+    rooms = [_furnish_room(site, room, attempts) for room in range(len(resolved.rooms))]
     while True:
-        furniture = _name_pieces(brief, rooms)
+        furniture = _name_pieces(resolved, rooms)
         clearance = _clearance(plan, fixed, furniture)
         troubled = _rooms_to_redo(site, clearance)
         troubled = [room for room in troubled if attempts[room] < len(_ATTEMPTS) - 1]
@@ -251,7 +253,7 @@ def furnish_interior(brief: ResolvedTemplate, plan: FloorPlan, fixed: Sequence[S
 
 def _furnish_room(site: _Site, room: int, attempts: list[int]) -> _Furnished:
     """Furnishes a room: first freely, and when that shuts ways that cannot be mended, with care at each step."""
-    draw, wish, radius = site.draw, site.brief.rooms[room], site.brief.robot_radius_m
+    draw, wish, radius = site.draw, site.resolved.rooms[room], site.resolved.robot_radius_m
     key = (draw.seed, draw.floorplan_index, draw.interior_index, draw.sub_seed)
     solids = _solids(site, room)
     while True:
@@ -271,14 +273,14 @@ def _furnish_room(site: _Site, room: int, attempts: list[int]) -> _Furnished:
 
 def _solids(site: _Site, room: int) -> int:
     """Returns how many primitives a room may have: its share by floor, among the rooms that get furniture."""
-    wishes = site.brief.rooms
+    wishes = site.resolved.rooms
     furnished = [floor.area for floor, wish in zip(site.floors, wishes, strict=True) if wish.furniture != ()]
     return round(max((_SOLIDS - _SOLIDS_ROOM) * site.floors[room].area / max(sum(furnished), 1.0), _SOLIDS_ROOM))
 
 
 def _scene(site: _Site, room: int) -> RoomScene:
     """Returns an empty room, with the floor kept free before its passages and under the leaves that swing into it."""
-    plan, floor, radius = site.plan, site.floors[room], site.brief.robot_radius_m
+    plan, floor, radius = site.plan, site.floors[room], site.resolved.robot_radius_m
     deep = max(_DOOR_CLEAR_M, WALL_M / 2 + way_width(radius))
     gaps = [gap for gap in plan.gaps if room in gap.rooms]
     passages = tuple(gap.box(deep, _DOOR_EXTRA_M) for gap in gaps)
@@ -295,10 +297,10 @@ def _clamp(floor: Box, point: tuple[float, float]) -> tuple[float, float]:
     return min(max(x, floor.x_min), floor.x_max), min(max(y, floor.y_min), floor.y_max)
 
 
-def _name_pieces(brief: ResolvedTemplate, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
+def _name_pieces(resolved: ResolvedTemplate, rooms: Sequence[_Furnished]) -> tuple[Furniture, ...]:
     counts: dict[str, int] = {}
     named: list[Furniture] = []
-    for wish, furnished in zip(brief.rooms, rooms, strict=True):
+    for wish, furnished in zip(resolved.rooms, rooms, strict=True):
         for piece in furnished.pieces:
             counts[piece.type] = counts.get(piece.type, 0) + 1
             named.append(assemble(piece, f"{piece.type}_{counts[piece.type]}", wish.name, furnished.look))
@@ -311,7 +313,7 @@ def _clearance(plan: FloorPlan, fixed: Sequence[Solid], furniture: Sequence[Furn
 
 def _rooms_to_redo(site: _Site, clearance: Clearance) -> list[int]:
     """Returns the rooms to furnish again: those with floor shut off, those not reached, and the ways to them."""
-    radius, gaps = site.brief.robot_radius_m, site.plan.gaps
+    radius, gaps = site.resolved.robot_radius_m, site.plan.gaps
     reached = clearance.reached(radius)
     troubled: set[int] = set()
     for room, floor in enumerate(site.floors):

@@ -91,8 +91,8 @@ class GroupIntervals(NamedTuple):
     def free_members(self, along: float) -> list[bool]:
         """Returns which members there is room for, where there is room for those that are needed."""
         free = [True] * self.members
-        for number, slides in self.others:
-            free[number] = all(slide.is_free(along) for slide in slides)
+        for number, intervals in self.others:
+            free[number] = all(interval.is_free(along) for interval in intervals)
         return free
 
 
@@ -120,14 +120,14 @@ def other_intervals(scene: RoomScene, group: FurnitureGroup, line: WallLine, acr
         across: Where the group's middle is across it.
     """
     members, taken, start = group.members, scene.taken[line.axis], scene.holds_start
-    slides: list[list[Interval]] = [[] for _ in members]
+    intervals: list[list[Interval]] = [[] for _ in members]
     for number in range(1, len(members)):
         bars, body = bars_of(taken, members[number]), group.bodies[number]
-        slides[number].append(_interval(body, bars, taken.around, line, across, clear_start=start))
+        intervals[number].append(_interval(body, bars, taken.around, line, across, clear_start=start))
     for zone in group.zones:
-        slides[zone.member].append(_interval(zone.box, taken.pieces, taken.around, line, across))
-    needed = [slide for number in group.needed for slide in slides[number]]
-    others = [(number, slides[number]) for number, member in enumerate(members) if not member.needed]
+        intervals[zone.member].append(_interval(zone.box, taken.pieces, taken.around, line, across))
+    needed = [interval for number in group.needed for interval in intervals[number]]
+    others = [(number, intervals[number]) for number, member in enumerate(members) if not member.needed]
     return GroupIntervals(len(members), needed, others)
 
 
@@ -301,13 +301,13 @@ def _at_line(scene: RoomScene, group: FurnitureGroup, line: WallLine, loose: lis
     """
     quarter, at, start, end, wall, axis, inward = line[:7]
     across = round((at + inward * (_WALL_GAP_M - group.reach[0].y_min)) * 1000.0) / 1000.0
-    slide = first_interval(scene, group, line, across)
-    if not slide.has_room:
+    interval = first_interval(scene, group, line, across)
+    if not interval.has_room:
         return []
     first, last = _ends(line, group.reach[0])
     places = _places(scene, group, line, (first, last), loose)
     first, last = first - EPSILON_M, last + EPSILON_M
-    stands = slide.free_places(
+    stands = interval.free_places(
         [(round(far * 1000.0) / 1000.0, rank, held, far) for rank, held, far in places if first <= far <= last]
     )
     if not stands:

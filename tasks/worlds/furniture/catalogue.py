@@ -11,7 +11,7 @@ from specs.data.world import RoomType
 from tasks.worlds.furniture import bathroom, beds_and_lamps, cabinets, kitchen, seats, shelves, tables
 from tasks.worlds.furniture.furniture_type import FurnitureType, Primitive, RoomUse, Size, Style, Tier, TypeName
 
-# The order decides which of two types comes first that have the same place in a programme or stand in one kitchen row.
+# The order decides which of two types comes first that have one place in a room's defaults or stand in one kitchen row.
 # Seeded draws follow it: a new family comes last.
 _FAMILIES = (kitchen, bathroom, beds_and_lamps, tables, cabinets, shelves, seats)
 CATALOGUE: dict[TypeName, FurnitureType] = {each.name: each for family in _FAMILIES for each in family.TYPES}
@@ -39,7 +39,7 @@ class RoomDefaults:
 
 
 def room_defaults_of(room: RoomType) -> RoomDefaults:
-    """Returns the programme that the catalogue gives a type of room."""
+    """Returns the defaults that the catalogue gives a type of room."""
     places: dict[int, list[TypeName]] = {}
     for kind, use in _uses(room, "essential"):
         places.setdefault(use.place, []).append(kind)
@@ -57,15 +57,15 @@ def _uses(room: RoomType, tier: Tier) -> list[tuple[TypeName, RoomUse]]:
 
 ROOM_DEFAULTS: dict[RoomType, RoomDefaults] = {room: room_defaults_of(room) for room in get_args(RoomType)}
 
-# A list is an explicit wish: more of the same is welcome than the programme would have.
+# A list is an explicit wish: more of the same is welcome than the defaults would have.
 _LISTED_SHARE = 0.5
 
 
 def draw_usual_furniture(rng: np.random.Generator, room: RoomType) -> tuple[list[TypeName], dict[TypeName, float]]:
     """Returns what to try first, in order, and what next, with the floor for which there is one (square metres)."""
-    programme = ROOM_DEFAULTS[room]
-    first = [choice[int(rng.integers(len(choice)))] for choice in programme.essential]
-    rest = {kind: tier[kind] for tier in (programme.likely, programme.occasional) for kind in _shuffle(rng, tier)}
+    defaults = ROOM_DEFAULTS[room]
+    first = [choice[int(rng.integers(len(choice)))] for choice in defaults.essential]
+    rest = {kind: tier[kind] for tier in (defaults.likely, defaults.occasional) for kind in _shuffle(rng, tier)}
     return first, rest
 
 

@@ -121,7 +121,7 @@ def run_generation_job(
     robot_radius_m: float = ROBOT_RADIUS_M,
     first: Indices = (1, 1),
     workers: int | None = None,
-    elsewhere: RemoteWorldMaker | None = None,
+    remote: RemoteWorldMaker | None = None,
 ) -> JobRecord:
     """Returns the job's terminal record, having generated the worlds that were missing.
 
@@ -136,7 +136,7 @@ def run_generation_job(
         first: Floor plan and interior of the first world, where other jobs make those before; they belong to the
             request likewise.
         workers: Processes that make worlds; None for as many as pay. The worlds do not depend on it.
-        elsewhere: Workers of a cluster that make them instead, where there are any.
+        remote: Workers of a cluster that make them instead, where there are any.
 
     Raises:
         IdempotentParameterMismatch: The token was used with another request, template, seed or radius.
@@ -166,7 +166,7 @@ def run_generation_job(
         order = Order(template=template, seed=seed, generation=record.id, robot_radius_m=robot_radius_m)
         indices = world_indices(request, first)
         watch = _Watch(store, record, claim)
-        rejected = _make_elsewhere(watch, order, indices, progress, elsewhere) if elsewhere else {}
+        rejected = _make_remotely(watch, order, indices, progress, remote) if remote else {}
         return _end(store, record, _make_all(watch, order, indices, progress, workers, rejected=rejected))
 
 
@@ -194,12 +194,12 @@ class _Watch:
         return self.stopped
 
 
-def _make_elsewhere(
+def _make_remotely(
     watch: _Watch,
     order: Order,
     indices: Sequence[Indices],
     progress: Callable[[int, int], None],
-    elsewhere: RemoteWorldMaker,
+    remote: RemoteWorldMaker,
 ) -> Mapping[Indices, WorldOutcome]:
     missing, total = missing_worlds(watch.store, order.generation, indices), len(indices)
     made = total - len(missing)
@@ -209,7 +209,7 @@ def _make_elsewhere(
         made += more
         progress(made, total)
 
-    return elsewhere(order, missing, going=lambda: not watch.canceled(), done=done)
+    return remote(order, missing, going=lambda: not watch.canceled(), done=done)
 
 
 def _make_all(

@@ -94,8 +94,8 @@ def test_no_leaf_meets_a_wall_or_another_leaf_at_any_opening(seed: int, percent:
 @settings(max_examples=25)
 @given(st.integers(0, 10_000))
 def test_no_leaf_sweeps_over_the_start(seed: int) -> None:
-    brief = resolve_template(template(*ROOMS, version="2"))
-    for way in hang_doors(brief, plan_floor(brief, seed, 1)):
+    resolved = resolve_template(template(*ROOMS, version="2"))
+    for way in hang_doors(resolved, plan_floor(resolved, seed, 1)):
         assert min(math.hypot(*way.hinge), 9.0) - way.length >= 0.0 or _clear(way.swing)
 
 

@@ -18,8 +18,8 @@ from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.generate import sound_plan
 from tasks.worlds.geometry import EPSILON_M, Box, measure_clearance, reaches_room
 from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
-from tests.worlds.briefs import brief, briefs, flat, wish
 from tests.worlds.geometry_checks import bottom_m, intersect
+from tests.worlds.resolved_templates import flat, resolved, resolved_templates, wish
 from tests.worlds.templates import SAMPLES, connection, room, sample, template
 
 HABITABLE: tuple[RoomType, ...] = ("Bedroom", "Living", "Dining", "Kitchen")
@@ -27,7 +27,7 @@ HABITABLE: tuple[RoomType, ...] = ("Bedroom", "Living", "Dining", "Kitchen")
 
 def windows(kind: RoomType, *cells: Box) -> list[Pane]:
     """Returns the windows of the first of several rooms."""
-    home = brief(wish("It", kind), *(wish(f"Closet {n}", "Closet") for n in range(len(cells) - 1)))
+    home = resolved(wish("It", kind), *(wish(f"Closet {n}", "Closet") for n in range(len(cells) - 1)))
     return [pane for pane in place_windows(home, cells) if pane.room == 0]
 
 
@@ -111,25 +111,25 @@ HALL = wish("Hall", "Hallway", 10.0)
 FOUR = tuple(wish(name, "Bedroom", 15.0) for name in "ABCD")
 # Briefs at the edge of what a template may ask for.
 EDGES = {
-    "one room of 10 m2": brief(wish("A", area_m2=10.0)),
-    "one room of 10 m2, 4:1": brief(wish("A", area_m2=10.0, aspect=4.0), footprint=4.0),
-    "one room of 10 m2, 1:4": brief(wish("A", area_m2=10.0, aspect=0.25), footprint=0.25),
-    "six closets": brief(*(wish(f"C{n}", "Closet", 10.0) for n in range(6))),
-    "hall of 4:1": brief(wish("H", "Hallway", 20.0, 4.0), *FOUR, connections=((0, 1), (0, 2), (0, 3), (0, 4))),
-    "a hall and four rooms": brief(HALL, *FOUR, connections=((0, 1), (0, 2), (0, 3), (0, 4))),
-    "ring of four": brief(*FOUR, connections=((0, 1), (1, 2), (2, 3), (0, 3))),
-    "ring of five": brief(HALL, *FOUR, connections=((0, 1), (1, 2), (2, 3), (3, 4), (0, 4))),
-    "each with each of four": brief(*FOUR, connections=tuple(combinations(range(4), 2))),
-    "each with each of five": brief(HALL, *FOUR, connections=tuple(combinations(range(5), 2))),
-    "10 beside 300 m2": brief(wish("Small", "Closet", 10.0), wish("Large", area_m2=300.0), connections=((0, 1),)),
-    "bathroom of 300 m2": brief(wish("Bath", "Bathroom", 300.0), wish("B", area_m2=20.0), wish("C", area_m2=15.0)),
-    "robot of 0.45 m": brief(*flat().rooms, connections=((0, 3), (0, 4), (0, 5)), openings=((0, 1),), radius_m=0.45),
-    "robot of 0.6 m, doors": brief(*flat().rooms, connections=((0, 3), (0, 4)), radius_m=0.6, doors=True),
-    "twelve connections": brief(
+    "one room of 10 m2": resolved(wish("A", area_m2=10.0)),
+    "one room of 10 m2, 4:1": resolved(wish("A", area_m2=10.0, aspect=4.0), footprint=4.0),
+    "one room of 10 m2, 1:4": resolved(wish("A", area_m2=10.0, aspect=0.25), footprint=0.25),
+    "six closets": resolved(*(wish(f"C{n}", "Closet", 10.0) for n in range(6))),
+    "hall of 4:1": resolved(wish("H", "Hallway", 20.0, 4.0), *FOUR, connections=((0, 1), (0, 2), (0, 3), (0, 4))),
+    "a hall and four rooms": resolved(HALL, *FOUR, connections=((0, 1), (0, 2), (0, 3), (0, 4))),
+    "ring of four": resolved(*FOUR, connections=((0, 1), (1, 2), (2, 3), (0, 3))),
+    "ring of five": resolved(HALL, *FOUR, connections=((0, 1), (1, 2), (2, 3), (3, 4), (0, 4))),
+    "each with each of four": resolved(*FOUR, connections=tuple(combinations(range(4), 2))),
+    "each with each of five": resolved(HALL, *FOUR, connections=tuple(combinations(range(5), 2))),
+    "10 beside 300 m2": resolved(wish("Small", "Closet", 10.0), wish("Large", area_m2=300.0), connections=((0, 1),)),
+    "bathroom of 300 m2": resolved(wish("Bath", "Bathroom", 300.0), wish("B", area_m2=20.0), wish("C", area_m2=15.0)),
+    "robot of 0.45 m": resolved(*flat().rooms, connections=((0, 3), (0, 4), (0, 5)), openings=((0, 1),), radius_m=0.45),
+    "robot of 0.6 m, doors": resolved(*flat().rooms, connections=((0, 3), (0, 4)), radius_m=0.6, doors=True),
+    "twelve connections": resolved(
         *flat().rooms, connections=tuple(pair for pair in combinations(range(6), 2) if sum(pair) != 5)
     ),
-    "several doorways": brief(*FOUR, connections=((0, 1),) * 3 + ((2, 3),)),
-    "opening between tiny rooms": brief(wish("A", "Closet", 10.0), wish("B", "Closet", 10.0), openings=((0, 1),)),
+    "several doorways": resolved(*FOUR, connections=((0, 1),) * 3 + ((2, 3),)),
+    "opening between tiny rooms": resolved(wish("A", "Closet", 10.0), wish("B", "Closet", 10.0), openings=((0, 1),)),
 }
 # How many wished connections geometry allows of those that contradict each other: four rectangles that all touch each
 # other make no rectangle.
@@ -160,7 +160,7 @@ def has_clear_start(plan: FloorPlan) -> bool:
 
 
 @any_brief
-@given(briefs(), seeds)
+@given(resolved_templates(), seeds)
 def test_cells_tile_the_footprint(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     assert not any(a.meets(b) for a, b in combinations(plan.cells, 2))
@@ -168,7 +168,7 @@ def test_cells_tile_the_footprint(home: ResolvedTemplate, seed: int) -> None:
 
 
 @any_brief
-@given(briefs(), seeds)
+@given(resolved_templates(), seeds)
 def test_gaps_lie_in_the_wall_between_their_rooms_and_do_not_overlap(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     for gap in plan.gaps:
@@ -182,7 +182,7 @@ def test_gaps_lie_in_the_wall_between_their_rooms_and_do_not_overlap(home: Resol
 
 
 @any_brief
-@given(briefs(), seeds)
+@given(resolved_templates(), seeds)
 def test_inner_walls_lie_between_rooms_and_fill_what_is_neither_floor_nor_outer_wall(
     home: ResolvedTemplate, seed: int
 ) -> None:
@@ -193,7 +193,7 @@ def test_inner_walls_lie_between_rooms_and_fill_what_is_neither_floor_nor_outer_
 
 
 @any_brief
-@given(briefs(), seeds)
+@given(resolved_templates(), seeds)
 def test_a_robot_reaches_every_room_of_a_bare_plan_from_a_clear_start(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     assert has_clear_start(plan)
@@ -202,7 +202,7 @@ def test_a_robot_reaches_every_room_of_a_bare_plan_from_a_clear_start(home: Reso
 
 
 @any_brief
-@given(briefs(), seeds)
+@given(resolved_templates(), seeds)
 def test_areas_are_within_3_percent(home: ResolvedTemplate, seed: int) -> None:
     plan = plan_floor(home, seed, 1)
     errors = [abs(floor.area / room.area_m2 - 1.0) for floor, room in zip(plan.floors, home.rooms, strict=True)]
@@ -250,7 +250,7 @@ def test_a_plan_is_the_same_in_another_order() -> None:
 
 
 def test_no_door_has_to_open_into_the_start_or_into_another_door() -> None:
-    home = brief(*flat().rooms, connections=((0, 3), (0, 4), (0, 5), (3, 5)), openings=((0, 1), (1, 2)), doors=True)
+    home = resolved(*flat().rooms, connections=((0, 3), (0, 4), (0, 5), (3, 5)), openings=((0, 1), (1, 2)), doors=True)
     for seed in range(20):
         hung = hang_doors(home, plan_floor(home, seed, 1))
         assert not any(way.swing.grown(-1e-6).meets(Box(-0.7, -0.7, 0.7, 0.7)) for way in hung)
@@ -284,32 +284,32 @@ def narrow(version: str) -> ResolvedTemplate:
     return resolve_template(template(*(room(kind, kind, 10.0, (2.0, 1.0)) for kind in kinds), version=version), 0.58)
 
 
-def passable(brief: ResolvedTemplate, plan: FloorPlan) -> bool:
-    leaves = [way.leaf("leaf", 100.0, GREY) for way in hang_doors(brief, plan)]
+def passable(resolved: ResolvedTemplate, plan: FloorPlan) -> bool:
+    leaves = [way.leaf("leaf", 100.0, GREY) for way in hang_doors(resolved, plan)]
     clearance = measure_clearance(plan.footprint, [*build_walls(plan, 3.0, [GREY] * 4), *leaves])
-    reached = clearance.reached(brief.robot_radius_m)
-    return all(reaches_room(reached, clearance, floor, brief.robot_radius_m) for floor in plan.floors)
+    reached = clearance.reached(resolved.robot_radius_m)
+    return all(reaches_room(reached, clearance, floor, resolved.robot_radius_m) for floor in plan.floors)
 
 
 def test_some_plans_are_not_passable_once_doors_hang() -> None:
-    brief = narrow("2")
-    assert not all(passable(brief, plan_floor(brief, seed, 1)) for seed in SEEDS)
+    resolved = narrow("2")
+    assert not all(passable(resolved, plan_floor(resolved, seed, 1)) for seed in SEEDS)
 
 
 def test_sound_plans_are_passable_with_their_doors_open() -> None:
-    brief = narrow("2")
-    assert all(passable(brief, sound_plan(brief, seed, 1)) for seed in SEEDS)
+    resolved = narrow("2")
+    assert all(passable(resolved, sound_plan(resolved, seed, 1)) for seed in SEEDS)
 
 
 def test_a_plan_that_is_passable_at_once_is_kept() -> None:
-    brief = narrow("2")
-    sound = [seed for seed in SEEDS if passable(brief, plan_floor(brief, seed, 1))]
-    assert all(sound_plan(brief, seed, 1) == plan_floor(brief, seed, 1) for seed in sound)
+    resolved = narrow("2")
+    sound = [seed for seed in SEEDS if passable(resolved, plan_floor(resolved, seed, 1))]
+    assert all(sound_plan(resolved, seed, 1) == plan_floor(resolved, seed, 1) for seed in sound)
 
 
 def test_without_doors_the_first_plan_is_taken() -> None:
-    brief = narrow("1")
-    assert all(sound_plan(brief, seed, 1) == plan_floor(brief, seed, 1) for seed in SEEDS)
+    resolved = narrow("1")
+    assert all(sound_plan(resolved, seed, 1) == plan_floor(resolved, seed, 1) for seed in SEEDS)
 
 
 ROOMS = ("Living", "Kitchen", "Bedroom", "Bath", "Hall")

@@ -12,7 +12,7 @@ from specs.data.world import RoomType
 from tasks.worlds.floorplan.passages import START_CLEAR_M, Gap, choose_start, hindrance, place_passages, shared_wall
 from tasks.worlds.geometry import Box
 from tasks.worlds.resolved_template import ResolvedTemplate
-from tests.worlds.briefs import brief, wish
+from tests.worlds.resolved_templates import resolved, wish
 
 WEST, EAST, NORTH, FAR = Box(0, 0, 4, 4), Box(4, 0, 8, 4), Box(0, 4, 8, 7), Box(8, 0, 12, 4)
 SEEDS = range(20)
@@ -21,7 +21,7 @@ SEEDS = range(20)
 def home(
     *kinds: RoomType, doorways: tuple[tuple[int, int], ...] = (), openings: tuple[tuple[int, int], ...] = ()
 ) -> ResolvedTemplate:
-    return brief(*(wish(f"R{n}", kind) for n, kind in enumerate(kinds)), connections=doorways, openings=openings)
+    return resolved(*(wish(f"R{n}", kind) for n, kind in enumerate(kinds)), connections=doorways, openings=openings)
 
 
 def passages(plan: ResolvedTemplate, *cells: Box, seed: int = 0) -> tuple[Gap, ...]:
@@ -70,7 +70,7 @@ def test_a_wished_passage_needs_no_second_one() -> None:
 
 
 def test_doorways_and_openings_fit_the_robot() -> None:
-    large = brief(wish("A"), wish("B"), wish("C"), openings=((0, 1),), radius_m=0.6, doors=True)
+    large = resolved(wish("A"), wish("B"), wish("C"), openings=((0, 1),), radius_m=0.6, doors=True)
     gaps = passages(large, WEST, Box(4, 2.2, 8, 6), Box(4, -4, 8, 2.2))
     assert {gap.kind for gap in gaps} == {"Opening", "Doorway"}
     assert min(gap.width for gap in gaps) == 1.48
@@ -124,7 +124,7 @@ def test_doors_of_a_room_do_not_swing_into_each_other() -> None:
     kinds: tuple[RoomType, ...] = ("Bedroom", "Bathroom", "Hallway")
     meeting = 0
     for seed in SEEDS:
-        plan = brief(*(wish(kind, kind) for kind in kinds), connections=((0, 1), (0, 2)), doors=True)
+        plan = resolved(*(wish(kind, kind) for kind in kinds), connections=((0, 1), (0, 2)), doors=True)
         gaps = passages(plan, WEST, EAST, NORTH, seed=seed)
         meeting += sum(a.box(a.width).meets(b.box(b.width)) for a, b in combinations(gaps, 2))
     assert meeting == 0
@@ -166,25 +166,25 @@ def room_of(spot: tuple[float, float] | None, *cells: Box) -> int:
     ],
 )
 def test_it_is_the_most_public_room_and_of_two_alike_the_larger(kinds: tuple[RoomType, RoomType], room: int) -> None:
-    home = brief(*(wish(kind, kind) for kind in kinds))
+    home = resolved(*(wish(kind, kind) for kind in kinds))
     assert {room_of(start(home, WEST_ROOM, EAST_ROOM, seed=seed), WEST_ROOM, EAST_ROOM) for seed in SEEDS} == {room}
 
 
 def test_a_hall_that_is_too_narrow_is_passed_over() -> None:
     hall = Box(0, 4, 10, 6.1)
-    home = brief(wish("A", "Bathroom"), wish("B", "Bedroom"), wish("C", "Hallway"))
+    home = resolved(wish("A", "Bathroom"), wish("B", "Bedroom"), wish("C", "Hallway"))
     assert room_of(start(home, WEST_ROOM, EAST_ROOM, hall), WEST_ROOM, EAST_ROOM, hall) == 1
 
 
 def test_without_a_room_for_the_disc_there_is_no_start() -> None:
-    assert start(brief(wish("A")), Box(0, 0, 9, 2.1), gaps=()) is None
+    assert start(resolved(wish("A")), Box(0, 0, 9, 2.1), gaps=()) is None
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("doors", [False, True])
 def test_the_disc_keeps_off_the_walls_also_in_the_narrowest_room(seed: int, doors: bool) -> None:  # noqa: FBT001
     for cells in ((WEST_ROOM, EAST_ROOM), (Box(0, 0, 4, 4), Box(4, 0, 10, 2.22))):
-        home = brief(wish("A", "Closet"), wish("B", "Hallway"), doors=doors)
+        home = resolved(wish("A", "Closet"), wish("B", "Hallway"), doors=doors)
         spot = start(home, *cells, seed=seed)
         assert spot is not None
         floor = cells[1].grown(-0.06)
@@ -193,13 +193,13 @@ def test_the_disc_keeps_off_the_walls_also_in_the_narrowest_room(seed: int, door
 
 
 def test_it_is_near_a_way_out() -> None:
-    home = brief(wish("A", "Closet"), wish("B", "Hallway"))
+    home = resolved(wish("A", "Closet"), wish("B", "Hallway"))
     spots = [start(home, WEST_ROOM, EAST_ROOM, seed=seed) for seed in SEEDS]
     assert max(math.dist(spot, DOORWAY.center) for spot in spots if spot) < 2.0
 
 
 def test_a_leaf_can_open_without_touching_the_disc() -> None:
-    home = brief(wish("A", "Closet"), wish("B", "Hallway"), doors=True)
+    home = resolved(wish("A", "Closet"), wish("B", "Hallway"), doors=True)
     for seed in SEEDS:
         spot = start(home, WEST_ROOM, EAST_ROOM, seed=seed)
         assert spot is not None
@@ -209,14 +209,14 @@ def test_a_leaf_can_open_without_touching_the_disc() -> None:
 
 
 def test_starts_are_whole_centimetres_and_the_same_for_the_same_stream() -> None:
-    home = brief(wish("A", "Closet"), wish("B", "Hallway"))
+    home = resolved(wish("A", "Closet"), wish("B", "Hallway"))
     spot = start(home, WEST_ROOM, EAST_ROOM, seed=3)
     assert spot == start(home, WEST_ROOM, EAST_ROOM, seed=3)
     assert spot == tuple(round(side, 2) for side in spot or ())
 
 
 THREE_CELLS = Box(0, 0, 4, 4), Box(4, 0, 8, 4), Box(8, 0, 9, 4)
-THREE_ROOMS = brief(wish("Hall"), wish("Bath"), wish("Closet"))
+THREE_ROOMS = resolved(wish("Hall"), wish("Bath"), wish("Closet"))
 TWO_GAPS = tuple(Gap((n, n + 1), "Doorway", (4.0 + 4 * n, 2.0), 0.9, "y", desired=True) for n in range(2))
 MIDDLE = (2.0, 2.0)
 

@@ -20,7 +20,7 @@ from tasks.worlds.floorplan.scoring import (
     skew,
 )
 from tasks.worlds.resolved_template import ResolvedTemplate
-from tests.worlds.briefs import brief, wish
+from tests.worlds.resolved_templates import resolved, wish
 
 
 def row(*borders: float) -> Layouts:
@@ -85,7 +85,7 @@ def square(side: float, x: float = 0.0, y: float = 0.0) -> tuple[float, float, f
     return (x, y, x + side + WALL_M, y + side + WALL_M)
 
 
-PAIR = brief(wish("A", area_m2=16.0), wish("B", area_m2=16.0))
+PAIR = resolved(wish("A", area_m2=16.0), wish("B", area_m2=16.0))
 SIDE_BY_SIDE = square(4.0), square(4.0, 4.0 + WALL_M)
 
 
@@ -108,45 +108,48 @@ def test_too_wide_and_too_deep_are_skewed_alike() -> None:
     ],
 )
 def test_doorways_are_wide_enough_for_a_person_and_the_robot(radius_m: float, doors: bool, width_m: float) -> None:  # noqa: FBT001
-    assert doorway_width(brief(wish("A"), radius_m=radius_m, doors=doors)) == width_m
+    assert doorway_width(resolved(wish("A"), radius_m=radius_m, doors=doors)) == width_m
 
 
 def test_connected_rooms_need_a_wall_for_all_their_doorways_and_jambs() -> None:
-    demands = demands_of(brief(wish("A"), wish("B"), wish("C"), connections=((0, 1), (0, 1)), openings=((1, 2),)))
+    demands = demands_of(resolved(wish("A"), wish("B"), wish("C"), connections=((0, 1), (0, 1)), openings=((1, 2),)))
     assert demands.pairs.T.tolist() == [[0, 1], [1, 2]]
     np.testing.assert_allclose(demands.shared_m - WALL_M, [0.1 + 2 * (0.9 + 0.1), 0.1 + OPENING_MIN_M + 0.1])
 
 
 def test_openings_are_as_wide_as_the_robot_needs() -> None:
-    demands = demands_of(brief(wish("A"), wish("B"), openings=((0, 1),), radius_m=0.6, doors=True))
+    demands = demands_of(resolved(wish("A"), wish("B"), openings=((0, 1),), radius_m=0.6, doors=True))
     assert demands.shared_m[0] - WALL_M == pytest.approx(0.1 + 1.48 + 0.1)
 
 
 def test_rooms_as_wished_cost_nothing_but_the_outline() -> None:
-    whole = brief(wish("A", area_m2=16.0))
+    whole = resolved(wish("A", area_m2=16.0))
     assert cost(whole, square(4.0)) == 0.0
     assert 0.0 < cost(PAIR, *SIDE_BY_SIDE) < 2.0
 
 
 def test_a_missed_shape_costs_more_than_one_just_within_the_tolerance() -> None:
-    home = brief(wish("A", area_m2=16.0, aspect=2.0))
+    home = resolved(wish("A", area_m2=16.0, aspect=2.0))
     within, beyond = (cost(home, (0, 0, 4 * r + WALL_M, 4 / r + WALL_M)) for r in (1.27, 1.26))
     assert beyond - within > 2.0
 
 
 def test_an_outspoken_shape_weighs_more_than_the_default() -> None:
-    weights = demands_of(brief(wish("A"), wish("B", aspect=2.0))).weight
+    weights = demands_of(resolved(wish("A"), wish("B", aspect=2.0))).weight
     assert weights[1] > weights[0]
-    assert demands_of(brief(wish("A"), footprint=2.0)).footprint_weight > demands_of(brief(wish("A"))).footprint_weight
+    assert (
+        demands_of(resolved(wish("A"), footprint=2.0)).footprint_weight
+        > demands_of(resolved(wish("A"))).footprint_weight
+    )
 
 
 def test_areas_beyond_the_limit_cost_more_than_a_missed_shape() -> None:
-    home = brief(wish("A", area_m2=16.0))
+    home = resolved(wish("A", area_m2=16.0))
     assert cost(home, square(4.0 * 1.03**0.5)) > cost(home, (0.0, 0.0, 5.0 + WALL_M, 3.2 + WALL_M)) + 2.0
 
 
 def test_a_sliver_costs_more_than_a_room_that_is_just_useful() -> None:
-    home = brief(wish("A", "Closet", 10.0), wish("B", "Closet", 10.0))
+    home = resolved(wish("A", "Closet", 10.0), wish("B", "Closet", 10.0))
     useful, sliver = (
         cost(home, (0, 0, side + WALL_M, 10 / side + WALL_M), (side + WALL_M, 0, 10 + side, 10 / side + WALL_M))
         for side in (1.6, 1.5)
@@ -156,18 +159,18 @@ def test_a_sliver_costs_more_than_a_room_that_is_just_useful() -> None:
 
 def test_hallways_may_be_narrower_than_rooms_and_slim_wishes_are_no_slivers() -> None:
     rooms = wish("A", "Hallway"), wish("B", "Closet"), wish("C", "Bedroom"), wish("D", "Bedroom", 10.0, 4.0)
-    np.testing.assert_allclose(demands_of(brief(*rooms)).slim_m, [1.2, 1.6, 2.13, 2.5**0.5])
+    np.testing.assert_allclose(demands_of(resolved(*rooms)).slim_m, [1.2, 1.6, 2.13, 2.5**0.5])
 
 
 def test_a_wished_connection_without_wall_costs_more_than_any_shape() -> None:
-    wished = replace(PAIR, connections=brief(*PAIR.rooms, connections=((0, 1),)).connections)
+    wished = replace(PAIR, connections=resolved(*PAIR.rooms, connections=((0, 1),)).connections)
     corner = square(4.0), square(4.0, 4.0 + WALL_M, 3.5)
     assert cost(wished, *SIDE_BY_SIDE) < CONNECTION
     assert CONNECTION < cost(wished, *corner) % HARD < 2 * CONNECTION
 
 
 def test_a_shorter_wall_for_a_connection_costs_more() -> None:
-    wished = brief(*PAIR.rooms, connections=((0, 1),) * 4)
+    wished = resolved(*PAIR.rooms, connections=((0, 1),) * 4)
     closer, apart = (cost(wished, square(4.0), square(4.0, 4.0 + WALL_M, y)) for y in (1.0, 2.0))
     assert apart - cost(PAIR, square(4.0), square(4.0, 4.0 + WALL_M, 2.0)) > closer - cost(
         PAIR, square(4.0), square(4.0, 4.0 + WALL_M, 1.0)
@@ -186,7 +189,7 @@ def test_doorways_for_a_larger_robot_need_more_wall() -> None:
 
 
 def test_a_layout_without_a_place_for_the_start_is_unusable() -> None:
-    home = brief(wish("A", area_m2=16.0))
+    home = resolved(wish("A", area_m2=16.0))
     assert cost(home, (0, 0, 8.0 + WALL_M, 2.0 + WALL_M)) >= HARD
     assert cost(home, (0, 0, 7.6 + WALL_M, 2.1 + WALL_M)) < HARD
 
@@ -200,8 +203,8 @@ def test_a_room_too_narrow_for_the_robot_is_unusable() -> None:
 def test_a_way_through_the_bathroom_costs_more_than_one_through_the_kitchen() -> None:
     rooms = wish("A", "Living", 16.0), wish("B", "Kitchen", 16.0), wish("C", "Bathroom", 16.0)
     row = [square(4.0, n * (4.0 + WALL_M)) for n in range(3)]
-    good = cost(brief(*rooms), *row)
-    assert cost(brief(*rooms), row[0], row[2], row[1]) >= good + 10.0
+    good = cost(resolved(*rooms), *row)
+    assert cost(resolved(*rooms), row[0], row[2], row[1]) >= good + 10.0
 
 
 def test_a_way_through_the_bathroom_that_the_template_wishes_costs_nothing() -> None:
@@ -212,15 +215,15 @@ def test_a_way_through_the_bathroom_that_the_template_wishes_costs_nothing() -> 
         wish("D", "Closet", 16.0),
     )
     row = [square(4.0, n * (4.0 + WALL_M)) for n in range(4)]
-    unsaid = cost(brief(*rooms), *row)
-    assert cost(brief(*rooms, connections=((2, 3),)), *row) <= unsaid - 10.0
+    unsaid = cost(resolved(*rooms), *row)
+    assert cost(resolved(*rooms, connections=((2, 3),)), *row) <= unsaid - 10.0
 
 
 def test_a_bedroom_without_an_outer_wall_is_dark() -> None:
     around = [(0, 0, 6, 3), (6, 0, 9, 6), (3, 6, 9, 9), (0, 3, 3, 9)]
     rooms = [wish(name, "Closet", 15.0) for name in "ABCD"]
     dark, windowless = (
-        cost(brief(*rooms, wish("E", kind, 9.0)), *around, (3, 3, 6, 6)) for kind in ("Bedroom", "Hallway")
+        cost(resolved(*rooms, wish("E", kind, 9.0)), *around, (3, 3, 6, 6)) for kind in ("Bedroom", "Hallway")
     )
     assert dark > windowless
 

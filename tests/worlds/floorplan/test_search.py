@@ -28,7 +28,7 @@ from tasks.worlds.floorplan.search import (
     refine,
 )
 from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
-from tests.worlds.briefs import brief, flat, wish
+from tests.worlds.resolved_templates import flat, resolved, wish
 from tests.worlds.templates import sample
 
 
@@ -64,7 +64,7 @@ def test_lines_are_whole_centimetres_and_the_corner_stays() -> None:
 
 
 def test_rooms_keep_a_width() -> None:
-    for home in (flat(), brief(wish("A", area_m2=10.0), wish("B", area_m2=300.0), wish("C", area_m2=10.0))):
+    for home in (flat(), resolved(wish("A", area_m2=10.0), wish("B", area_m2=300.0), wish("C", area_m2=10.0))):
         cells = refined(home)[0].cells()
         assert (cells[2:] - cells[:2] > WALL_M).all()
 
@@ -78,7 +78,7 @@ def test_a_layout_is_refined_the_same_alone_and_among_others() -> None:
 
 def test_a_wall_that_is_a_little_short_for_its_doorways_becomes_long_enough() -> None:
     rooms = wish("A", area_m2=15.0), wish("B", area_m2=15.0)
-    layouts, demands = refined(brief(*rooms, connections=((0, 1),) * 4), count=2)
+    layouts, demands = refined(resolved(*rooms, connections=((0, 1),) * 4), count=2)
     before = common_walls(propose(demands, 2).cells(), *demands.pairs)
     assert before.min() < demands.shared_m[0]
     assert common_walls(layouts.cells(), *demands.pairs).min() >= demands.shared_m[0]
@@ -87,7 +87,7 @@ def test_a_wall_that_is_a_little_short_for_its_doorways_becomes_long_enough() ->
 def test_a_connection_that_cannot_be_does_not_cost_areas() -> None:
     # Each with each but for its opposite: no six rectangles have all of these walls.
     pairs = tuple((a, b) for a in range(6) for b in range(a + 1, 6) if (a, b) not in ((0, 1), (2, 3), (4, 5)))
-    layouts, demands = refined(brief(*(wish(name, area_m2=20.0) for name in "ABCDEF"), connections=pairs), count=256)
+    layouts, demands = refined(resolved(*(wish(name, area_m2=20.0) for name in "ABCDEF"), connections=pairs), count=256)
     cells = layouts.cells()[:, :, score(layouts, demands).argmin()]
     floors = (cells[2:] - cells[:2] - WALL_M).prod(axis=0)
     np.testing.assert_allclose(floors, 20.0, rtol=0.03)
@@ -96,7 +96,7 @@ def test_a_connection_that_cannot_be_does_not_cost_areas() -> None:
 def test_a_shape_that_just_misses_the_tolerance_is_brought_within_it() -> None:
     hall = wish("Hall", "Hallway", 16.0, 4.0)
     rooms = (wish(name, "Bedroom") for name in "ABCD")
-    home = brief(hall, *rooms, connections=((0, 1), (0, 2), (0, 3), (0, 4)), footprint=2.0)
+    home = resolved(hall, *rooms, connections=((0, 1), (0, 2), (0, 3), (0, 4)), footprint=2.0)
     layouts, demands = refined(home)
     cells = layouts.cells()[:, 0, score(layouts, demands).argmin()]
     width, height = cells[2:] - cells[:2] - WALL_M
@@ -105,7 +105,7 @@ def test_a_shape_that_just_misses_the_tolerance_is_brought_within_it() -> None:
 
 def test_a_round_leaves_every_room_half_of_its_width_at_least() -> None:
     equal, unequal = (
-        demands_of(brief(*(wish(str(n), area_m2=area) for n, area in enumerate(areas)), footprint=4.0))
+        demands_of(resolved(*(wish(str(n), area_m2=area) for n, area in enumerate(areas)), footprint=4.0))
         for areas in ((40.0,) * 4, (10.0, 300.0, 10.0, 300.0))
     )
     layouts = propose(equal, 20)
@@ -117,14 +117,14 @@ def test_a_round_leaves_every_room_half_of_its_width_at_least() -> None:
 
 @pytest.mark.parametrize("aspect", [4.0, 0.25])
 def test_a_room_that_holds_the_start_gets_as_wide_as_it_needs(aspect: float) -> None:
-    layouts, _ = refined(brief(wish("A", area_m2=10.0, aspect=aspect), footprint=aspect))
+    layouts, _ = refined(resolved(wish("A", area_m2=10.0, aspect=aspect), footprint=aspect))
     cells = layouts.cells()
     assert (cells[2:] - cells[:2]).min() - WALL_M >= START_SIDE_M
 
 
 def test_a_robot_widens_the_rooms_that_are_too_narrow_for_it() -> None:
     narrow, wide = (
-        refined(brief(wish("A", "Hallway", 10.0, 4.0), wish("B", area_m2=40.0), radius_m=radius))[0]
+        refined(resolved(wish("A", "Hallway", 10.0, 4.0), wish("B", area_m2=40.0), radius_m=radius))[0]
         for radius in (0.25, 0.6)
     )
     assert (narrow.cells()[2:] - narrow.cells()[:2]).min() < (wide.cells()[2:] - wide.cells()[:2]).min() + 1e-9
@@ -231,13 +231,13 @@ def test_the_best_layout_is_drawn_most_often() -> None:
 
 
 def test_no_layout_is_drawn_that_leaves_out_a_connection_which_others_have() -> None:
-    for home in (flat(), brief(*(wish(n) for n in "ABCDE"), connections=tuple((a, (a + 1) % 5) for a in range(5)))):
+    for home in (flat(), resolved(*(wish(n) for n in "ABCDE"), connections=tuple((a, (a + 1) % 5) for a in range(5)))):
         scores = good_layouts(home).scores
         assert scores.max() // CONNECTION == scores.min() // CONNECTION
 
 
 def test_a_bathroom_is_no_thoroughfare_without_a_wish() -> None:
-    home = brief(wish("Bed", "Bedroom"), wish("Bath", "Bathroom"), wish("Kitchen", "Kitchen"))
+    home = resolved(wish("Bed", "Bedroom"), wish("Bath", "Bathroom"), wish("Kitchen", "Kitchen"))
     for layout in drawn(home, 10):
         bath, other = np.array([0, 2]), np.array([2, 0])
         assert (common_walls(layout.cells(), bath, other) >= 1.2).all()
@@ -246,10 +246,10 @@ def test_a_bathroom_is_no_thoroughfare_without_a_wish() -> None:
 @pytest.mark.parametrize(
     ("home", "reason"),
     [
-        (brief(wish("Cupboard", "Closet", 2.0)), r"2\.1 m wide.*Cupboard, has 2 m2; make a room larger"),
-        (brief(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0)), r"joins them all by doorways of 0\.90 m"),
+        (resolved(wish("Cupboard", "Closet", 2.0)), r"2\.1 m wide.*Cupboard, has 2 m2; make a room larger"),
+        (resolved(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0)), r"joins them all by doorways of 0\.90 m"),
         (
-            brief(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0), radius_m=0.6),
+            resolved(wish("Hall", area_m2=30.0), wish("Cupboard", area_m2=1.0), radius_m=0.6),
             r"radius needs rooms at least 1\.43 m wide, and Cupboard has 1 m2",
         ),
     ],
@@ -261,20 +261,20 @@ def test_a_brief_without_a_usable_layout_is_refused_with_the_reason(home: Resolv
 
 
 def test_the_smallest_six_rooms_are_nearly_squares() -> None:
-    home = brief(*(wish(f"C{n}", "Closet", 10.0) for n in range(6)))
+    home = resolved(*(wish(f"C{n}", "Closet", 10.0) for n in range(6)))
     for layout in drawn(home, 10):
         assert max(deviations(layout, home)) < 0.25
 
 
 def test_four_equal_squares_are_proposed_as_two_rows() -> None:
-    home = brief(*(wish(name, area_m2=16.0) for name in "ABCD"))
+    home = resolved(*(wish(name, area_m2=16.0) for name in "ABCD"))
     cells = propose(demands_of(home), 1).cells()[:, :, 0]
     floors = cells[2:] - cells[:2] - WALL_M
     np.testing.assert_allclose(floors, 4.0)
 
 
 def test_no_more_are_proposed_than_asked_for_or_than_there_are() -> None:
-    home = brief(*(wish(name) for name in "ABCD"))
+    home = resolved(*(wish(name) for name in "ABCD"))
     assert propose(demands_of(home), 10).lines.shape == (7, 10)
     assert propose(demands_of(home), 1000).lines.shape == (7, 144)
 
@@ -297,8 +297,8 @@ def test_connected_rooms_lie_side_by_side() -> None:
 
 def test_connections_decide_before_shapes() -> None:
     # Five squares of the same size are best as a row of two and one of three, where no room touches all others.
-    star = brief(wish("Hub", "Hallway", 15.0), *(wish(name, area_m2=15.0) for name in "ABCD"))
-    wished = brief(*star.rooms, connections=((0, 1), (0, 2), (0, 3), (0, 4)))
+    star = resolved(wish("Hub", "Hallway", 15.0), *(wish(name, area_m2=15.0) for name in "ABCD"))
+    wished = resolved(*star.rooms, connections=((0, 1), (0, 2), (0, 3), (0, 4)))
     without, wanted = (propose(demands_of(each), 1).cells() for each in (star, wished))
     hub, others = np.zeros(4, dtype=int), np.arange(1, 5)
     assert (common_walls(without, hub, others) > 1.0).sum() < 4
@@ -308,5 +308,5 @@ def test_connections_decide_before_shapes() -> None:
 def test_the_outline_follows_a_wish_that_is_spelt_out() -> None:
     rooms = [wish(name) for name in "ABCDEF"]
     for aspect in (0.4, 2.5):
-        lines = propose(demands_of(brief(*rooms, footprint=aspect)), 5).lines
+        lines = propose(demands_of(resolved(*rooms, footprint=aspect)), 5).lines
         assert (np.abs(skew(lines[2] / lines[3] / aspect)) < 0.6).all()

@@ -143,7 +143,7 @@ _BEFORE_DOOR_M = 0.8
 def homes(draw: st.DrawFn) -> tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None]:
     """Draws a room of any type, area, density and list, with a door and perhaps a window and the start."""
     listed = draw(st.none() | st.lists(st.sampled_from(MODEL_TYPES), max_size=8, unique=True))
-    brief, plan = home(
+    resolved, plan = home(
         draw(st.sampled_from(ROOM_TYPES)),
         round(draw(st.floats(10.0, 60.0)), 1),
         draw(st.sampled_from(DENSITIES)),  # pyright: ignore[reportArgumentType] - names from the same Literal
@@ -153,11 +153,11 @@ def homes(draw: st.DrawFn) -> tuple[ResolvedTemplate, FloorPlan, InteriorKey, li
         start_inside=draw(st.booleans()),
         window=draw(st.booleans()),
     )
-    return brief, plan, InteriorKey(draw(st.integers(0, 10_000)), 1, 1), listed
+    return resolved, plan, InteriorKey(draw(st.integers(0, 10_000)), 1, 1), listed
 
 
-def interior(brief: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> Interior:
-    return furnish_interior(brief, plan, walls_of(plan), draw)
+def interior(resolved: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> Interior:
+    return furnish_interior(resolved, plan, walls_of(plan), draw)
 
 
 @settings(max_examples=60)
@@ -165,8 +165,8 @@ def interior(brief: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> Int
 def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
-    brief, plan, draw, _ = case
-    pieces = interior(brief, plan, draw).furniture
+    resolved, plan, draw, _ = case
+    pieces = interior(resolved, plan, draw).furniture
     assert overlapping(pieces) == []
     solids = [solid for piece in pieces for solid in piece.solids]
     assert [solid.name for solid in solids if leaves_floor(solid, plan)] == []
@@ -179,19 +179,19 @@ def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
 def test_a_robot_reaches_nearly_all_of_every_room(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
-    brief, plan, draw, _ = case
-    clearance = interior(brief, plan, draw).clearance
-    reached = clearance.reached(brief.robot_radius_m)
+    resolved, plan, draw, _ = case
+    clearance = interior(resolved, plan, draw).clearance
+    reached = clearance.reached(resolved.robot_radius_m)
     for floor in plan.floors:
-        assert reaches_room(reached, clearance, floor, brief.robot_radius_m)
-        assert connected_share(reached, clearance, floor, brief.robot_radius_m) >= 0.7
+        assert reaches_room(reached, clearance, floor, resolved.robot_radius_m)
+        assert connected_share(reached, clearance, floor, resolved.robot_radius_m) >= 0.7
 
 
 @settings(max_examples=60)
 @given(homes())
 def test_lists_are_obeyed(case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None]) -> None:
-    brief, plan, draw, listed = case
-    pieces = interior(brief, plan, draw).furniture
+    resolved, plan, draw, listed = case
+    pieces = interior(resolved, plan, draw).furniture
     assert {piece.room for piece in pieces} <= {"Room"}
     if listed is not None:
         assert {piece.model_type for piece in pieces} <= set(listed)
@@ -202,28 +202,30 @@ def test_lists_are_obeyed(case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, 
 def test_the_same_stream_gives_the_same_interior(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
-    brief, plan, draw, _ = case
-    assert interior(brief, plan, draw).furniture == interior(brief, plan, draw).furniture
+    resolved, plan, draw, _ = case
+    assert interior(resolved, plan, draw).furniture == interior(resolved, plan, draw).furniture
 
 
 @pytest.mark.parametrize("kind", ROOM_TYPES)
 @pytest.mark.parametrize("density", DENSITIES)
 def test_a_listed_type_stands_where_there_is_room(kind: RoomType, density: Density) -> None:
     for model in MODEL_TYPES[::3]:
-        brief, plan = home(kind, 20.0, density, [model], window=True)
-        assert {piece.model_type for piece in interior(brief, plan, InteriorKey(1, 1, 1)).furniture} == {model}
+        resolved, plan = home(kind, 20.0, density, [model], window=True)
+        assert {piece.model_type for piece in interior(resolved, plan, InteriorKey(1, 1, 1)).furniture} == {model}
 
 
 def test_all_listed_types_appear_over_several_interiors() -> None:
     listed = list(MODEL_TYPES[:10])
-    brief, plan = home("Living", 30.0, "Moderate", listed)
-    found = {piece.model_type for n in range(1, 9) for piece in interior(brief, plan, InteriorKey(1, 1, n)).furniture}
+    resolved, plan = home("Living", 30.0, "Moderate", listed)
+    found = {
+        piece.model_type for n in range(1, 9) for piece in interior(resolved, plan, InteriorKey(1, 1, n)).furniture
+    }
     assert found == set(listed)
 
 
 def test_interiors_of_a_plan_differ() -> None:
-    brief, plan = home("Living", 25.0, "Moderate")
-    first, second = (interior(brief, plan, InteriorKey(1, 1, n)).furniture for n in (1, 2))
+    resolved, plan = home("Living", 25.0, "Moderate")
+    first, second = (interior(resolved, plan, InteriorKey(1, 1, n)).furniture for n in (1, 2))
     assert first != second
 
 
@@ -231,9 +233,9 @@ def test_interiors_of_a_plan_differ() -> None:
 def test_a_home_of_six_rooms_has_no_more_primitives_than_a_simulation_bears(density: Density) -> None:
     names = [f"Room {n}" for n in range(6)]
     rooms = [room(name, kind, 22.0) for name, kind in zip(names, ROOM_TYPES, strict=False)]
-    brief = resolve_template(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
-    plan = plan_floor(brief, 3, 1)
-    assert sum(len(piece.solids) for piece in interior(brief, plan, InteriorKey(3, 1, 1)).furniture) <= 480
+    resolved = resolve_template(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
+    plan = plan_floor(resolved, 3, 1)
+    assert sum(len(piece.solids) for piece in interior(resolved, plan, InteriorKey(3, 1, 1)).furniture) <= 480
 
 
 def crowded() -> ResolvedTemplate:
@@ -243,9 +245,9 @@ def crowded() -> ResolvedTemplate:
 
 
 def test_names_are_numbered_by_type_across_rooms() -> None:
-    brief = crowded()
-    plan = plan_floor(brief, 2, 1)
-    pieces = interior(brief, plan, InteriorKey(2, 1, 1)).furniture
+    resolved = crowded()
+    plan = plan_floor(resolved, 2, 1)
+    pieces = interior(resolved, plan, InteriorKey(2, 1, 1)).furniture
     assert len({piece.name for piece in pieces}) == len(pieces)
     assert all(piece.name.rsplit("_", 1)[0] == piece.model_type for piece in pieces)
     counts = Counter(piece.model_type for piece in pieces)
@@ -289,9 +291,9 @@ AREAS_M2 = (14.0, 30.0)
 def free_floor(kind: RoomType, density: Density) -> list[float]:
     found: list[float] = []
     for area in AREAS_M2:
-        brief, plan = home(kind, area, density)
+        resolved, plan = home(kind, area, density)
         for seed in SEEDS:
-            clearance = furnish_interior(brief, plan, walls_of(plan), InteriorKey(seed, 1, 1)).clearance
+            clearance = furnish_interior(resolved, plan, walls_of(plan), InteriorKey(seed, 1, 1)).clearance
             found.append(1.0 - float(clearance.covered[clearance.cells(plan.floors[0])].mean()))
     return found
 

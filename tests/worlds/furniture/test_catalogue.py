@@ -64,9 +64,9 @@ def test_large_beds_are_for_large_rooms() -> None:
 
 @pytest.mark.parametrize("kind", ROOM_TYPES)
 def test_programmes_name_known_types(kind: RoomType) -> None:
-    programme = ROOM_DEFAULTS[kind]
-    assert {each for choice in programme.essential for each in choice} <= set(CATALOGUE)
-    assert {*programme.likely, *programme.occasional} <= set(CATALOGUE)
+    defaults = ROOM_DEFAULTS[kind]
+    assert {each for choice in defaults.essential for each in choice} <= set(CATALOGUE)
+    assert {*defaults.likely, *defaults.occasional} <= set(CATALOGUE)
 
 
 def test_what_makes_a_room_comes_first_in_its_order() -> None:

@@ -44,11 +44,11 @@ class Elsewhere:
         return {each.indices: each for each in rejected}
 
 
-def test_worlds_made_elsewhere_are_those_that_the_job_itself_makes(file_store: Store, s3_store: Store) -> None:
-    elsewhere, progress = Elsewhere(s3_store, most=3), Progress()
+def test_worlds_made_by_workers_are_those_that_the_job_itself_makes(file_store: Store, s3_store: Store) -> None:
+    remote, progress = Elsewhere(s3_store, most=3), Progress()
     own = run(file_store, 2, 2)
-    record = run(s3_store, 2, 2, progress=progress, elsewhere=elsewhere)
-    assert elsewhere.asked == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    record = run(s3_store, 2, 2, progress=progress, remote=remote)
+    assert remote.asked == [(1, 1), (1, 2), (2, 1), (2, 2)]
     assert record.status == "Completed"
     assert worlds_of(s3_store, record) == worlds_of(file_store, own)
     assert progress.seen[0] == (3, 4)
@@ -58,14 +58,14 @@ def test_worlds_made_elsewhere_are_those_that_the_job_itself_makes(file_store: S
 def test_a_job_goes_on_where_workers_were_when_it_was_killed(file_store: Store) -> None:
     first = Elsewhere(file_store, most=1)
     with pytest.raises(KeyboardInterrupt):
-        run(file_store, 1, 3, progress=Progress(dies_after=1), elsewhere=first)
+        run(file_store, 1, 3, progress=Progress(dies_after=1), remote=first)
     second = Elsewhere(file_store)
-    record = run(file_store, 1, 3, elsewhere=second)
+    record = run(file_store, 1, 3, remote=second)
     assert (first.asked, second.asked) == ([(1, 1), (1, 2), (1, 3)], [(1, 2), (1, 3)])
     assert len(worlds_of(file_store, record)) == 3
 
 
-def test_worlds_that_cannot_be_made_elsewhere_are_counted_and_not_tried_again(
+def test_worlds_that_cannot_be_made_by_workers_are_counted_and_not_tried_again(
     file_store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried: list[object] = []
@@ -78,7 +78,7 @@ def test_worlds_that_cannot_be_made_elsewhere_are_counted_and_not_tried_again(
         return generate_world(BODY, **which)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(production, "generate_world", failing)
-    record = run(file_store, 1, 3, elsewhere=Elsewhere(file_store))
+    record = run(file_store, 1, 3, remote=Elsewhere(file_store))
     assert (record.status, record.detail["failures"]) == (
         "PartialFailed",
         {"InternalServiceError": {"count": 1, "sample_reason": "no room for a bed"}},
@@ -98,7 +98,7 @@ def test_a_job_that_is_canceled_while_workers_make_its_worlds_keeps_them(
             return made
 
     monkeypatch.setattr(generation_job, "_LOOK_EVERY_S", 0.0)
-    record = run(file_store, 1, 3, elsewhere=Canceled(file_store, 2))
+    record = run(file_store, 1, 3, remote=Canceled(file_store, 2))
     assert record.status == "Canceled"
     assert missing_worlds(file_store, record.id, [(1, 1), (1, 2), (1, 3)]) == [(1, 3)]
 
@@ -152,12 +152,10 @@ def run(
     seed: int = 7,
     body: TemplateBody = BODY,
     progress: Progress | None = None,
-    elsewhere: generation_job.RemoteWorldMaker | None = None,
+    remote: generation_job.RemoteWorldMaker | None = None,
 ) -> JobRecord:
     asked = request(floorplans, interiors)
-    return run_generation_job(
-        store, asked, body, seed=seed, token=name, progress=progress or Progress(), elsewhere=elsewhere
-    )
+    return run_generation_job(store, asked, body, seed=seed, token=name, progress=progress or Progress(), remote=remote)
 
 
 def worlds_of(store: Store, record: JobRecord) -> dict[str, bytes]:

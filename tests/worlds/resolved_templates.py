@@ -1,4 +1,4 @@
-"""Briefs for the tests of floor plans: plain ones, random ones, and what a plan is made of."""
+"""Resolved templates for the tests of floor plans: plain ones, random ones, and what a plan is made of."""
 
 from itertools import combinations
 
@@ -24,7 +24,7 @@ def wish(name: str, kind: RoomType = "Living", area_m2: float = 20.0, aspect: fl
     return RoomWish(name, kind, area_m2, aspect, (), (), None, "Moderate")
 
 
-def brief(
+def resolved(
     *rooms: RoomWish,
     connections: tuple[tuple[int, int], ...] = (),
     openings: tuple[tuple[int, int], ...] = (),
@@ -32,7 +32,7 @@ def brief(
     radius_m: float = ROBOT_RADIUS_M,
     doors: bool = False,
 ) -> ResolvedTemplate:
-    """Returns a brief of these rooms, connected by doorways and openings between rooms by index."""
+    """Returns a template of these rooms, connected by doorways and openings between rooms by index."""
     wishes = [ConnectionWish(pair, "Doorway") for pair in connections]
     wishes += [ConnectionWish(pair, "Opening") for pair in openings]
     return ResolvedTemplate(
@@ -55,12 +55,12 @@ def flat() -> ResolvedTemplate:
         wish("Bed 2", "Bedroom", 14.0),
         wish("Bath", "Bathroom", 10.0),
     )
-    return brief(*rooms, connections=((0, 3), (0, 4), (0, 5)), openings=((0, 1), (1, 2)))
+    return resolved(*rooms, connections=((0, 3), (0, 4), (0, 5)), openings=((0, 1), (1, 2)))
 
 
 @st.composite
-def briefs(draw: st.DrawFn) -> ResolvedTemplate:
-    """Returns a random brief: any rooms, any connections that a template may have, any robot, with doors or without."""
+def resolved_templates(draw: st.DrawFn) -> ResolvedTemplate:
+    """Returns a random template: any rooms and connections, any robot, with doors or without."""
     count = draw(st.integers(1, 6))
     rooms = tuple(
         wish(f"Room {n}", draw(st.sampled_from(ROOM_TYPES)), draw(st.floats(10.0, 60.0)), draw(_aspects))
