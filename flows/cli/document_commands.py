@@ -4,7 +4,7 @@
 from collections.abc import Generator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -12,6 +12,9 @@ from rich.console import Console
 from flows.cli.terminal import TerminalConsole, echo, exit_code_of, show_report
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
+
+if TYPE_CHECKING:
+    from specs.pipeline.document import PipelineSpec
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
 StoreUrl = Annotated[
@@ -46,9 +49,11 @@ def _run_and_show(file: Path, store: str | None, junit: Path | None, *, as_json:
     from tasks.storage.store_url import chosen_url
 
     console = TerminalConsole(stderr=as_json)
-    wishes = CiWishes(file, AskedRun(_name(file), chosen_url(store)), junit, as_json)
+    document = _read(file)
+    name = file.stem if isinstance(document, DocumentError) else document.name
+    wishes = CiWishes(file, AskedRun(name, chosen_url(store)), junit, as_json)
     try:
-        report = run_for_ci(wishes, lambda: _run(file, store, console, direct=direct))
+        report = run_for_ci(wishes, lambda: _run(document, file, store, console, direct=direct))
     except PipelineNotPassed as exc:
         show_report(exc.report, console)
         _show_next_steps(exc.report, store, console)
@@ -68,26 +73,27 @@ def _show_next_steps(report: PipelineReport, store: str | None, console: Console
         console.print(line, soft_wrap=True, highlight=False)
 
 
-def _name(file: Path) -> str:
-    """Returns the document's name; the file's, if it holds no document."""
+def _read(file: Path) -> "PipelineSpec | DocumentError":
+    """Returns the document, or what is wrong with it, which CI is told of as well."""
     from tasks.documents.pipeline_file import read_pipeline
 
     try:
-        return read_pipeline(file).name
-    except DocumentError:
-        return file.stem
+        return read_pipeline(file)
+    except DocumentError as exc:
+        return exc
 
 
-def _run(file: Path, store: str | None, console: Console, *, direct: bool) -> PipelineReport:
-    from tasks.documents.pipeline_file import read_pipeline
-
-    spec = read_pipeline(file)
+def _run(
+    document: "PipelineSpec | DocumentError", file: Path, store: str | None, console: Console, *, direct: bool
+) -> PipelineReport:
+    if isinstance(document, DocumentError):
+        raise document
     with _name_file(file):
         if direct:
             from flows.cli.run_command import run_directly as run_document
         else:
             from flows.cli.run_command import run_document
-        return run_document(spec, file.resolve().parent, store, console)
+        return run_document(document, file.resolve().parent, store, console)
 
 
 def plan(file: Document, store: StoreUrl = None) -> None:
@@ -105,19 +111,22 @@ def plan(file: Document, store: StoreUrl = None) -> None:
 def validate(file: Document) -> None:
     """Check a document, or a template alone, and tell all its faults at once."""
     from flows.pipeline.bundle_checks import check_own_bundles, unchecked_references
-    from tasks.documents.pipeline_file import read_pipeline
-    from tasks.documents.template_source import read_template_alone
+    from specs.template.body import TemplateBody
+    from tasks.documents.parse import parse
+    from tasks.documents.pipeline_file import is_template, pipeline_of
+    from tasks.documents.source_text import read_document
 
-    template = read_template_alone(file)
-    if template is not None:
+    data = read_document(file)
+    if is_template(data):
         from tasks.worlds.unused_sets import unused_sets
 
+        template = parse(TemplateBody, data, str(file))
         rooms = len(template.Buildings[0].Floors[0].Floorplan.Rooms)
         echo(f"{file}: a template of version {template.Version} with {rooms} room{'' if rooms == 1 else 's'}: valid")
         for line in unused_sets(template):
             echo(f"no effect: {line}")
         return
-    spec = read_pipeline(file)
+    spec = pipeline_of(data, file, file.parent)
     with _name_file(file):
         notes = check_own_bundles(spec, file.resolve().parent)
     echo(f"{file}: {spec.name}: valid")

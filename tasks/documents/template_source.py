@@ -13,7 +13,6 @@ from specs.errors import (
 )
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
-from tasks.documents.pipeline_file import is_template
 from tasks.documents.source_text import decode_source_text, read_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, named_template_key, template_key
 from tasks.storage.base.store import Store
@@ -81,16 +80,6 @@ def _named(template: str, name: str, store: Store) -> NamedTemplate | None:
     if name.startswith(NAMED_TEMPLATE_PREFIX) and store.exists(named_template_key(name)):
         return read_template(store, name)
     return None if template.startswith("arn:") else find_template_name(store, name)
-
-
-def read_template_alone(path: Path) -> TemplateBody | None:
-    """Returns the template that a file holds, None where it holds something else.
-
-    Raises:
-        DocumentError: It holds a template with faults, or cannot be read.
-    """
-    data = read_document(path)
-    return parse(TemplateBody, data, str(path)) if is_template(data) else None
 
 
 def _read_stored(store: Store, key: str, template: str) -> bytes:
