@@ -19,7 +19,7 @@ from pathlib import Path
 from random import Random, SystemRandom
 from typing import NamedTuple, cast
 
-from pydantic import JsonValue, ValidationError
+from pydantic import JsonValue
 
 from flows.batch.batch_end import RecordedEpisodes, with_audit
 from flows.batch.batch_steps import SequentialStop
@@ -31,7 +31,7 @@ from flows.pipeline.tested_batch import batch_plan, compared_digest
 from specs.arn import arn
 from specs.base import without_absent
 from specs.data.episode import CANCELED, EpisodeResult
-from specs.errors import DocumentError, ObjectNotFound, StageFailed
+from specs.errors import DocumentError, StageFailed
 from specs.field_types import OutputLocation
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
@@ -42,7 +42,7 @@ from specs.settings import recount_episodes
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
 from tasks.progress.listener import at_a_time
-from tasks.results.gate.evidence import Baseline, Evidence, evidence_digest, gather, read_evidence
+from tasks.results.gate.evidence import Baseline, Evidence, evidence_digest, gather
 from tasks.results.gate.gate_verdict import judge
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.tables.result_files import recounted_facts
@@ -257,9 +257,6 @@ def _short(value: JsonValue) -> str:
     return repr(value)[:_CHARACTERS_SHOWN]
 
 
-# What an older version says otherwise of the same episodes.
-_WORDED = ("version", "sentence", "rules", "tries")
-
 logger = logging.getLogger(__name__)
 
 
@@ -431,19 +428,7 @@ def _evidence_changes(store: Store, answer: GateAnswer, computed: Evidence) -> l
     if answer.evidence == found:
         return []
     key = f"{store.url}/{result_key(answer.batch, 'evidence.json')}"
-    if _is_older_form(store, answer, computed):
-        return []
     return [f"{key} has the SHA-256 {answer.evidence}; computed: {found}"]
-
-
-def _is_older_form(store: Store, answer: GateAnswer, computed: Evidence) -> bool:
-    """Returns whether an older version wrote the evidence, in other words and with fewer numbers, of the same facts."""
-    try:
-        pinned = read_evidence(store, answer.batch)
-    except (ObjectNotFound, ValidationError):
-        return False
-    said, now = (each.model_dump(mode="json", exclude=set(_WORDED)) for each in (pinned, computed))
-    return pinned.version != computed.version and said == now
 
 
 def _baseline(asked: ParsedRun, gate: Gate, store: Store, run: JobRecord) -> Baseline | NoBaseline | str | None:
