@@ -28,26 +28,6 @@ _ROBOT: CrashCode = "RobotApplicationCrash"
 _REAL_KINDS = "fiu"
 
 
-def real_control(doing: str, control: object, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
-    """Returns a control as an array.
-
-    Args:
-        doing: Which function returned it, for a person.
-        control: Whatever it returned.
-        shape: That it must have.
-
-    Raises:
-        BundleCrash: It is no array of real numbers, or has another shape.
-    """
-    array = call_bundle(_ROBOT, doing, np.asarray, control)
-    if array.dtype.kind not in _REAL_KINDS:
-        raise BundleCrash(_ROBOT, f"{doing}: control of {array.dtype}, not of real numbers")
-    if array.shape != shape:
-        shown = f"({shape[0]},)" if len(shape) == 1 else str(shape)
-        raise BundleCrash(_ROBOT, f"{doing}: control of shape {array.shape}, not {shown}")
-    return array.astype(np.float32)
-
-
 class HostControllers(Protocol):
     """The controllers of a chunk's lanes."""
 
@@ -145,6 +125,26 @@ class StandIn:
     def step(self, state: tuple[()], observation: object) -> tuple[tuple[()], Float[jax.Array, "actuators"]]:  # noqa: ARG002 - as every controller is called
         """Returns no state, and no control to speak of."""
         return state, jnp.zeros(self._actuators)
+
+
+def real_control(doing: str, control: object, shape: tuple[int, ...]) -> Float32[np.ndarray, "*shape"]:
+    """Returns a control as an array.
+
+    Args:
+        doing: Which function returned it, for a person.
+        control: Whatever it returned.
+        shape: That it must have.
+
+    Raises:
+        BundleCrash: It is no array of real numbers, or has another shape.
+    """
+    array = call_bundle(_ROBOT, doing, np.asarray, control)
+    if array.dtype.kind not in _REAL_KINDS:
+        raise BundleCrash(_ROBOT, f"{doing}: control of {array.dtype}, not of real numbers")
+    if array.shape != shape:
+        shown = f"({shape[0]},)" if len(shape) == 1 else str(shape)
+        raise BundleCrash(_ROBOT, f"{doing}: control of shape {array.shape}, not {shown}")
+    return array.astype(np.float32)
 
 
 def _plain(bundle: HostBundle) -> HostApplication:

@@ -122,6 +122,16 @@ def test_graphs_without_end_are_refused(tmp_path: Path):
         checked(tmp_path, helper.make_model(graph))
 
 
+def test_a_file_that_would_grow_as_it_is_read_is_refused(tmp_path: Path):
+    size, nodes = bytearray(), b"\x0a\x00" * 100_001
+    left = len(nodes)
+    while left:
+        size.append(left & 0x7F | (0x80 if left > 0x7F else 0))
+        left >>= 7
+    with pytest.raises(RobotRefused, match="more than 100,000 operators"):
+        checked(tmp_path, b"\x3a" + bytes(size) + nodes)
+
+
 def test_a_network_is_read_as_onnx_reads_it(tmp_path: Path):
     path = bundle(tmp_path, recurrent()) / "nav/policy.onnx"
     found, theirs = read_network(path, "policy.onnx"), onnx.load(path)
