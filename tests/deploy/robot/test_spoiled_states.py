@@ -115,7 +115,7 @@ def _spoiled(
             yield key, spoil(encode_document(dice.choice(states)), dice), b"null"
 
 
-@pytest.mark.parametrize("size", [100, pytest.param(2000, marks=[pytest.mark.long, pytest.mark.timeout(900)])])
+@pytest.mark.parametrize("size", [100, pytest.param(2000, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
 def test_spoiled_states_and_metadata_end_neither_the_agent_nor_its_application(
     size: int, yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
