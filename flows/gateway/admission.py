@@ -37,6 +37,12 @@ from tasks.storage.tags import tags_of
 
 SINGLE = "single"
 """The option of a batch's entry that says that it is a single simulation job."""
+Document = dict[str, JsonValue]
+_LOOKS, _LOOK_EVERY_S = 20, 0.05
+_TRIES = 2
+_STOPPED = frozenset({"Canceling", "Canceled"})
+T = TypeVar("T", bound=Spec)
+_REASON = "failureReason"
 
 
 @contextmanager
@@ -124,11 +130,6 @@ def require_output(store: Store, bucket: str | None, member: str) -> None:
     except StoreAccessDenied as exc:
         allowed = "a bucket that the gateway's credentials reach"
         raise DocumentError.of(member, repr(bucket), allowed, source="request") from exc
-
-
-Document = dict[str, JsonValue]
-_LOOKS, _LOOK_EVERY_S = 20, 0.05
-_TRIES = 2
 
 
 class Tokened(Protocol):
@@ -265,9 +266,6 @@ def _keep_queued(store: Store, admission: Admission, record: JobRecord) -> None:
                 leave_queue(store, admission.kind, record.id)
 
 
-_STOPPED = frozenset({"Canceling", "Canceled"})
-
-
 def cancel_recorded_job(store: Store, kind: JobKind, job: str) -> JobRecord:
     """Returns the record of a job of worlds that is being cancelled; one that nobody has begun is Canceled at once.
 
@@ -291,10 +289,6 @@ def cancel_recorded_job(store: Store, kind: JobKind, job: str) -> JobRecord:
 def ended(arn: str, status: str) -> DocumentError:
     """Returns the error that says that a job cannot be cancelled any more."""
     return DocumentError.of("job", arn, f"a job that is under way; this one is {status}")
-
-
-T = TypeVar("T", bound=Spec)
-_REASON = "failureReason"
 
 
 def answer_of(shape: type[T], described: Spec, store: Store) -> T:

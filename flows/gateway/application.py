@@ -39,6 +39,13 @@ HEALTH = "/ping"
 """Answers GET with 200 and nothing else, whoever asks, for whatever watches the process."""
 Page = Callable[[HttpRequest], HttpAnswer | None]
 """Answers what is for no operation, such as a browser's ``GET /``; None if it knows no such page either."""
+MOST_BODY_BYTES = 8 << 20
+"""RoboMaker's largest request, a batch of 1,000 jobs, has some 4 MB with all that it may say."""
+_CLOSE = {"connection": "close"}
+_AT_ONCE = 8
+_Message = MutableMapping[str, Any]
+_Receive = Callable[[], Awaitable[_Message]]
+_Send = Callable[[_Message], Awaitable[None]]
 
 
 def no_page(_request: HttpRequest) -> HttpAnswer | None:
@@ -141,15 +148,6 @@ def _unnoted(answer: HttpAnswer) -> HttpAnswer:
 def _unknown(request: HttpRequest) -> HttpAnswer:
     message = f"{request.method} {request.raw_path[:200]} is no operation of RoboMaker"
     return error_answer(404, "UnknownOperationException", message)
-
-
-MOST_BODY_BYTES = 8 << 20
-"""RoboMaker's largest request, a batch of 1,000 jobs, has some 4 MB with all that it may say."""
-_CLOSE = {"connection": "close"}
-_AT_ONCE = 8
-_Message = MutableMapping[str, Any]
-_Receive = Callable[[], Awaitable[_Message]]
-_Send = Callable[[_Message], Awaitable[None]]
 
 
 class Application:

@@ -64,6 +64,7 @@ from tasks.storage.store_url import store_id
 from tasks.storage.tags import require_free_keys
 
 _LOG = logging.getLogger(__name__)
+_DEPLOYMENT: JobKind = "deployment-job"
 
 
 def _create_fleet(gateway: Gateway, request: CreateFleetRequest) -> CreateFleetResponse:
@@ -182,9 +183,6 @@ FLEET_HANDLERS: Handlers = {
     "DescribeRobot": _describe_robot,
     "RegisterRobot": _register,
 }
-
-
-_DEPLOYMENT: JobKind = "deployment-job"
 
 
 def _create_deployment(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeploymentJobResponse:

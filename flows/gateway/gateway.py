@@ -16,6 +16,12 @@ from specs.robomaker.operations import Quota
 from tasks.storage.base.keys import checked_name
 from tasks.storage.base.store import Store
 
+ROBOMAKER_KINDS: tuple[ResourceKind, ...] = tuple(kind for kind in KINDS if kind != RUN_KIND)
+"""All that RoboMaker has: runs of documents are Simyard's own."""
+_TWO_PARTS: Collection[ResourceKind] = ("world", "simulation-job")
+_LOCKS: dict[Quota, Lock] = {}
+_TABLE = Lock()
+
 
 @dataclass(frozen=True)
 class Gateway:
@@ -33,11 +39,6 @@ class Gateway:
 Handler = Callable[[Gateway, Any], Spec]
 """Answers one operation: a request of its shape in, an answer of its shape out; raises specs.errors."""
 Handlers = Mapping[str, Handler]
-
-
-ROBOMAKER_KINDS: tuple[ResourceKind, ...] = tuple(kind for kind in KINDS if kind != RUN_KIND)
-"""All that RoboMaker has: runs of documents are Simyard's own."""
-_TWO_PARTS: Collection[ResourceKind] = ("world", "simulation-job")
 
 
 def path_of(store: Store, text: str, kind: ResourceKind, member: str) -> str:
@@ -100,10 +101,6 @@ def _is_name(part: str) -> bool:
 
 def _refused(text: str, member: str, allowed: str) -> DocumentError:
     return DocumentError.of(member, repr(text), allowed)
-
-
-_LOCKS: dict[Quota, Lock] = {}
-_TABLE = Lock()
 
 
 @contextmanager

@@ -13,6 +13,21 @@ from tasks.simulate.batch.job_lists import list_batches_page, list_jobs_page
 from tasks.storage.base.store import Store
 from tasks.worlds.job.world_answers import list_generation_jobs_page, list_templates_page, list_worlds_page
 
+_JOB_HANDLERS: Handlers = {
+    **fleet_calls.DEPLOYMENT_HANDLERS,
+    **simulation_calls.JOB_HANDLERS,
+    **simulation_calls.BATCH_HANDLERS,
+    **world_calls.EXPORT_HANDLERS,
+    **world_calls.GENERATION_HANDLERS,
+}
+_RESOURCE_HANDLERS: Handlers = {
+    **application_calls.HANDLERS,
+    **world_calls.TEMPLATE_HANDLERS,
+    **world_calls.WORLD_HANDLERS,
+    **fleet_calls.FLEET_HANDLERS,
+    **tag_calls.HANDLERS,
+}
+
 
 def _listing(page: Callable[[Store, Any], Spec]) -> Handler:
     def answer(gateway: Gateway, request: Spec) -> Spec:
@@ -33,24 +48,6 @@ _LIST_HANDLERS: Handlers = {
     "ListWorldGenerationJobs": _listing(list_generation_jobs_page),
     "ListWorldTemplates": _listing(list_templates_page),
     "ListWorlds": _listing(list_worlds_page),
-}
-
-
-_JOB_HANDLERS: Handlers = {
-    **fleet_calls.DEPLOYMENT_HANDLERS,
-    **simulation_calls.JOB_HANDLERS,
-    **simulation_calls.BATCH_HANDLERS,
-    **world_calls.EXPORT_HANDLERS,
-    **world_calls.GENERATION_HANDLERS,
-}
-
-
-_RESOURCE_HANDLERS: Handlers = {
-    **application_calls.HANDLERS,
-    **world_calls.TEMPLATE_HANDLERS,
-    **world_calls.WORLD_HANDLERS,
-    **fleet_calls.FLEET_HANDLERS,
-    **tag_calls.HANDLERS,
 }
 
 

@@ -29,6 +29,7 @@ from tasks.storage.jobs.records import read
 from tasks.storage.store_url import store_id
 
 _MOST_HEAD_BYTES = 16 << 10
+PrefectUrl = Callable[[], str]
 
 
 class Listener(NamedTuple):
@@ -107,9 +108,6 @@ def fleet_ties(store: Store) -> FleetOf:
             return ""
 
     return fleet_of
-
-
-PrefectUrl = Callable[[], str]
 
 
 def signed_auth(store: Store, keys: Path, prefect_url: PrefectUrl = str, *, is_encrypted: bool) -> Auth:

@@ -65,6 +65,7 @@ from tasks.storage.jobs.records import JobRecord, read
 
 _BATCH_KIND: JobKind = "simulation-job-batch"
 _SOURCE = "request"
+_JOB = "simulation-job"
 
 
 def _start_batch(gateway: Gateway, request: StartSimulationJobBatchRequest) -> StartSimulationJobBatchResponse:
@@ -153,9 +154,6 @@ BATCH_HANDLERS: Handlers = {
     "DescribeSimulationJobBatch": _describe_batch,
     "CancelSimulationJobBatch": _cancel_batch,
 }
-
-
-_JOB = "simulation-job"
 
 
 def _create_job(gateway: Gateway, request: CreateSimulationJobRequest) -> CreateSimulationJobResponse:

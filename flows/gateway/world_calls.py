@@ -79,6 +79,11 @@ from tasks.worlds.job.world_answers import (
 )
 
 _GENERATION: JobKind = "world-generation-job"
+_GENERATION_OWN = ("seed", "templateDigest")
+_EXPORT: JobKind = "world-export-job"
+# RoboMaker's request has no formats: those of a document that names none.
+_FORMATS: tuple[WorldFormat, ...] = WorldExport.model_fields["formats"].default
+_EXPORT_OWN = ("formats",)
 
 
 def _create_template(gateway: Gateway, request: CreateWorldTemplateRequest) -> CreateWorldTemplateResponse:
@@ -166,9 +171,6 @@ TEMPLATE_HANDLERS: Handlers = {
 }
 
 
-_GENERATION_OWN = ("seed", "templateDigest")
-
-
 def _create_generation(gateway: Gateway, request: CreateWorldGenerationJobRequest) -> CreateWorldGenerationJobResponse:
     """Answers CreateWorldGenerationJob: the job waits for a worker, with the body that its template has now."""
     store, token = gateway.store, token_of(request)
@@ -248,12 +250,6 @@ def _delete_worlds(gateway: Gateway, request: BatchDeleteWorldsRequest) -> Batch
 
 
 WORLD_HANDLERS: Handlers = {"BatchDeleteWorlds": _delete_worlds, "DescribeWorld": _describe_world}
-
-
-_EXPORT: JobKind = "world-export-job"
-# RoboMaker's request has no formats: those of a document that names none.
-_FORMATS: tuple[WorldFormat, ...] = WorldExport.model_fields["formats"].default
-_EXPORT_OWN = ("formats",)
 
 
 def _create_export(gateway: Gateway, request: CreateWorldExportJobRequest) -> CreateWorldExportJobResponse:

@@ -32,6 +32,21 @@ from tasks.storage.jobs.claim import Claim, ClaimWatch, hold_claim_unless_alive
 from tasks.storage.jobs.queue import QueueEntry, change_entry, find_entry, leave_queue, turn_key
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 
+# What a description of the job's kind reads, whatever came of the job.
+_NOTHING_MADE: Mapping[JobKind, dict[str, JsonValue]] = {
+    "world-generation-job": {"worlds": [], "failures": {}},
+}
+# Enough for somebody who kills workers for another reason than the job.
+MOST_ATTEMPTS = 10
+# Whoever queued it died before the record; a client that repeats its request makes both.
+_WITHOUT_RECORD_S = 60.0
+# A roll-out works in bursts and waits between them: one that ran so long did not kill its worker.
+_LASTED_S = 300.0
+_LONGEST_PAUSE_S = 60.0
+_PATIENCE = 2
+_REFUSED = (DocumentError, TrustRefused, BundleRefused, WorldChanged, StageFailed)
+logger = logging.getLogger(__name__)
+
 
 class _Codes(NamedTuple):
     """The codes of a kind: what it refers to is missing, it can never be done, and it is Simyard that cannot."""
@@ -48,10 +63,6 @@ CODES: Mapping[JobKind, _Codes] = {
     "simulation-job-batch": _Codes("InternalServiceError", "InternalServiceError", "InternalServiceError"),
     "deployment-job": _Codes("ResourceNotFound", "InternalServerError", "InternalServerError"),
     "pipeline-run": _Codes("InvalidInput", "InvalidInput", "Failed"),
-}
-# What a description of the job's kind reads, whatever came of the job.
-_NOTHING_MADE: Mapping[JobKind, dict[str, JsonValue]] = {
-    "world-generation-job": {"worlds": [], "failures": {}},
 }
 
 
@@ -89,18 +100,6 @@ def _code(kind: JobKind, cause: Exception | str) -> JobFailureCode:
     if isinstance(cause, ResourceNotFound):
         return codes.missing
     return codes.refused if isinstance(cause, DocumentError) else codes.inside
-
-
-# Enough for somebody who kills workers for another reason than the job.
-MOST_ATTEMPTS = 10
-# Whoever queued it died before the record; a client that repeats its request makes both.
-_WITHOUT_RECORD_S = 60.0
-# A roll-out works in bursts and waits between them: one that ran so long did not kill its worker.
-_LASTED_S = 300.0
-_LONGEST_PAUSE_S = 60.0
-_PATIENCE = 2
-_REFUSED = (DocumentError, TrustRefused, BundleRefused, WorldChanged, StageFailed)
-logger = logging.getLogger(__name__)
 
 
 class ServerAway(Exception):  # noqa: N818 - a state

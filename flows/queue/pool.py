@@ -45,6 +45,12 @@ from tasks.storage.store_url import open_store, store_id
 
 _MODULE = "flows.queue.pool"  # where Prefect finds the flows, also when this is the program that hands jobs over
 _DESCRIPTION = "A job of RoboMaker's API, handed over by simyard serve --pool or simyard worker --pool."
+_ASK_S = 10.0
+# A process needs so long to begin; then its turn's claim tells whether it lives.
+_START_S = 60.0
+_PENDING_S = 300.0
+_ENDED = frozenset({StateType.COMPLETED, StateType.FAILED, StateType.CRASHED, StateType.CANCELLED})
+logger = logging.getLogger(__name__)
 
 
 def end_at_pool(store: Store, job: str, kind: JobKind) -> JobRecord:
@@ -81,12 +87,6 @@ FLOWS: Mapping[JobKind, Flow[..., object]] = {
     "simulation-job-batch": simulation_batch,
     "deployment-job": deployment_sync,
 }
-_ASK_S = 10.0
-# A process needs so long to begin; then its turn's claim tells whether it lives.
-_START_S = 60.0
-_PENDING_S = 300.0
-_ENDED = frozenset({StateType.COMPLETED, StateType.FAILED, StateType.CRASHED, StateType.CANCELLED})
-logger = logging.getLogger(__name__)
 
 
 class PoolDesk:

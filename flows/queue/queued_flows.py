@@ -50,6 +50,10 @@ from tasks.worlds.step import generate_worlds
 _SEED, _TEMPLATE, _RADIUS, _FORMATS = "seed", "templateDigest", "robotRadius", "formats"
 _WORLD_FORMATS = TypeAdapter(tuple[WorldFormat, ...])
 _MADE = frozenset({"Completed", "PartialFailed"})
+TAG = "simyard:api"
+_LOOK_S = 1.0
+JobFlow = Flow[..., Any]
+logger = logging.getLogger(__name__)
 
 
 def work_off(store: Store, record: JobRecord, options: Mapping[str, JsonValue]) -> JobRecord:
@@ -119,12 +123,6 @@ def _sync(store: Store, record: JobRecord) -> JobRecord:
 
 def _without(document: Mapping[str, JsonValue], *names: str) -> dict[str, JsonValue]:
     return {name: value for name, value in document.items() if name not in names}
-
-
-TAG = "simyard:api"
-_LOOK_S = 1.0
-JobFlow = Flow[..., Any]
-logger = logging.getLogger(__name__)
 
 
 def queued_flow(kind: JobKind, work: Callable[[Store, str], JobRecord], description: str) -> JobFlow:

@@ -28,6 +28,14 @@ from tasks.progress.log_lines import LOGGERS, EventLines, chosen_log_format
 from tasks.server.health import is_listening, url_without_password
 from tasks.server.watchdog import WatchdogPace, guard_run
 
+_PREFECT = ("flows.queue.queued_flows", "prefect.flow_engine", "prefect.task_engine", "prefect.utilities.visualization")
+_SHORT_LIFE_S = 5.0
+_FIRST_PAUSE_S = 0.5
+_LONGEST_PAUSE_S = 10.0
+_END_S = 15.0
+_WORKERS_END_S = 40.0  # the lanes' own, and then that of a Prefect server
+logger = logging.getLogger(__name__)
+
 
 class _PlainLines(logging.Formatter):
     """An event as a line with its time and level, in which no text from a document moves the cursor."""
@@ -49,9 +57,6 @@ def log_to_stderr() -> None:
         logger.addHandler(handler)
         logger.setLevel(logging.INFO)
         logger.propagate = False
-
-
-_PREFECT = ("flows.queue.queued_flows", "prefect.flow_engine", "prefect.task_engine", "prefect.utilities.visualization")
 
 
 class Lane(NamedTuple):
@@ -82,14 +87,6 @@ LANES: Mapping[str, Lane] = {
     "worlds": Lane(("world-generation-job", "world-export-job"), 1, ("scipy.ndimage", *_PREFECT), per_worker=True),
     "fleets": Lane(("deployment-job",), 64, _PREFECT, per_worker=False),
 }
-
-
-_SHORT_LIFE_S = 5.0
-_FIRST_PAUSE_S = 0.5
-_LONGEST_PAUSE_S = 10.0
-_END_S = 15.0
-_WORKERS_END_S = 40.0  # the lanes' own, and then that of a Prefect server
-logger = logging.getLogger(__name__)
 
 
 class KeptProcess:

@@ -49,6 +49,13 @@ from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, pl
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
 
+_KIND: JobKind = "deployment-job"
+_REASON_CHARACTERS = 1024
+_FLEET, _ROBOT = "deployment-fleet", "robot"
+_PLACE = (int, str)
+_MOST = 200
+ROBOT_COLUMNS = ("robot", "status", "step", "done", "why")
+
 
 @dataclass(frozen=True)
 class RobotNow:
@@ -114,10 +121,6 @@ def _versions(store: Store, application: str) -> dict[str, int]:
     return {
         digest: version.number for version in record.versions for digest in (version.digest, *version.digests.values())
     }
-
-
-_KIND: JobKind = "deployment-job"
-_REASON_CHARACTERS = 1024
 
 
 def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResponse:
@@ -250,11 +253,6 @@ def _progress(store: Store, record: RobotRecord, desired: Desired | None) -> Rob
     return progress_of(desired, read_reported(store, record.name), now_s=time.time())
 
 
-_FLEET, _ROBOT = "deployment-fleet", "robot"
-_PLACE = (int, str)
-_MOST = 200
-
-
 def deployment_entry(_store: Store, record: JobRecord) -> IndexEntry:
     """Returns the index entry of a deployment job."""
     job = summarise_deployment_job(record)
@@ -331,9 +329,6 @@ def _robot_documents(
             robot = summarise_robot(store, record, identifier)
             if statuses is None or robot.status in statuses:
                 yield place, robot
-
-
-ROBOT_COLUMNS = ("robot", "status", "step", "done", "why")
 
 
 def robot_cells(robot: RobotDeployment) -> tuple[str, str, str, str, str]:

@@ -20,6 +20,22 @@ from uvicorn.server import ServerState
 
 from specs.errors import AccessRefused, DocumentError
 
+_SMALL_BYTES = 64 << 10
+_ROOM_BYTES = 128 << 20
+_MOST_HEADERS = 100
+_TOO_BIG = "RequestEntityTooLargeException"
+_Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
+_SLICE_BYTES = 8 << 10
+_GRACE_S = 5
+_FULL_BODY = b'{"message": "too many connections"}'
+_FULL = (
+    b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/json\r\nretry-after: 1\r\nconnection: close\r\n"
+    b"x-amzn-errortype: ServiceUnavailableException\r\ncontent-length: %d\r\n\r\n%s"
+) % (len(_FULL_BODY), _FULL_BODY)
+_Await = Literal["", "head", "body", "next"]
+_WAITING = 512
+"""Connections that the kernel keeps while the gateway has no time for them."""
+
 
 class Bounds(NamedTuple):
     """What connections may take.
@@ -113,13 +129,6 @@ def _network(address: str) -> str:
     return str(parsed.ipv4_mapped or ip_network((parsed, 64), strict=False))
 
 
-_SMALL_BYTES = 64 << 10
-_ROOM_BYTES = 128 << 20
-_MOST_HEADERS = 100
-_TOO_BIG = "RequestEntityTooLargeException"
-_Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-
-
 class BodyRoom:
     """The memory that bodies take which have arrived and are not answered; used by the event loop's thread alone.
 
@@ -199,16 +208,6 @@ def check_head(headers: Sequence[tuple[str, str]], most_bytes: int) -> None:
 def too_big(most_bytes: int) -> AccessRefused:
     """Returns the refusal of a body that is too big."""
     return AccessRefused(_TOO_BIG, f"a request has at most {most_bytes:,} bytes", 413)
-
-
-_SLICE_BYTES = 8 << 10
-_GRACE_S = 5
-_FULL_BODY = b'{"message": "too many connections"}'
-_FULL = (
-    b"HTTP/1.1 503 Service Unavailable\r\ncontent-type: application/json\r\nretry-after: 1\r\nconnection: close\r\n"
-    b"x-amzn-errortype: ServiceUnavailableException\r\ncontent-length: %d\r\n\r\n%s"
-) % (len(_FULL_BODY), _FULL_BODY)
-_Await = Literal["", "head", "body", "next"]
 
 
 class BoundedProtocol(H11Protocol):
@@ -359,10 +358,6 @@ class BoundedProtocol(H11Protocol):
     def _is_chunked(self) -> bool:
         sends = self.conn.their_state is h11.SEND_BODY
         return sends and any(name == b"transfer-encoding" for name, _ in self.headers)
-
-
-_WAITING = 512
-"""Connections that the kernel keeps while the gateway has no time for them."""
 
 
 def bound_socket(host: str, port: int) -> socket.socket:

@@ -37,6 +37,34 @@ from specs.errors import (
 from specs.field_types import ARN_PATTERN
 from specs.robomaker.operations import OPERATIONS, STATUSES, TAGS, ErrorName, Operation, location
 
+_BEFORE_ARN = TAGS.partition("{")[0]
+_ROUTES: Mapping[tuple[str, str], Operation] = {(each.method, each.path): each for each in OPERATIONS.values()}
+Places = Mapping[str, "Places"]
+"""Fields with ARNs, and those with ARNs somewhere below; what a field that is an ARN has below is nothing."""
+_ARN_TEXT = f"^(?:{ARN_PATTERN})$"
+MOST_LEVELS = 32
+"""Of objects and lists in each other; RoboMaker's requests have 8."""
+MOST_VALUES = 20_000
+"""In a request; the check of each takes memory and time, also of those that are wrong."""
+_MOST_VALUES_OF = {"StartSimulationJobBatch": 200_000}  # of 1,000 jobs
+_MOST_INTEGER = 1 << 63  # what RoboMaker calls long
+_OBJECT = "one JSON object in UTF-8"
+_URL = re.compile(r"file://[^\s'\";,)]*")
+_MOST_CHARACTERS = 4000
+_DEFECT = "this is a defect of Simyard; the log of simyard serve says more"
+_AWAY = "the store does not answer now; the same request may succeed in a minute"
+_STORE = "the store could not do it; the log of simyard serve says more"
+_NAMES: tuple[tuple[type[Exception], ErrorName], ...] = (
+    (ResourceNotFound, "ResourceNotFound"),
+    (ResourceAlreadyExists, "ResourceAlreadyExists"),
+    (IdempotentParameterMismatch, "IdempotentParameterMismatch"),
+    (LimitExceeded, "LimitExceeded"),
+    (ConcurrentDeployment, "ConcurrentDeployment"),
+    (DocumentError, "InvalidParameter"),
+    (StoreThrottled, "Throttling"),
+    (StoreAway, "ServiceUnavailable"),
+)
+
 
 @dataclass(frozen=True)
 class HttpRequest:
@@ -80,10 +108,6 @@ class HttpAnswer:
     headers: Mapping[str, str] = field(default_factory=dict[str, str])
 
 
-_BEFORE_ARN = TAGS.partition("{")[0]
-_ROUTES: Mapping[tuple[str, str], Operation] = {(each.method, each.path): each for each in OPERATIONS.values()}
-
-
 class Route(NamedTuple):
     """Where a request leads.
 
@@ -101,11 +125,6 @@ def route(request: HttpRequest) -> Route:
     if request.raw_path.startswith(_BEFORE_ARN):
         return Route(_ROUTES.get((request.method, TAGS)), request.raw_path.removeprefix(_BEFORE_ARN))
     return Route(_ROUTES.get((request.method, request.raw_path)))
-
-
-Places = Mapping[str, "Places"]
-"""Fields with ARNs, and those with ARNs somewhere below; what a field that is an ARN has below is nothing."""
-_ARN_TEXT = f"^(?:{ARN_PATTERN})$"
 
 
 def with_arns(document: Mapping[str, Any], shape: type[Spec], change: Callable[[str], str]) -> dict[str, JsonValue]:
@@ -152,15 +171,6 @@ def _below(hint: Any) -> Places | None:  # noqa: ANN401 - a type
         inner = [places for each in get_args(hint) if (places := _below(each)) is not None]
         return inner[0] if inner else None
     return None
-
-
-MOST_LEVELS = 32
-"""Of objects and lists in each other; RoboMaker's requests have 8."""
-MOST_VALUES = 20_000
-"""In a request; the check of each takes memory and time, also of those that are wrong."""
-_MOST_VALUES_OF = {"StartSimulationJobBatch": 200_000}  # of 1,000 jobs
-_MOST_INTEGER = 1 << 63  # what RoboMaker calls long
-_OBJECT = "one JSON object in UTF-8"
 
 
 def request_members(route: Route, request: HttpRequest, shape: type[Spec]) -> dict[str, JsonValue]:
@@ -260,9 +270,6 @@ def _refused(value: str, allowed: str) -> DocumentError:
     return DocumentError.of("body", value, allowed)
 
 
-_URL = re.compile(r"file://[^\s'\";,)]*")
-
-
 def without_places(text: str, store_url: str) -> str:
     """Returns a text without the places of a store and of folders on this machine.
 
@@ -273,22 +280,6 @@ def without_places(text: str, store_url: str) -> str:
     for place in (f"the store {store_url}", store_url, store_url.removeprefix("file://")):
         text = text.replace(place, "the store")
     return _URL.sub("the store", text)
-
-
-_MOST_CHARACTERS = 4000
-_DEFECT = "this is a defect of Simyard; the log of simyard serve says more"
-_AWAY = "the store does not answer now; the same request may succeed in a minute"
-_STORE = "the store could not do it; the log of simyard serve says more"
-_NAMES: tuple[tuple[type[Exception], ErrorName], ...] = (
-    (ResourceNotFound, "ResourceNotFound"),
-    (ResourceAlreadyExists, "ResourceAlreadyExists"),
-    (IdempotentParameterMismatch, "IdempotentParameterMismatch"),
-    (LimitExceeded, "LimitExceeded"),
-    (ConcurrentDeployment, "ConcurrentDeployment"),
-    (DocumentError, "InvalidParameter"),
-    (StoreThrottled, "Throttling"),
-    (StoreAway, "ServiceUnavailable"),
-)
 
 
 class ErrorAnswers:

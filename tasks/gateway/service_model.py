@@ -20,6 +20,36 @@ from tasks.storage.base.local_files import whole_file
 
 Shape = dict[str, Any]
 _SCALARS = {str: "string", bool: "boolean", int: "integer", float: "float"}
+VERSION = "2018-06-29"
+_FOLDER = f"robomaker/{VERSION}"
+_TOKEN = "clientRequestToken"  # noqa: S105 - a field's name
+_METADATA = {
+    "apiVersion": VERSION,
+    "endpointPrefix": "robomaker",
+    "jsonVersion": "1.1",
+    "protocol": "rest-json",
+    "protocols": ["rest-json"],
+    "serviceAbbreviation": "RoboMaker",  # names the class of clients
+    "serviceFullName": "AWS RoboMaker, served by Simyard",
+    "serviceId": "RoboMaker",
+    "signatureVersion": "v4",
+    "signingName": "robomaker",
+    "uid": f"robomaker-{VERSION}",
+}
+_ABOUT = "<p>RoboMaker's API, answered by <code>simyard serve</code>: worlds, simulations and fleets in a store.</p>"
+_PAGES = {"input_token": "nextToken", "output_token": "nextToken", "limit_key": "maxResults"}
+_ERRORS: Mapping[ErrorName, str] = {
+    "InvalidParameter": "A member of the request is missing, unknown or not what it may be; the message names it.",
+    "InternalServer": "The service failed, or the store behind it.",
+    "Throttling": "The store asks for fewer requests. Try again later.",
+    "ResourceNotFound": "There is no resource of that ARN.",
+    "ResourceAlreadyExists": "A resource has that name already.",
+    "LimitExceeded": "There would be one more than there may be.",
+    "IdempotentParameterMismatch": "The token came before, with another request.",
+    "ConcurrentDeployment": "The fleet has an active deployment.",
+    "ServiceUnavailable": "The store does not answer now. Try again later.",
+}
+_ATTRIBUTE = re.compile(r"^    (\w+): (.*(?:\n      +.*)*)", re.MULTILINE)
 
 
 class ShapeTable:
@@ -124,38 +154,6 @@ def hints_of(shape: type[Spec]) -> Mapping[str, Any]:
     """Returns the types of a document's fields by name."""
     hints = get_type_hints(shape, include_extras=True)
     return {name: hints[name] for name in shape.model_fields}
-
-
-VERSION = "2018-06-29"
-_FOLDER = f"robomaker/{VERSION}"
-_TOKEN = "clientRequestToken"  # noqa: S105 - a field's name
-_METADATA = {
-    "apiVersion": VERSION,
-    "endpointPrefix": "robomaker",
-    "jsonVersion": "1.1",
-    "protocol": "rest-json",
-    "protocols": ["rest-json"],
-    "serviceAbbreviation": "RoboMaker",  # names the class of clients
-    "serviceFullName": "AWS RoboMaker, served by Simyard",
-    "serviceId": "RoboMaker",
-    "signatureVersion": "v4",
-    "signingName": "robomaker",
-    "uid": f"robomaker-{VERSION}",
-}
-_ABOUT = "<p>RoboMaker's API, answered by <code>simyard serve</code>: worlds, simulations and fleets in a store.</p>"
-_PAGES = {"input_token": "nextToken", "output_token": "nextToken", "limit_key": "maxResults"}
-_ERRORS: Mapping[ErrorName, str] = {
-    "InvalidParameter": "A member of the request is missing, unknown or not what it may be; the message names it.",
-    "InternalServer": "The service failed, or the store behind it.",
-    "Throttling": "The store asks for fewer requests. Try again later.",
-    "ResourceNotFound": "There is no resource of that ARN.",
-    "ResourceAlreadyExists": "A resource has that name already.",
-    "LimitExceeded": "There would be one more than there may be.",
-    "IdempotentParameterMismatch": "The token came before, with another request.",
-    "ConcurrentDeployment": "The fleet has an active deployment.",
-    "ServiceUnavailable": "The store does not answer now. Try again later.",
-}
-_ATTRIBUTE = re.compile(r"^    (\w+): (.*(?:\n      +.*)*)", re.MULTILINE)
 
 
 def write_model(folder: Path) -> list[Path]:

@@ -36,6 +36,10 @@ from tasks.storage.base.keys import applications_prefix
 from tasks.storage.jobs.records import JobRecord, is_terminal
 
 _KINDS: Mapping[str, ApplicationKind] = {"robot": "robot-application", "simulation": "simulation-application"}
+_DEPLOYMENT: JobKind = "deployment-job"
+_ROBOTS_LOOKED_AT = 5_000
+_NOTE = "A robot reports when something changes, and not otherwise."
+_COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
 
 
 def applications_page(context: RequestContext) -> Page:
@@ -111,12 +115,6 @@ def _origin(version: Version) -> str:
     if version.builds:
         return ", ".join(build.architecture for build in version.builds)
     return "Simyard" if version.shipped else "a document" if version.brought else "a folder"
-
-
-_DEPLOYMENT: JobKind = "deployment-job"
-_ROBOTS_LOOKED_AT = 5_000
-_NOTE = "A robot reports when something changes, and not otherwise."
-_COLUMNS = ("Robot", "Status", "Shall run", "Runs", "Step", "Last report", "Why not")
 
 
 def fleets_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:

@@ -54,6 +54,12 @@ SECTIONS = (
     ("Deployments", "/deployments"),
 )
 _FILE = re.compile(r"(?:file|s3)://[^\s'\",;)]+")
+PAGE_ROWS = 50
+MOST_BYTES = 16 << 20
+"""More than the record of a batch in ten thousand worlds has."""
+_THREADS = 8
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -165,14 +171,6 @@ def tag_rows(context: RequestContext, kind: ResourceKind, path: str, said: objec
     made_with = {str(key): str(value) for key, value in said.items()} if isinstance(said, Mapping) else {}
     now = tags_of(context.store, Reference(kind=kind, path=path), made_with)
     return tuple((f"tag {key}", Cell(value)) for key, value in now.items())
-
-
-PAGE_ROWS = 50
-MOST_BYTES = 16 << 20
-"""More than the record of a batch in ten thousand worlds has."""
-_THREADS = 8
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def newest_names(context: RequestContext, prefix: str, name_of: Callable[[str], str]) -> list[str]:

@@ -41,6 +41,8 @@ from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, jobs_of, run_docu
 from tasks.storage.jobs.runs import KIND as RUN
 
 _FLOW_RUN = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
+_TRAIL = (("Batches", "/batches"),)
+_VARIABLES = 120
 
 
 def runs_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:
@@ -145,10 +147,6 @@ def _prefect(context: RequestContext, record: JobRecord) -> str:
     found = str(record.detail.get(FLOW_RUN) or record.detail.get(FLOW_RUN_BEFORE) or "")
     pages = context.prefect_url() if _FLOW_RUN.fullmatch(found) else ""
     return f"{pages}/runs/flow-run/{found}" if pages else ""
-
-
-_TRAIL = (("Batches", "/batches"),)
-_VARIABLES = 120
 
 
 def batches_table(context: RequestContext, most: int = PAGE_ROWS, href: str = "") -> Table:

@@ -69,6 +69,16 @@ from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
 _ROWS, _PICTURES = 5, 4
+_HTML = "text/html; charset=utf-8"
+_FORM = "application/x-www-form-urlencoded"
+_MOST_FORM_BYTES = 4096
+_PORT = re.compile(r":([0-9]{1,5})$")
+# A path of this very site: two slashes, or one and a backslash, would begin another's name.
+_BACK = re.compile(r"/(?![/\\])[A-Za-z0-9._~%/?=&+-]{0,1000}")
+_LOG = logging.getLogger(__name__)
+_FORMS = frozenset({"sign-in", "sign-out"})
+_MOST_STEP_DIGITS = 6
+_MOST_PATH = 1024
 
 
 def home_page(context: RequestContext) -> Page:
@@ -83,14 +93,6 @@ def home_page(context: RequestContext) -> Page:
     going = any(cell.is_state and cell.text in GOING for table in tables for row in table.rows for cell in row)
     blocks = (batches, runs, worlds_gallery(context, _PICTURES, "/worlds"), fleets, deployments)
     return Page("What is new", f"Store {context.store_id}", blocks=blocks, is_going=going)
-
-
-_HTML = "text/html; charset=utf-8"
-_FORM = "application/x-www-form-urlencoded"
-_MOST_FORM_BYTES = 4096
-_PORT = re.compile(r":([0-9]{1,5})$")
-# A path of this very site: two slashes, or one and a backslash, would begin another's name.
-_BACK = re.compile(r"/(?![/\\])[A-Za-z0-9._~%/?=&+-]{0,1000}")
 
 
 class Readers(Protocol):
@@ -197,7 +199,6 @@ def _port(request: HttpRequest) -> str:
     return found[1] if found else "80"
 
 
-_LOG = logging.getLogger(__name__)
 _PAGES: Mapping[str, Callable[..., Page | HttpAnswer]] = {
     "/": home_page,
     "/runs": runs_page,
@@ -229,9 +230,6 @@ _PAGES: Mapping[str, Callable[..., Page | HttpAnswer]] = {
 # Matched before a part is decoded, so that an encoded slash belongs to a name, which then is none.
 _ROUTES = tuple((compile_path(path)[0], page) for path, page in _PAGES.items())
 _SECTIONS = frozenset(path.split("/")[1] for path in _PAGES)
-_FORMS = frozenset({"sign-in", "sign-out"})
-_MOST_STEP_DIGITS = 6
-_MOST_PATH = 1024
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,16 @@ from tasks.storage.base.store import Store, decode_document, encode_document, fi
 from tasks.storage.tags import Change
 
 _FLEETS = "fleets"
+_LOG = logging.getLogger(__name__)
+_ROBOTS = "robots"
+_RECORD = "record.json"
+_ROBOT_TAGS = TypeAdapter[dict[str, str]](RobotTagMap)
+TOO_BIG = "too big"
+"""Stands for the etag of an object that was not read because of its size."""
+NOTHING_ASKED = b"null"
+"""A desired state that asks nothing of the robot (tasks.deploy.rollout.operator_commands)."""
+MOST_BYTES = 1 << 20
+"""More than any object of a robot has."""
 
 
 def create_fleet(store: Store, name: str, tags: Mapping[str, str] | None = None) -> FleetRecord:
@@ -116,18 +126,6 @@ def _present_fleet(found: FleetRecord | None, store: Store, reference: str, *, d
 
 def _missing_fleet(reference: str, allowed: str) -> ResourceNotFound:
     return ResourceNotFound.of("fleet", repr(reference), allowed)
-
-
-_LOG = logging.getLogger(__name__)
-_ROBOTS = "robots"
-_RECORD = "record.json"
-_ROBOT_TAGS = TypeAdapter[dict[str, str]](RobotTagMap)
-TOO_BIG = "too big"
-"""Stands for the etag of an object that was not read because of its size."""
-NOTHING_ASKED = b"null"
-"""A desired state that asks nothing of the robot (tasks.deploy.rollout.operator_commands)."""
-MOST_BYTES = 1 << 20
-"""More than any object of a robot has."""
 
 
 def create_robot(

@@ -26,6 +26,8 @@ Seconds = Annotated[float, Field(ge=0, le=1e11)]
 SequenceNumber = Annotated[int, Field(ge=1, le=MOST_SEQUENCE)]
 Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 _Name = Annotated[str, Field(pattern=r"^[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,254}$")]  # it is printed and logged
+_LOG = logging.getLogger(__name__)
+_MOST_BYTES = 1 << 20
 
 
 class FleetRecord(Spec):
@@ -201,8 +203,6 @@ def _progress(answer: Reported, status: RobotStatus, desired: Desired) -> RobotP
     )
 
 
-_LOG = logging.getLogger(__name__)
-_MOST_BYTES = 1 << 20
 _NOUNS = {FleetRecord: "fleet", RobotRecord: "robot"}
 FleetOrRobot = TypeVar("FleetOrRobot", FleetRecord, RobotRecord)
 

@@ -27,6 +27,16 @@ _NOT_FOR_AGENTS = ("SIMYARD_KEYS", "SIMYARD_OWNER_KEY", "PREFECT_")
 _PACKAGES = Path(__file__).parents[3]
 _waiting: dict[Path, subprocess.Popen[bytes]] = {}  # by the folders of their robots
 _turn = Lock()
+_LOG = logging.getLogger(__name__)
+_PATIENCE_S = 10.0
+_ARCHITECTURES: Mapping[str, Architecture] = {
+    "aarch64": "ARM64",
+    "arm64": "ARM64",
+    "armv7l": "ARMHF",
+    "armv8l": "ARMHF",
+}
+# A look at a folder costs a millisecond, and of a roll-out a wave waits for it.
+_POLL_S = _LONGEST_POLL_S = "0.05"
 
 
 @contextmanager
@@ -136,18 +146,6 @@ def _own_ros(name: str) -> dict[str, str]:
         "ROS_IP": "127.0.0.1",
         "ROS_DOMAIN_ID": str(1 + number % 101),
     }
-
-
-_LOG = logging.getLogger(__name__)
-_PATIENCE_S = 10.0
-_ARCHITECTURES: Mapping[str, Architecture] = {
-    "aarch64": "ARM64",
-    "arm64": "ARM64",
-    "armv7l": "ARMHF",
-    "armv8l": "ARMHF",
-}
-# A look at a folder costs a millisecond, and of a roll-out a wave waits for it.
-_POLL_S = _LONGEST_POLL_S = "0.05"
 
 
 @contextmanager

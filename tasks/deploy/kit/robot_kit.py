@@ -25,6 +25,16 @@ from tasks.deploy.trust.trust_record import UNSIGNED_ALARM
 _SOURCES = Path(__file__).parents[3]
 _FIRST_PARTY = frozenset({"specs", "tasks", "flows"})
 AGENT_MODULE = "tasks.deploy.robot.agent"
+_NAME = "simyard_agent"
+_ALWAYS = frozenset({"pydantic", "tuf", "securesystemslib", "cryptography"})
+_FOR_S3 = frozenset({"s3fs", "botocore"})
+_DISTRIBUTION = re.compile(r"[A-Za-z0-9._-]+")
+_WHEEL = "Wheel-Version: 1.0\nGenerator: simyard\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can say
+_ROBOT = files("tasks.deploy.kit") / "robot"
+_UNIT = "simyard-agent@.service"
+_INSTALLER = "install.sh"
+_ROOT_OF_TRUST = "root.json"
 
 
 def agent_sources() -> dict[str, bytes]:
@@ -67,14 +77,6 @@ def _source_path(module: str) -> Path | None:
     path = Path(*module.split("."))
     files = (path / "__init__.py", path.with_suffix(".py"))
     return next((file for file in files if (_SOURCES / file).is_file()), None)
-
-
-_NAME = "simyard_agent"
-_ALWAYS = frozenset({"pydantic", "tuf", "securesystemslib", "cryptography"})
-_FOR_S3 = frozenset({"s3fs", "botocore"})
-_DISTRIBUTION = re.compile(r"[A-Za-z0-9._-]+")
-_WHEEL = "Wheel-Version: 1.0\nGenerator: simyard\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest that a zip can say
 
 
 def wheel_name() -> str:
@@ -132,12 +134,6 @@ def _zip(files: Mapping[str, bytes]) -> bytes:
             entry.external_attr = 0o100644 << 16
             archive.writestr(entry, body, zipfile.ZIP_DEFLATED)
     return buffer.getvalue()
-
-
-_ROBOT = files("tasks.deploy.kit") / "robot"
-_UNIT = "simyard-agent@.service"
-_INSTALLER = "install.sh"
-_ROOT_OF_TRUST = "root.json"
 
 
 def write_kit(folder: Path, *, store_url: str, root_of_trust: bytes | None) -> tuple[Path, ...]:

@@ -21,6 +21,8 @@ from tasks.storage.base.store import Store
 _SET_DUMPABLE = 4
 _ROOT = 0
 _DEFAULTS = ("simyard-app", "nobody")
+_ANY = ".any"
+REMEDY = "docs/operate/robot.md says what an agent of another account needs"
 
 
 @dataclass(frozen=True)
@@ -134,10 +136,6 @@ def _can_enter(account: Account, folder: Path) -> bool:
 
 def _refused(user: str, allowed: str) -> DocumentError:
     return DocumentError.of("--user", repr(user), allowed, source="agent")
-
-
-_ANY = ".any"
-REMEDY = "docs/operate/robot.md says what an agent of another account needs"
 
 
 def missing_rights(store: Store, robot: str) -> Iterator[str]:

@@ -33,6 +33,9 @@ from tasks.storage.base.store import Store
 
 MOST_BYTES = LIMITS.total_bytes + (256 << 20)  # of an archive: what it may hold, and headers
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+_DOWNLOAD_PERCENT = 50.0
+_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
+_SLICE_S = 0.5
 
 
 def download(
@@ -111,11 +114,6 @@ def _too_big(target: Path, what: str, most: int) -> ObjectTooBig:
 def _full(target: Path, why: str) -> StoreFull:
     target.unlink(missing_ok=True)
     return StoreFull(f"no room for the bundle in {target.parent}: {why}")
-
-
-_DOWNLOAD_PERCENT = 50.0
-_SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
-_SLICE_S = 0.5
 
 
 class StepFailed(Exception):  # noqa: N818 - a state, as RoboMaker names it

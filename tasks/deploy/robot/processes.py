@@ -22,6 +22,22 @@ from uuid import uuid4
 from tasks.deploy.robot.account import Account
 
 _STOP_LOOK_S = 0.05
+_LOG = logging.getLogger(__name__)
+_PROC = Path("/proc")
+_SET_CHILD_SUBREAPER, _GET_CHILD_SUBREAPER = 36, 37
+ROOT_MARK = "SIMYARD_ROBOT_ROOT"
+RUN_MARK = "SIMYARD_RUN"
+_LONGEST_S = 20.0
+_MOMENT_S = 0.25
+_SWEEP_LOOK_S = 0.005
+_QUIET_LOOKS = 3
+_LOGGED = 20
+_HEAD_BYTES = _TAIL_BYTES = 1 << 18
+_BLOCK_BYTES = 1 << 16
+_PATIENCE_S = 2.0
+_WAIT_LOOK_S = 0.02
+_started: set[int] = set()  # and not waited for
+_runs: set[str] = set()  # what was started and not ended
 
 
 class StopRequested(Exception):  # noqa: N818 - no error: the agent unwinds to its end, and resumes at the next start
@@ -79,18 +95,6 @@ class Stop:
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self._told.set()
-
-
-_LOG = logging.getLogger(__name__)
-_PROC = Path("/proc")
-_SET_CHILD_SUBREAPER, _GET_CHILD_SUBREAPER = 36, 37
-ROOT_MARK = "SIMYARD_ROBOT_ROOT"
-RUN_MARK = "SIMYARD_RUN"
-_LONGEST_S = 20.0
-_MOMENT_S = 0.25
-_SWEEP_LOOK_S = 0.005
-_QUIET_LOOKS = 3
-_LOGGED = 20
 
 
 @dataclass(frozen=True)
@@ -272,14 +276,6 @@ def _variables(pid: int) -> list[bytes]:
             return file.read().split(b"\0")
     except OSError:  # it has ended, or is not ours
         return []
-
-
-_HEAD_BYTES = _TAIL_BYTES = 1 << 18
-_BLOCK_BYTES = 1 << 16
-_PATIENCE_S = 2.0
-_WAIT_LOOK_S = 0.02
-_started: set[int] = set()  # and not waited for
-_runs: set[str] = set()  # what was started and not ended
 
 
 class RunningProgram:

@@ -22,6 +22,10 @@ from tasks.deploy.robot.reported_state import Attempt, Reporter, one_line
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
+_LOG = logging.getLogger(__name__)
+Check = Callable[[Desired], int]
+"""Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
+
 
 def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition: S3Object, patience: Patience) -> None:
     """Runs the condition; returns when it allows the download.
@@ -56,13 +60,6 @@ def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition:
         run_program(place, desired, script, "condition", "DownloadConditionFailed")
     finally:
         script.unlink()
-
-
-_LOG = logging.getLogger(__name__)
-
-
-Check = Callable[[Desired], int]
-"""Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
 
 
 class RobotUpdater:

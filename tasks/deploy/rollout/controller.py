@@ -33,6 +33,16 @@ from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.claim import Claim
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 
+_LOG = logging.getLogger(__name__)
+_KIND = "deployment-job"
+COMMAND = "command"
+CANCELED = "canceled"
+"""The keys of an operator's command in a job's detail (tasks.deploy.rollout.operator_commands)."""
+_COMMAND: TypeAdapter[OperatorCommand] = TypeAdapter(OperatorCommand)
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
+_SILENT_S, _NAMED_AT_MOST = 25.0, 5  # an agent looks after 19 s at the latest
+_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
+
 
 def ask_robot(
     store: Store,
@@ -126,17 +136,6 @@ def withdrawn_sequence(store: Store, robot: str) -> int:
     except (ObjectNotFound, ObjectTooBig):
         return 0
     return found.withdrawn if found else 0
-
-
-_LOG = logging.getLogger(__name__)
-_KIND = "deployment-job"
-COMMAND = "command"
-CANCELED = "canceled"
-"""The keys of an operator's command in a job's detail (tasks.deploy.rollout.operator_commands)."""
-_COMMAND: TypeAdapter[OperatorCommand] = TypeAdapter(OperatorCommand)
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 10.0
-_SILENT_S, _NAMED_AT_MOST = 25.0, 5  # an agent looks after 19 s at the latest
-_PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
 
 
 def steady_clock() -> Callable[[], float]:

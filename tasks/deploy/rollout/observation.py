@@ -29,6 +29,12 @@ _PHASES: Mapping[str, Phase] = {
 }
 # An application that crashes in a loop is given up after eight seconds at the soonest (tasks.deploy.robot.launch).
 _FIRST_AGAIN_S = 10.0
+_NAMED = 5
+_WHY: Mapping[str, str] = {
+    "canary": "a canary failed",
+    "time": "the fleet's time was over",
+    "canceled": "canceled on request",
+}
 
 
 class RobotWatch:
@@ -144,14 +150,6 @@ def count_in_sync(seen: Mapping[str, RobotProgress]) -> int:
 def statuses(seen: Mapping[str, RobotProgress]) -> dict[str, str]:
     """Returns each robot's status."""
     return {robot: progress.status for robot, progress in seen.items()}
-
-
-_NAMED = 5
-_WHY: Mapping[str, str] = {
-    "canary": "a canary failed",
-    "time": "the fleet's time was over",
-    "canceled": "canceled on request",
-}
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,9 @@ _TIMEOUT_S = 18_000  # docs/reference/robomaker.md, section 8
 # RoboMaker states no defaults. With these a bad version reaches a fifth of a fleet, and stops before it reaches half.
 _CONCURRENT_PERCENT = 20
 _THRESHOLD_PERCENT = 40
+SYNC = "sync"
+"""The option of a queue entry, and the mark in a record's detail, that say that a job is a sync."""
+_KIND = "deployment-job"
 
 
 def plan_deployment(
@@ -297,11 +300,6 @@ def _fleet_faults(fleet: str, robots: list[RobotRecord], path: str) -> Iterator[
 
 def _missing(field: str, value: str, allowed: str) -> ResourceNotFound:
     return ResourceNotFound.of(f"{_PATH}.{field}", repr(value), allowed, source="deployment")
-
-
-SYNC = "sync"
-"""The option of a queue entry, and the mark in a record's detail, that say that a job is a sync."""
-_KIND = "deployment-job"
 
 
 def latest_deployment(store: Store, fleet: str) -> JobRecord:

@@ -19,6 +19,7 @@ from tasks.deploy.fleet.states import RobotProgress, RobotRecord
 
 OperatorCommand = Literal["go", "pause", "cancel", "time out"]
 """What is wanted of a roll-out; ``time out`` when the fleet's time is over."""
+FLEET_TIMEOUT_S = 30 * 86_400.0  # docs/reference/robomaker.md, section 8
 
 
 class Phase(Enum):
@@ -123,9 +124,6 @@ def _allowed(phases: Mapping[str, Phase], bounds: Limits, waiting: tuple[str, ..
 
 def _canaries(phases: Mapping[str, Phase], bounds: Limits) -> list[Phase]:
     return list(phases.values())[: bounds.canaries]
-
-
-FLEET_TIMEOUT_S = 30 * 86_400.0  # docs/reference/robomaker.md, section 8
 
 
 class RolloutPlan(Spec):

@@ -51,6 +51,18 @@ from tasks.storage.store_url import store_id
 KIND = "trust"
 """Of the claim on a repository."""
 _NEWEST = part_name("timestamp", 0)
+# How long a stolen key, or a store that shows nothing new, can go unnoticed at most; each has its own cost of renewal.
+LIFETIMES: Mapping[Role, timedelta] = {
+    "root": timedelta(days=730),
+    "targets": timedelta(days=365),
+    "deployer": timedelta(days=90),
+    "snapshot": timedelta(days=30),
+    "timestamp": timedelta(days=1),
+}
+Signers = Mapping[Role, Sequence[CryptoSigner]]
+_LOG = logging.getLogger(__name__)
+Clock = Callable[[], datetime]
+_TOP: tuple[Role, ...] = ("root", "targets", "snapshot", "timestamp")
 
 
 def keep(ring: Keyring, version: int, parts: Mapping[str, bytes], *, settled: bool) -> None:
@@ -125,17 +137,6 @@ def _version_in(store: Store, notes: SignerNotes) -> int:
         return Metadata[Timestamp].from_bytes(body).signed.version
     except (ObjectNotFound, ObjectTooBig, DeserializationError):
         return 0
-
-
-# How long a stolen key, or a store that shows nothing new, can go unnoticed at most; each has its own cost of renewal.
-LIFETIMES: Mapping[Role, timedelta] = {
-    "root": timedelta(days=730),
-    "targets": timedelta(days=365),
-    "deployer": timedelta(days=90),
-    "snapshot": timedelta(days=30),
-    "timestamp": timedelta(days=1),
-}
-Signers = Mapping[Role, Sequence[CryptoSigner]]
 
 
 @dataclass(frozen=True)
@@ -230,11 +231,6 @@ def _signed(metadata: Part, signers: Sequence[CryptoSigner], expires: datetime) 
     for signer in signers:
         metadata.sign(signer, append=True)
     return metadata.to_bytes()
-
-
-_LOG = logging.getLogger(__name__)
-Clock = Callable[[], datetime]
-_TOP: tuple[Role, ...] = ("root", "targets", "snapshot", "timestamp")
 
 
 def utc_now() -> datetime:

@@ -15,6 +15,12 @@ from tasks.deploy.trust.keyring import CryptoSigner, Key, RawSignature, Targets
 
 # The same key signs metadata, which is JSON: with this in front, one can never be taken for the other.
 _PREFIX = b"simyard desired state 1\n"
+FIELD = "x-simyard-fleets"
+MOST_IN_FORCE = 32
+"""Deployments of one roll-out that are in force: itself, and its latest syncs."""
+MOST_REMEMBERED = 64
+"""Deployments of a fleet that are remembered as withdrawn, so that none of them begins again."""
+_SHOWN = 5
 
 
 def sign_desired(desired: Desired, signer: CryptoSigner) -> Desired:
@@ -59,14 +65,6 @@ def payload(desired: Desired) -> bytes:
         return _PREFIX + canonical_json(document)
     except ValueError as exc:
         raise TrustRefused(f"it cannot have been signed: {exc}") from exc
-
-
-FIELD = "x-simyard-fleets"
-MOST_IN_FORCE = 32
-"""Deployments of one roll-out that are in force: itself, and its latest syncs."""
-MOST_REMEMBERED = 64
-"""Deployments of a fleet that are remembered as withdrawn, so that none of them begins again."""
-_SHOWN = 5
 
 
 class _Signed(Spec):

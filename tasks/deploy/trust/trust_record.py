@@ -22,6 +22,9 @@ KEYS_VARIABLE = "SIMYARD_KEYS"
 UNSIGNED_ALARM = (
     "UNSIGNED: nobody's key vouches for this deployment; whoever can write to the store could have made it."
 )
+_LOG = logging.getLogger(__name__)
+UNSIGNED = "unsigned"
+_TRUST, _PLAN, _SIGNATURE = "trust", "plan", "plan_signature"
 
 
 def chosen_keys() -> Path | None:
@@ -62,11 +65,6 @@ def condition_fault(condition: S3Object, etag: str) -> Fault | None:
     what = f"{condition.bucket}/{condition.key}"
     allowed = f"the ETag of the script that you mean, since robots run it; {what} has {etag.strip(chr(34))!r} now"
     return Fault(path="deploymentConfig.downloadConditionFile.etag", value=repr(condition.etag), allowed=allowed)
-
-
-_LOG = logging.getLogger(__name__)
-UNSIGNED = "unsigned"
-_TRUST, _PLAN, _SIGNATURE = "trust", "plan", "plan_signature"
 
 
 @dataclass(frozen=True)

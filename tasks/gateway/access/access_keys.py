@@ -25,6 +25,15 @@ from tasks.storage.base.keys import checked_name
 from tasks.storage.base.local_files import whole_file
 
 _SCOPES = "an ARN, or KIND/NAME such as deployment-fleet/home; a * at its end stands for every name that begins so"
+KeyRight = Literal["read", "simulate", "deploy"]
+RIGHTS: tuple[KeyRight, ...] = get_args(KeyRight)
+_ID, _SECRET, _RIGHTS, _ON = "aws_access_key_id", "aws_secret_access_key", "simyard_rights", "simyard_on"
+_FIELDS = frozenset({_ID, _SECRET, _RIGHTS, _ON})
+_NO_SECTION = "\0"
+ACCESS_FILE = "SIMYARD_ACCESS_FILE"
+FIRST = "default"
+_OTHERS = 0o077
+_EVERYWHERE = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - to be told apart from names that clients can ask for
 
 
 @dataclass(frozen=True)
@@ -85,13 +94,6 @@ def _scope(text: str, kind: str, path: str, store_id: str) -> Scope:
 
 def _refused_scope(text: str) -> DocumentError:
     return DocumentError.of("--on", repr(text), _SCOPES, source="access key")
-
-
-KeyRight = Literal["read", "simulate", "deploy"]
-RIGHTS: tuple[KeyRight, ...] = get_args(KeyRight)
-_ID, _SECRET, _RIGHTS, _ON = "aws_access_key_id", "aws_secret_access_key", "simyard_rights", "simyard_on"
-_FIELDS = frozenset({_ID, _SECRET, _RIGHTS, _ON})
-_NO_SECTION = "\0"
 
 
 @dataclass(frozen=True)
@@ -195,11 +197,6 @@ def _parser() -> configparser.ConfigParser:
 
 def _fault(source: str, value: str, allowed: str) -> DocumentError:
     return DocumentError.of("access key", repr(value), allowed, source=source)
-
-
-ACCESS_FILE = "SIMYARD_ACCESS_FILE"
-FIRST = "default"
-_OTHERS = 0o077
 
 
 def access_file() -> Path:
@@ -334,9 +331,6 @@ def _write(path: Path, keys: Iterable[AccessKey]) -> None:
 
 def _refused_file(path: Path, allowed: str) -> DocumentError:
     return DocumentError.of("access keys", repr(str(path)), allowed, source="simyard")
-
-
-_EVERYWHERE = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - to be told apart from names that clients can ask for
 
 
 def gateway_url(host: str, port: int, *, is_encrypted: bool) -> str:

@@ -24,6 +24,8 @@ _MOST_ARNS = 100
 _REFUSALS_A_MINUTE = 60
 _MINUTE_S = 60
 _MOST_WAITING_BYTES = 1 << 20
+_DENIED = "AccessDeniedException"
+_SAID_KEY = re.compile(r"Credential=([A-Za-z0-9]{1,64})/")
 
 
 class _Lost(NamedTuple):
@@ -203,10 +205,6 @@ def actions(store: Store, days: int, now_s: float) -> Iterator[str]:
 
 def _short(text: str) -> str:
     return text if len(text) <= _LONGEST_TEXT else f"{text[:_LONGEST_TEXT]}..."
-
-
-_DENIED = "AccessDeniedException"
-_SAID_KEY = re.compile(r"Credential=([A-Za-z0-9]{1,64})/")
 
 
 def record_call(log: ActionLog, call: Call, shown_arn: Callable[[str], str] = str) -> None:

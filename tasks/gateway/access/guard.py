@@ -19,6 +19,11 @@ from tasks.gateway.access.rights import FleetOf, check_right, is_within
 from tasks.gateway.access.signature import UsedSignatures, check_signature, claim_of, unknown_key
 from tasks.gateway.rest_json import HttpAnswer, HttpRequest, error_answer
 
+_OWN_SITES = frozenset({"same-origin", "none"})
+_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
+_LOG = logging.getLogger(__name__)
+_KEYS_AWAY = "the access keys cannot be read; the log of simyard serve says more"
+
 
 @dataclass(frozen=True)
 class Caller:
@@ -94,10 +99,6 @@ def no_note(_call: Call) -> None:
     """Keeps nothing."""
 
 
-_OWN_SITES = frozenset({"same-origin", "none"})
-_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]"})
-
-
 def loopback_hosts(port: int) -> frozenset[str]:
     """Returns what programs of this machine call a port of it."""
     return frozenset({f"{name}:{port}" for name in _NAMES} | (_NAMES if port in {80, 443} else set()))
@@ -148,10 +149,6 @@ def _only(request: HttpRequest, name: str) -> str:
 
 def _refused_page(why: str) -> AccessRefused:
     return AccessRefused("AccessDeniedException", why)
-
-
-_LOG = logging.getLogger(__name__)
-_KEYS_AWAY = "the access keys cannot be read; the log of simyard serve says more"
 
 
 class SignedGuard:

@@ -30,6 +30,9 @@ _ONCE = ("authorization", "host", "x-amz-date", "x-amz-content-sha256")
 _NO_TIME = "x-amz-date is not a time such as 20260131T235959Z"
 _NOT_SIGNED = "the request is not signed: simyard access export NAME prints what boto3 and the AWS CLI need for it"
 _PARTS = frozenset({"Credential", "SignedHeaders", "Signature"})
+_LIFETIME_S = 2 * SKEW_S
+_MOST = 1 << 18
+_SAME_SECOND_S = 2.0  # a second of the client, and one for the way here
 
 
 class Claim(NamedTuple):
@@ -202,11 +205,6 @@ def _invalid(why: str) -> AccessRefused:
 
 def _incomplete(why: str) -> AccessRefused:
     return AccessRefused("IncompleteSignatureException", why, 400)
-
-
-_LIFETIME_S = 2 * SKEW_S
-_MOST = 1 << 18
-_SAME_SECOND_S = 2.0  # a second of the client, and one for the way here
 
 
 class UsedSignatures:

@@ -18,6 +18,14 @@ from tasks.gateway.page.content import Block, Facts, Frame, Gallery, Page, Table
 
 RELOAD_S = 5
 _AGES = ((86_400, "day"), (3_600, "hour"), (60, "minute"), (1, "second"))
+_ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Robots-Tag": "noindex",
+}
+_STORED_CONTENT = "sandbox allow-downloads; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+_NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
 
 
 def page_html(page: Page, frame: Frame) -> bytes:
@@ -128,16 +136,6 @@ def _templates() -> Environment:
 def _fit(value: object) -> object:
     """Returns a text with a sign in the place of what turns the text around it, or what HTML cannot hold."""
     return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-_ALWAYS = {
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Robots-Tag": "noindex",
-}
-_STORED_CONTENT = "sandbox allow-downloads; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-_NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
 
 
 def own_headers(*, is_secure: bool) -> Mapping[str, str]:

@@ -24,6 +24,10 @@ _MOST_CHARACTERS = 1024
 _MOST_ENDED = 10_000
 _BODY = re.compile(r"([A-Za-z0-9._-]{1,128})\|([0-9]{1,12})\|([0-9a-f]{32})\.[A-Za-z0-9_-]+\Z", re.ASCII)
 SecretOf = Callable[[str], str | None]
+_FREE = 5
+_FIRST_S, _LONGEST_S = 2.0, 300.0
+_FORGOTTEN_S = 900.0
+_MOST_ADDRESSES = 4096
 
 
 @dataclass(frozen=True)
@@ -116,12 +120,6 @@ class EndedSessions:
 
 def _signer(secret: str) -> Signer:
     return Signer(secret, salt=_PURPOSE, key_derivation="hmac", digest_method=hashlib.sha256)
-
-
-_FREE = 5
-_FIRST_S, _LONGEST_S = 2.0, 300.0
-_FORGOTTEN_S = 900.0
-_MOST_ADDRESSES = 4096
 
 
 @dataclass(frozen=True)
