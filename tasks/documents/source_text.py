@@ -32,8 +32,8 @@ _RESOLVERS = (
 )
 
 
-class YamlRefusedError(ValueError):
-    """Text that is not YAML, or more than a notation for JSON."""
+class _RefusedError(ValueError):
+    """Text that is neither JSON nor YAML that notes it, or no plain data: where, what stands there, what may."""
 
     def __init__(self, where: str, what: str, allowed: str) -> None:
         super().__init__(what)
@@ -49,20 +49,20 @@ class _Loader(_BASE):
     yaml_constructors: dict[str, Any] = {}  # noqa: RUF012 - PyYAML's own attribute
 
 
-def load_yaml(text: str, max_depth: int) -> JsonValue:
+def _load_yaml(text: str, max_depth: int) -> JsonValue:
     """Returns the data of one YAML document.
 
     Raises:
-        YamlRefusedError: For malformed YAML, anchors, aliases, tags, keys that are not text or occur twice, a second
+        _RefusedError: For malformed YAML, anchors, aliases, tags, keys that are not text or occur twice, a second
             document, or more levels than ``max_depth``.
     """
     try:
         _check_events(text, max_depth)
         return cast("JsonValue", yaml.load(text, Loader=_Loader))  # noqa: S506 - knows JSON's types only
     except yaml.MarkedYAMLError as exc:
-        raise YamlRefusedError(_place(exc.problem_mark), exc.problem or "not YAML", "YAML") from exc
+        raise _RefusedError(_place(exc.problem_mark), exc.problem or "not YAML", "YAML") from exc
     except yaml.YAMLError as exc:
-        raise YamlRefusedError("file", " ".join(str(exc).split()), "YAML") from exc
+        raise _RefusedError("file", " ".join(str(exc).split()), "YAML") from exc
 
 
 def _check_events(text: str, max_depth: int) -> None:
@@ -73,11 +73,11 @@ def _check_events(text: str, max_depth: int) -> None:
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
         problem = _problem(event)
         if problem is not None:
-            raise YamlRefusedError(_place(event.start_mark), *problem)
+            raise _RefusedError(_place(event.start_mark), *problem)
         if depth > max_depth:
-            raise YamlRefusedError(_place(event.start_mark), "too deeply nested", f"at most {max_depth} levels")
+            raise _RefusedError(_place(event.start_mark), "too deeply nested", f"at most {max_depth} levels")
         if documents > 1:
-            raise YamlRefusedError(_place(event.start_mark), "a second document", "one document in a file")
+            raise _RefusedError(_place(event.start_mark), "a second document", "one document in a file")
 
 
 def _problem(event: yaml.Event) -> tuple[str, str] | None:
@@ -113,7 +113,7 @@ def _number(kind: type[int] | type[float], text: str, node: yaml.Node) -> int | 
     try:
         return kind(text)
     except ValueError as exc:
-        raise YamlRefusedError(_place(node.start_mark), f"a number of {len(text)} digits", "shorter numbers") from exc
+        raise _RefusedError(_place(node.start_mark), f"a number of {len(text)} digits", "shorter numbers") from exc
 
 
 def _construct_list(loader: Any, node: yaml.SequenceNode) -> list[JsonValue]:  # noqa: ANN401 - see _Loader
@@ -125,11 +125,11 @@ def _construct_object(loader: Any, node: yaml.MappingNode) -> dict[str, JsonValu
     for key_node, value_node in node.value:
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, str):
-            raise YamlRefusedError(_place(key_node.start_mark), f"the key {key}", "keys of text; quote it")
+            raise _RefusedError(_place(key_node.start_mark), f"the key {key}", "keys of text; quote it")
         if key in found:
-            raise YamlRefusedError(_place(key_node.start_mark), f"the key {key} for the second time", "each key once")
+            raise _RefusedError(_place(key_node.start_mark), f"the key {key} for the second time", "each key once")
         if key == _MERGE_KEY and not key_node.style:  # quoted, it is a key like any other
-            raise YamlRefusedError(_place(key_node.start_mark), "a merge key", "values written out")
+            raise _RefusedError(_place(key_node.start_mark), "a merge key", "values written out")
         found[key] = loader.construct_object(value_node, deep=True)
     return found
 
@@ -181,25 +181,15 @@ def decode_source_text(body: bytes, source: str) -> JsonValue:
         raise _refused(f"more than {MAX_BYTES:,} bytes", _WANTED, source)
     try:
         text = body.decode("utf-8-sig")
-        data = _load_json(text) if source.lower().endswith(".json") else load_yaml(text, MAX_DEPTH)
+        data = _load_json(text) if source.lower().endswith(".json") else _load_yaml(text, MAX_DEPTH)
     except UnicodeDecodeError as exc:
         raise _refused(f"byte {exc.start} is not UTF-8", "text in UTF-8", source) from exc
-    except (YamlRefusedError, _JsonRefusedError) as exc:
+    except _RefusedError as exc:
         raise DocumentError.of(exc.where, exc.what, exc.allowed, source=source) from exc
     faults = list(_not_plain(data))
     if faults:
         raise DocumentError(faults, source)
     return data
-
-
-class _JsonRefusedError(ValueError):
-    """Text that is not JSON, or not plain JSON."""
-
-    def __init__(self, where: str, what: str, allowed: str) -> None:
-        super().__init__(what)
-        self.where = where
-        self.what = what
-        self.allowed = allowed
 
 
 def _refused(value: str, allowed: str, source: str) -> DocumentError:
@@ -210,13 +200,13 @@ def _load_json(text: str) -> JsonValue:
     try:
         return cast("JsonValue", json.loads(text, object_pairs_hook=_object, parse_constant=_constant))
     except json.JSONDecodeError as exc:
-        raise _JsonRefusedError(f"line {exc.lineno}, column {exc.colno}", exc.msg, "JSON") from exc
+        raise _RefusedError(f"line {exc.lineno}, column {exc.colno}", exc.msg, "JSON") from exc
     except RecursionError as exc:
-        raise _JsonRefusedError("file", "too deeply nested", f"at most {MAX_DEPTH} levels") from exc
-    except _JsonRefusedError:
+        raise _RefusedError("file", "too deeply nested", f"at most {MAX_DEPTH} levels") from exc
+    except _RefusedError:
         raise
     except ValueError as exc:
-        raise _JsonRefusedError("file", "a number of thousands of digits", "shorter numbers") from exc
+        raise _RefusedError("file", "a number of thousands of digits", "shorter numbers") from exc
 
 
 def _object(pairs: list[tuple[str, JsonValue]]) -> dict[str, JsonValue]:
@@ -224,12 +214,12 @@ def _object(pairs: list[tuple[str, JsonValue]]) -> dict[str, JsonValue]:
     if len(found) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for number, key in enumerate(keys) if key in keys[:number])
-        raise _JsonRefusedError(twice, "occurs twice in one object", "each key once")
+        raise _RefusedError(twice, "occurs twice in one object", "each key once")
     return found
 
 
 def _constant(name: str) -> JsonValue:
-    raise _JsonRefusedError("file", name, "numbers that are finite")
+    raise _RefusedError("file", name, "numbers that are finite")
 
 
 def _not_plain(data: JsonValue) -> Iterator[Fault]:

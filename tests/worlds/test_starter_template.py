@@ -11,7 +11,7 @@ from pydantic import BaseModel, JsonValue
 
 from specs.data.world import ROBOT_RADIUS_M, RoomType
 from specs.template.body import TemplateBody, template_body
-from tasks.documents.source_text import load_yaml
+from tasks.documents.source_text import decode_source_text
 from tasks.worlds.generate import generate_world
 from tasks.worlds.starter_template import STARTER_ROOMS, Version, commented_yaml, starter_json, starter_template
 from tests.worlds.templates import ROOM_TYPES
@@ -26,7 +26,7 @@ ROOMS = st.lists(st.sampled_from(ROOM_TYPES), min_size=1, max_size=6)
 def test_any_rooms_give_a_valid_template_that_reads_back_as_it_was_meant(rooms: list[RoomType], version: Version):
     body = starter_template(rooms, version)
     assert [room.Type for room in template_body(body).Buildings[0].Floors[0].Floorplan.Rooms] == rooms
-    assert load_yaml(commented_yaml(body), 40) == body
+    assert decode_source_text(commented_yaml(body).encode(), "template.yaml") == body
     assert json.loads(starter_json(body)) == body
 
 
