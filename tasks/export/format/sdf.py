@@ -228,7 +228,7 @@ def _pose_in(piece: Furniture, solid: Solid) -> Pose:
 WORLDS_PACKAGE, MODELS_PACKAGE = "aws_robomaker_worldforge_worlds", "aws_robomaker_worldforge_shared_models"
 GROUND = "ground"
 _GROUND_M = 100.0
-# As decided for MJCF (mjcf_doors): a hollow-core leaf, and friction that keeps it where it is left.
+# As for MJCF (``tasks.export.format.mjcf``): a hollow-core leaf, and friction that keeps it where it is left.
 _DENSITY_KG_M3 = 300.0
 _FRICTION_NM, _DAMPING_NM_S = 1.5, 1.5
 

@@ -19,7 +19,7 @@ from tasks.export.surface.textures import texture_of
 USD_FILE = "world.usda"
 TEXTURE_FOLDER = "textures"
 _ROOT = Sdf.Path("/World")
-_DENSITY_KG_M3 = 300.0  # as decided for MJCF (mjcf_doors)
+_DENSITY_KG_M3 = 300.0  # as for MJCF (``tasks.export.format.mjcf``)
 _LAMP_RADIUS_M, _LAMP_INTENSITY = 0.12, 12_000.0
 
 
