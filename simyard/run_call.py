@@ -96,7 +96,7 @@ def run_directly(spec: PipelineSpec, base: Path, store_url: str) -> PipelineRepo
     Raises:
         SimyardError: The document, the store or a stage is at fault, or it did not pass.
     """
-    from flows.pipeline.pipeline_run import pipeline
+    from flows.pipeline.pipeline import pipeline
 
     _prepare(spec)
     return pipeline(spec, store_url, str(base))
@@ -141,11 +141,11 @@ def _refuse_faults(spec: PipelineSpec, base: Path, store_url: str) -> None:
     Raises:
         DocumentError: It has some.
     """
-    from flows.pipeline.references import pins
+    from flows.pipeline.references import resolve_references
     from tasks.storage.backends.overlay import OverlayStore
     from tasks.storage.store_url import open_store
 
-    pins(spec, OverlayStore(open_store(store_url)), base)
+    resolve_references(spec, OverlayStore(open_store(store_url)), base)
 
 
 def _is_in_flow_run() -> bool:

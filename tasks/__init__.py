@@ -1,1 +1,1 @@
-"""What Simyard can do: a package for each capability, Prefect only in its `task.py`. Flows may import it."""
+"""What Simyard can do: a package for each capability, without Prefect. Flows may import it."""

@@ -10,8 +10,7 @@ from pydantic import JsonValue, ValidationError
 from flows.cli.run_command import AskedRun
 from flows.pipeline.baselines import find_baseline
 from flows.pipeline.judge_again import LaterVerdict
-from flows.pipeline.stage_report import batch_report, deployment_report, export_report, generation_report
-from flows.pipeline.stages import joined
+from flows.pipeline.stage_report import batch_report, deployment_report, export_report, generation_report, joined
 from specs.arn import arn, resource_kind, resource_name, store_id_of
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.errors import DocumentError, ObjectNotFound, PipelineNotPassed, ResourceNotFound, SimyardError, StageFailed

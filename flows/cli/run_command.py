@@ -21,8 +21,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
 from flows.cli.terminal import echo, echo_commands, echo_json, exit_code_of
-from flows.pipeline.pipeline_run import pipeline
-from flows.pipeline.references import new_bucket_lines, pins
+from flows.pipeline.pipeline import pipeline
+from flows.pipeline.references import new_bucket_lines, resolve_references
 from flows.pipeline.version_retention import version_lines
 from flows.prefect.prefect_server import ServerChoice, prefect_server
 from specs.data.run_report import PipelineReport
@@ -334,7 +334,7 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
     """
     store = open_store(store_url)
     trial = OverlayStore(store)
-    pins(spec, trial, base)  # a document with faults is refused before a server starts
+    resolve_references(spec, trial, base)  # a document with faults is refused before a server starts
     for line in (*version_lines(spec, store, trial), *new_bucket_lines(spec, store)):
         console.print(line, markup=False, highlight=False)
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # the terminal shows progress instead
@@ -401,7 +401,7 @@ def _computing_modules(spec: PipelineSpec) -> list[str]:
     """Returns what a run of the document imports that many others do not: SciPy and MuJoCo.
 
     JAX is none of it: only the process that simulates imports that, see
-    ``flows.pipeline.stages.begin_simulation_process``.
+    ``flows.pipeline.batch_run.begin_simulation_process``.
     """
     modules: list[str] = []
     if spec.worldGeneration:

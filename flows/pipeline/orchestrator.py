@@ -1,4 +1,4 @@
-"""What runs the steps of a stage, and shows what came of them: Prefect, or this process alone.
+"""What runs the steps of a stage, and shows what came of them: this process alone, or Prefect.
 
 A stage is a plain function. It asks the orchestrator of its context for what differs: under Prefect a step is a task
 run, a page shows artifacts, and a button cancels. A process alone calls the step and shows nothing; records and files
@@ -8,7 +8,7 @@ in the store are the same.
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from typing import ParamSpec, Protocol, TypeVar
+from typing import ParamSpec, TypeVar
 
 from flows.batch.batch_end import WrittenReport
 from flows.pipeline.run_gate import GateAnswer
@@ -31,198 +31,101 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
-class Orchestrator(Protocol):
-    """What a stage asks for."""
+class Orchestrator:
+    """What a stage asks for, as this process alone gives it: no pages, no artifacts, no events, no cluster.
+
+    `flows.prefect.prefect_orchestrator` has the one that tells Prefect.
+    """
 
     @property
     def flow_run_id(self) -> str:
         """The flow run that this is in; empty if there is none."""
-        ...
+        return ""
 
     def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Returns what a step, or a stage of a pipeline, returns; its arguments are data that can be sent."""
-        ...
+        return step(*args, **kwargs)
 
-    def is_cancelling(self, flow_run_id: str) -> bool:
-        """Returns whether somebody cancels a flow run; an empty id is none's."""
-        ...
+    def is_cancelling(self, flow_run_id: str) -> bool:  # noqa: ARG002 - of Prefect's
+        """Returns whether somebody cancels a flow run; `simyard cancel` reaches this process through the store."""
+        return False
 
     def watch_cancellation(self) -> AbstractContextManager[Callable[[], bool]]:
         """Yields what says whether somebody cancels the flow run that this is in; it may be called every second."""
-        ...
+        return nullcontext(lambda: self.is_cancelling(self.flow_run_id))
 
     def end_flow_run_before(self, run: JobRecord) -> None:
         """Ends the flow run of the dead process that worked on a run before, as the run's record says."""
-        ...
 
-    def show_wait(self, sentence: str) -> None:
-        """Shows that this process waits for another one, which the sentence names."""
-        ...
+    def show_waiting(self, sentence: str) -> None:
+        """Shows that this process waits for another one, which the sentence names; the terminal has a bar for it."""
 
-    def leave_place(self, sentence: str, run: JobRecord) -> None:
+    def requeue_run(self, sentence: str, run: JobRecord) -> None:
         """Ends this process, to be begun again later, where it keeps others from a place while it waits for a run."""
-        ...
 
     def awaited_run(self) -> str:
-        """Returns the id of the run that this flow run waited for when it left its place; empty if it did not."""
-        ...
+        """Returns the id of the run that this flow run waited for when it was requeued; empty if it was not."""
+        return ""
 
     def show_work(self) -> None:
         """Shows that this process waits no longer, and works."""
-        ...
 
-    def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:
+    def tag_run(self, run: JobRecord) -> AbstractContextManager[None]:  # noqa: ARG002 - of Prefect's
         """Marks what happens in the block as a part of a run."""
-        ...
+        return nullcontext()
 
     def announce_changes(self) -> AbstractContextManager[None]:
-        """Tells of each change of a job's status in the block."""
-        ...
+        """Tells of each change of a job's status in the block: in the log, if SIMYARD_LOG_FORMAT asks for it."""
+        return log_in_chosen_format()
 
     def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
         """Tells of a gate's verdict, once the run's record has it."""
-        ...
 
     def announce_alarm(self, alarm: Alarm, url: str) -> None:
-        """Tells of a change of a document's rate; the page of its nights is at the URL."""
-        ...
+        """Tells of a change of a document's rate, as the run's report does; the page of its nights is at the URL."""
 
     def announce_asset(self, made: MadeAsset) -> None:
         """Tells of something that was made; of the same one as often as a run is continued."""
-        ...
 
-    def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
-        """Yields a function that tells how far a stage is; a page shows it under the key."""
-        ...
+    def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:  # noqa: ARG002 - of Prefect's
+        """Yields a function that tells how far a stage is: the terminal, and a page under the key."""
+        return nullcontext(stage_progress(stage))
 
     def show_metrics(self, batch: JobRecord) -> None:
         """Shows how fast a batch was."""
-        ...
 
     def show_batch_report(self, report: WrittenReport) -> None:
         """Shows a batch's report in short."""
-        ...
 
     def show_run_report(self, report: PipelineReport) -> None:
         """Shows what each stage of a run came to."""
-        ...
 
     def wanted_workers(self) -> Workers | None:
         """Returns the workers of a cluster that shall do the work; None where this process does it.
 
         Raises:
-            DocumentError: There are no such workers.
-        """
-        ...
-
-    def world_makers(self, store: Store) -> RemoteWorldMaker | None:
-        """Returns what hands worlds to workers; None where this process makes them."""
-        ...
-
-    def world_writers(self, store: Store) -> ExportWorkers | None:
-        """Returns what hands exported worlds to workers; None where this process writes them."""
-        ...
-
-    def spread_batch(self, batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
-        """Commits the chunks of a batch on workers; returns its speed."""
-        ...
-
-
-class ProcessAlone:
-    """Runs steps as plain calls, without a server: no pages, no artifacts, no events, no cluster."""
-
-    flow_run_id = ""
-
-    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Returns what the step returns."""
-        return step(*args, **kwargs)
-
-    def is_cancelling(self, flow_run_id: str) -> bool:  # noqa: ARG002 - the protocol's
-        """Returns False: `simyard cancel` reaches this process through the store."""
-        return False
-
-    @contextmanager
-    def watch_cancellation(self) -> Generator[Callable[[], bool], None, None]:
-        """Yields what `is_cancelling` says."""
-        yield lambda: self.is_cancelling(self.flow_run_id)
-
-    def end_flow_run_before(self, run: JobRecord) -> None:
-        """Ends nothing: there is no server to tell."""
-
-    def show_wait(self, sentence: str) -> None:
-        """Shows nothing: the terminal has a bar for it."""
-
-    def leave_place(self, sentence: str, run: JobRecord) -> None:
-        """Stays: nobody would begin it again."""
-
-    def awaited_run(self) -> str:
-        """Returns nothing: it never leaves."""
-        return ""
-
-    def show_work(self) -> None:
-        """Shows nothing."""
-
-    def tag_run(self, run: JobRecord) -> AbstractContextManager[object]:  # noqa: ARG002 - the protocol's
-        """Marks nothing."""
-        return nullcontext()
-
-    def announce_changes(self) -> AbstractContextManager[None]:
-        """Writes changes as SIMYARD_LOG_FORMAT asks, if it does."""
-        return log_in_chosen_format()
-
-    def announce_verdict(self, answer: GateAnswer, run: JobRecord, batch: JobRecord) -> None:
-        """Tells nobody."""
-
-    def announce_alarm(self, alarm: Alarm, url: str) -> None:
-        """Tells nobody: the report of the run has it."""
-
-    def announce_asset(self, made: MadeAsset) -> None:
-        """Tells nobody."""
-
-    @contextmanager
-    def progress(self, stage: str, key: str) -> Generator[Progress, None, None]:  # noqa: ARG002 - the protocol's
-        """Yields a function that tells the terminal."""
-        yield stage_progress(stage)
-
-    def show_metrics(self, batch: JobRecord) -> None:
-        """Shows nothing."""
-
-    def show_batch_report(self, report: WrittenReport) -> None:
-        """Shows nothing."""
-
-    def show_run_report(self, report: PipelineReport) -> None:
-        """Shows nothing."""
-
-    def wanted_workers(self) -> Workers | None:
-        """Returns None.
-
-        Raises:
-            DocumentError: SIMYARD_WORKERS asks for some, which only Prefect reaches.
+            DocumentError: SIMYARD_WORKERS asks for workers that there are not; only Prefect reaches any.
         """
         if chosen_workers() is None:
             return None
         allowed = "nothing, where no Prefect server hands out the work: unset it, or leave --direct out"
         raise DocumentError.of(WORKERS, "set", allowed)
 
-    def world_makers(self, store: Store) -> RemoteWorldMaker | None:  # noqa: ARG002 - the protocol's
-        """Returns None, having refused workers as `wanted_workers` does."""
+    def world_makers(self, store: Store) -> RemoteWorldMaker | None:  # noqa: ARG002 - of Prefect's
+        """Returns what hands worlds to workers; None where this process makes them."""
         self.wanted_workers()
 
-    def world_writers(self, store: Store) -> ExportWorkers | None:  # noqa: ARG002 - the protocol's
-        """Returns None, having refused workers as `wanted_workers` does."""
+    def world_writers(self, store: Store) -> ExportWorkers | None:  # noqa: ARG002 - of Prefect's
+        """Returns what hands exported worlds to workers; None where this process writes them."""
         self.wanted_workers()
 
     def spread_batch(self, batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
-        """Cannot be: `wanted_workers` returns none.
-
-        Raises:
-            NotImplementedError: Always.
-        """
+        """Commits the chunks of a batch on workers; returns its speed. A process alone has none."""
         raise NotImplementedError
 
 
 _orchestrator: ContextVar[Orchestrator | None] = ContextVar("simyard_orchestrator", default=None)
-_ALONE = ProcessAlone()
+_ALONE = Orchestrator()
 
 
 def orchestrator() -> Orchestrator:

@@ -25,7 +25,7 @@ from flows.batch.batch_end import RecordedEpisodes, with_audit
 from flows.batch.batch_steps import SequentialStop
 from flows.batch.replay_episode import bundles
 from flows.pipeline.baselines import NoBaseline
-from flows.pipeline.references import Numbers, numbered_finder
+from flows.pipeline.references import ParsedRun
 from flows.pipeline.run_gate import GateAnswer, gate_material, read_baseline, read_gate_answer, tested_facts
 from flows.pipeline.tested_batch import batch_plan, compared_digest
 from specs.arn import arn
@@ -33,7 +33,6 @@ from specs.base import without_absent
 from specs.data.episode import CANCELED, EpisodeResult
 from specs.errors import DocumentError, StageFailed
 from specs.field_types import OutputLocation
-from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.section_requests import generation_request, section_parts
 from specs.pipeline.simulation_section import SimulationBatch
@@ -44,7 +43,6 @@ from tasks.documents.template_source import find_template
 from tasks.progress.listener import at_a_time
 from tasks.results.gate.evidence import Baseline, Evidence, evidence_digest, gather
 from tasks.results.gate.gate_verdict import judge
-from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.tables.result_files import recounted_facts
 from tasks.simulate.audit.audit_run import AUDIT_FILE, audit_again
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch, require_plan
@@ -260,77 +258,49 @@ def _short(value: JsonValue) -> str:
 logger = logging.getLogger(__name__)
 
 
-class ParsedRun(NamedTuple):
-    """What a run was asked for, as this process knows it.
-
-    Attributes:
-        spec: The document.
-        base: Folder that the document's relative paths start from.
-        versions: Numbers of the applications that the document brings, by ``<kind>/<name>``.
-        worlds: ``<generation>/<world>`` of each world of the run.
-        ships: What is shipped, as it was settled before anything ran; None for what the store has now.
-    """
-
-    spec: PipelineSpec
-    base: str
-    versions: Numbers
-    worlds: list[str]
-    ships: Shipment | None = None
-
-
-def planned_run(asked: ParsedRun, section: SimulationBatch, store: Store) -> PlannedRun:
+def planned_run(work: ParsedRun, section: SimulationBatch) -> PlannedRun:
     """Returns what the document asks for now.
 
     Raises:
         DocumentError: What it refers to is gone.
     """
-    gate = asked.spec.gate if stops_early(asked.spec.gate) else None
-    plan = batch_plan(section, asked.worlds, store, numbered_finder(store, asked.versions), gate)
-    return PlannedRun(plan, output_location(section))
+    gate = work.spec.gate if stops_early(work.spec.gate) else None
+    return PlannedRun(batch_plan(section, work.worlds, work.store, work.find(), gate), output_location(section))
 
 
-def recount_changes(asked: ParsedRun, batch: JobRecord | None, store: Store, run: JobRecord) -> list[str]:
+def recount_changes(work: ParsedRun, batch: JobRecord | None) -> list[str]:
     """Returns what is not as it was judged, one line each; nothing if all is, or if the document has no gate.
 
     Args:
-        asked: What the run was asked for.
+        work: The run, with its gate's answer.
         batch: The record of the batch that was judged.
-        store: Where everything is.
-        run: The run, with its gate's answer.
     """
-    spec = asked.spec
+    spec = work.spec
     if spec.gate is None:
         return []
     if spec.simulationBatch is None or batch is None:
         return ["there is no batch that the gate could have judged"]
+    gate = spec.gate
     try:
-        planned = planned_run(asked, spec.simulationBatch, store)
+        planned = planned_run(work, spec.simulationBatch)
         early, changes = at_a_time(
-            lambda: _sampled_early(batch.id, planned.plan, store),
-            lambda: _counted_changes(asked, batch.id, planned, store=store, run=run),
+            lambda: _sampled_early(batch.id, planned.plan, work.store),
+            lambda: _counted_changes(work, gate, batch.id, planned),
         )
-        return changes or (_sampled(batch.id, planned.plan, store) if early is None else early)
+        return changes or (_sampled(batch.id, planned.plan, work.store) if early is None else early)
     except (DocumentError, StageFailed) as exc:
         return [exc.reason if isinstance(exc, StageFailed) else " ".join(str(exc).split())]
 
 
-def _counted_changes(asked: ParsedRun, batch: str, planned: PlannedRun, *, store: Store, run: JobRecord) -> list[str]:
-    """Returns which worlds, rows, tables or verdict are not as they were judged, one line each.
-
-    Args:
-        asked: What the run was asked for, a gate among it.
-        batch: The batch's id.
-        planned: What the document asks for now.
-        store: Where everything is.
-        run: The run, with its gate's answer.
-    """
-    gate = asked.spec.gate
-    assert gate is not None  # noqa: S101 - asked before
-    changes = _world_changes(asked, planned.plan, store, run)
-    if changes:
-        return changes
-    found = count_batch(read(store, KIND, batch), store, gate, planned)
-    return found.changes or _verdict_changes(asked, gate, found, store, run)
+def _counted_changes(work: ParsedRun, gate: Gate, batch: str, planned: PlannedRun) -> list[str]:
+    """Returns which worlds, rows, tables or verdict are not as they were judged, one line each."""
+    if section := work.spec.worldGeneration:
+        digests = planned.plan.world_digests
+        changes = section_world_changes(section, work.worlds, digests, store=work.store, base=work.base, run=work.run)
+        if changes:
+            return changes
+    found = count_batch(read(work.store, KIND, batch), work.store, gate, planned)
+    return found.changes or _verdict_changes(work, gate, found)
 
 
 def _sampled_early(batch: str, plan: BatchPlan, store: Store) -> list[str] | None:
@@ -349,13 +319,6 @@ def _sampled(batch: str, plan: BatchPlan, store: Store) -> list[str]:
     """Returns which of a few episodes of a batch come out otherwise when they are simulated again, one line each."""
     opened = require_plan(store, batch, plan)
     return sample_changes(opened, bundles(opened), recount_episodes())
-
-
-def _world_changes(asked: ParsedRun, plan: BatchPlan, store: Store, run: JobRecord) -> list[str]:
-    section = asked.spec.worldGeneration
-    if section is None:
-        return []
-    return section_world_changes(section, asked.worlds, plan.world_digests, store=store, base=asked.base, run=run)
 
 
 def section_world_changes(
@@ -398,13 +361,14 @@ def section_world_changes(
     return changes
 
 
-def _verdict_changes(asked: ParsedRun, gate: Gate, found: BatchRecount, store: Store, run: JobRecord) -> list[str]:
+def _verdict_changes(work: ParsedRun, gate: Gate, found: BatchRecount) -> list[str]:
     """Returns what the run's record says of the verdict, if it is not what comes of the recounted batch."""
+    store, run = work.store, work.run
     answer = read_gate_answer(store, run)
     key = f"{store.url}/{job_key(run.kind, run.id)}"
     if answer is None:
         return [f"{key} says no gate's answer"]
-    other = _baseline(asked, gate, store, run)
+    other = _compared(work, gate)
     if isinstance(other, str):
         return [other]
     material = replace(gate_material(gate, found.record, store, other), attempts=answer.attempts)
@@ -418,7 +382,7 @@ def _verdict_changes(asked: ParsedRun, gate: Gate, found: BatchRecount, store: S
         tested_facts(found.batch.plan, found.record),
         left_out=material.lacks.left_out,
         baseline=other if isinstance(other, Baseline) else None,
-        ships=asked.ships,
+        ships=work.found.ships,
     )
     return _evidence_changes(store, answer, evidence)
 
@@ -431,14 +395,14 @@ def _evidence_changes(store: Store, answer: GateAnswer, computed: Evidence) -> l
     return [f"{key} has the SHA-256 {answer.evidence}; computed: {found}"]
 
 
-def _baseline(asked: ParsedRun, gate: Gate, store: Store, run: JobRecord) -> Baseline | NoBaseline | str | None:
+def _compared(work: ParsedRun, gate: Gate) -> Baseline | NoBaseline | str | None:
     """Returns what the gate compares with; a text if that is not what the document asks for."""
-    if gate.noWorseThan is None or asked.spec.simulationBatch is None:
+    if gate.noWorseThan is None or work.spec.simulationBatch is None:
         return None
-    other = read_baseline(store, run)
+    other = read_baseline(work.store, work.run)
     if other is None:
         return NoBaseline("the run found none")
-    meant = compared_digest(gate, asked.spec.simulationBatch, numbered_finder(store, asked.versions))
+    meant = compared_digest(gate, work.spec.simulationBatch, work.find())
     if other.digest != meant:
-        return f"{run.id} says it compared with {other.digest!r:.80}; the document's version is {meant}"
+        return f"{work.run.id} says it compared with {other.digest!r:.80}; the document's version is {meant}"
     return other

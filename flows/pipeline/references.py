@@ -4,7 +4,8 @@ What the document ships is held against what its batch drives. An output bucket 
 written: to refuse a new one would break the first steps, so `plan` and `run` name what is new, and what is there.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TypeVar
@@ -25,9 +26,9 @@ from flows.pipeline.tested_batch import (
 from flows.pipeline.version_retention import latest_version, publish_brought
 from specs.arn import parse_reference, reference_path
 from specs.base import Fault
-from specs.errors import DocumentError, ObjectNotFound
+from specs.errors import BucketNotFound, DocumentError, ObjectNotFound
+from specs.field_types import OutputLocation
 from specs.pipeline.document import ApplicationSource, PipelineSpec
-from specs.pipeline.gate_section import Gate
 from specs.pipeline.section_requests import fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet, SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind, Version
@@ -52,6 +53,7 @@ from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, output_location
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import bucket_url, open_bucket, source_faults
+from tasks.storage.jobs.records import JobRecord
 
 
 def judged_shipment(section: Deployment, version: Version, plan: BatchPlan, driven: Collection[str]) -> Shipment:
@@ -111,12 +113,85 @@ def _had(plan: BatchPlan, digest: str) -> list[Driven]:
 T = TypeVar("T")
 Pins = dict[str, JsonValue]
 Numbers = dict[str, str]
-_SHIPS = "ships"
 _TESTED = "the bundle that simulationBatch tests; leave applicationVersion out to deploy it:"
 
 
-def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, Version]]:
-    """Returns the digests of all that the document refers to, and the versions of the bundles that it brings along.
+@dataclass(frozen=True)
+class Resolved:
+    """What a document refers to, looked up once, before anything runs.
+
+    Attributes:
+        bundled: Versions of the bundles that the document brings along, by ``<kind>/<name>``.
+        template: SHA-256 of the template; empty if the document makes no worlds.
+        exported: SHA-256 of each world that the export names; None if there is no export.
+        batch: The batch over the worlds that it names; None if there is none.
+        compared_with: SHA-256 of the bundle that the gate compares with; empty if it compares with none.
+        deployed: The version that is rolled out; None if nothing is.
+        ships: What robots get, build by build; None likewise.
+    """
+
+    bundled: Mapping[str, Version] = field(default_factory=dict[str, Version])
+    template: str = ""
+    exported: Mapping[str, str] | None = None
+    batch: BatchPlan | None = None
+    compared_with: str = ""
+    deployed: Version | None = None
+    ships: Shipment | None = None
+
+    def pins(self) -> Pins:
+        """Returns all of it by its digests, which tell a run of the document from one of other things."""
+        found: Pins = {}
+        if self.template:
+            found["template"] = self.template
+        if self.exported is not None:
+            found["export"] = {**self.exported}
+        if self.batch:
+            data: Pins = {"data": [*self.batch.data_sources]} if self.batch.data_sources else {}
+            found["batch"] = {"bundles": [*self.batch.digests()], "worlds": {**self.batch.world_digests}, **data}
+        if self.compared_with:
+            found["comparedWith"] = self.compared_with
+        if self.deployed:
+            found["deployment"] = self.deployed.digest
+        if self.ships:
+            found["ships"] = self.ships.model_dump(mode="json")
+        return found
+
+    def numbers(self) -> Numbers:
+        """Returns the numbers of the versions of bundles that the document brings along, for a stage of its own."""
+        return {key: str(version.number) for key, version in self.bundled.items()}
+
+    def bundled_digests(self) -> frozenset[str]:
+        """Returns the SHA-256 of all builds of the bundles that the document brings along."""
+        return frozenset(digest for each in self.bundled.values() for digest in (each.digest, *each.digests.values()))
+
+
+@dataclass(frozen=True)
+class ParsedRun:
+    """A run of a document, as this process knows it: nothing of this is believed to the run's record.
+
+    Attributes:
+        spec: The document.
+        base: Folder that the document's relative paths start from.
+        store: Where everything is.
+        run: The run.
+        found: What the document refers to.
+        worlds: ``<generation>/<world>`` of each world of the run.
+    """
+
+    spec: PipelineSpec
+    base: str
+    store: Store
+    run: JobRecord
+    found: Resolved = Resolved()
+    worlds: Sequence[str] = ()
+
+    def find(self) -> FindVersion:
+        """Returns what finds versions as they were when the run began."""
+        return finder(self.store, self.found.bundled)
+
+
+def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved:
+    """Returns what a document refers to; the bundles that it brings along are published.
 
     Args:
         spec: The document.
@@ -125,49 +200,39 @@ def pins(spec: PipelineSpec, store: Store, base: Path) -> tuple[Pins, dict[str, 
 
     Raises:
         DocumentError: Something is missing or contradicts itself; carries every fault.
-        StoreUnreachable: An output bucket does not exist.
+        StoreUnreachable: A bucket does not answer.
     """
     faults: list[Fault] = []
-    found: Pins = {}
-    own: dict[str, Version] = {}
+    bundled: dict[str, Version] = {}
     _keep(faults, lambda: check_robot_files(spec, base))
     for source in spec.applications:
-        _keep(faults, lambda source=source: own.update(_publish(source, store, base, spec)))
-    find = finder(store, own)
-    if spec.worldGeneration:
-        template = spec.worldGeneration.template
-        _keep(faults, lambda: found.update(template=template_digest(find_template(template, store, base))))
-    if spec.worldExport:
-        export = spec.worldExport
-        open_bucket(store, export.outputLocation.s3Bucket or "")
+        _keep(faults, lambda source=source: bundled.update(_publish(source, store, base, spec)))
+    find, found = finder(store, bundled), Resolved(bundled)
+    if section := spec.worldGeneration:
+        template = _keep(faults, lambda: find_template(section.template, store, base))
+        found = replace(found, template=template_digest(template) if template else "")
+    if export := spec.worldExport:
+        _keep(faults, lambda: _require_bucket(store, export.outputLocation, "worldExport"))
         _keep(faults, lambda: require_writable(export.formats, "document", "worldExport.formats"))
         worlds = () if export.worlds == "all" else export.worlds
-        _keep(faults, lambda: found.update(export={**world_digests(worlds, store)}))
-    plan: BatchPlan | None = None
-    if spec.simulationBatch:
-        batch = spec.simulationBatch
+        found = replace(found, exported=_keep(faults, lambda: world_digests(worlds, store)))
+    if batch := spec.simulationBatch:
         plan = _keep(faults, lambda: _checked_plan(batch, store, find))
-        found |= {"batch": _batch_pins(plan)} if plan else {}
         _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
-        _keep(faults, lambda: found.update(_compared_pin(spec.gate, batch, find)))
+        compared = _keep(faults, lambda: compared_digest(spec.gate, batch, find))
         if spec.gate and plan:
             judged = plan
-            _keep(faults, lambda: require_one_version(judged, str(found.get("comparedWith", ""))))
-    if spec.deployment and not faults:
-        deployment, other = spec.deployment, str(found.get("comparedWith", ""))
-        tested = tested_bundles(plan, other) if plan else None
+            _keep(faults, lambda: require_one_version(judged, compared or ""))
+        found = replace(found, batch=plan, compared_with=compared or "")
+    if (deployment := spec.deployment) and not faults:
+        tested = tested_bundles(found.batch, found.compared_with) if found.batch else None
         version = _keep(faults, lambda: _deployable_version(deployment, tested, store, find))
-        if version:
-            ships = _keep(faults, lambda: _shipment(deployment, version, plan if spec.gate else None, other))
-            found |= {"deployment": version.digest, **({_SHIPS: ships.model_dump(mode="json")} if ships else {})}
+        batch_judged, other = found.batch if spec.gate else None, found.compared_with
+        ships = _keep(faults, lambda: _shipment(deployment, version, batch_judged, other)) if version else None
+        found = replace(found, deployed=version, ships=ships)
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
-    return found, own
-
-
-def pinned_shipment(found: Pins) -> Shipment | None:
-    """Returns what the document ships, of what `pins` found; None where it deploys nothing."""
-    return Shipment.model_validate(found[_SHIPS]) if _SHIPS in found else None
+    return found
 
 
 def finder(store: Store, own: Mapping[str, Version]) -> FindVersion:
@@ -244,22 +309,12 @@ def _publish(source: ApplicationSource, store: Store, base: Path, spec: Pipeline
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:
     """Returns the plan of a batch whose output bucket is there, and whose bundles have what is launched."""
-    open_bucket(store, output_location(section).s3Bucket or "")
+    _require_bucket(store, output_location(section), "simulationBatch")
     require_bag_writers(section.recordings.bags)
     plan = batch_plan(section, (), store, find)
     if faults := launch_faults(plan, store):
         raise DocumentError(faults)
     return plan
-
-
-def _batch_pins(plan: BatchPlan) -> Pins:
-    data: Pins = {"data": [*plan.data_sources]} if plan.data_sources else {}
-    return {"bundles": [*plan.digests()], "worlds": {**plan.world_digests}, **data}
-
-
-def _compared_pin(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> Pins:
-    digest = compared_digest(gate, batch, find)
-    return {"comparedWith": digest} if digest else {}
 
 
 def _shipment(section: Deployment, version: Version, plan: BatchPlan | None, other: str) -> Shipment:
@@ -307,6 +362,20 @@ def _signer(section: Deployment, store: Store) -> Signer | None:
     from tasks.deploy.trust.signer import chosen_signer  # noqa: PLC0415 - only where keys are used
 
     return chosen_signer(store, section.trust, local=False)
+
+
+def _require_bucket(store: Store, location: OutputLocation, section: str) -> None:
+    """Refuses an output bucket that a server does not have.
+
+    Raises:
+        DocumentError: There is no such bucket.
+        StoreUnreachable: Nothing answers.
+    """
+    bucket = location.s3Bucket or ""
+    try:
+        open_bucket(store, bucket)
+    except BucketNotFound as exc:
+        raise DocumentError.of(f"{section}.outputLocation.s3Bucket", repr(bucket), f"a bucket; {exc}") from exc
 
 
 def _key(kind: ApplicationKind, name: str) -> str:

@@ -1,4 +1,4 @@
-"""One run and several processes: waits for the one that works on it, and cancels the run that this one works on.
+"""One run and several processes: waits for the one that works on it, works on it, and cancels what this one works on.
 
 `simyard cancel` cancels, or Prefect's button or command. Prefect marks the flow run, and sends SIGTERM to its process
 if a worker started it. A machine that goes down sends SIGTERM, too. So the orchestrator is asked whether a run was
@@ -9,12 +9,13 @@ import contextvars
 import logging
 import threading
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 
 from pydantic import JsonValue
 
 from flows.pipeline.orchestrator import orchestrator
+from flows.pipeline.stage_report import made_by
 from flows.resources.kinds import (
     CANCELED,
     KINDS,
@@ -33,11 +34,12 @@ from tasks.simulate.batch.chunk_store import chunk_numbers
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord, this_process
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
-from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, KIND, Waiting, begin_run, jobs_of
+from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, KIND, Waiting, begin_run, jobs_of, stage_token
 
 _PAUSE_S = 1.0
 # Looking at a large batch is a long listing: waiting shall not be a load on the store.
 _LOOKING_SHARE = 0.1
+_FAILED = frozenset({"Failed", "TimedOut", "Canceled"})
 logger = logging.getLogger(__name__)
 
 
@@ -88,9 +90,9 @@ def _waiting(store: Store, is_canceled: Callable[[], bool], clock: Callable[[], 
         if found.owner != holder:
             holder, beat = found.owner, found.beat
             logger.info(sentence)
-            orchestrator().show_wait(sentence)
+            orchestrator().show_waiting(sentence)
         elif found.beat > beat:  # it lives; nobody has to watch it die
-            orchestrator().leave_place(sentence, run)
+            orchestrator().requeue_run(sentence, run)
         if is_canceled():
             raise StageFailed(CANCELED, f"canceled while it waited for {holder_name(found)}, which goes on", run.arn)
         stage, done, total = run_progress(store, run)
@@ -236,3 +238,59 @@ def _answer_within(seconds: float, question: Callable[[], bool]) -> bool:
     thread.start()
     thread.join(seconds)
     return any(answers)
+
+
+def run_stage(
+    store: Store, stage: str, identity: Mapping[str, JsonValue], token: str | None, work: Callable[[str], JobRecord]
+) -> JobRecord:
+    """Returns the job that the work ended, in a run of its own when no token says that it is part of another's.
+
+    Work is recognised by its token, so that this returns the job of a run that another process ended meanwhile.
+
+    Args:
+        store: Where runs are recorded.
+        stage: The flow's name.
+        identity: All that decides the outcome, for the run's number.
+        token: The pipeline's token for this stage, or None.
+        work: Does the stage under a token; doing it again changes nothing.
+    """
+    if token is not None:
+        return _announced(store, work(token), token)
+    with (
+        orchestrator().announce_changes(),
+        begin_run_in_turn(store, {"flow": stage, **identity}) as run,
+    ):
+        return _work_in_run(store, stage, run, work)
+
+
+def _work_in_run(store: Store, stage: str, run: JobRecord, work: Callable[[str], JobRecord]) -> JobRecord:
+    if run.status == "Canceled":  # maybe before it had a job, and none begins now
+        raise StageFailed(run.failure_code, run.failure_reason, run.arn)
+    try:
+        with cancelable_run(store, run), orchestrator().tag_run(run):
+            record = _announced(store, work(stage_token(run, stage)))
+    except (DocumentError, StageFailed) as exc:
+        advance(store, "pipeline-run", run.id, "Failed", failure_reason=str(exc))
+        raise
+    advance(store, "pipeline-run", run.id, "Completed", detail={"arn": record.arn})
+    return record
+
+
+def _announced(store: Store, job: JobRecord, token: str = "") -> JobRecord:
+    """Returns the job, having told of what it made."""
+    made = made_by(store, job, token)
+    if made is not None:
+        orchestrator().announce_asset(made)
+    return job
+
+
+def require_success(record: JobRecord) -> JobRecord:
+    """Returns the record of a job that made something.
+
+    Raises:
+        StageFailed: The job Failed, TimedOut or was Canceled; carries its code and reason.
+    """
+    if record.status in _FAILED:
+        reason = record.failure_reason or (REASON if record.status == "Canceled" else record.status)
+        raise StageFailed(record.failure_code or record.status, reason, record.arn)
+    return record

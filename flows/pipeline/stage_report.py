@@ -401,3 +401,24 @@ def _generation(store: Store, generation: str) -> Asset:
 
 def _generations(store: Store, worlds: Iterable[str]) -> tuple[Asset, ...]:
     return tuple(_generation(store, each) for each in dict.fromkeys(world.partition("/")[0] for world in worlds))
+
+
+def joined(jobs: Sequence[JobRecord]) -> JobRecord:
+    """Returns the first of a section's generation jobs, with the worlds and the failures of all of them.
+
+    The store keeps each job as it is; what they are together is nowhere but in the run.
+
+    Args:
+        jobs: Ended ones, in order, at least one.
+    """
+    first, *more = jobs
+    if not more:
+        return first
+    failures: dict[str, JsonValue] = {}
+    for job in jobs:
+        for code, each in cast("Mapping[str, Mapping[str, JsonValue]]", job.detail["failures"]).items():
+            known = cast("Mapping[str, JsonValue]", failures.get(code, {"count": 0, **each} | {"count": 0}))
+            failures[code] = {**known, "count": cast("int", known["count"]) + cast("int", each["count"])}
+    worlds: list[JsonValue] = [world for job in jobs for world in cast("list[JsonValue]", job.detail["worlds"])]
+    detail = {**first.detail, "worlds": worlds, "failures": failures, JOBS: [job.id for job in jobs]}
+    return first.model_copy(update={"detail": detail, "status": "PartialFailed" if failures else first.status})

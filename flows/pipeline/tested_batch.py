@@ -82,9 +82,9 @@ def shuffle_if_endable(plan: BatchPlan, gate: Gate | None) -> BatchPlan:
     return plan.model_copy(update={"shuffled": "episodes"}) if len(layout.programs()) == 1 else plan
 
 
-def failing_sources(section: SimulationBatch, store: Store, find: FindVersion) -> list[str]:
+def failing_sources(plan: BatchPlan) -> list[str]:
     """Returns which data sources of a batch cannot be used, and why: the jobs that need them will fail."""
-    sources = batch_plan(section, (), store, find).data_sources.values()
+    sources = plan.data_sources.values()
     return [f"{source.failure_code}: {source.failure_reason}" for source in sources if source.failure_code]
 
 

@@ -1,11 +1,19 @@
-"""Simyard's flows as Prefect has them: the pipeline, each of its stages alone, and reaping."""
+"""Simyard's flows as Prefect has them: the pipeline, each of its stages alone, and reaping.
 
+`flows.pipeline.pipeline` composes the stages; here each becomes a flow, with its parameters and their help. A stage
+inside a pipeline's flow is a flow run of its own.
+"""
+
+import functools
+import inspect
 import logging
+from collections.abc import Callable, Sequence
+from typing import Any, ParamSpec, TypeVar
 
-from prefect import flow
+from prefect import Flow, flow
 from prefect.artifacts import create_table_artifact
 
-from flows.pipeline import pipeline_run, stages
+from flows.pipeline import pipeline as stages
 from flows.prefect.flow_calls import completed_job, completed_reaping, completed_run, result_serializer
 from flows.prefect.flow_runs import cancel_with_flow_run, end_abandoned_flow_runs
 from flows.prefect.parameters import (
@@ -19,189 +27,77 @@ from flows.prefect.parameters import (
     store_at,
 )
 from flows.prefect.prefect_events import announce_changes
-from flows.prefect.prefect_orchestrator import Steps, flow_result, run_name, under_prefect
-from flows.resources.abandoned_jobs import ReapedJob
-from flows.resources.abandoned_jobs import reap_jobs as reap_store
+from flows.prefect.prefect_orchestrator import flow_result, run_name, under_prefect
+from flows.resources.abandoned_jobs import ReapedJob, reap_jobs
 from flows.resources.fleet_membership import renew_metadata_here
-from specs.data.run_report import PipelineReport
-from specs.field_types import Architecture
-from specs.pipeline.gate_section import Gate
 from specs.untrusted_text import table_rows
-from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
 
-
-@guarded
-@flow(
-    name="world-generation",
-    flow_run_name=run_name,
-    persist_result=True,
-    result_serializer=result_serializer(),
-    on_cancellation=[cancel_with_flow_run],
-)
-def world_generation(
-    spec: WorldGenerationParameter, store: StoreParameter = None, base: str = ".", token: str | None = None
-) -> JobRecord:
-    """Returns the generation job, whose ``detail["worlds"]`` names the worlds.
-
-    Args:
-        spec: The pipeline's section ``worldGeneration``, or ``{document: path}``.
-        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        base: Folder that a template's relative path starts from.
-        token: Given by the pipeline; None makes this a run of its own.
-
-    Raises:
-        StageFailed: No world could be made.
-        DocumentError: The template is missing or none.
-    """
-    with under_prefect():
-        return completed_job(flow_result(lambda: stages.world_generation(spec, store_at(store), base, token), token))
-
-
-@guarded
-@flow(
-    name="world-export",
-    flow_run_name=run_name,
-    persist_result=True,
-    result_serializer=result_serializer(),
-    on_cancellation=[cancel_with_flow_run],
-)
-def world_export(
-    spec: WorldExportParameter, worlds: list[str] | None = None, store: StoreParameter = None, token: str | None = None
-) -> JobRecord:
-    """Returns the export job, whose ``detail["zip"]`` says where the worlds lie.
-
-    Args:
-        spec: The pipeline's section ``worldExport``, or ``{document: path}``.
-        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
-        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        token: Given by the pipeline; None makes this a run of its own.
-
-    Raises:
-        StageFailed: The worlds could not be read or written; carries RoboMaker's code.
-    """
-    with under_prefect():
-        return completed_job(flow_result(lambda: stages.world_export(spec, worlds, store_at(store), token), token))
-
-
-@guarded
-@flow(
-    name="simulation-batch",
-    flow_run_name=run_name,
-    persist_result=True,
-    result_serializer=result_serializer(),
-    on_cancellation=[cancel_with_flow_run],
-)
-def simulation_batch(
-    spec: SimulationBatchParameter,
-    worlds: list[str] | None = None,
-    store: StoreParameter = None,
-    versions: dict[str, str] | None = None,
-    token: str | None = None,
-    *,
-    gate: Gate | None = None,
-) -> JobRecord:
-    """Returns the batch, whose ``detail`` says where results and failures lie and what they add up to.
-
-    Args:
-        spec: The pipeline's section ``simulationBatch``, or ``{document: path}``.
-        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
-        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
-        token: Given by the pipeline; None makes this a run of its own.
-        gate: Given by the pipeline if its gate may end the batch early.
-
-    Raises:
-        DocumentError: A request cannot be run, or names what does not exist.
-        StageFailed: The batch timed out, was cancelled, or failed for a reason of Simyard's own.
-    """
-    with under_prefect():
-        return completed_job(
-            flow_result(
-                lambda: stages.simulation_batch(spec, worlds, store_at(store), versions, token, gate=gate), token
-            )
-        )
-
-
-@guarded
-@flow(
-    name="deployment-sync",
-    flow_run_name=run_name,
-    persist_result=True,
-    result_serializer=result_serializer(),
-    on_cancellation=[cancel_with_flow_run],
-)
-def deployment_sync(
-    spec: DeploymentParameter,
-    store: StoreParameter = None,
-    tested: dict[str, str] | None = None,
-    versions: dict[str, str] | None = None,
-    token: str | None = None,
-    *,
-    builds: dict[Architecture, str] | None = None,
-) -> JobRecord:
-    """Returns the deployment job, ended: Succeeded, Failed or Canceled.
-
-    Args:
-        spec: The pipeline's section ``deployment``, or ``{document: path}``.
-        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        tested: Digest of each robot application that a batch tested, by name; another digest is refused.
-        versions: Numbers of applications to prefer over the newest, by ``<kind>/<name>``; given by the pipeline.
-        token: Given by the pipeline; None makes this a run of its own.
-        builds: Digest of the version's bundle for each architecture, as the pipeline settled them; others are refused.
-
-    Raises:
-        DocumentError: The fleet, application or version does not exist, or is not what was tested; or there are no
-            keys to sign with.
-    """
-    with under_prefect():
-        return completed_job(
-            flow_result(
-                lambda: stages.deployment_sync(spec, store_at(store), tested, versions, token, builds=builds),
-                token,
-            )
-        )
-
-
-_FLOWS: Steps = {
-    stages.world_generation: world_generation,
-    stages.world_export: world_export,
-    stages.simulation_batch: simulation_batch,
-    stages.deployment_sync: deployment_sync,
-}
-# Without results of their own: where somebody has an ended flow run retried, Prefect would take each stage that has one
-# for done, and the document's next run would have the jobs of the one before.
-_STAGES: Steps = {stage: each.with_options(persist_result=False) for stage, each in _FLOWS.items()}
-
-
-@guarded
-@flow(
-    name="pipeline",
-    flow_run_name="{spec.name}",
-    persist_result=True,
-    result_serializer=result_serializer(),
-    on_cancellation=[cancel_with_flow_run],
-)
-def pipeline(spec: DocumentParameter, store: StoreParameter = None, base: str = ".") -> PipelineReport:
-    """Returns the report of a run in which everything passed.
-
-    A run that was killed is continued; one that another live process works on is waited for.
-
-    Args:
-        spec: The document, or ``{document: path}``.
-        store: URL of the store, or a block's; SIMYARD_STORE, else ``.simyard`` in the working directory.
-        base: Folder that the document's relative paths, or the path of its file, start from.
-
-    Raises:
-        DocumentError: The document refers to what does not exist; nothing has run.
-        StageFailed: A stage ended Failed.
-        PipelineNotPassed: The gate refused, or the deployment failed; carries the report.
-    """
-    with under_prefect(_STAGES):
-        return completed_run(flow_result(lambda: pipeline_run.pipeline(spec, store_at(store), base)))
-
-
+P = ParamSpec("P")
+R = TypeVar("R")
 _LOG = logging.getLogger(__name__)
+
+
+def as_flow(
+    stage: Callable[P, R],
+    spec: object,
+    *,
+    completed: Callable[[Any], Any] = completed_job,
+    flow_run_name: Callable[[], str] | str = run_name,
+    stages: Sequence[Flow[..., Any]] = (),
+) -> Flow[P, R]:
+    """Returns a stage as a flow, which has the stage's name, parameters and help.
+
+    Its parameter ``spec`` may name a document's file, and ``store`` a block of Prefect's.
+
+    Args:
+        stage: A plain function, whose steps the orchestrator runs.
+        spec: Type of its first parameter, as Prefect's forms have it.
+        completed: Makes the state of the flow run of what the stage returned.
+        flow_run_name: What Prefect's pages call a run.
+        stages: The flows of the stages that it runs itself.
+    """
+    shape = inspect.signature(stage)
+
+    @functools.wraps(stage, assigned=("__name__", "__qualname__", "__doc__"))
+    def run(*args: P.args, **kwargs: P.kwargs) -> R:
+        given = shape.bind(*args, **kwargs)
+        given.arguments["store"] = store_at(given.arguments.get("store"))
+        with under_prefect(stages):
+            token = given.arguments.get("token")
+            return completed(flow_result(lambda: stage(*given.args, **given.kwargs), token))
+
+    types = {"spec": spec, "store": StoreParameter}
+    shown = [each.replace(annotation=types.get(name, each.annotation)) for name, each in shape.parameters.items()]
+    run.__signature__ = shape.replace(parameters=shown)  # pyright: ignore[reportAttributeAccessIssue] - inspect reads it
+    run.__annotations__ = {**{each.name: each.annotation for each in shown}, "return": shape.return_annotation}
+    return guarded(
+        flow(
+            name=stage.__name__.replace("_", "-"),
+            flow_run_name=flow_run_name,
+            persist_result=True,
+            result_serializer=result_serializer(),
+            on_cancellation=[cancel_with_flow_run],
+        )(run)
+    )
+
+
+world_generation = as_flow(stages.world_generation, WorldGenerationParameter)
+world_export = as_flow(stages.world_export, WorldExportParameter)
+simulation_batch = as_flow(stages.simulation_batch, SimulationBatchParameter)
+deployment_sync = as_flow(stages.deployment_sync, DeploymentParameter)
+pipeline = as_flow(
+    stages.pipeline,
+    DocumentParameter,
+    completed=completed_run,
+    flow_run_name="{spec.name}",
+    # Without results of their own: where somebody has an ended flow run retried, Prefect would take each stage that has
+    # one for done, and the document's next run would have the jobs of the one before.
+    stages=[
+        each.with_options(persist_result=False)
+        for each in (world_generation, world_export, simulation_batch, deployment_sync)
+    ],
+)
 
 
 @guarded
@@ -220,7 +116,7 @@ def reaping(store: StoreParameter = None) -> list[ReapedJob]:
     """
     opened = open_store(store_at(store))
     with announce_changes():
-        found = reap_store(opened)
+        found = reap_jobs(opened)
         for flow_run in end_abandoned_flow_runs(opened):
             _LOG.info(
                 "flow run %s had no process any more and is Crashed, or Cancelled if somebody asked for it", flow_run

@@ -1,19 +1,17 @@
 """Prefect as what runs the steps of a stage: task runs, sub-flow runs, artifacts, events, workers."""
 
 import base64
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Any, ParamSpec, TypeVar, cast
 
-from prefect import tags
+from prefect import Flow, tags
 from prefect.artifacts import create_image_artifact, create_markdown_artifact, create_table_artifact
 from prefect.exceptions import MissingResult
 from prefect.runtime import flow_run
 
-from flows.batch import batch_steps
 from flows.batch.batch_end import WrittenReport
-from flows.pipeline import run_gate
-from flows.pipeline.orchestrator import orchestrated_by
+from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
 from flows.pipeline.run_gate import GateAnswer
 from flows.pipeline.stage_report import MadeAsset
 from flows.prefect import prefect_events, tasks
@@ -29,7 +27,7 @@ from flows.prefect.flow_runs import (
     tag_flow_run,
     watch_cancellation,
 )
-from flows.prefect.prefect_events import announce_asset, log_on_page
+from flows.prefect.prefect_events import log_on_page
 from flows.prefect.spread_work import spread_batch, world_makers, world_writers
 from flows.prefect.worker_cluster import wanted_workers
 from specs import untrusted_text
@@ -38,15 +36,8 @@ from specs.errors import StageFailed
 from specs.field_types import OutputLocation
 from specs.settings import Workers
 from specs.untrusted_text import table_rows
-from tasks.applications import step as application_step
-from tasks.applications import task as application_task
-from tasks.deploy import step as deploy_step
-from tasks.deploy import task as deploy_task
-from tasks.export import step as export_step
-from tasks.export import task as export_task
 from tasks.export.job.export_job import ExportWorkers
 from tasks.progress.listener import Progress, artifact_key, document_name, work_for_document
-from tasks.progress.task import show_progress
 from tasks.results.report.report_page import report_markdown, report_picture
 from tasks.results.trend.trend_view import Alarm
 from tasks.simulate.batch.batch_record import OpenBatch
@@ -54,71 +45,21 @@ from tasks.simulate.batch.metrics import BatchMetrics, metric_rows, recorded_met
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.jobs.runs import run_document, run_of
-from tasks.worlds import step as world_step
-from tasks.worlds import task as world_task
 from tasks.worlds.job.generation_job import RemoteWorldMaker
-
-
-def show_metrics(record: JobRecord) -> None:
-    """Leaves a batch's figures as the artifact ``batch-metrics`` of the run of its flow."""
-    metrics = recorded_metrics(record)
-    if metrics:
-        rows = table_rows(dict(row) for row in metric_rows(metrics))
-        create_table_artifact(table=rows, key=artifact_key("batch-metrics"), description=f"Speed of {record.id}")
-
-
-def show_batch_report(reported: WrittenReport) -> None:
-    """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture`` of the run of the flow."""
-    view, batch = reported.view, reported.view.facts.batch
-    text = report_markdown(view, reported.url)
-    create_markdown_artifact(text, key=artifact_key("batch-report"), description=f"Report of {batch}")
-    picture = base64.b64encode(report_picture(view)).decode()
-    create_image_artifact(
-        f"data:image/svg+xml;base64,{picture}",
-        key=artifact_key("batch-picture"),
-        description=f"Rate and failures of {batch}",
-    )
-
-
-def show_run_report(report: PipelineReport) -> None:
-    """Leaves what each stage came to as the artifact ``pipeline-report``."""
-    rows = [
-        {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
-        for s in report.stages
-    ]
-    key = untrusted_text.artifact_key(report.name, "pipeline-report")  # this is after the block of the document's run
-    create_table_artifact(table=table_rows(rows), key=key, description=f"{report.name}: {report.run}")
-
 
 P = ParamSpec("P")
 R = TypeVar("R")
-Steps = Mapping[Callable[..., Any], Callable[..., Any]]
-
-TASKS: Steps = {
-    world_step.generate_worlds: world_task.generate_worlds,
-    export_step.export_worlds: export_task.export_worlds,
-    export_step.draw_worlds: export_task.draw_worlds,
-    application_step.unpack_application: application_task.unpack_application,
-    batch_steps.simulate_chunk: tasks.simulate_chunk,
-    batch_steps.write_tables: tasks.write_tables,
-    batch_steps.audit_batch: tasks.audit_batch,
-    run_gate.judge_batch: tasks.judge_batch,
-    deploy_step.roll_out: deploy_task.roll_out,
-    deploy_step.deploy_version: deploy_task.deploy_version,
-    deploy_step.sync_fleet: deploy_task.sync_fleet,
-}
-"""The Prefect task of each step."""
 
 
-class PrefectOrchestrator:
-    """Runs each step as the task that belongs to it, and each stage of a pipeline as a flow.
+class PrefectOrchestrator(Orchestrator):
+    """Runs each step as the task of its name in `flows.prefect.tasks`, and each stage of a pipeline as its flow.
 
     Args:
         stages: The flow of each stage, for a flow that has stages.
     """
 
-    def __init__(self, stages: Steps | None = None) -> None:
-        self._runs = {**TASKS, **(stages or {})}
+    def __init__(self, stages: Sequence[Flow[..., Any]] = ()) -> None:
+        self._stages = {stage.fn.__name__: stage for stage in stages}
 
     @property
     def flow_run_id(self) -> str:
@@ -126,9 +67,11 @@ class PrefectOrchestrator:
         return str(flow_run.id or "")
 
     def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Returns what the step's task, or the stage's flow, returns."""
+        """Returns what the stage's flow, or the step's task, returns."""
+        name = step.__name__
+        run: Callable[P, R] = self._stages[name] if name in self._stages else getattr(tasks, name)
         try:
-            return cast("R", self._runs[step](*args, **kwargs))
+            return run(*args, **kwargs)
         except MissingResult:
             # The server's answer to the last state of a stage was lost. Prefect then takes the state from the server,
             # where a stage has no result. What was done is found by its token.
@@ -146,11 +89,11 @@ class PrefectOrchestrator:
         """Makes the flow run of the dead process Crashed."""
         end_flow_run_before(run, self.flow_run_id)
 
-    def show_wait(self, sentence: str) -> None:
+    def show_waiting(self, sentence: str) -> None:
         """Makes the flow run's state Running (Waiting)."""
         show_waiting(sentence)
 
-    def leave_place(self, sentence: str, run: JobRecord) -> None:
+    def requeue_run(self, sentence: str, run: JobRecord) -> None:
         """Schedules a deployment's flow run anew, and ends its process."""
         requeue_run(sentence, run.id)
 
@@ -186,23 +129,39 @@ class PrefectOrchestrator:
 
     def announce_asset(self, made: MadeAsset) -> None:
         """Sends Prefect's events of an asset."""
-        announce_asset(made)
+        prefect_events.announce_asset(made)
 
     def progress(self, stage: str, key: str) -> AbstractContextManager[Progress]:
         """Yields a function that tells the terminal and Prefect."""
-        return show_progress(stage, key)
+        return tasks.show_progress(stage, key)
 
     def show_metrics(self, batch: JobRecord) -> None:
-        """Leaves an artifact."""
-        show_metrics(batch)
+        """Leaves a batch's figures as the artifact ``batch-metrics``."""
+        metrics = recorded_metrics(batch)
+        if metrics:
+            rows = table_rows(dict(row) for row in metric_rows(metrics))
+            create_table_artifact(table=rows, key=artifact_key("batch-metrics"), description=f"Speed of {batch.id}")
 
     def show_batch_report(self, report: WrittenReport) -> None:
-        """Leaves two artifacts."""
-        show_batch_report(report)
+        """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture``."""
+        view, batch = report.view, report.view.facts.batch
+        text, picture = report_markdown(view, report.url), base64.b64encode(report_picture(view)).decode()
+        create_markdown_artifact(text, key=artifact_key("batch-report"), description=f"Report of {batch}")
+        create_image_artifact(
+            f"data:image/svg+xml;base64,{picture}",
+            key=artifact_key("batch-picture"),
+            description=f"Rate and failures of {batch}",
+        )
 
     def show_run_report(self, report: PipelineReport) -> None:
-        """Leaves an artifact."""
-        show_run_report(report)
+        """Leaves what each stage came to as the artifact ``pipeline-report``."""
+        rows = [
+            {"stage": s.name, "status": s.status, "what came of it": s.summary, "seconds": round(s.seconds, 1)}
+            for s in report.stages
+        ]
+        # This is after the block of the document's run, so that the key is made of the report's name.
+        key = untrusted_text.artifact_key(report.name, "pipeline-report")
+        create_table_artifact(table=table_rows(rows), key=key, description=f"{report.name}: {report.run}")
 
     def wanted_workers(self) -> Workers | None:
         """Returns what SIMYARD_WORKERS asks for."""
@@ -222,7 +181,7 @@ class PrefectOrchestrator:
 
 
 @contextmanager
-def under_prefect(stages: Steps | None = None, *, is_queued: bool = False) -> Generator[None, None, None]:
+def under_prefect(stages: Sequence[Flow[..., Any]] = (), *, is_queued: bool = False) -> Generator[None, None, None]:
     """Makes Prefect the orchestrator of the block, which is a flow's body.
 
     Args:

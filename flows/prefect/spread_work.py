@@ -10,11 +10,11 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from prefect import task
-from prefect.cache_policies import NO_CACHE
 from prefect.futures import PrefectFuture
 
 from flows.batch.batch_steps import EPISODES, simulate_chunk
 from flows.prefect.prefect_events import announce_changes
+from flows.prefect.tasks import TASK_OPTIONS, named_by, show_progress
 from flows.prefect.worker_cluster import Numbers, PieceOutcome, Width, on_workers, spread, wanted_workers
 from specs.field_types import OutputLocation
 from specs.job_kinds import JobKind
@@ -23,7 +23,6 @@ from specs.settings import Workers
 from tasks.export.job import export_job as exporting
 from tasks.export.job.world_files import kept_parts, make_parts
 from tasks.progress.listener import Progress
-from tasks.progress.task import STORE_RETRY, named_by, show_progress
 from tasks.simulate.batch.batch_record import GOING, STOPPING, OpenBatch, load_batch, time_out
 from tasks.simulate.batch.chunk_run import chunks_ahead, forget_chunks
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s, stored_chunk
@@ -136,7 +135,7 @@ def world_writers(store: Store) -> exporting.ExportWorkers | None:
     return write if workers else None
 
 
-@task(name="make-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
+@task(name="make-worlds", **TASK_OPTIONS)
 def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> WorldsDone:
     """Returns the worlds of a piece that cannot be, having kept the others; runs on a worker, maybe another machine.
 
@@ -150,7 +149,7 @@ def make_worlds(store_url: str, order_json: str, indices: list[Indices]) -> Worl
     return WorldsDone(rejected, time.monotonic() - start_s)
 
 
-@task(name="write-worlds", cache_policy=NO_CACHE, persist_result=False, **STORE_RETRY)
+@task(name="write-worlds", **TASK_OPTIONS)
 def write_worlds(store_url: str, job: str, references: list[str], formats: tuple[WorldFormat, ...]) -> WorldsDone:
     """Returns how long it took to keep what the worlds of a piece become; runs on a worker, maybe another machine.
 
@@ -272,9 +271,7 @@ def chunks_name(parameters: Mapping[str, Any]) -> str:
 @task(
     name="simulate-chunks",
     task_run_name=named_by(chunks_name),
-    cache_policy=NO_CACHE,
-    persist_result=False,
-    **STORE_RETRY,
+    **TASK_OPTIONS,
 )
 def simulate_chunks(
     store_url: str,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults
-from flows.pipeline.references import finder, new_bucket_lines, pinned_shipment, pins
-from flows.pipeline.tested_batch import bundle_files_in, compared_digest, failing_sources, shuffle_if_endable
+from flows.pipeline.references import finder, new_bucket_lines, resolve_references
+from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable
 from flows.pipeline.version_retention import version_lines
 from flows.preview.gate_plan import GateBasis, deployment_lines, gate_basis, gate_lines
 from specs.base import Fault
@@ -216,9 +216,9 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
             first line, all of it at once.
     """
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
-    found, own = pins(spec, trial, base)
-    digests = {digest for each in own.values() for digest in (each.digest, *each.digests.values())}
-    batch, plan, beside = _planned(spec, trial, finder(trial, own), digests)
+    found = resolve_references(spec, trial, base)
+    find = finder(trial, found.bundled)
+    batch, plan, beside = _planned(spec, trial, find, found.bundled_digests())
     yield f"{spec.name}, on {store.url}"
     yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
     if spec.worldGeneration:
@@ -228,22 +228,19 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield f"worldExport       {', '.join(spec.worldExport.formats)} to {place.s3Bucket}/{place.s3Prefix or ''}"
     yield from (f"output            {line}" for line in new_bucket_lines(spec, store))
     judged = GateBasis(0, 0)
-    if spec.simulationBatch and batch and plan and beside:
-        section, find = spec.simulationBatch, finder(trial, own)
+    if spec.simulationBatch and found.batch and batch and plan and beside:
         if spec.gate:
-            judged = gate_basis(batch, spec.gate.noWorseThan, compared_digest(spec.gate, section, find), trial)
-        yield from _batch_lines(plan, batch, section)
+            judged = gate_basis(batch, spec.gate.noWorseThan, found.compared_with, trial)
+        yield from _batch_lines(plan, batch, spec.simulationBatch)
         yield from (f"                  {line}" for line in host_lines(beside, min(plan.lanes, plan.episodes)))
-        for reason in (*failing_sources(section, trial, find), *host_failures(beside)):
+        for reason in (*failing_sources(found.batch), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
     if spec.gate:
         yield from _gate_lines(spec.gate, judged, batch, plan, seen_spread(store, spec.name))
-    ships = pinned_shipment(found)
-    if spec.deployment and ships:
-        find = finder(trial, own)
+    if spec.deployment and found.ships:
         clocks = beside.simulated_clock if beside else frozenset[str]()
         lines = deployment_lines(
-            spec.deployment, trial, find, ships, batch, judged=spec.gate is not None, simulated_clock=clocks
+            spec.deployment, trial, find, found.ships, batch, judged=spec.gate is not None, simulated_clock=clocks
         )
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in (*inert_fields(spec), *_unused_in_template(spec.worldGeneration, base)):

@@ -27,7 +27,7 @@ from prefect.client.schemas.objects import FlowRun, StateType
 from prefect.exceptions import ObjectNotFound
 from prefect.utilities.callables import parameter_schema
 
-from flows.pipeline.stages import require_success
+from flows.pipeline.run_turns import require_success
 from flows.prefect.flow_runs import end_abandoned_flow_run
 from flows.queue.attempts import Attempts
 from flows.queue.lane import LOOK_S, Signals

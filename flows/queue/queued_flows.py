@@ -17,9 +17,10 @@ from prefect.exceptions import CancelledRun
 from pydantic import JsonValue, TypeAdapter
 
 from flows.batch.batch_end import close_if_stopped
+from flows.pipeline.batch_run import run_batch
 from flows.pipeline.orchestrator import orchestrator, run_step
+from flows.pipeline.run_turns import require_success
 from flows.pipeline.stage_report import made_by
-from flows.pipeline.stages import require_success, run_batch
 from flows.prefect.flow_calls import completed_job
 from flows.prefect.flow_runs import end_flow_runs_before
 from flows.prefect.parameters import StoreParameter, guarded, store_at

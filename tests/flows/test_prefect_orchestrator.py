@@ -11,29 +11,30 @@ import pytest
 from prefect import Task
 from prefect.exceptions import MissingResult
 
-from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
-from flows.pipeline.pipeline_run import pipeline
-from flows.prefect.prefect_orchestrator import TASKS, PrefectOrchestrator
+from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
+from flows.pipeline.pipeline import pipeline
+from flows.prefect import tasks
+from flows.prefect.prefect_orchestrator import PrefectOrchestrator
+from flows.prefect.tasks import is_store_away
 from specs.pipeline.document import PipelineSpec
-from tasks.deploy import step as deploy_step
-from tasks.progress.task import is_store_away
 from tests.integration.runs import small_document, write_document
 
 P = ParamSpec("P")
 R = TypeVar("R")
+TASKS: dict[str, Task[..., Any]] = {name: each for name, each in vars(tasks).items() if isinstance(each, Task)}
 
 
-class OtherProcess(ProcessAlone):
+class OtherProcess(Orchestrator):
     """Runs each step in another process, which gets nothing but what can be pickled."""
 
     def __init__(self, pool: ProcessPoolExecutor) -> None:
-        self.steps: set[Callable[..., object]] = set()
+        self.steps: set[str] = set()
         self._pool = pool
 
     def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        if step not in TASKS:  # a stage, which runs steps itself
+        if step.__name__ not in TASKS:  # a stage, which runs steps itself
             return step(*args, **kwargs)
-        self.steps.add(step)
+        self.steps.add(step.__name__)
         return cloudpickle.loads(self._pool.submit(_run, cloudpickle.dumps((step, args, kwargs))).result())
 
 
@@ -57,23 +58,30 @@ def test_all_steps_of_a_document_run_in_another_process(elsewhere: OtherProcess,
         report = pipeline(PipelineSpec.model_validate(document), (tmp_path / "store").as_uri(), str(tmp_path))
     assert (report.passed, report.shipped) == (True, True)
     # Roll-outs of the API alone have these two; a document has its section's.
-    assert elsewhere.steps == set(TASKS) - {deploy_step.deploy_version, deploy_step.sync_fleet}
+    assert elsewhere.steps == set(TASKS) - {"deploy_version", "sync_fleet"}
 
 
-@pytest.mark.parametrize("step", list(TASKS), ids=lambda step: step.__name__)
-def test_each_task_is_named_like_its_step_and_runs_again_when_the_store_was_away(step: Callable[..., object]):
-    task: Any = TASKS[step]
-    assert isinstance(task, Task)
-    assert task.fn.__name__ == step.__name__
+@pytest.mark.parametrize("name", TASKS)
+def test_each_task_is_named_like_its_step_and_runs_again_when_the_store_was_away(name: str):
+    task = TASKS[name]
+    assert task.fn.__name__ == name
     assert task.retry_condition_fn is is_store_away
     assert task.persist_result is False
+
+
+class LostFlow:
+    """A flow whose last answer was lost."""
+
+    def __init__(self, stage: Callable[..., object]) -> None:
+        self.fn = stage
+
+    def __call__(self, *_: object) -> str:
+        raise MissingResult("State data is missing.")
 
 
 def test_a_stage_whose_last_answer_was_lost_is_asked_again_for_what_it_did():
     def stage(worlds: int) -> str:
         return f"{worlds} worlds, found by the token"
 
-    def lost(worlds: int) -> str:
-        raise MissingResult("State data is missing.")
-
-    assert PrefectOrchestrator({stage: lost}).run_step(stage, 8) == "8 worlds, found by the token"
+    stages: Any = [LostFlow(stage)]
+    assert PrefectOrchestrator(stages).run_step(stage, 8) == "8 worlds, found by the token"

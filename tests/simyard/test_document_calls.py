@@ -121,6 +121,6 @@ def test_a_stage_that_fails_is_an_exception(tmp_path: Path, monkeypatch: pytest.
     def fail(*_: object) -> None:
         raise StageFailed("InternalServiceError", "no disk")
 
-    monkeypatch.setattr("flows.pipeline.pipeline_run.pipeline", fail)
+    monkeypatch.setattr("flows.pipeline.pipeline.pipeline", fail)
     with pytest.raises(StageFailed, match="no disk"):
         simyard.run(FILE, store=tmp_path / "s", direct=True)

@@ -1,1 +1,1 @@
-"""A sample of a batch's episodes driven again on C MuJoCo. task.py may import it."""
+"""A sample of a batch's episodes driven again on C MuJoCo. Steps may import it."""

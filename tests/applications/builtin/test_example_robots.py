@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from flows.pipeline.references import pins
+from flows.pipeline.references import resolve_references
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.simulate.engines.engine_table import choose_engine
@@ -55,7 +55,7 @@ def test_the_guide_explains_each_element_of_its_file(name: str):
 @pytest.mark.parametrize("name", LAUNCHES)
 def test_its_document_names_what_is_there(name: str, tmp_path: Path):
     spec = read_pipeline(ROBOTS / f"{name}.yaml")
-    pins(spec, open_store(tmp_path.as_uri()), ROBOTS)
+    resolve_references(spec, open_store(tmp_path.as_uri()), ROBOTS)
     assert spec.simulationBatch is not None
     (request,) = spec.simulationBatch.createSimulationJobRequests
     assert request.robotApplications is not None

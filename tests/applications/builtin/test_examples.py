@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from flows.pipeline.references import pins
+from flows.pipeline.references import resolve_references
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.storage.store_url import open_store
 from tests.factories.simulations import REPOSITORY
@@ -20,6 +20,6 @@ def test_the_document_names_them():
 def test_what_they_refer_to_ships(path: str, tmp_path_factory: pytest.TempPathFactory):
     spec = read_pipeline(REPOSITORY / path)
     store = open_store(tmp_path_factory.mktemp("store").as_uri())
-    pins(spec, store, REPOSITORY / "examples")
+    resolve_references(spec, store, REPOSITORY / "examples")
     assert spec.simulationBatch is not None
     assert len(list(spec.simulationBatch.createSimulationJobRequests)) in {1, 5}

@@ -10,8 +10,8 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_end import close_if_stopped, with_audit
+from flows.pipeline.batch_run import run_batch
 from flows.pipeline.stage_report import batch_report
-from flows.pipeline.stages import run_batch
 from flows.resources.kinds import cancel_resource, describe_resource, list_resources
 from specs.data.episode import EpisodeResult
 from specs.errors import BucketNotFound, DocumentError, StageFailed

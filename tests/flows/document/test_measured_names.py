@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from flows.pipeline.bundle_checks import check_own_bundles
-from flows.pipeline.references import pins
+from flows.pipeline.references import resolve_references
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.base.store import Store
@@ -70,7 +70,7 @@ def test_validate_leaves_a_scenario_that_nothing_can_be_called_to_plan(tmp_path:
 def test_a_plan_or_a_run_refuses_names_of_any_scenario(file_store: Store, tmp_path: Path):
     spec = patrolled(tmp_path, WAITS, "metrics.coverd_share", scenario="coverage")
     with pytest.raises(DocumentError, match=r'did you mean "metrics.covered_share"\?'):
-        pins(spec, file_store, tmp_path)
+        resolve_references(spec, file_store, tmp_path)
 
 
 def test_robots_and_names_are_refused_together(tmp_path: Path):

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from flows.pipeline import references
-from flows.pipeline.references import deployed_version, finder, numbered_finder, pins
+from flows.pipeline.references import deployed_version, finder, numbered_finder, resolve_references
 from flows.pipeline.tested_batch import batch_plan, tested_bundles
 from flows.preview.plan import plan_lines
 from specs.base import canonical_document, canonical_json
@@ -83,9 +83,9 @@ def test_a_bundle_that_was_changed_back_is_what_is_tested_and_shipped(file_store
     (bundle / "note.txt").write_text("changed")
     publish_bundle(file_store, ROBOT, "mine", bundle)
     (bundle / "note.txt").unlink()
-    found, own = pins(spec, file_store, bundle.parent)
-    assert own[f"{ROBOT}/mine"] == before
-    assert found["deployment"] == before.digest
+    found = resolve_references(spec, file_store, bundle.parent)
+    assert found.bundled[f"{ROBOT}/mine"] == before
+    assert found.pins()["deployment"] == before.digest
     find = numbered_finder(file_store, {f"{ROBOT}/mine": str(before.number)})
     assert spec.simulationBatch is not None
     assert tested_bundles(batch_plan(spec.simulationBatch, (), file_store, find), "") == {"mine": before.digest}
@@ -118,7 +118,7 @@ def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: 
     publish_bundle(file_store, ROBOT, "other", bundle)
     spec = _generated(_request(), deployment=_deployment("other"))
     with pytest.raises(DocumentError, match=r"other version 2 .* the bundle that simulationBatch tests; .*: courier"):
-        pins(spec, file_store, ROOT / "examples")
+        resolve_references(spec, file_store, ROOT / "examples")
 
 
 @pytest.mark.parametrize("named", [{}, {"applicationVersion": "2"}])
@@ -134,8 +134,8 @@ def test_the_version_that_the_gate_compares_with_is_tested_and_not_shipped(
     gate = {"noWorseThan": {"applicationVersion": "1", "margin": 0.02}}
     spec = _generated(*requests, gate=gate, deployment=_deployment("mine", **named))
     shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
-    found, _ = pins(spec, file_store, bundle.parent)
-    assert found["deployment"] == newer.digest
+    found = resolve_references(spec, file_store, bundle.parent)
+    assert found.pins()["deployment"] == newer.digest
 
 
 @pytest.mark.parametrize(
@@ -162,13 +162,13 @@ def test_a_gate_that_would_count_two_versions_together_is_refused(
     spec = _generated(*requests, **({"gate": gate} if gate else {}))
     said = r"gate: mine version 1, mine version 2: a batch that tests one version"
     with pytest.raises(DocumentError, match=said) if refused else nullcontext():
-        pins(spec, file_store, ROOT / "examples")
+        resolve_references(spec, file_store, ROOT / "examples")
 
 
 def test_a_version_to_compare_with_that_does_not_exist_is_told_before_anything_runs(file_store: Store):
     spec = _generated(_request(), gate={"noWorseThan": {"applicationVersion": "7", "margin": 0.02}})
     with pytest.raises(DocumentError, match=r"gate\.noWorseThan\.applicationVersion: '?7'?: a version of courier: 1"):
-        pins(spec, file_store, ROOT / "examples")
+        resolve_references(spec, file_store, ROOT / "examples")
 
 
 def test_the_tested_version_is_shipped_when_the_deployment_names_none(file_store: Store, bundle: Path):
@@ -189,7 +189,7 @@ def test_all_that_is_missing_is_told_at_once(file_store: Store):
         simulationBatch={"createSimulationJobRequests": [_request("nobody")]},
     )
     with pytest.raises(DocumentError) as refused:
-        pins(spec, file_store, ROOT / "examples")
+        resolve_references(spec, file_store, ROOT / "examples")
     told = [fault.value for fault in refused.value.faults]
     assert told == ["'nowhere'", "'none/none'", "'nobody'"]
 
@@ -216,17 +216,17 @@ def test_a_launch_file_that_no_bundle_holds_is_told_before_anything_runs(file_st
     request = _request()
     request["robotApplications"][0]["launchConfig"]["launchFile"] = "go_to_gaol"
     with pytest.raises(DocumentError, match=r"'go_to_gaol'.*courier/go_to_gaol"):
-        pins(_generated(request), file_store, ROOT / "examples")
+        resolve_references(_generated(request), file_store, ROOT / "examples")
     deployment = _deployment("courier")
     deployment["deploymentApplicationConfigs"][0]["launchConfig"]["launchFile"] = "nope.sh"
     with pytest.raises(DocumentError, match=r"nope\.sh"):
-        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+        resolve_references(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
 
 
 def test_a_fleet_that_nobody_made_is_told_before_anything_runs(file_store: Store):
     deployment = {**_deployment("courier"), "fleet": "strangers"}
     with pytest.raises(DocumentError, match=r"deployment\.fleet.*strangers"):
-        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+        resolve_references(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
 
 
 def test_robots_elsewhere_need_keys_or_a_word_that_there_are_none(file_store: Store, monkeypatch: pytest.MonkeyPatch):
@@ -235,15 +235,15 @@ def test_robots_elsewhere_need_keys_or_a_word_that_there_are_none(file_store: St
     register_robot(file_store, "strangers", create_robot(file_store, "r1").name)
     deployment = {**_deployment("courier"), "fleet": "strangers"}
     with pytest.raises(DocumentError, match=r"deployment\.trust.*simyard fleet keys init.*or trust: unsigned"):
-        pins(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
+        resolve_references(_generated(_request(), deployment=deployment), file_store, ROOT / "examples")
     unsigned = {**deployment, "trust": "unsigned"}
-    pins(_generated(_request(), deployment=unsigned), file_store, ROOT / "examples")
+    resolve_references(_generated(_request(), deployment=unsigned), file_store, ROOT / "examples")
 
 
 def test_a_missing_application_is_told_with_its_place_in_the_document(file_store: Store):
     place = r"createSimulationJobRequests\[1\]\.robotApplications\[0\]\.application"
     with pytest.raises(DocumentError, match=place):
-        pins(_generated(_request(), _request("nobody")), file_store, ROOT / "examples")
+        resolve_references(_generated(_request(), _request("nobody")), file_store, ROOT / "examples")
 
 
 def test_a_thousand_requests_look_up_each_application_once(file_store: Store, monkeypatch: pytest.MonkeyPatch):
@@ -270,7 +270,7 @@ def test_a_format_that_cannot_be_written_here_is_refused_before_anything_runs(
     world = _put_world(file_store, "world-1-1")
     export = {"worlds": [world], "formats": ["usd", "svg", "glb"], "outputLocation": {"s3Bucket": "worlds"}}
     with pytest.raises(DocumentError) as caught:
-        pins(_spec(worldExport=export), file_store, tmp_path)
+        resolve_references(_spec(worldExport=export), file_store, tmp_path)
     assert [(fault.path, fault.value) for fault in caught.value.faults] == [
         ("worldExport.formats", "glb"),
         ("worldExport.formats", "usd"),
@@ -313,7 +313,7 @@ def test_a_version_whose_bundle_is_gone_or_changed_is_refused_with_robomakers_co
     shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
 
     with pytest.raises(DocumentError) as refused:
-        pins(_generated(_request("mine")), file_store, bundle.parent)
+        resolve_references(_generated(_request("mine")), file_store, bundle.parent)
 
     (fault,) = refused.value.faults
     assert (fault.path.rpartition(".")[2], fault.value) == ("robotApplications", "mine version 1")

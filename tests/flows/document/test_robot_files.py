@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from flows.pipeline.bundle_checks import check_robot_files
-from flows.pipeline.references import pins
+from flows.pipeline.references import resolve_references
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.storage.store_url import open_store
@@ -41,4 +41,4 @@ def test_a_run_or_a_plan_refuses_such_a_document(tmp_path: Path):
     spec = _spec(tmp_path, {"one": EXPLODES})
 
     with pytest.raises(DocumentError, match="more than 5,000 elements"):
-        pins(spec, open_store((tmp_path / "store").as_uri()), tmp_path)
+        resolve_references(spec, open_store((tmp_path / "store").as_uri()), tmp_path)

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from flows.pipeline.references import pinned_shipment, pins
+from flows.pipeline.references import resolve_references
 from flows.preview.plan import plan_lines
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
@@ -63,14 +63,14 @@ def _document(
 
 
 def _ships(spec: PipelineSpec, store: Store) -> Shipment:
-    ships = pinned_shipment(pins(spec, store, BASE)[0])
+    ships = resolve_references(spec, store, BASE).ships
     assert ships
     return ships
 
 
 def _refused(spec: PipelineSpec, store: Store) -> list[str]:
     with pytest.raises(DocumentError) as caught:
-        pins(spec, store, BASE)
+        resolve_references(spec, store, BASE)
     return [fault.path for fault in caught.value.faults]
 
 

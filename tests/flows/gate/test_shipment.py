@@ -7,13 +7,13 @@ from typing import cast
 
 import pytest
 
-from flows.pipeline.pipeline_run import deploy, judge_batch_stage
-from flows.pipeline.recount import ParsedRun
+from flows.pipeline.pipeline import deploy, judge
+from flows.pipeline.references import ParsedRun, Resolved
 from flows.pipeline.run_gate import evidence_changes, gate_answer, read_gate_answer, shippable, withdraw_deployment
 from specs.data.run_report import StageReport
 from tasks.applications.registry import resolve
 from tasks.results.gate.evidence import read_evidence
-from tasks.results.gate.shipped_builds import shipment_of
+from tasks.results.gate.shipped_builds import Shipment, shipment_of
 from tasks.simulate.batch.batch_record import plan_of
 from tasks.storage.base.keys import application_key, bundle_key, result_key, world_key
 from tasks.storage.base.store import Store
@@ -29,18 +29,19 @@ class Shop:
     """A run whose gate has passed, and a deployment that only notes that it was asked for."""
 
     def __init__(self, store: Store, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setattr("flows.pipeline.pipeline_run.deployment_sync", self._ship)
-        monkeypatch.setattr(
-            "flows.pipeline.pipeline_run.recount_changes", lambda *_: []
-        )  # these rows were not simulated
+        monkeypatch.setattr("flows.pipeline.pipeline.deployment_sync", self._ship)
+        monkeypatch.setattr("flows.pipeline.pipeline.recount_changes", lambda *_: [])  # these rows were not simulated
         self.shipped: list[dict[str, str]] = []
         self.store, self.robot = store, courier(store, folder, "one")
         self.batch = ended(store, self.robot, scenario=delivery(store, folder))
         self.run = run_of(store)
-        (self.gate,) = judge_batch_stage(PIPELINE, self.batch, store, self.run)
+        (self.gate,) = judge(self.work(), self.batch)
+
+    def work(self, ships: Shipment | None = None) -> ParsedRun:
+        return ParsedRun(PIPELINE, ".", self.store, self.run, Resolved(ships=ships))
 
     def deploy(self) -> StageReport:
-        (report,) = deploy(ParsedRun(PIPELINE, ".", {}, []), self.batch, self.store, self.run)
+        (report,) = deploy(self.work(), self.batch)
         return report
 
     def key(self, url: str) -> str:
@@ -111,7 +112,7 @@ def test_a_build_that_was_added_since_the_run_began_is_refused(shop: Shop):
     application = json.loads(shop.store.get(key).body)
     application["versions"][0]["builds"] = added
     shop.store.put(key, json.dumps(application).encode())
-    (report,) = deploy(ParsedRun(PIPELINE, ".", {}, [], settled), shop.batch, shop.store, shop.run)
+    (report,) = deploy(shop.work(settled), shop.batch)
     assert (report.status, shop.shipped) == ("Refused", [])
     assert f"courier version 1 for ARM64 is {'f' * 64} now; when the run began it was not there" in report.summary
 
@@ -144,7 +145,7 @@ def test_evidence_is_about_one_bundle_and_no_other(shop: Shop, tmp_path: Path):
 def test_evidence_that_does_not_pass_ships_nothing(file_store: Store, tmp_path: Path):
     robot, run = courier(file_store, tmp_path, "one"), run_of(file_store)
     batch = ended(file_store, robot, scenario=delivery(file_store, tmp_path), simulate=mixed)
-    assert judge_batch_stage(PIPELINE, batch, file_store, run)[0].status == "FAIL"
+    assert judge(ParsedRun(PIPELINE, ".", file_store, run), batch)[0].status == "FAIL"
     assert evidence_changes(robot.digest, file_store, run) == [f"the evidence of {batch.id} says FAIL"]
 
 
@@ -162,7 +163,7 @@ def test_the_version_that_was_compared_with_is_not_what_is_shipped(file_store: S
     old, new = (courier(file_store, tmp_path, text) for text in ("old", "new"))
     batch = ended(file_store, new, old, scenario=delivery(file_store, tmp_path))
     run, gate = run_of(file_store), document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
-    assert judge_batch_stage(gate, batch, file_store, run)[0].status == "PASS"
+    assert judge(ParsedRun(gate, ".", file_store, run), batch)[0].status == "PASS"
     assert shippable(batch, file_store, run) == {"courier": new.digest}
     assert evidence_changes(new.digest, file_store, run) == []
     assert "the evidence of" in evidence_changes(old.digest, file_store, run)[0]
@@ -174,7 +175,7 @@ def test_the_results_that_were_compared_with_are_held_against_the_evidence_too(f
     before = ended(file_store, old, scenario=scenario, name="before")
     batch = ended(file_store, new, scenario=scenario, name="now")
     run, gate = run_of(file_store), document({"noWorseThan": {"applicationVersion": "1", "margin": 0.06}})
-    assert judge_batch_stage(gate, batch, file_store, run)[0].status == "PASS"
+    assert judge(ParsedRun(gate, ".", file_store, run), batch)[0].status == "PASS"
     evidence = read_evidence(file_store, batch.id)
     assert evidence.baseline
     assert evidence.baseline.sha256 == cast("dict[str, str]", before.detail["sha256s"])["results.parquet"]

@@ -9,8 +9,9 @@ from typing import Any
 import pytest
 
 from flows.pipeline import recount
-from flows.pipeline.pipeline_run import authenticated_batch, deploy, judge_batch_stage
-from flows.pipeline.recount import ParsedRun, PlannedRun, recount_changes
+from flows.pipeline.pipeline import authenticated_batch, deploy, judge
+from flows.pipeline.recount import PlannedRun, recount_changes
+from flows.pipeline.references import ParsedRun
 from flows.pipeline.run_gate import gate_answer, read_baseline, read_gate_answer
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
@@ -31,16 +32,17 @@ class Run:
     """A run whose batch was judged; its rows were never simulated, so that none is drawn to be simulated again."""
 
     def __init__(self, store: Store, batch: JobRecord, spec: PipelineSpec, monkeypatch: pytest.MonkeyPatch) -> None:
-        for module in ("flows.pipeline.recount", "flows.pipeline.pipeline_run"):
+        for module in ("flows.pipeline.recount", "flows.pipeline.pipeline"):
             monkeypatch.setattr(
                 f"{module}.planned_run", lambda *_: PlannedRun(plan_of(batch), recorded_location(batch))
             )
         monkeypatch.setattr("flows.pipeline.recount.sample_changes", lambda *_: [])
         self.store, self.batch, self.spec, self.record = store, batch, spec, run_of(store)
-        judge_batch_stage(spec, batch, store, self.record)
+        self.work = ParsedRun(spec, ".", store, self.record)
+        judge(self.work, batch)
 
     def changes(self) -> list[str]:
-        return recount_changes(ParsedRun(self.spec, ".", {}, []), self.batch, self.store, self.record)
+        return recount_changes(self.work, self.batch)
 
     def edit(self, kind: str, name: str, change: Callable[[dict[str, Any]], None]) -> None:
         record = json.loads(self.store.get(job_key(kind, name)).body)
@@ -79,22 +81,21 @@ def test_what_was_judged_is_found_again(name: str, request: pytest.FixtureReques
 
 
 def test_a_document_without_a_gate_is_not_recounted(file_store: Store):
-    asked = ParsedRun(PipelineSpec.model_validate({"name": "n", "deployment": PIPELINE.deployment}), ".", {}, [])
-    assert recount_changes(asked, None, file_store, run_of(file_store)) == []
+    spec = PipelineSpec.model_validate({"name": "n", "deployment": PIPELINE.deployment})
+    assert recount_changes(ParsedRun(spec, ".", file_store, run_of(file_store)), None) == []
 
 
 def test_a_gate_that_has_not_answered_ships_nothing(run: Run):
     run.edit_run(lambda detail: detail.pop("gate"))
     (line,) = run.changes()
     assert line.endswith("says no gate's answer")
-    (report,) = deploy(ParsedRun(PIPELINE, ".", {}, []), run.batch, run.store, run.record)
+    (report,) = deploy(run.work, run.batch)
     assert report.status == "Refused"
     assert "the document has a gate" in report.summary
 
 
 def test_a_gate_without_a_batch_ships_nothing(run: Run):
-    asked = ParsedRun(PIPELINE, ".", {}, [])
-    assert recount_changes(asked, None, run.store, run.record) == ["there is no batch that the gate could have judged"]
+    assert recount_changes(run.work, None) == ["there is no batch that the gate could have judged"]
 
 
 def test_a_verdict_that_does_not_follow_is_named_with_the_one_that_does(failed: Run):
@@ -186,5 +187,5 @@ def test_only_what_is_vouched_for_is_handed_to_the_gate(run: Run):
     run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
     read = run.batch.model_copy(update={"detail": {**run.batch.detail, "counts": {"successes": 1}}})
     with pytest.raises(StageFailed, match="says counts"):
-        authenticated_batch(PIPELINE, read, [], run.store, {})
-    assert authenticated_batch(PIPELINE, None, [], run.store, {}) is None
+        authenticated_batch(run.work, read)
+    assert authenticated_batch(run.work, None) is None

@@ -6,7 +6,7 @@ from threading import enumerate as all_threads
 
 import pytest
 
-from flows.pipeline import stages
+from flows.pipeline import batch_run
 from flows.prefect import spread_work
 from specs.errors import StageFailed
 from specs.field_types import OutputLocation
@@ -21,9 +21,9 @@ RESULTS = OutputLocation(s3Bucket="results")
 
 def test_modules_are_imported_and_those_that_are_missing_left_to_who_needs_them(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(sys.modules, NOBODYS, raising=False)
-    monkeypatch.setattr(stages, "_NEEDED_AT_THE_END", ("no_such_module", NOBODYS))
+    monkeypatch.setattr(batch_run, "_NEEDED_AT_THE_END", ("no_such_module", NOBODYS))
 
-    stages._import_ahead()  # pyright: ignore[reportPrivateUsage]
+    batch_run._import_ahead()  # pyright: ignore[reportPrivateUsage]
 
     for thread in all_threads():
         if thread.name == "simyard imports":
@@ -35,7 +35,7 @@ def on_a_worker(batch: OpenBatch) -> None:
     spread_work._simulate_numbers(batch, (0, 1), RESULTS, left_s=9.0, spent_s=0.0)  # pyright: ignore[reportPrivateUsage]
 
 
-@pytest.mark.parametrize("run", [lambda batch: stages.run_batch(batch.store, batch.id, RESULTS), on_a_worker])
+@pytest.mark.parametrize("run", [lambda batch: batch_run.run_batch(batch.store, batch.id, RESULTS), on_a_worker])
 def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
     file_store: Store, monkeypatch: pytest.MonkeyPatch, run: Callable[[OpenBatch], None]
 ):
@@ -46,7 +46,7 @@ def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
         assert prepared_chunk(batch, 1, {}) is early[0]
         raise StageFailed("InternalServiceError", "the store is away")
 
-    for module, name in ((stages, "_simulate_here"), (spread_work, "simulate_chunk")):
+    for module, name in ((batch_run, "_simulate_here"), (spread_work, "simulate_chunk")):
         monkeypatch.setattr(module, name, breaks_off)
     with pytest.raises(StageFailed, match="the store is away"):
         run(batch)

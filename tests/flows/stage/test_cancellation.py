@@ -4,7 +4,7 @@ import pytest
 from pydantic import JsonValue
 
 from flows.pipeline import run_turns
-from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
 from flows.pipeline.run_turns import cancelable_run
 from specs.errors import StageFailed, StoreError
 from tasks.storage.base.store import Store
@@ -15,7 +15,7 @@ from tests.servers.eventually import eventually
 IDENTITY: dict[str, JsonValue] = {"flow": "world-export", "spec": {}}
 
 
-class Cancelling(ProcessAlone):
+class Cancelling(Orchestrator):
     """An orchestrator whose flow run somebody cancels."""
 
     flow_run_id = "prefects"

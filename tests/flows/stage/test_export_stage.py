@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.pipeline.stages import world_export
+from flows.pipeline.pipeline import world_export
 from specs.errors import DocumentError
 from specs.pipeline.world_sections import WorldExport
 from tasks.storage.base.store import Store

@@ -7,9 +7,9 @@ from typing import Any, cast
 import pytest
 from pydantic import JsonValue
 
+from flows.pipeline.pipeline import world_generation
 from flows.pipeline.recount import section_world_changes
 from flows.pipeline.stage_report import generation_report
-from flows.pipeline.stages import world_generation
 from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import MAX_WORLDS
 from tasks.storage.base.keys import job_key, world_key

@@ -1,15 +1,16 @@
 """The process that simulates begins before the worlds are made, where there is going to be something to simulate."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from flows.pipeline import pipeline_run, stages
-from flows.pipeline.pipeline_run import prepare_simulation
-from flows.pipeline.stages import run_batch
+from flows.pipeline import batch_run, pipeline
+from flows.pipeline.batch_run import run_batch
+from flows.pipeline.pipeline import prepare_simulation
+from flows.pipeline.references import ParsedRun, Resolved
 from specs.field_types import OutputLocation
-from specs.pipeline.document import PipelineSpec
 from tasks.applications.registry import publish_bundle
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.simulate.batch.batch_record import KIND, OpenBatch
@@ -23,63 +24,53 @@ from tests.factories.planned_batches import plan, template
 from tests.factories.simulations import COURIER, DELIVERY, FOLDERS, ROBOT, SCENARIO
 from tests.repository import ROOT
 
-DIGESTS = ["a" * 64, "b" * 64]
-
 
 @pytest.fixture
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """What processes were begun for."""
     found: list[Sequence[str]] = []
-    monkeypatch.setattr(pipeline_run, "begin_simulation_process", lambda _store, digests: found.append(digests))
+    monkeypatch.setattr(pipeline, "begin_simulation_process", lambda _store, digests: found.append(digests))
     return found
 
 
 @pytest.fixture
 def run(file_store: Store) -> JobRecord:
-    """A run whose batch tests two applications."""
-    return submit(file_store, "pipeline-run", {"pins": {"batch": {"bundles": [*DIGESTS]}}}, "token")
+    """A run."""
+    return submit(file_store, "pipeline-run", {}, "token")
 
 
 @pytest.fixture
-def spec() -> PipelineSpec:
-    """The quickstart."""
-    return read_pipeline(ROOT / "examples/quickstart.yaml")
+def work(file_store: Store, run: JobRecord) -> ParsedRun:
+    """The quickstart, whose batch tests two applications."""
+    spec = read_pipeline(ROOT / "examples/quickstart.yaml")
+    return ParsedRun(spec, ".", file_store, run, Resolved(batch=plan(file_store)))
 
 
-def test_it_begins_with_the_applications_that_the_run_has_pinned(
-    begun: list[Sequence[str]], spec: PipelineSpec, file_store: Store, run: JobRecord
-):
-    prepare_simulation(spec, file_store, run)
-    assert begun == [DIGESTS]
+def test_it_begins_with_the_applications_that_the_run_has_pinned(begun: list[Sequence[str]], work: ParsedRun):
+    prepare_simulation(work)
+    assert work.found.batch is not None
+    assert begun == [[*work.found.batch.digests()]]
 
 
-def test_it_does_not_begin_where_the_batch_is_the_first_stage(
-    begun: list[Sequence[str]], spec: PipelineSpec, file_store: Store, run: JobRecord
-):
-    alone = spec.model_copy(update={"worldGeneration": None, "worldExport": None})
-    prepare_simulation(alone, file_store, run)
+def test_it_does_not_begin_where_the_batch_is_the_first_stage(begun: list[Sequence[str]], work: ParsedRun):
+    alone = work.spec.model_copy(update={"worldGeneration": None, "worldExport": None})
+    prepare_simulation(replace(work, spec=alone))
     assert not begun
 
 
-def test_it_does_not_begin_for_a_run_that_goes_on_after_its_batch(
-    begun: list[Sequence[str]], spec: PipelineSpec, file_store: Store, run: JobRecord
-):
-    batch = submit(file_store, KIND, {}, stage_token(run, "batch"))
+def test_it_does_not_begin_for_a_run_that_goes_on_after_its_batch(begun: list[Sequence[str]], work: ParsedRun):
+    batch = submit(work.store, KIND, {}, stage_token(work.run, "batch"))
     for status in ("InProgress", "Completing", "Completed"):
-        advance(file_store, KIND, batch.id, status)
-    prepare_simulation(spec, file_store, run)
+        advance(work.store, KIND, batch.id, status)
+    prepare_simulation(work)
     assert not begun
 
 
 def test_it_does_not_begin_where_workers_of_a_cluster_simulate(
-    begun: list[Sequence[str]],
-    spec: PipelineSpec,
-    file_store: Store,
-    run: JobRecord,
-    monkeypatch: pytest.MonkeyPatch,
+    begun: list[Sequence[str]], work: ParsedRun, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(pipeline_run.orchestrator(), "wanted_workers", lambda: "dask:2")
-    prepare_simulation(spec, file_store, run)
+    monkeypatch.setattr(pipeline.orchestrator(), "wanted_workers", lambda: "dask:2")
+    prepare_simulation(work)
     assert not begun
 
 
@@ -91,7 +82,7 @@ def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(stages, "_simulate_chunks", interrupted)
+    monkeypatch.setattr(batch_run, "_simulate_chunks", interrupted)
     robot = publish_bundle(file_store, "robot-application", "courier", FOLDERS[COURIER])
     scenario = publish_bundle(file_store, "simulation-application", "delivery", FOLDERS[DELIVERY])
     launched = template(
@@ -105,7 +96,7 @@ def batch(file_store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) ->
 def prepared(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
     """The applications of processes that a batch began before it had anything to ask."""
     found: list[list[str]] = []
-    monkeypatch.setattr(stages, "prepare_simulator", lambda bundles: found.append(list(bundles)))
+    monkeypatch.setattr(batch_run, "prepare_simulator", lambda bundles: found.append(list(bundles)))
     return found
 
 
@@ -118,7 +109,7 @@ def test_a_batch_begins_it_before_its_first_chunk_is_made_ready(batch: OpenBatch
 def test_a_batch_that_workers_simulate_begins_none_here(
     batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(stages.orchestrator(), "wanted_workers", lambda: "dask:2")
+    monkeypatch.setattr(batch_run.orchestrator(), "wanted_workers", lambda: "dask:2")
     with pytest.raises(KeyboardInterrupt):
         run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
     assert not prepared
@@ -128,7 +119,7 @@ def test_a_batch_whose_chunks_are_all_there_begins_none(
     batch: OpenBatch, prepared: list[list[str]], monkeypatch: pytest.MonkeyPatch
 ):
     there = ChunkNumbers(begun=frozenset(), committed=frozenset(range(batch.layout.chunks)))
-    monkeypatch.setattr(stages, "chunk_numbers", lambda *_: there)
+    monkeypatch.setattr(batch_run, "chunk_numbers", lambda *_: there)
     with pytest.raises(KeyboardInterrupt):
         run_batch(batch.store, batch.id, OutputLocation(s3Bucket="results"))
     assert not prepared

@@ -4,7 +4,7 @@ import pickle
 
 import pytest
 
-from flows.pipeline.stages import run_batch
+from flows.pipeline.batch_run import run_batch
 from specs.errors import StageFailed, StoreAway
 from specs.field_types import OutputLocation
 from specs.robomaker.bundle import ApplicationKind

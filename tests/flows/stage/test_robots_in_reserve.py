@@ -6,8 +6,8 @@ from contextlib import contextmanager
 import pytest
 
 from flows.batch.batch_steps import AUDIT, EPISODES
-from flows.pipeline import pipeline_run
-from flows.pipeline.pipeline_run import robots_in_reserve
+from flows.pipeline import pipeline
+from flows.pipeline.pipeline import robots_in_reserve
 from specs.pipeline.document import PipelineSpec
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.progress.listener import listen_to_progress, report_progress
@@ -24,7 +24,7 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def reserve(_store: Store, section: object) -> Generator[Callable[[], None], None, None]:
         yield lambda: found.append(section.fleet.name)  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(pipeline_run, "robot_reserve", reserve)
+    monkeypatch.setattr(pipeline, "robot_reserve", reserve)
     return found
 
 

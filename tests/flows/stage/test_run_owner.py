@@ -7,7 +7,7 @@ from threading import Event, Thread
 import pytest
 from pydantic import JsonValue
 
-from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
+from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
 from flows.pipeline.run_turns import begin_run_in_turn
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
@@ -17,7 +17,7 @@ from tasks.storage.jobs.runs import KIND, begin_run
 IDENTITY: dict[str, JsonValue] = {"flow": "world-export", "spec": {}}
 
 
-class Seen(ProcessAlone):
+class Seen(Orchestrator):
     """An orchestrator that notes what is shown; its flow run is cancelled when it is told to."""
 
     flow_run_id = "waits"
@@ -30,7 +30,7 @@ class Seen(ProcessAlone):
     def is_cancelling(self, flow_run_id: str) -> bool:
         return self._canceled and flow_run_id == self.flow_run_id
 
-    def show_wait(self, sentence: str) -> None:
+    def show_waiting(self, sentence: str) -> None:
         self.shown.append(sentence)
         if self._on_wait:
             self._on_wait.set()

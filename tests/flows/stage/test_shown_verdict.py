@@ -7,12 +7,9 @@ from collections.abc import Callable
 
 import pytest
 
-from flows.pipeline import pipeline_run
-from flows.pipeline.pipeline_run import (
-    Reports,
-    _judge_and_deploy,  # pyright: ignore[reportPrivateUsage]
-)
-from flows.pipeline.recount import ParsedRun
+from flows.pipeline import pipeline
+from flows.pipeline.pipeline import Reports, _judge_and_deploy
+from flows.pipeline.references import ParsedRun
 from specs.data.run_report import StageReport
 from specs.errors import StageFailed
 from tasks.documents.pipeline_file import read_pipeline
@@ -34,24 +31,24 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> Fails:
         def fail(*_: object) -> None:
             raise failure
 
-        monkeypatch.setattr(pipeline_run, name, fail)
+        monkeypatch.setattr(pipeline, name, fail)
 
     answers = {
-        "authenticated_batch": lambda _spec, batch, *_: batch,
-        "judge_batch_stage": lambda *_: (JUDGED,),
+        "authenticated_batch": lambda _work, batch: batch,
+        "judge": lambda *_: (JUDGED,),
         "require_not_canceled": lambda *_: None,
         "deploy": lambda *_: (DEPLOYED,),
         "_show_trend": lambda stages, *_: stages,
         "_show_verdict": lambda stages, *_: stages,
     }
     for name, answer in answers.items():
-        monkeypatch.setattr(pipeline_run, name, answer)
+        monkeypatch.setattr(pipeline, name, answer)
     return let_fail
 
 
 def came_of(store: Store) -> tuple[Reports, Reports, Reports]:
     spec, record = read_pipeline(ROOT / "examples/quickstart.yaml"), begun(store).record()
-    return _judge_and_deploy(ParsedRun(spec, ".", {}, [], None), record, (SIMULATED,), store, record)
+    return _judge_and_deploy(ParsedRun(spec, ".", store, record), record, (SIMULATED,))
 
 
 @pytest.mark.parametrize(("shows", "stage"), [("_show_verdict", 1), ("_show_trend", 0)])

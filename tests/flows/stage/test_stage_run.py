@@ -2,8 +2,8 @@
 
 import pytest
 
-from flows.pipeline.orchestrator import ProcessAlone, orchestrated_by
-from flows.pipeline.stages import require_success, run_stage
+from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
+from flows.pipeline.run_turns import require_success, run_stage
 from specs.errors import StageFailed
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, records, submit
@@ -19,7 +19,7 @@ def test_a_canceled_job_says_that_somebody_asked_for_it(file_store: Store):
 
 
 def test_a_flow_run_that_left_its_place_and_came_again_does_not_do_the_work_a_second_time(file_store: Store):
-    class ComeAgain(ProcessAlone):
+    class ComeAgain(Orchestrator):
         def awaited_run(self) -> str:
             return records(file_store, "pipeline-run")[0].id
 

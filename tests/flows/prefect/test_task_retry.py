@@ -8,9 +8,9 @@ import pytest
 from prefect import flow, task
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
+from flows.prefect.tasks import RETRY_DELAYS_S, TASK_OPTIONS
 from specs.base import Fault
 from specs.errors import BucketNotFound, DocumentError, StageFailed, StoreAway, StoreThrottled
-from tasks.progress.task import RETRY_DELAYS_S, STORE_RETRY
 
 pytestmark = pytest.mark.integration
 
@@ -26,7 +26,7 @@ def _on_the_server(prefect_server: str) -> Generator[None, None, None]:  # pyrig
 def calls_until_the_end(failure: Exception, times: int) -> int:
     """Returns how often Prefect called a step that fails so many times."""
     calls = 0
-    options: dict[str, Any] = {**STORE_RETRY, "retry_delay_seconds": 0}
+    options: dict[str, Any] = {**TASK_OPTIONS, "retry_delay_seconds": 0}
 
     @task(**options)
     def step() -> None:

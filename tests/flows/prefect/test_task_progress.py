@@ -8,9 +8,10 @@ import httpx
 import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 
-from tasks.progress import listener, task
+from flows.prefect import tasks
+from flows.prefect.tasks import show_progress
+from tasks.progress import listener
 from tasks.progress.listener import listen_to_progress
-from tasks.progress.task import show_progress
 
 
 class Server:
@@ -43,11 +44,11 @@ def refusal(status: int) -> PrefectHTTPStatusError:
 @pytest.fixture
 def server(monkeypatch: pytest.MonkeyPatch) -> Server:
     found = Server()
-    monkeypatch.setattr(task, "create_progress_artifact", found.create)
-    monkeypatch.setattr(task, "update_progress_artifact", found.update)
+    monkeypatch.setattr(tasks, "create_progress_artifact", found.create)
+    monkeypatch.setattr(tasks, "update_progress_artifact", found.update)
     monkeypatch.setattr(listener, "_INTERVAL_S", 0.0)
-    monkeypatch.setattr(task, "_INTERVAL_S", 0.0)
-    monkeypatch.setattr(task, "_INTERVAL_AWAY_S", 0.0)
+    monkeypatch.setattr(tasks, "_INTERVAL_S", 0.0)
+    monkeypatch.setattr(tasks, "_INTERVAL_AWAY_S", 0.0)
     return found
 
 
@@ -93,9 +94,9 @@ def test_what_is_no_outage_is_raised(error: Exception, server: Server) -> None:
 
 def test_bars_move_once_a_second_at_most_and_at_the_end(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listener, "_INTERVAL_S", 1.0)
-    monkeypatch.setattr(task, "_INTERVAL_S", 1.0)
+    monkeypatch.setattr(tasks, "_INTERVAL_S", 1.0)
     now_s = [0.0]
-    monkeypatch.setattr(task.time, "monotonic", lambda: now_s[0])
+    monkeypatch.setattr(tasks.time, "monotonic", lambda: now_s[0])
     in_terminal: list[int] = []
     with (
         listen_to_progress(lambda _stage, done, _total: in_terminal.append(done)),
