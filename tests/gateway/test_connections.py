@@ -14,6 +14,9 @@ from specs.errors import DocumentError
 from tasks.gateway.connections import Bounds, Connections, bound_socket, tls_context
 from tests.gateway.small_server import REQUEST, all_of, small_server
 
+LONG_S = 30
+PATIENT = Bounds(head_s=LONG_S, request_s=LONG_S, answer_s=LONG_S, idle_s=LONG_S)
+
 
 @dataclass(eq=False)
 class Fake:
@@ -77,10 +80,6 @@ def test_what_is_forgotten_leaves_nothing() -> None:
         known.forget(each)
         known.wait(each)
     assert (len(known), known._counts, known._waiting) == (0, {}, {})
-
-
-LONG_S = 30
-PATIENT = Bounds(head_s=LONG_S, request_s=LONG_S, answer_s=LONG_S, idle_s=LONG_S)
 
 
 def is_cut_off(slow: socket.socket) -> bool:

@@ -14,6 +14,10 @@ from specs.robomaker.operations import OPERATIONS
 from specs.robomaker.simulation import BatchDescribeSimulationJobRequest, StartSimulationJobBatchRequest
 from tasks.gateway.rest_json import ErrorAnswers, with_arns, without_places
 
+STORE = "file:///srv/secret place/store"
+ANSWERS = ErrorAnswers(ArnForm("id", "us-west-2"), STORE)
+FAULT = Fault(path="fleet", value="'aisle'", allowed="a fleet")
+
 
 def changed(text: str) -> str:
     return f"new {text}"
@@ -54,11 +58,6 @@ def test_texts_that_look_like_an_arn_stay():
 def test_data_of_the_wrong_shape_stays_for_the_check_that_follows():
     for wrong in ({"robots": "arn:1"}, {"robots": [3, None, ["arn:2"]]}, {"arn": {"arn": 1}}, {"arn": 4}, {"x": "arn"}):
         assert with_arns(wrong, DescribeFleetResponse, str) == wrong
-
-
-STORE = "file:///srv/secret place/store"
-ANSWERS = ErrorAnswers(ArnForm("id", "us-west-2"), STORE)
-FAULT = Fault(path="fleet", value="'aisle'", allowed="a fleet")
 
 
 def document_error(kind: type[errors.DocumentError], allowed: str = "a fleet") -> errors.DocumentError:

@@ -23,6 +23,8 @@ from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key, reported_key
 from tasks.storage.base.store import Store, encode_document
 
+GARBAGE = [b"", b"{", b"[]", b"\xff\xfe", b'{"robot": "r1"}', b"9" * 5000, b" " * ((1 << 20) + 1)]
+
 
 def _desired(deployment: str, epoch: int = 1) -> Desired:
     return Desired(
@@ -154,9 +156,6 @@ def test_the_sequence_grows_with_every_deployment_also_while_the_clock_stands(fi
     ]
 
     assert sequences == [1000, 1001, 1001, 1002]
-
-
-GARBAGE = [b"", b"{", b"[]", b"\xff\xfe", b'{"robot": "r1"}', b"9" * 5000, b" " * ((1 << 20) + 1)]
 
 
 @pytest.mark.parametrize("body", GARBAGE)

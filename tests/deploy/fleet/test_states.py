@@ -33,6 +33,8 @@ REPORTED = Reported(
     robot="r1", deployment="dep-2", sequence=2, boot_id="b", status="Deploying", step="Launching", started_at_s=1001.0
 )
 DONE = REPORTED.model_copy(update={"status": "InSync", "step": "Finished", "finished_at_s": 1010.0})
+_FOREIGN = b'{"name": "../r2", "architecture": "X86_64", "created_at_s": 1, "tags": {}, "fleet": "couriers"}'
+_NOT_FINITE = b'{"name": "r1", "architecture": "X86_64", "created_at_s": NaN, "tags": {}, "fleet": "couriers"}'
 
 
 @pytest.mark.parametrize(
@@ -82,10 +84,6 @@ def test_a_desired_state_with_a_value_that_nobody_writes_is_none(field: str, val
 
     with pytest.raises(ValidationError, match=field):
         Desired.model_validate_json(json.dumps(document).replace('"HERE"', value))
-
-
-_FOREIGN = b'{"name": "../r2", "architecture": "X86_64", "created_at_s": 1, "tags": {}, "fleet": "couriers"}'
-_NOT_FINITE = b'{"name": "r1", "architecture": "X86_64", "created_at_s": NaN, "tags": {}, "fleet": "couriers"}'
 
 
 @pytest.mark.parametrize("body", [b"\xff", b"{}", b" " * (2 << 20), _FOREIGN, _NOT_FINITE])

@@ -22,6 +22,7 @@ from tests.servers.tools import need_tool
 
 # What a distribution is imported as, where that is not its name.
 HEAVY = ("jax", "prefect", "numpy", "mujoco", "scipy", "pyarrow")
+URL = "file:///srv/store"
 
 
 def test_it_holds_the_agent_and_what_it_imports_late() -> None:
@@ -64,9 +65,6 @@ def test_its_record_lists_every_file() -> None:
 
         assert listed == wheel.namelist()
         assert record.split(".dist-info")[0] == "-".join(wheel_name().split("-")[:2])
-
-
-URL = "file:///srv/store"
 
 
 def test_it_holds_the_agent_the_installer_the_unit_the_store_and_the_root_of_trust(tmp_path: Path) -> None:

@@ -31,6 +31,16 @@ _STEAL = (
     "head -c 1 /proc/$PPID/mem 2>&1 | grep -q denied || echo read-memory\nexit 0\n"
 )
 as_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives programs another account")
+AS_NOBODY = """
+import os, sys
+from tasks.deploy.robot.account import missing_rights
+from tasks.storage.store_url import connect
+store = connect(sys.argv[1])
+os.setgroups([])
+os.setgid(65534)
+os.setuid(65534)
+print(*missing_rights(store, "r1"), sep="\\n")
+"""
 
 
 @pytest.fixture
@@ -164,18 +174,6 @@ def test_an_agent_of_root_has_an_account_for_its_programs_without_being_asked() 
 def test_an_account_that_is_none_is_refused(user: str) -> None:
     with pytest.raises(DocumentError, match="an account of this machine"):
         chosen_account(user)
-
-
-AS_NOBODY = """
-import os, sys
-from tasks.deploy.robot.account import missing_rights
-from tasks.storage.store_url import connect
-store = connect(sys.argv[1])
-os.setgroups([])
-os.setgid(65534)
-os.setuid(65534)
-print(*missing_rights(store, "r1"), sep="\\n")
-"""
 
 
 @as_two_accounts

@@ -30,6 +30,29 @@ from tests.repository import ROOT
 from tests.servers.faulty_proxy import faulty_proxy
 from tests.servers.seaweed import Seaweed
 
+pytestmark = pytest.mark.integration
+SLOW = '#!/bin/sh\necho "$0" >> "$HOME/runs"\nsleep 0.15\n'
+STEPS = ("DownloadingExtracting", "ExecutingPreLaunch", "Launching", "ExecutingPostLaunch")
+HEAVY = [
+    "jax",
+    "jaxlib",
+    "prefect",
+    "mujoco",
+    "pyarrow",
+    "numpy",
+    "scipy",
+    "typer",
+    "rich",
+    "s3fs",
+    "fsspec",
+    "aiohttp",
+    "aiobotocore",
+    "httpx",
+    "boto3",
+    "asyncio",
+]
+_LARGE_BYTES = 40 << 20
+
 
 def test_a_robot_that_the_store_does_not_have_is_told_with_the_store(
     file_store: Store, caplog: pytest.LogCaptureFixture
@@ -43,11 +66,6 @@ def test_a_registered_robot_needs_no_warning(file_store: Store, caplog: pytest.L
     with caplog.at_level(logging.INFO):
         _warn_if_unknown(file_store, "r1")
     assert not caplog.text
-
-
-pytestmark = pytest.mark.integration
-SLOW = '#!/bin/sh\necho "$0" >> "$HOME/runs"\nsleep 0.15\n'
-STEPS = ("DownloadingExtracting", "ExecutingPreLaunch", "Launching", "ExecutingPostLaunch")
 
 
 @pytest.fixture
@@ -165,29 +183,6 @@ def test_an_agent_waits_longer_while_nothing_happens_and_never_in_step() -> None
     assert len(set(idle[-5:])) == 5
     assert max(idle) <= 8.0 * 1.25
     assert poll.next_s(busy=True) <= 1.25
-
-
-HEAVY = [
-    "jax",
-    "jaxlib",
-    "prefect",
-    "mujoco",
-    "pyarrow",
-    "numpy",
-    "scipy",
-    "typer",
-    "rich",
-    "s3fs",
-    "fsspec",
-    "aiohttp",
-    "aiobotocore",
-    "httpx",
-    "boto3",
-    "asyncio",
-]
-
-
-_LARGE_BYTES = 40 << 20
 
 
 @pytest.fixture

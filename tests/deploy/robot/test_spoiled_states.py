@@ -33,6 +33,7 @@ _ANY_JSON = st.recursive(
 )
 _COUNT = count(1)
 _EXAMPLES = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+_TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 
 
 @pytest.fixture
@@ -167,9 +168,6 @@ def test_metadata_of_any_values_is_refused(
     careful.yard.store.put(key, good)
     assert careful.disk.load().sequence == 1
     assert careful.runs == (installed.digest, 1)
-
-
-_TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 
 
 @settings(_EXAMPLES, max_examples=15)

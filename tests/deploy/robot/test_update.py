@@ -22,6 +22,15 @@ from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.yard import STAYS_UP, Yard, eventually
 
+# Stays up for longer than the grace period of a launch, the first time.
+CRASHES = """#!/bin/sh
+echo crashing >> "$HOME/crashes"
+if [ -e "$HOME/started-once" ]; then exit 7; fi
+touch "$HOME/started-once"
+sleep 0.5
+exit 7
+"""
+
 
 def _condition(one: OneRobot, script: str) -> tuple[S3Object, str]:
     bucket = open_bucket(one.yard.store, "conditions")
@@ -307,16 +316,6 @@ class WaitingStore(_Forwarding):
             self.waited += 1
             raise StoreUnreachable("away")
         return self._store.size(key)
-
-
-# Stays up for longer than the grace period of a launch, the first time.
-CRASHES = """#!/bin/sh
-echo crashing >> "$HOME/crashes"
-if [ -e "$HOME/started-once" ]; then exit 7; fi
-touch "$HOME/started-once"
-sleep 0.5
-exit 7
-"""
 
 
 @pytest.fixture(autouse=True)

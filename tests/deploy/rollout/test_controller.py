@@ -26,6 +26,7 @@ from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 NOW_S = 1_700_000_000.0
+KIND = "deployment-job"
 
 
 @pytest.fixture
@@ -100,9 +101,6 @@ def test_a_fleet_without_keys_is_asked_too_when_somebody_has_used_up_the_numbers
     yard.store.put(desired_key(NAME), encode_document(forged))
 
     assert ask_robot(yard.store, wanted).sequence in {MOST_SEQUENCE, NOW_S * 1000}
-
-
-KIND = "deployment-job"
 
 
 def test_a_robot_that_never_answers_counts_as_failed_after_its_timeout(yard: Yard) -> None:

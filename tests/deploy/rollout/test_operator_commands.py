@@ -23,6 +23,7 @@ from tests.deploy.yard import FLEET, STAYS_UP, Yard
 
 pytestmark = pytest.mark.usefixtures("quick_claims")
 KIND = "deployment-job"
+_ANNOUNCED: dict[str, JsonValue] = {"status": "PendingNewDeployment", "started_at_s": 1.0}
 
 
 def job_of(yard: Yard) -> str:
@@ -193,9 +194,6 @@ def test_a_robot_that_answers_at_the_last_moment_stays_asked(yard: Yard) -> None
     assert read_desired(yard.store, "r0")[0] is not None
     assert withdraw_request(yard.store, "r0", "another")
     assert read_desired(yard.store, "r0")[0] is not None
-
-
-_ANNOUNCED: dict[str, JsonValue] = {"status": "PendingNewDeployment", "started_at_s": 1.0}
 
 
 def _announcing(yard: Yard) -> JobRecord:

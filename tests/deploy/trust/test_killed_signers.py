@@ -23,6 +23,28 @@ from tests.deploy.yard import Yard
 pytestmark = pytest.mark.long
 
 _MOST_STEPS = 40
+CHILD = """
+import os, signal, sys
+from pathlib import Path
+from tasks.deploy.trust import keyring
+from tasks.deploy.trust.repository import open_repository, rotate_key
+from tasks.storage.backends.local import LocalStore
+left = int(sys.argv[3])
+def mortal(write):
+    def kill(*arguments, **more):
+        global left
+        left -= 1
+        if left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return write(*arguments, **more)
+    return kill
+for name in ("put", "create", "replace"):
+    setattr(LocalStore, name, mortal(getattr(LocalStore, name)))
+keyring._write = mortal(keyring._write)
+store = LocalStore(Path(sys.argv[1]))
+with open_repository(store, keyring.keyring(Path(sys.argv[2]), store)) as session:
+    rotate_key(session, "timestamp")
+"""
 
 
 class Killed(BaseException):
@@ -162,30 +184,6 @@ def test_a_withdrawal_that_was_written_once_is_not_lost_by_who_puts_old_metadata
         owner.signer.withdraw(wanted.deployment)
         with pytest.raises(TrustRefused, match="is not in force"):
             owner.verifier(tmp_path / f"robot-{death.after}-{number}")(wanted)
-
-
-CHILD = """
-import os, signal, sys
-from pathlib import Path
-from tasks.deploy.trust import keyring
-from tasks.deploy.trust.repository import open_repository, rotate_key
-from tasks.storage.backends.local import LocalStore
-left = int(sys.argv[3])
-def mortal(write):
-    def kill(*arguments, **more):
-        global left
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return write(*arguments, **more)
-    return kill
-for name in ("put", "create", "replace"):
-    setattr(LocalStore, name, mortal(getattr(LocalStore, name)))
-keyring._write = mortal(keyring._write)
-store = LocalStore(Path(sys.argv[1]))
-with open_repository(store, keyring.keyring(Path(sys.argv[2]), store)) as session:
-    rotate_key(session, "timestamp")
-"""
 
 
 @pytest.mark.integration

@@ -15,6 +15,8 @@ from tests.deploy.one_robot import GOOD, desired
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import Yard
 
+_OPERATIONS = st.lists(st.sampled_from([*ROLES, "renew", "admit"]), min_size=1, max_size=6)
+
 
 def _hide(owner: Owner, *roles: Role) -> None:
     """Takes keys away, as to where they are kept offline."""
@@ -141,9 +143,6 @@ def test_two_sets_of_keys_do_not_disturb_each_other(owner: Owner, yard: Yard, tm
     for each in (owner, other, owner):
         each.renew()
         each.verifier(tmp_path / each.repository)(each.signed(version, 1))
-
-
-_OPERATIONS = st.lists(st.sampled_from([*ROLES, "renew", "admit"]), min_size=1, max_size=6)
 
 
 @pytest.mark.long

@@ -50,6 +50,12 @@ _DESIRED = st.builds(
 )
 _SIGNER = CryptoSigner.generate_ed25519()
 _KEYS = {_SIGNER.public_key.keyid: _SIGNER.public_key}
+_DIGEST, _OTHER = "a" * 64, "b" * 64
+_BEGUN = SignedFleets().enlisted("couriers", ["r1", "r2"]).begun("couriers", "dep-1", [_DIGEST])
+_DEPLOYMENTS = st.sampled_from([f"dep-{number}" for number in range(6)])
+_STEP = st.tuples(
+    st.sampled_from(["begin", "follow", "withdraw", "move"]), st.sampled_from(["couriers", "keepers"]), _DEPLOYMENTS
+)
 
 
 @pytest.mark.long
@@ -115,10 +121,6 @@ def _example() -> Desired:
         timeout_s=5.0,
         issued_at_s=0.0,
     )
-
-
-_DIGEST, _OTHER = "a" * 64, "b" * 64
-_BEGUN = SignedFleets().enlisted("couriers", ["r1", "r2"]).begun("couriers", "dep-1", [_DIGEST])
 
 
 def _desired(robot: str = "r1", deployment: str = "dep-1", digest: str = _DIGEST) -> Desired:
@@ -243,12 +245,6 @@ def test_metadata_that_says_nothing_of_fleets_names_none_and_of_a_newer_simyard_
     deployer.unrecognized_fields[FIELD] = {"robots": 1}
     with pytest.raises(TrustRefused, match="cannot be read: install a newer Simyard"):
         read_fleets(deployer)
-
-
-_DEPLOYMENTS = st.sampled_from([f"dep-{number}" for number in range(6)])
-_STEP = st.tuples(
-    st.sampled_from(["begin", "follow", "withdraw", "move"]), st.sampled_from(["couriers", "keepers"]), _DEPLOYMENTS
-)
 
 
 @given(st.lists(_STEP, max_size=20))

@@ -29,25 +29,6 @@ JSON = st.recursive(
     max_leaves=8,
 )
 ASKED: list[Spec] = []
-
-
-def answer_nothing(_gateway: Gateway, request: Spec) -> Spec:
-    ASKED.append(request)
-    return shapes()["TagResourceResponse"]()
-
-
-@pytest.fixture(scope="module")
-def send(tmp_path_factory: pytest.TempPathFactory) -> Generator[Send]:
-    store = open_store((tmp_path_factory.mktemp("malformed") / "store").as_uri())
-    with running_application(store, dict.fromkeys(OPERATIONS, answer_nothing)) as sending:
-        yield sending
-
-
-def assert_refused(answer: HttpAnswer) -> str:
-    assert (answer.status, answer.error) == (400, "InvalidParameterException"), answer
-    return json.loads(answer.body)["message"]
-
-
 BODIES = {
     "cut off": b'{"fleet": "arn:x',
     "not JSON": b"fleet=arn:x",
@@ -74,6 +55,23 @@ BODIES = {
     "null": b'{"fleet": null}',
     "an unknown member": b'{"fleet": "arn:x", "fleets": 1}',
 }
+
+
+def answer_nothing(_gateway: Gateway, request: Spec) -> Spec:
+    ASKED.append(request)
+    return shapes()["TagResourceResponse"]()
+
+
+@pytest.fixture(scope="module")
+def send(tmp_path_factory: pytest.TempPathFactory) -> Generator[Send]:
+    store = open_store((tmp_path_factory.mktemp("malformed") / "store").as_uri())
+    with running_application(store, dict.fromkeys(OPERATIONS, answer_nothing)) as sending:
+        yield sending
+
+
+def assert_refused(answer: HttpAnswer) -> str:
+    assert (answer.status, answer.error) == (400, "InvalidParameterException"), answer
+    return json.loads(answer.body)["message"]
 
 
 @pytest.mark.parametrize("body", BODIES.values(), ids=BODIES)

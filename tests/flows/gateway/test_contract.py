@@ -29,6 +29,29 @@ from tests.repository import ROOT
 OWN_ARNS = st.sampled_from(
     ["arn:simyard:robot:another:one", "arn:simyard:simulation-job:x:simb-0123456789abcdef/12", "arn:aws:iam::1:role/x"]
 )
+FEW = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+MANY = settings(FEW, max_examples=40)
+BATCH = job_id("simulation-job-batch", "tok")
+THERE: dict[ResourceKind, str] = {
+    "robot-application": "courier",
+    "simulation-application": "delivery",
+    "world": "g/w0",
+    "deployment-fleet": "aisle",
+    "robot": "r2",
+    "simulation-job-batch": BATCH,
+    "simulation-job": f"{BATCH}/0",
+}
+STRANGE = [
+    "arn:",
+    "arn:aws:iam::1:role/x",
+    "arn:simyard:robot",
+    "arn:simyard:robot:x:../..",
+    "arn:aws:robomaker:a:b:world",
+]
+SETTINGS = settings(
+    max_examples=2,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
+)
 
 
 class Echo:
@@ -64,10 +87,6 @@ def client(echo: Echo, store_folder: Path) -> Generator[BaseClient]:
     store = open_store(store_folder.as_uri())
     with running_application(store, dict.fromkeys(OPERATIONS, echo.handle)) as send:
         yield client_of(send, store_folder.parent / "models")
-
-
-FEW = settings(max_examples=3, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-MANY = settings(FEW, max_examples=40)
 
 
 @pytest.mark.parametrize("name", OPERATIONS)
@@ -114,29 +133,6 @@ def plain(value: Any) -> Any:  # noqa: ANN401 - JSON
     if isinstance(value, list):
         return [plain(below) for below in value]
     return datetime.fromtimestamp(value, UTC).timestamp() if isinstance(value, float) else value
-
-
-BATCH = job_id("simulation-job-batch", "tok")
-THERE: dict[ResourceKind, str] = {
-    "robot-application": "courier",
-    "simulation-application": "delivery",
-    "world": "g/w0",
-    "deployment-fleet": "aisle",
-    "robot": "r2",
-    "simulation-job-batch": BATCH,
-    "simulation-job": f"{BATCH}/0",
-}
-STRANGE = [
-    "arn:",
-    "arn:aws:iam::1:role/x",
-    "arn:simyard:robot",
-    "arn:simyard:robot:x:../..",
-    "arn:aws:robomaker:a:b:world",
-]
-SETTINGS = settings(
-    max_examples=2,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
-)
 
 
 @pytest.fixture(scope="module")

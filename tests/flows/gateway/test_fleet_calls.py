@@ -34,6 +34,7 @@ from tests.factories.gateway.old_records import fail_with_code
 from tests.flows.gateway.asked import Asked, path
 
 GROUP = "12345678-1234-1234-1234-123456789012"
+KIND = "deployment-job"
 
 
 def robot(gateway: Asked, name: str = "r", **more: Any) -> dict[str, Any]:  # noqa: ANN401 - RoboMaker's
@@ -163,9 +164,6 @@ def test_what_is_left_to_who_has_the_keys_is_logged(
     init_keys(gateway.store, tmp_path / "keys")
     gateway.call("DeregisterRobot", fleet=made, robot=member)
     assert "simyard fleet deregister r" in caplog.text
-
-
-KIND = "deployment-job"
 
 
 def test_a_deployment_is_recorded_and_queued_and_has_its_fleet(asked: Asked):

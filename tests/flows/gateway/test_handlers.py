@@ -33,6 +33,23 @@ _MOST = {
     "ListWorldTemplates": 100,
     "ListWorlds": 100,
 }
+STRANGE: dict[str, dict[str, Any]] = {
+    "no record": {"kind": None},
+    "an ARN that is none": {"arn": "strange"},
+    "no request": {"request": {}},
+    "a request of texts": {"request": {"request": "x", "plan": "y", "worlds": None}},
+}
+HEAVY = {"prefect", "jax", "jaxlib", "mujoco", "pyarrow", "numpy", "scipy", "trimesh", "matplotlib", "PIL"}
+CODE = """
+import json, sys
+from flows.gateway.application import Application
+from flows.gateway.application import Calls
+from tasks.storage.store_url import open_store
+from tests.flows.gateway.asked import Asked, asked_for_everything
+
+asked_for_everything(Asked(open_store(sys.argv[1])))
+print(json.dumps(sorted(sys.modules)))
+"""
 
 
 def call(store: Store, name: str, **members: object) -> Any:  # noqa: ANN401 - of any shape
@@ -121,14 +138,6 @@ def test_the_calls_need_neither_prefect_nor_arrays() -> None:
     assert answer.stdout == "[]\n"
 
 
-STRANGE: dict[str, dict[str, Any]] = {
-    "no record": {"kind": None},
-    "an ARN that is none": {"arn": "strange"},
-    "no request": {"request": {}},
-    "a request of texts": {"request": {"request": "x", "plan": "y", "worlds": None}},
-}
-
-
 def _change(store: Store, key: str, **members: Any) -> None:  # noqa: ANN401 - what a stranger writes
     store.put(key, json.dumps({**json.loads(store.get(key).body), **members}).encode())
 
@@ -193,19 +202,6 @@ def test_a_fleet_that_names_no_deployment_is_listed(asked: Asked):
     _change(asked.store, "fleets/team.json", deployment="../../else")
 
     assert [each["name"] for each in asked.call("ListFleets")["fleetDetails"]] == ["team"]
-
-
-HEAVY = {"prefect", "jax", "jaxlib", "mujoco", "pyarrow", "numpy", "scipy", "trimesh", "matplotlib", "PIL"}
-CODE = """
-import json, sys
-from flows.gateway.application import Application
-from flows.gateway.application import Calls
-from tasks.storage.store_url import open_store
-from tests.flows.gateway.asked import Asked, asked_for_everything
-
-asked_for_everything(Asked(open_store(sys.argv[1])))
-print(json.dumps(sorted(sys.modules)))
-"""
 
 
 def test_the_calls_about_jobs_need_nothing_that_simulates(asked: Asked):

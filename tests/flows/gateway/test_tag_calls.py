@@ -15,6 +15,7 @@ from tests.flows.gateway.test_world_calls import generation
 
 BORN = {"team": "arms"}
 Make = Callable[[Asked], str]
+MANY = 6
 
 
 def a_robot(gateway: Asked) -> str:
@@ -185,9 +186,6 @@ def test_an_application_that_comes_with_simyard_is_tagged(gateway: Asked) -> Non
     courier = gateway.arn("robot-application", "courier")
     gateway.call("TagResource", resourceArn=courier, tags=BORN)
     assert gateway.call("DescribeRobotApplication", application=courier)["tags"] == BORN
-
-
-MANY = 6
 
 
 def at_once(act: Callable[[int], object]) -> None:

@@ -34,6 +34,11 @@ from tests.flows.gateway.asked import ROLE, Asked, path
 from tests.worlds.templates import SAMPLES
 
 SMALL, WIDE = (path.read_text() for path in SAMPLES[:2])
+TEMPLATE = f"arn:simyard:world-template:s:{'0' * 64}"
+COUNT: JsonValue = {"floorplanCount": 1}
+GENERATION: JobKind = "world-generation-job"
+EXPORT: JobKind = "world-export-job"
+BOTH = pytest.mark.parametrize("kind", [GENERATION, EXPORT])
 
 
 def create(gateway: Asked, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - RoboMaker's
@@ -136,10 +141,6 @@ def test_a_body_that_documents_used_is_read_and_never_changed(gateway: Asked) ->
             gateway.call(call, template=template)
 
 
-TEMPLATE = f"arn:simyard:world-template:s:{'0' * 64}"
-COUNT: JsonValue = {"floorplanCount": 1}
-
-
 def generation(store: Store, *names: str, status: str = "Completed", tags: JsonValue = None) -> JobRecord:
     """Returns a generation job that made worlds of these names."""
     request: dict[str, JsonValue] = {"template": TEMPLATE, "worldCount": COUNT, "templateDigest": "0" * 64}
@@ -240,10 +241,6 @@ def test_a_world_of_a_document_that_is_run_stays_until_the_run_has_ended(file_st
     assert delete_worlds(file_store, [f"{made}/w"]) == []
 
 
-GENERATION: JobKind = "world-generation-job"
-EXPORT: JobKind = "world-export-job"
-
-
 def _generation(asked: Asked, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - RoboMaker's requests
     return {"template": asked.template(), "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 2}, **more}
 
@@ -256,9 +253,6 @@ def _export(asked: Asked, **more: Any) -> dict[str, Any]:  # noqa: ANN401 - as a
 def _asked_for(asked: Asked, kind: JobKind, **more: Any) -> tuple[str, dict[str, Any]]:  # noqa: ANN401 - as above
     make: Callable[..., dict[str, Any]] = _generation if kind == GENERATION else _export
     return "WorldGenerationJob" if kind == GENERATION else "WorldExportJob", make(asked, **more)
-
-
-BOTH = pytest.mark.parametrize("kind", [GENERATION, EXPORT])
 
 
 @BOTH

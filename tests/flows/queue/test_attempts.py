@@ -29,6 +29,7 @@ ROBOMAKERS: Mapping[JobKind, object] = {
     "simulation-job-batch": SimulationJobBatchErrorCode,
     "deployment-job": DeploymentJobErrorCode,
 }
+KIND: JobKind = "world-export-job"
 
 
 @pytest.mark.parametrize("kind", ROBOMAKERS)
@@ -74,9 +75,6 @@ def test_a_job_that_is_being_canceled_is_canceled(file_store: Store):
     advance(file_store, job.kind, job.id, "Canceling")
 
     assert fail_job(file_store, job, "it killed its worker").status == "Canceled"
-
-
-KIND: JobKind = "world-export-job"
 
 
 def waiting(store: Store, kind: JobKind = KIND) -> JobRecord:

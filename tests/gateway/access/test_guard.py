@@ -26,6 +26,7 @@ from tasks.storage.store_url import open_store
 from tests.gateway.signed_requests import changed, now_s, signed_request
 
 CREATE, DESCRIBE = OPERATIONS["CreateFleet"], OPERATIONS["DescribeFleet"]
+HERE = "127.0.0.1:8600"
 
 
 @pytest.fixture
@@ -178,9 +179,6 @@ def test_all_arns_of_a_line_have_the_form_that_clients_see(folder_store: Store) 
     (line,) = (json.loads(each) for each in actions(folder_store, 2, now_s()))
     assert line["arns"] == [form.robomakers(fleet), made]
     assert all(each.startswith("arn:aws:robomaker:us-west-2:") for each in line["arns"])
-
-
-HERE = "127.0.0.1:8600"
 
 
 def request(*headers: tuple[str, str], method: str = "POST", body: bytes = b"{}") -> HttpRequest:

@@ -16,6 +16,7 @@ ARN = "arn:aws:robomaker:us-east-1:123456789012:deployment-fleet/home/1600000000
 _TEXT = st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=12)
 _PARTS = st.lists(_TEXT.filter(lambda part: part not in {".", ".."}), max_size=3)
 _PAIRS = st.lists(st.tuples(_TEXT, st.one_of(st.just(""), _TEXT)), max_size=4)
+ONE, OTHER = "ab" * 32, "cd" * 32
 
 
 def passes(request: HttpRequest, now: float | None = None) -> None:
@@ -208,9 +209,6 @@ def test_what_decides_comes_once(name: str) -> None:
     request = signed_request()
     twice = replace(request, headers=(*request.headers, (name, header(request, name))))
     assert "more than once" in str(refusal(twice))
-
-
-ONE, OTHER = "ab" * 32, "cd" * 32
 
 
 def test_a_signature_is_used_once() -> None:
