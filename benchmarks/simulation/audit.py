@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.harness import markdown
+from specs.data.parity_audit import AuditReport, FlipShare
 from specs.pipeline.gate_section import SuccessRate
 from tasks.results.gate.gate_verdict import with_engine_doubt
 from tasks.results.gate.rules.rule import RuleVerdict
@@ -23,7 +24,6 @@ from tasks.simulate.audit.audit_report import (
     FLIP_LIMIT,
     ComparedLane,
     Ending,
-    FlipShare,
     exceeds,
     flip_share,
 )
@@ -157,7 +157,7 @@ def _doubts(lanes: Sequence[ComparedLane]) -> bool:
 
 
 def _doubted(answer: RuleVerdict, lanes: Sequence[ComparedLane]) -> RuleVerdict:
-    audit = {"false_passes": passes_share(lanes).model_dump(mode="json")}
+    audit = AuditReport(verdict="SOUND", sentence="", false_passes=passes_share(lanes))
     return with_engine_doubt(answer, SuccessRate(atLeast=_BAR), audit)
 
 

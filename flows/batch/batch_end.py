@@ -20,6 +20,7 @@ from urllib.request import url2pathname
 
 from pydantic import JsonValue
 
+from specs.data.parity_audit import audit_report
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, ResourceNotFound, SimyardError
 from specs.field_types import OutputLocation
@@ -266,7 +267,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         simulations=tuple(dict.fromkeys(template.scenario for template in plan.templates)),
         metadata=cast("dict[str, str]", detail["metadata"]),
         judgement=read_judgement(store, record.id),
-        audit=cast("dict[str, JsonValue] | None", detail.get("audit")),
+        audit=audit_report(detail),
         looks=len(Layout(plan).looks()),
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),

@@ -9,12 +9,13 @@ import functools
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 from pydantic import JsonValue
 
 from flows.batch.batch_end import RecordedEpisodes
 from specs.data.episode import EpisodeResult, Failure
+from specs.data.parity_audit import audit_report
 from specs.errors import BucketNotFound, BundleRefused, ResourceNotFound, StageFailed, StoreAccessDenied, StoreError
 from specs.field_types import OutputLocation
 from specs.pipeline.gate_section import Gate
@@ -257,7 +258,7 @@ class SequentialStop:
         """Returns whether a PASS stands what an audit of the chunks before that one says; it is made once."""
         if self._audited and not self._doubted:
             found = self._audited(number)
-            self._doubted = not answer.stands(cast("dict[str, JsonValue] | None", found.get("audit")))
+            self._doubted = not answer.stands(audit_report(found))
             self.audit = {} if self._doubted else found
         return not self._doubted
 

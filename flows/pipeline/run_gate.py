@@ -23,6 +23,7 @@ from flows.pipeline.baselines import NoBaseline, find_baseline, read_drives, res
 from flows.pipeline.tested_batch import candidates, tested_bundles
 from specs.arn import parse_reference
 from specs.base import Spec, canonical_document, canonical_json, digest, without_absent
+from specs.data.parity_audit import audit_report
 from specs.data.run_report import StageReport, Verdict
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate
@@ -290,7 +291,7 @@ def gate_material(
         ),
         rows=rows,
         pairs=_pairs(batch, store, other),
-        audit=cast("dict[str, JsonValue] | None", batch.detail.get("audit")),
+        audit=audit_report(batch.detail),
         rooms=table_coverage(rows),
         worlds=world_differences(store, plan_of(batch).worlds_used()),
     )

@@ -33,6 +33,7 @@ from flows.batch.batch_steps import BatchTables
 from flows.pipeline import run_gate
 from flows.pipeline.run_gate import BatchJudgement
 from specs.arn import resource_name
+from specs.data.parity_audit import AuditReport, AuditVerdict
 from specs.data.run_report import Verdict
 from specs.errors import StoreAway
 from specs.robomaker.deployment import CreateDeploymentJobRequest
@@ -43,7 +44,6 @@ from tasks.deploy import step as deploy_step
 from tasks.deploy.fleet_descriptions import deployment_sentence, describe_deployment_job, robot_rows
 from tasks.export import step as export_step
 from tasks.progress.listener import Progress, artifact_key, current_listener, listen_to_progress, stage_progress
-from tasks.simulate.audit.audit_report import AuditReport, AuditVerdict
 from tasks.simulate.batch.batch_record import load_batch
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store

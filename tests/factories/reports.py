@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from tasks.results.report.batch_facts import BatchFacts, Judgement, Link, StageTime
 from tasks.results.report.report_columns import DrivenWorlds
@@ -35,7 +36,7 @@ def facts(**changes: object) -> BatchFacts:
         simulations=(SCENARIO,),
         metadata={"engine": "planar", "device": "cpu", "lanes": "16", "simyard": "0.1.0"},
         judgement=Judgement(verdict="FAIL", sentence="FAIL: too few passed", at_least=0.9, confidence=0.95),
-        audit={"verdict": "SOUND", "sentence": "16 lanes on C MuJoCo", "engine": "planar", "reference": "mujoco"},
+        audit=AuditReport(verdict="SOUND", sentence="16 lanes on C MuJoCo", engine="planar"),
         stages=(StageTime(name="simulationBatch", seconds=15.2, summary="383 of 384"),),
         links=(Link(label="results.parquet", href="results.parquet", sha256="f" * 64),),
     )

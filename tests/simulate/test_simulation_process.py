@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode_columns import EpisodeColumns
+from specs.data.parity_audit import AuditReport
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
-from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.confinement import confined_environment

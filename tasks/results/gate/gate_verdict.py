@@ -15,10 +15,9 @@ from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from pydantic import JsonValue
-
 from specs.base import Spec
 from specs.data.episode import CANCELED, EpisodeResult, success
+from specs.data.parity_audit import AuditReport, FlipShare
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import SEQUENTIAL_RULES, CollisionRate, Gate, SuccessRate
 from tasks.results.gate.rules.collision_rate import COLLISION_RATE
@@ -189,27 +188,24 @@ class EngineDoubt(Spec):
     upper: float
 
 
-def engine_doubt(audit: Mapping[str, JsonValue] | None, direction: Direction, confidence: float) -> EngineDoubt | None:
-    """Returns the doubt that an audit gives reason for; None if it gives none, or is of an older version.
+def engine_doubt(audit: AuditReport | None, direction: Direction, confidence: float) -> EngineDoubt | None:
+    """Returns the doubt that an audit gives reason for; None if it gives none.
 
     Args:
         audit: As the batch's record has it; None if there was none.
         direction: Passes that fail on C MuJoCo, or episodes without a contact that have one there.
         confidence: Coverage of the interval, between 0 and 1.
     """
-    share = (audit or {}).get(direction)
-    if not isinstance(share, dict) or not share.get("beyond"):
+    if audit is None:
         return None
-    chance = share.get("chance")
-    if chance is not None and cast("float", chance) >= DOUBT_CHANCE:
+    share: FlipShare = getattr(audit, direction)
+    if not share.beyond or (share.chance is not None and share.chance >= DOUBT_CHANCE):
         return None
-    flips, chaotic, lanes = (cast("int", share[name]) for name in ("flips", "chaotic", "lanes"))
-    episodes, effective, beyond = (cast("float", share[name]) for name in ("episodes", "effective", "beyond"))
-    bounds = stratum_interval(Stratum(episodes, effective, beyond), confidence)
-    return EngineDoubt(flips=flips - chaotic, lanes=lanes, rate=beyond, upper=bounds.upper)
+    bounds = stratum_interval(Stratum(share.episodes, share.effective, share.beyond), confidence)
+    return EngineDoubt(flips=share.unexplained, lanes=share.lanes, rate=share.beyond, upper=bounds.upper)
 
 
-def with_engine_doubt(answer: RuleVerdict, asked: Spec, audit: Mapping[str, JsonValue] | None) -> RuleVerdict:
+def with_engine_doubt(answer: RuleVerdict, asked: Spec, audit: AuditReport | None) -> RuleVerdict:
     """Returns a rule's answer, its interval widened by what may be the engine's; only a PASS can change, to less.
 
     Args:
@@ -308,7 +304,7 @@ class InterimGate:
         """
         return self._answer(inner=False) if self._answer(inner=True) else None
 
-    def stands(self, audit: Mapping[str, JsonValue] | None) -> bool:
+    def stands(self, audit: AuditReport | None) -> bool:
         """Returns whether a PASS stays one where an audit of the episodes so far gives reason to doubt the engine.
 
         Args:

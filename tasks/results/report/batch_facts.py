@@ -1,9 +1,10 @@
 """The facts that a report takes from a batch's records, the gate's answer among them."""
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
+from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
 from specs.errors import ObjectNotFound
 from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence, read_evidence
@@ -113,7 +114,7 @@ class BatchFacts(Spec):
     simulations: tuple[ApplicationLaunch, ...]
     metadata: dict[str, str]
     judgement: Judgement | None = None
-    audit: dict[str, JsonValue] | None = None
+    audit: AuditReport | None = None
     looks: int = 0
     stages: tuple[StageTime, ...] = ()
     links: tuple[Link, ...] = Field(default=())

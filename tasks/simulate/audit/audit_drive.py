@@ -25,17 +25,15 @@ import numpy as np
 from jaxtyping import Float32
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.parity_audit import AuditControl, AuditReport, Flip
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit.audit_report import (
     APART_LIMIT_M,
     CALM_M,
     CONFIDENCE,
-    AuditControl,
-    AuditReport,
     ComparedLane,
     Ending,
-    Flip,
     apart_quantiles,
     flip_share,
     needs_control,

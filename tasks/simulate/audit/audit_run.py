@@ -15,11 +15,12 @@ from pydantic import JsonValue
 
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
+from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.simulate.application.bundle_code import BundleCrash, crash_code
-from tasks.simulate.audit.audit_report import AuditReport, not_run
+from tasks.simulate.audit.audit_report import not_run
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import batch_mounts, load_worlds

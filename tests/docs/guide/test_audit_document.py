@@ -7,6 +7,7 @@ from typing import get_args
 import pytest
 import yaml
 
+from specs.data.parity_audit import AuditReport, AuditVerdict, FlipShare
 from specs.pipeline.simulation_section import AUDITED_LANES, MAX_AUDITED_LANES, Audit
 from tasks.results.gate.gate_verdict import DOUBT_CHANCE
 from tasks.results.statistics.intervals import lanes_needed
@@ -18,9 +19,6 @@ from tasks.simulate.audit.audit_report import (
     FAILED_FLIP_LIMIT,
     FLIP_LIMIT,
     PARTED_LIMIT,
-    AuditReport,
-    AuditVerdict,
-    FlipShare,
     exceeds,
 )
 from tasks.simulate.audit.audit_sample import FAILED_ONE_IN

@@ -4,8 +4,8 @@ import pyarrow as pa
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import JsonValue
 
+from specs.data.parity_audit import AuditReport, AuditVerdict, FlipShare
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import RULES, SEQUENTIAL_RULES, CollisionRate, FlipRate, Gate, SuccessRate
 from tasks.results.gate.gate_verdict import (
@@ -164,28 +164,18 @@ def test_without_another_version_to_compare_with_nothing_passes():
     assert verdict.sentence == "INCONCLUSIVE: no batch drove version 1"
 
 
-def audit(lanes: int, flips: int, verdict: str = "SOUND", **more: JsonValue) -> GateMaterial:
-    report: dict[str, JsonValue] = {
-        "verdict": verdict,
-        "sentence": "as it went",
-        "spread": {"lanes": lanes, "flips": flips},
-        **more,
-    }
+def audit(verdict: AuditVerdict, unreproduced: tuple[int, ...] = ()) -> GateMaterial:
+    share = FlipShare(lanes=24, episodes=9.0, effective=24.0, rate=0.0, beyond=0.0)
+    report = AuditReport(verdict=verdict, sentence="as it went", false_passes=share, unreproduced=unreproduced)
     return GateMaterial(counted(batch(9, 0)), audit=report)
-
-
-def test_outcomes_that_flip_on_the_reference_are_judged_by_the_spread_sample():
-    rule = gate(maxOutcomeFlipRate={"atMost": 0.2})
-    assert judge(rule, audit(16, 0)).verdict == "PASS"
-    assert judge(rule, audit(16, 2)).verdict == "INCONCLUSIVE"
-    assert judge(rule, audit(16, 9, verdict="SUSPECT")).verdict == "FAIL"
 
 
 def test_an_audit_that_was_not_made_or_not_sound_lets_nothing_pass():
     rule = gate(maxOutcomeFlipRate={"atMost": 0.2})
     assert judge(rule, GateMaterial(counted(batch(9, 0)))).sentence == "INCONCLUSIVE: the batch was not audited"
-    assert judge(rule, audit(16, 0, verdict="NOT COMPARED")).verdict == "INCONCLUSIVE"
-    assert judge(rule, audit(16, 0, verdict="SUSPECT", unreproduced=[3])).verdict == "INCONCLUSIVE"
+    assert judge(rule, audit("SOUND")).verdict == "PASS"
+    assert judge(rule, audit("NOT COMPARED")).verdict == "INCONCLUSIVE"
+    assert judge(rule, audit("SUSPECT", unreproduced=(3,))).verdict == "INCONCLUSIVE"
 
 
 def test_of_several_rules_each_has_its_sentence_and_the_worst_decides():
@@ -265,17 +255,18 @@ SUCCESS = SuccessRate(atLeast=0.9)
 COLLISIONS = CollisionRate(atMost=0.05)
 
 
-def doubted_audit(flips: int, chaotic: int = 0, chance: float | None = 0.03, lanes: int = 24) -> dict[str, JsonValue]:
-    share: dict[str, JsonValue] = {
-        "lanes": lanes,
-        "flips": flips,
-        "chaotic": chaotic,
-        "episodes": 370.0,
-        "effective": float(lanes),
-        "beyond": (flips - chaotic) / lanes,
-        "chance": chance,
-    }
-    return {"verdict": "SOUND", "false_passes": share, "missed_contacts": share}
+def doubted_audit(flips: int, chaotic: int = 0, chance: float | None = 0.03, lanes: int = 24) -> AuditReport:
+    share = FlipShare(
+        lanes=lanes,
+        flips=flips,
+        chaotic=chaotic,
+        episodes=370.0,
+        effective=float(lanes),
+        rate=flips / lanes,
+        beyond=(flips - chaotic) / lanes,
+        chance=chance,
+    )
+    return AuditReport(verdict="SOUND", sentence="", false_passes=share, missed_contacts=share)
 
 
 def success(passed: int, n: int = 384) -> RuleVerdict:
@@ -295,14 +286,13 @@ def success(passed: int, n: int = 384) -> RuleVerdict:
     "found",
     [
         None,
-        {"verdict": "NOT RUN"},
+        AuditReport(verdict="NOT RUN", sentence="not run"),
         doubted_audit(0),
         doubted_audit(2, 2),
         doubted_audit(1, chance=0.4),
-        {"spread": {"lanes": 8, "flips": 2}},
     ],
 )
-def test_without_a_reason_there_is_no_doubt(found: dict[str, JsonValue] | None):
+def test_without_a_reason_there_is_no_doubt(found: AuditReport | None):
     assert engine_doubt(found, "false_passes", 0.95) is None
     assert with_engine_doubt(success(380), SUCCESS, found) == success(380)
 

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
 from specs.untrusted_text import escape_markdown
 from tasks.results.report.batch_facts import Judgement, Link, RuleAnswer
@@ -91,7 +92,7 @@ def hostile(folder: Path) -> bytes:
         variables={EVIL: (f"0{EVIL}", None), "MAX_SPEED": ("0.3",)},
         metadata={"engine": EVIL, EVIL: EVIL},
         judgement=Judgement(verdict="FAIL", sentence=EVIL, at_least=0.5, confidence=0.9, rules=rules, ships=(EVIL,)),
-        audit={"verdict": "SUSPECT", "sentence": EVIL, "engine": EVIL},
+        audit=AuditReport(verdict="SUSPECT", sentence=EVIL, engine=EVIL, compared=1),
         links=(Link(label=EVIL, href=EVIL),),
     )
     return report_page(found)
@@ -260,7 +261,7 @@ def test_it_says_what_the_episodes_tell_of_worlds_that_were_not_drawn(tmp_path: 
 
 
 def test_an_alarming_audit_stands_beside_the_verdict(tmp_path: Path):
-    audit = {"verdict": "SUSPECT", "sentence": "outcomes flip", "engine": "planar", "reference": "mujoco"}
+    audit = AuditReport(verdict="SUSPECT", sentence="outcomes flip", engine="planar")
     page = report_page(view(tmp_path, audit=audit)).decode()
     assert page.index("The parity audit is SUSPECT:") < page.index("Success rates</h2>")
     assert "The parity audit is" not in report_page(view(tmp_path)).decode()

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta, binom, binomtest, quantile_test
 
+from specs.data.parity_audit import FlipShare
 from tasks.results.statistics.intervals import (
     Interval,
     IntervalFamily,
@@ -32,7 +33,7 @@ from tasks.results.statistics.intervals import (
     wilson,
     wilson_bounds,
 )
-from tasks.simulate.audit.audit_report import FlipShare, share_bounds, total_share
+from tasks.simulate.audit.audit_report import share_bounds, total_share
 
 counts = st.integers(0, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 

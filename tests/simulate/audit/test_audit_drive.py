@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_drive import DrivenEpisode, Drives, audit, drive_sample
-from tasks.simulate.audit.audit_report import AuditReport
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.byproducts import ChunkWatch
 from tasks.simulate.plan.chunks import plan_chunks

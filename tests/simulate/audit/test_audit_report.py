@@ -7,17 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from specs.data.parity_audit import ApartQuantiles, AuditControl, AuditReport, AuditVerdict, Flip, FlipShare
 from tasks.simulate.audit.audit_report import (
     FAILED_FLIP_LIMIT,
     FLIP_LIMIT,
-    ApartQuantiles,
-    AuditControl,
-    AuditReport,
-    AuditVerdict,
     ComparedLane,
     Ending,
-    Flip,
-    FlipShare,
     chance_of,
     exceeds,
     flip_share,

@@ -8,12 +8,13 @@ import pytest
 from pydantic import JsonValue
 
 from specs.data.episode import EpisodeRequest
+from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import AuditReport, not_run, with_verdict
+from tasks.simulate.audit.audit_report import not_run, with_verdict
 from tasks.simulate.audit.audit_run import ask_audit, write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch

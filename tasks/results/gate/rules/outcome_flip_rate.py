@@ -1,18 +1,17 @@
 """The rule ``maxOutcomeFlipRate``: C MuJoCo comes to the same success often enough, by the parity audit."""
 
-from collections.abc import Iterator, Mapping
-from typing import NamedTuple, cast
+from collections.abc import Iterator
+from typing import NamedTuple
 
-from pydantic import JsonValue
-
+from specs.data.parity_audit import AuditReport, FlipShare
 from specs.pipeline.gate_section import FlipRate
 from specs.pipeline.simulation_section import MAX_AUDITED_LANES
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.rule_answers import answer_below, confidence_text, nothing_counted, rate_text, sentence
-from tasks.results.statistics.intervals import Interval, Stratum, lanes_needed, total_interval, total_rate, wilson
+from tasks.results.statistics.intervals import Interval, Stratum, lanes_needed, total_interval, total_rate
 
+_METHOD = "stratified exact"
 _NOT_COMPARED = frozenset({"NOT COMPARED", "NOT RUN"})
-_STRATA = {"false_passes": "passes that fail there", "false_alarms": "failures that pass there"}
 
 
 class _Counted(NamedTuple):
@@ -22,7 +21,6 @@ class _Counted(NamedTuple):
     flips: int
     rate: float
     interval: Interval
-    method: str
     said: str
 
 
@@ -33,12 +31,12 @@ def _judge(asked: FlipRate, material: GateMaterial, label: str) -> RuleVerdict:
     if found is None:
         return nothing_counted(label, why_not or "the audit compared no episode")
     answer = answer_below(found.interval, asked.atMost, found.lanes, sound=True)
-    text = rate_text(found.rate, found.interval, asked.confidence, found.method)
+    text = rate_text(found.rate, found.interval, asked.confidence, _METHOD)
     return RuleVerdict(
         rule=label,
         verdict=answer,
         sentence=sentence(answer, f"{found.said} ({text})", _bar_text(asked), Completeness()),
-        method=found.method,
+        method=_METHOD,
         counted=found.lanes,
         estimate=found.rate,
         lower=found.interval.lower,
@@ -47,37 +45,30 @@ def _judge(asked: FlipRate, material: GateMaterial, label: str) -> RuleVerdict:
     )
 
 
-def _counted(audit: Mapping[str, JsonValue], confidence: float) -> _Counted | None:
-    """Returns what an audit counted, or None if it counted nothing; reports of older versions have no strata."""
-    if isinstance(spread := audit.get("spread"), dict):
-        lanes, flips = (cast("int", spread[name]) for name in ("lanes", "flips"))
-        said = f"{flips} of {lanes} outcomes are others on C MuJoCo"
-        return (
-            _Counted(lanes, flips, flips / lanes, wilson(flips, lanes, confidence), "Wilson", said) if lanes else None
-        )
-    shares = {name: each for name in _STRATA if (each := _share(audit, name))["lanes"]}
+def _counted(audit: AuditReport, confidence: float) -> _Counted | None:
+    """Returns what an audit counted, or None if it counted nothing."""
+    shares = [(share, what) for share, what in _strata(audit) if share.lanes]
     if not shares:
         return None
-    strata = [Stratum(*(cast("float", each[name]) for name in Stratum._fields)) for each in shares.values()]
-    lanes, flips = (sum(cast("int", each[name]) for each in shares.values()) for name in ("lanes", "flips"))
-    parts = [f"{each['flips']} of {each['lanes']} {_STRATA[name]}" for name, each in shares.items()]
+    strata = [Stratum(share.episodes, share.effective, share.rate or 0.0) for share, _ in shares]
+    lanes, flips = sum(share.lanes for share, _ in shares), sum(share.flips for share, _ in shares)
+    parts = [f"{share.text()} {what}" for share, what in shares]
     said = f"of {lanes} audited episodes {flips} flip on C MuJoCo: {', '.join(parts)}"
-    return _Counted(lanes, flips, total_rate(strata), total_interval(strata, confidence), "stratified exact", said)
+    return _Counted(lanes, flips, total_rate(strata), total_interval(strata, confidence), said)
 
 
-def _share(audit: Mapping[str, JsonValue], name: str) -> Mapping[str, JsonValue]:
-    found = audit.get(name)
-    return found if isinstance(found, dict) else {"lanes": 0}
+def _strata(audit: AuditReport) -> tuple[tuple[FlipShare, str], ...]:
+    return (audit.false_passes, "passes that fail there"), (audit.false_alarms, "failures that pass there")
 
 
-def _why_not(audit: Mapping[str, JsonValue] | None) -> str:
+def _why_not(audit: AuditReport | None) -> str:
     """Returns what keeps the audit's episodes from being counted, or nothing."""
     if audit is None:
         return "the batch was not audited"
-    if audit["verdict"] in _NOT_COMPARED:
-        return f"the parity audit is {audit['verdict']}: {audit['sentence']}"
-    if audit.get("unreproduced"):
-        return f"the parity audit could not make all rows again: {audit['sentence']}"
+    if audit.verdict in _NOT_COMPARED:
+        return f"the parity audit is {audit.verdict}: {audit.sentence}"
+    if audit.unreproduced:
+        return f"the parity audit could not make all rows again: {audit.sentence}"
     return ""
 
 

@@ -13,6 +13,7 @@ from pydantic import Field, JsonValue
 
 from specs.base import Spec
 from specs.data.episode import CANCELED
+from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.version_pairs import PairCounts
@@ -155,7 +156,7 @@ class GateMaterial:
     lacks: Completeness = _COMPLETE
     rows: "pa.Table | None" = None
     pairs: PairCounts | str = "there is no other version to compare with"
-    audit: Mapping[str, JsonValue] | None = None
+    audit: AuditReport | None = None
     rooms: RoomCoverage | None = None
     shares: Mapping[str, Share] = field(default_factory=dict[str, Share])
     world_shares: Mapping[str, Sequence[WorldShare]] = field(default_factory=dict[str, Sequence[WorldShare]])

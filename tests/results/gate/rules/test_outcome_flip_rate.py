@@ -1,8 +1,8 @@
-"""The rule about outcomes that flip: strata weighted as the batch, old audits as they were."""
+"""The rule about outcomes that flip: strata weighted as the batch."""
 
 import pytest
-from pydantic import JsonValue
 
+from specs.data.parity_audit import AuditReport, FlipShare
 from specs.pipeline.gate_section import FlipRate
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.rule import GateMaterial, RuleVerdict
@@ -12,11 +12,14 @@ from tests.factories.episodes import batch, counted
 Stratum = tuple[int, int, float]  # lanes, flips, episodes
 
 
+def share(lanes: int, flips: int, episodes: float) -> FlipShare:
+    if not lanes:
+        return FlipShare()
+    return FlipShare(lanes=lanes, flips=flips, episodes=episodes, effective=float(lanes), rate=flips / lanes)
+
+
 def judged(passes: Stratum, failures: Stratum, at_most: float = 0.2) -> RuleVerdict:
-    audit: dict[str, JsonValue] = {"verdict": "SOUND", "sentence": "", "spread": None}
-    for name, (lanes, flips, episodes) in {"false_passes": passes, "false_alarms": failures}.items():
-        share: dict[str, JsonValue] = {"lanes": lanes, "flips": flips, "episodes": episodes}
-        audit[name] = share | ({"effective": float(lanes), "rate": flips / lanes} if lanes else {})
+    audit = AuditReport(verdict="SOUND", sentence="", false_passes=share(*passes), false_alarms=share(*failures))
     return OUTCOME_FLIP_RATE.judge(FlipRate(atMost=at_most), GateMaterial(_counts(), audit=audit), "maxOutcomeFlipRate")
 
 
