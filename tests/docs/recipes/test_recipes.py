@@ -290,8 +290,8 @@ def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine
     tree.replace(table, "ODOMETRY, BUMPER)", "ODOMETRY, BUMPER, IMU)")
     tree.replace(
         "tasks/simulate/application/contract.py",
-        "    joints: Joints | None = None\n",
-        '    joints: Joints | None = None\n    imu_rad_s: Float[jax.Array, "axes"] | None = None\n',
+        "    joints: Joints | None = None\n\n\nclass C",
+        '    joints: Joints | None = None\n    imu_rad_s: Float[jax.Array, "axes"] | None = None\n\n\nclass C',
     )
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
     controller = tree.root / "bundle/faulty/pushing.py"
