@@ -36,7 +36,7 @@ def test_ci_installs_what_the_tests_look_for():
 @pytest.mark.parametrize(
     ("test", "expected"),
     [
-        ("tests/specs/test_digest.py::test_one[a::b]", "tests/specs/test_digest.py"),
+        ("tests/specs/test_base.py::test_one[a::b]", "tests/specs/test_base.py"),
         ("tests/docs/test_readme.py::test_one[a@b]", "tests/docs/test_readme.py"),
         ("tests/docs/test_readme.py::test_one@prefect_server", "prefect_server"),
         ("tests/integration/test_report.py::test_one[a]@team", "team"),

@@ -1,4 +1,4 @@
-"""SIMYARD_LOG_FORMAT: what Simyard logs is one event a line, for a program to read."""
+"""Logs for a program to read, and durations."""
 
 import json
 import logging
@@ -7,7 +7,7 @@ import shlex
 import pytest
 
 from specs.errors import DocumentError
-from tasks.progress.log_lines import LOG_FORMAT, log_in_chosen_format
+from tasks.progress.log_lines import LOG_FORMAT, log_duration, log_in_chosen_format, taken_s
 
 LOGGER = logging.getLogger("tasks.simulate.somewhere")
 FACTS = {"batch": "simb-1", "lanes": 256, "why": "two words", "text": 'a "quoted"\nline'}
@@ -85,3 +85,34 @@ def test_another_format_is_refused(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv(LOG_FORMAT, "xml")
     with pytest.raises(DocumentError, match="json or keyvalue"), log_in_chosen_format():
         pass
+
+
+def told(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
+    with caplog.at_level(logging.INFO), log_duration("audit"):
+        pass
+    return caplog.records
+
+
+def test_a_persons_log_says_nothing_of_it(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
+    monkeypatch.delenv(LOG_FORMAT, raising=False)
+    assert told(caplog) == []
+
+
+def test_a_programs_log_names_the_step_and_its_seconds(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    monkeypatch.setenv(LOG_FORMAT, "json")
+    (record,) = told(caplog)
+    assert record.__dict__["fields"]["step"] == "audit"
+    assert 0 <= record.__dict__["fields"]["seconds"] < 60
+
+
+def test_what_steps_took_is_added_up_and_a_step_under_way_counts_at_its_end():
+    with log_duration("here"):
+        assert taken_s("here") == 0.0
+    first_s = taken_s("here")
+    assert first_s > 0.0
+    with pytest.raises(ValueError, match="there"), log_duration("there"):
+        raise ValueError("there")
+    assert taken_s("here", "there") == first_s + taken_s("there") > first_s
+    assert taken_s("nowhere") == 0.0

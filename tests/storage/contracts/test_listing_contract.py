@@ -28,6 +28,16 @@ def the_entry(store: Store, key: str) -> Entry:
     return found
 
 
+def test_a_listing_marks_an_object_anew_when_it_has_another_body(store: Store) -> None:
+    marks: list[str] = []
+    for body in (b"one", b"two", b"three"):
+        store.put("jobs/a", body)
+        (entry,) = store.entries("jobs")
+        assert entry.mark == store.entries("jobs")[0].mark == store.mark("jobs/a")
+        marks.append(entry.mark)
+    assert len(set(marks)) == 3
+
+
 def test_entries_are_the_keys_with_their_sizes(store: Store) -> None:
     for size, key in enumerate(("w/b/2", "w/b/1", "w/a", "w/b/c/3", "w/bb/4")):
         store.put(key, b"1" * size)

@@ -1,3 +1,5 @@
+"""One live process at a time works on a job, and others see whether it still does."""
+
 import subprocess
 import sys
 import time
@@ -11,7 +13,15 @@ from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import claim as claims
-from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim, hold_claim_unless_alive, this_process
+from tasks.storage.jobs.claim import (
+    ClaimRecord,
+    ClaimWatch,
+    ProcessIdentity,
+    hold_claim,
+    hold_claim_unless_alive,
+    is_known_dead,
+    this_process,
+)
 from tests.servers.eventually import eventually
 
 _KEY = claim_key("world-generation-job", "wgj-0")
@@ -235,3 +245,137 @@ def test_a_holder_whose_claim_was_released_on_its_behalf_takes_it_back(file_stor
         eventually(lambda: not _record(file_store).released)
         assert not claim.replaced
         assert claim.epoch == 1
+
+
+KEY = claim_key("world-generation-job", "wgj-0")
+ELSEWHERE = ProcessIdentity(host="elsewhere", pid=1, started="1")
+
+
+class Clock:
+    """Seconds that pass when a test says so."""
+
+    def __init__(self) -> None:
+        self.now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+def put(store: Store, beat: int = 0) -> None:
+    record = ClaimRecord(owner="other", process=ELSEWHERE, epoch=4, beat=beat, ttl_s=15.0, released=False)
+    store.put(KEY, record.model_dump_json().encode())
+
+
+def found(store: Store) -> ClaimRecord:
+    return ClaimRecord.model_validate_json(store.get(KEY).body)
+
+
+def test_what_nobody_ever_claimed_is_left(file_store: Store) -> None:
+    watch = ClaimWatch(file_store, KEY)
+    assert watch.is_left()
+    assert watch.release()
+
+
+def test_a_holder_elsewhere_is_given_its_time_to_show_that_it_lives(file_store: Store) -> None:
+    put(file_store)
+    clock = Clock()
+    watch = ClaimWatch(file_store, KEY, clock)
+    assert not watch.is_left()
+    clock.now_s += 14.9
+    assert not watch.is_left()
+    clock.now_s += 0.2
+    assert watch.is_left()
+    assert not watch.renewed
+
+
+def test_one_that_beats_is_never_left_however_long_it_is_watched(file_store: Store) -> None:
+    clock = Clock()
+    watch = ClaimWatch(file_store, KEY, clock)
+    for beat in range(10):
+        put(file_store, beat)
+        assert not watch.is_left()
+        clock.now_s += 10.0
+    assert watch.renewed
+
+
+def test_a_claim_that_is_left_is_released_with_its_owner_and_epoch(store: Store) -> None:
+    put(store)
+    clock = Clock()
+    watch = ClaimWatch(store, KEY, clock)
+    watch.is_left()
+    clock.now_s += 15.0
+    assert watch.is_left()
+    assert watch.release()
+    assert (found(store).released, found(store).owner, found(store).epoch) == (True, "other", 4)
+    with hold_claim(store, KEY) as claim:
+        assert claim.epoch == 5
+
+
+def test_a_holder_that_renews_it_at_the_last_moment_keeps_its_claim(store: Store) -> None:
+    put(store)
+    clock = Clock()
+    watch = ClaimWatch(store, KEY, clock)
+    watch.is_left()
+    clock.now_s += 15.0
+    assert watch.is_left()
+    put(store, beat=1)
+    assert not watch.release()
+    assert not found(store).released
+
+
+def test_a_holder_that_slept_through_its_release_finds_itself_replaced_if_another_one_was_faster(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(claims, "this_process", lambda: ELSEWHERE)
+    clock = Clock()
+    with hold_claim(file_store, KEY, ttl_s=100.0) as slept:
+        watch = ClaimWatch(file_store, KEY, clock)
+        watch.is_left()
+        clock.now_s += 100.0
+        assert watch.is_left()
+        assert watch.release()
+        monkeypatch.setattr("tasks.storage.jobs.claim._held", set())  # the other one is another process
+        with hold_claim(file_store, KEY) as taken:
+            assert taken.epoch == 2
+            slept.release()
+            assert slept.replaced
+            assert found(file_store).owner == taken._record.owner
+
+
+_TELL = (
+    "from tasks.storage.jobs.claim import this_process; print(this_process().model_dump_json(), flush=True); input()"
+)
+
+
+def _child() -> tuple[subprocess.Popen[str], ProcessIdentity]:
+    child = subprocess.Popen([sys.executable, "-c", _TELL], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    return child, ProcessIdentity.model_validate_json(child.stdout.readline())
+
+
+def test_a_process_that_runs_is_not_dead() -> None:
+    child, identity = _child()
+    with child:
+        assert not is_known_dead(identity)
+        child.kill()
+
+
+def test_a_killed_process_is_dead_before_and_after_its_parent_notices() -> None:
+    child, identity = _child()
+    with child:
+        child.kill()
+        while not is_known_dead(identity):  # the kernel takes a moment; nobody has waited for the child yet
+            assert child.returncode is None
+    assert is_known_dead(identity)
+
+
+def test_a_later_process_with_the_same_number_is_not_mistaken() -> None:
+    assert is_known_dead(this_process().model_copy(update={"started": "1"}))
+
+
+def test_of_a_process_on_another_host_nothing_is_known() -> None:
+    assert not is_known_dead(ProcessIdentity(host="elsewhere", pid=2**22 + 1, started="1"))
+
+
+def test_of_a_process_that_could_not_tell_nothing_is_known() -> None:
+    assert not is_known_dead(this_process().model_copy(update={"started": ""}))

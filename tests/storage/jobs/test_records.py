@@ -1,5 +1,8 @@
+"""The same request twice is one job, an ended job stays as it ended, and every change is announced once."""
+
 import hashlib
 import json
+import logging
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,14 +13,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import JsonValue
 
-from specs.errors import IdempotentParameterMismatch, ResourceNotFound, StoreError, StoreUnreachable
+from specs.errors import DocumentError, IdempotentParameterMismatch, ResourceNotFound, StoreError, StoreUnreachable
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.keys import job_key, token_key
+from tasks.storage.base.keys import claim_key, job_key, token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import records
-from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read, request_digest, submit
+from tasks.storage.jobs.claim import hold_claim
+from tasks.storage.jobs.records import (
+    JobRecord,
+    Transition,
+    advance,
+    cancel_watched_job,
+    changes_text,
+    is_terminal,
+    listen_to_transitions,
+    read,
+    request_digest,
+    submit,
+)
 from tasks.storage.store_url import open_store, store_id
 from tests.servers.racers import in_processes, submit_together
 
@@ -249,3 +264,123 @@ def test_who_comes_with_an_older_epoch_writes_nothing(store: Store) -> None:
     with pytest.raises(StoreError, match="since epoch 2"):
         advance(store, "deployment-job", record.id, "Succeeded", epoch=1)
     assert advance(store, "deployment-job", record.id, "Succeeded", epoch=2).status == "Succeeded"
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ({"a": {"b": [1, 2]}}, {"a": {"b": [1, 3]}}, "a.b[1] was 2 and is 3"),
+        ({"a": [1]}, {"a": [1, 2]}, "a was a list of 1 and is a list of 2"),
+        ({}, {"a": "x"}, "a was nothing and is 'x'"),
+        (
+            {"a": 1, "b": 1, "c": 1, "d": 1},
+            {},
+            "a was 1 and is nothing, b was 1 and is nothing, c was 1 and is nothing, ...",
+        ),
+    ],
+)
+def test_the_first_fields_that_differ_are_told_with_both_values(before: JsonValue, after: JsonValue, said: str):
+    assert changes_text(before, after) == said
+
+
+def test_a_reused_token_names_the_field_that_changed(file_store: Store):
+    submit(file_store, "simulation-job-batch", {"seeds": [1], "lanes": 8}, "batch-1")
+    with pytest.raises(
+        IdempotentParameterMismatch, match=r"'batch-1': came before .*: lanes was 8 and is 16; send the same one"
+    ):
+        submit(file_store, "simulation-job-batch", {"seeds": [1], "lanes": 16}, "batch-1")
+
+
+KIND = "world-export-job"
+
+
+@pytest.fixture
+def job(store: Store) -> str:
+    return submit(store, KIND, {}, "one").id
+
+
+def test_each_change_of_status_is_told_once_and_nothing_else(store: Store, job: str):
+    heard: list[Transition] = []
+    with listen_to_transitions(heard.append):
+        advance(store, KIND, job, "Running")
+        advance(store, KIND, job, "Running", detail={"worlds": 3})
+        advance(store, KIND, job, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
+        advance(store, KIND, job, "Completed")
+    record = read(store, KIND, job)
+    assert heard == [
+        Transition(KIND, record.arn, "Pending", "Running", "", ""),
+        Transition(KIND, record.arn, "Running", "Failed", "InvalidInput", "no worlds"),
+    ]
+
+
+def test_what_is_told_is_in_the_store_already(store: Store, job: str):
+    found: list[str] = []
+    with listen_to_transitions(lambda _change: found.append(read(store, KIND, job).status)):
+        advance(store, KIND, job, "Running")
+    assert found == ["Running"]
+
+
+def test_a_change_that_is_not_made_is_not_told(store: Store, job: str):
+    heard: list[Transition] = []
+    with listen_to_transitions(heard.append):
+        advance(store, KIND, job, "Completed", only_from={"Running"})
+    assert heard == []
+
+
+def test_nobody_hears_outside_the_block(store: Store, job: str):
+    heard: list[Transition] = []
+    with listen_to_transitions(heard.append):
+        pass
+    advance(store, KIND, job, "Running")
+    assert heard == []
+
+
+def test_a_change_is_logged_with_its_facts(file_store: Store, caplog: pytest.LogCaptureFixture):
+    record = submit(file_store, KIND, {}, "one")
+    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.records"):
+        advance(file_store, KIND, record.id, "Running")
+    (line,) = caplog.records
+    assert line.getMessage() == f"{record.arn} is Running"
+    assert line.__dict__["fields"] == {"kind": KIND, "arn": record.arn, "was": "Pending", "status": "Running"}
+
+
+def test_a_failure_is_logged_with_its_code_and_reason(file_store: Store, caplog: pytest.LogCaptureFixture):
+    record = submit(file_store, KIND, {}, "one")
+    with caplog.at_level(logging.INFO, logger="tasks.storage.jobs.records"):
+        advance(file_store, KIND, record.id, "Failed", failure_code="InvalidInput", failure_reason="no worlds")
+    assert caplog.messages == [f"{record.arn} is Failed: InvalidInput: no worlds"]
+
+
+@pytest.mark.parametrize(("kind", "flow"), [("pipeline-run", "world-generation"), (KIND, "")])
+def test_a_change_of_a_run_names_its_flow(file_store: Store, kind: JobKind, flow: str):
+    record = submit(file_store, kind, {"flow": flow or "any"}, "one")
+    heard: list[Transition] = []
+    with listen_to_transitions(heard.append):
+        advance(file_store, kind, record.id, "Running")
+    assert [each.flow for each in heard] == [flow]
+
+
+def test_a_job_that_nobody_works_on_is_canceled_at_once(file_store: Store) -> None:
+    job = submit(file_store, KIND, {}, "one").id
+    assert cancel_watched_job(file_store, KIND, job).status == "Canceled"
+
+
+def test_whoever_works_on_a_job_is_left_to_end_it(file_store: Store) -> None:
+    job = submit(file_store, KIND, {}, "one").id
+    with hold_claim(file_store, claim_key(KIND, job), ttl_s=4.5):
+        advance(file_store, KIND, job, "Running")
+        assert cancel_watched_job(file_store, KIND, job).status == "Canceling"
+    assert read(file_store, KIND, job).status == "Canceling"
+    assert cancel_watched_job(file_store, KIND, job).status == "Canceled"
+
+
+def test_an_ended_job_is_not_canceled(file_store: Store) -> None:
+    job = submit(file_store, KIND, {}, "one").id
+    advance(file_store, KIND, job, "Completed")
+    with pytest.raises(DocumentError, match="Completed"):
+        cancel_watched_job(file_store, KIND, job)
+
+
+def test_a_job_that_does_not_exist_is_not_found(file_store: Store) -> None:
+    with pytest.raises(ResourceNotFound):
+        cancel_watched_job(file_store, KIND, "wxj-0")

@@ -1,10 +1,12 @@
-"""Which file of a bundle a launch configuration means."""
+"""Which file of a bundle a launch configuration means, and where ROS finds the bundle's packages."""
+
+from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.launched_file import is_ros2, module_name, ros_launch_file, simulated_file
+from specs.launched_file import is_ros2, module_name, ros_launch_file, simulated_file, workspace_variables
 
 FILES = [
     "robot.xml",
@@ -52,3 +54,26 @@ def test_the_ending_tells_ros_from_ros_2(launch_file: str, second: bool):  # noq
 @given(st.from_regex(r"[a-z][a-z0-9_]{0,9}", fullmatch=True), st.sampled_from(["", ".py", ".launch", ".launch.py"]))
 def test_a_module_has_one_name_by_whatever_ending(name: str, ending: str):
     assert module_name(f"{name}{ending}") == name
+
+
+BUNDLE, ROS = Path("/b"), {"ROS_PACKAGE_PATH": "/opt/ros/noetic/share", "PYTHONPATH": "/opt/ros/noetic/python"}
+
+
+def test_packages_of_the_bundle_are_found_before_those_of_ros():
+    found = workspace_variables(BUNDLE, ["patrol/package.xml", "patrol/launch/go.launch"], ROS)
+    assert found == {"ROS_PACKAGE_PATH": "/b:/opt/ros/noetic/share"}
+
+
+def test_modules_of_a_package_that_is_not_built_are_imported_from_its_source():
+    package = ["src/patrol/package.xml", "src/patrol/setup.py", "src/patrol/src/patrol/__init__.py"]
+    found = workspace_variables(BUNDLE, package, ROS)
+    assert found["PYTHONPATH"] == "/b/src/patrol/src:/opt/ros/noetic/python"
+    assert "PYTHONPATH" not in workspace_variables(BUNDLE, package[:1] + package[2:], ROS)
+
+
+def test_an_install_space_brings_its_programs_libraries_and_modules():
+    files = ["install/_setup_util.py", "install/share/patrol/package.xml", "install/lib/python3/dist-packages/p.py"]
+    found = workspace_variables(BUNDLE, files, {})
+    assert found["CMAKE_PREFIX_PATH"] == "/b/install"
+    assert found["LD_LIBRARY_PATH"] == "/b/install/lib"
+    assert found["PYTHONPATH"] == "/b/install/lib/python3/dist-packages"

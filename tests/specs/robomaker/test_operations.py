@@ -1,4 +1,10 @@
-from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
+"""RoboMaker's operations, and how many of what an account may have."""
+
+import pytest
+
+from specs.errors import DocumentError
+from specs.robomaker import operations
+from specs.robomaker.operations import OPERATIONS, STATUSES, Quota, shapes
 from tests.specs.contract_forms import contract, models
 
 
@@ -18,3 +24,17 @@ def test_the_operations_are_those_of_the_contract():
 
 def test_every_document_class_is_found_by_its_name():
     assert shapes() == models()
+
+
+QUOTAS = [each for each in vars(operations).values() if isinstance(each, Quota)]
+
+
+@pytest.mark.parametrize("quota", QUOTAS, ids=lambda quota: quota.setting)
+def test_a_quota_is_what_its_variable_says(quota: Quota, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(quota.setting, raising=False)
+    assert quota.most() == quota.default
+    monkeypatch.setenv(quota.setting, "3")
+    assert quota.most() == 3
+    monkeypatch.setenv(quota.setting, "none")
+    with pytest.raises(DocumentError, match=quota.setting):
+        quota.most()

@@ -1,8 +1,44 @@
-"""The outcome of a simulation job as tags."""
+"""How an episode ended: reasons, marks and tags."""
+
+from typing import get_args
 
 from specs.data.episode import unfinished_result
-from specs.data.outcomes import MOST_OWN_TAGS, OUTCOME, REASON, failed_tags, is_reserved, outcome_tags, with_outcome
+from specs.data.outcomes import (
+    MARKS,
+    MOST_OWN_TAGS,
+    OTHER_MARK,
+    OUTCOME,
+    OUTCOME_REASONS,
+    REASON,
+    REASON_CODES,
+    OutcomeReason,
+    failed_tags,
+    is_reserved,
+    mark_of,
+    outcome_tags,
+    with_outcome,
+)
 from tests.factories.episodes import collided, crashed, passed
+from tests.repository import ROOT
+
+
+def test_the_table_has_every_reason_that_a_result_may_have():
+    assert get_args(OutcomeReason) == REASON_CODES
+
+
+def test_every_reason_says_what_happened():
+    assert all(reason.meaning.endswith(".") for reason in OUTCOME_REASONS)
+
+
+def test_the_codes_that_a_scenario_may_return_are_documented():
+    told = " ".join((ROOT / "docs/guide/applications.md").read_text().split())
+    codes = [f"{code} {name}" for code, name in enumerate(REASON_CODES) if name not in {"", "crash"}]
+    assert f"0 done and passed, {', '.join(codes)}." in told
+
+
+def test_what_is_no_outcome_is_drawn_with_the_mark_for_anything_else():
+    assert mark_of("RobotApplicationCrash") == mark_of("crash") == MARKS[-1] == OTHER_MARK
+    assert mark_of("stuck").name == "stuck"
 
 
 def test_a_job_that_did_not_pass_says_failed_and_why():
