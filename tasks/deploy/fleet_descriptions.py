@@ -332,7 +332,7 @@ def _robot_documents(
 
 
 def robot_cells(robot: RobotDeployment) -> tuple[str, str, str, str, str]:
-    """Returns what there is to say of a robot, in the order of `COLUMNS`."""
+    """Returns what there is to say of a robot, in the order of `ROBOT_COLUMNS`."""
     detail = robot.progressDetail
     percent = detail.percentDone if detail else None
     return (

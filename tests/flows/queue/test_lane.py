@@ -1,4 +1,4 @@
-"""The end of a foreman and of a lane, which comes with the end of their input."""
+"""The end of a supervisor and of a lane, which comes with the end of their input."""
 
 import signal
 import subprocess
@@ -25,10 +25,10 @@ def test_a_lane_that_is_still_becoming_warm_ends_at_once(tmp_path: Path):
     assert ended.returncode == -signal.SIGTERM
 
 
-def test_a_foreman_whose_interrupt_was_swallowed_ends():
-    foreman = [sys.executable, "-c", _SWALLOWS]
+def test_a_supervisor_whose_interrupt_was_swallowed_ends():
+    supervisor = [sys.executable, "-c", _SWALLOWS]
 
-    with subprocess.Popen(foreman, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+    with subprocess.Popen(supervisor, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdin is not None
         assert process.stdout is not None
         process.stdout.readline()

@@ -48,6 +48,6 @@ def test_a_process_that_does_not_read_holds_up_nobody(kept: KeptProcess):
     os.kill(kept.pid, signal.SIGCONT)
 
 
-def test_a_crew_of_no_workers_starts_nothing():
-    with QueueWorkers("file:///nowhere", workers=0) as crew:
-        crew.wake()
+def test_no_workers_start_nothing():
+    with QueueWorkers("file:///nowhere", workers=0) as workers:
+        workers.wake()

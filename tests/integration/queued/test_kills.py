@@ -15,7 +15,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tasks.storage.jobs.records import JobRecord, read, records
 from tests.flows.queue.queued_jobs import queue_batch, some_worlds
-from tests.integration.queued.crews import CrewProcess, crew_at, kill_lane, lane_pids, wait_until_done
+from tests.integration.queued.queue_process import QueueProcess, kill_lane, lane_pids, wait_until_done, workers_at
 
 VICTIMS = ("worker", "gateway")
 _LOG = logging.getLogger(__name__)
@@ -36,27 +36,27 @@ def _wait_for_attempt(store: Store) -> None:
         time.sleep(0.02)
 
 
-def _kill(store: Store, crew: CrewProcess, victim: str, rng: random.Random) -> None:
+def _kill(store: Store, workers: QueueProcess, victim: str, rng: random.Random) -> None:
     """Kills the worker, or the gateway, some time after it has begun with a batch, or while it becomes warm."""
     while not lane_pids(store, "simulation"):
         time.sleep(0.05)
     if rng.random() < 0.7:
         _wait_for_attempt(store)
     time.sleep(rng.uniform(0.0, 6.0))
-    while not (crew.kill() if victim == "gateway" else kill_lane(store, "simulation")):
+    while not (workers.kill() if victim == "gateway" else kill_lane(store, "simulation")):
         time.sleep(0.05)
 
 
 def _survives(store: Store, folder: Path, victim: str, kills: int, seeds: int) -> None:
     worlds, rng = some_worlds(store), random.Random(kills)  # noqa: S311 - no secret
     broken = list[JobRecord]()
-    with crew_at(store, folder) as crew:
+    with workers_at(store, folder) as workers:
         unbroken = _queued(store, worlds, "unbroken", seeds)
         wait_until_done(store)
         for number in range(kills):
             while len(queued_jobs(store)) < min(2, kills):
                 broken.append(_queued(store, worlds, f"broken-{len(broken)}", seeds))
-            _kill(store, crew, victim, rng)
+            _kill(store, workers, victim, rng)
             _LOG.warning("%s: kill %d of the %s, batch %d", store.url, number + 1, victim, len(broken))
         wait_until_done(store, 1200.0)
 

@@ -1,4 +1,4 @@
-"""A crew's worker: every kind of job, roll-outs beside batches, and a cancellation that reaches what runs."""
+"""A gateway's worker: every kind of job, roll-outs beside batches, and a cancellation that reaches what runs."""
 
 import time
 from pathlib import Path
@@ -20,7 +20,7 @@ from tests.flows.queue.queued_jobs import (
     queue_job,
     some_worlds,
 )
-from tests.integration.queued.crews import crew_at, wait_until_done
+from tests.integration.queued.queue_process import wait_until_done, workers_at
 from tests.servers.eventually import eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.usefixtures("prefect_server")]
@@ -39,7 +39,7 @@ def test_roll_outs_and_worlds_do_not_wait_for_a_batch_which_is_canceled_within_s
     worlds = some_worlds(file_store)
     with (
         local_agents(file_store, "couriers", 1, tmp_path / "agents"),
-        crew_at(file_store, tmp_path),
+        workers_at(file_store, tmp_path),
     ):
         batch = queue_batch(file_store, worlds, "long", seeds=400, lanes=1)
         eventually(lambda: read(file_store, batch.kind, batch.id).status == "InProgress", 60)

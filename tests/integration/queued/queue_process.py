@@ -1,4 +1,4 @@
-"""A gateway's crew as a process, its lanes, and the queue's end."""
+"""A gateway's workers as a process, its lanes, and the queue's end."""
 
 import os
 import signal
@@ -13,11 +13,13 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
 from tests.repository import ROOT
 
-_GATEWAY = "import sys; from flows.queue.supervisor import Crew\nwith Crew(sys.argv[1]): sys.stdin.read()"
+_GATEWAY = (
+    "import sys; from flows.queue.supervisor import QueueWorkers\nwith QueueWorkers(sys.argv[1]): sys.stdin.read()"
+)
 
 
-class CrewProcess:
-    """A process that has a crew, as `simyard serve` has; nobody asks it anything.
+class QueueProcess:
+    """A process that has workers, as `simyard serve` has; nobody asks it anything.
 
     Args:
         store: Whose queue it works off.
@@ -56,13 +58,13 @@ class CrewProcess:
 
 
 @contextmanager
-def crew_at(store: Store, folder: Path) -> Generator[CrewProcess]:
-    """Yields a crew that works off a store's queue inside the ``with`` block."""
-    crew = CrewProcess(store, folder / "crew.log")
+def workers_at(store: Store, folder: Path) -> Generator[QueueProcess]:
+    """Yields workers that work off a store's queue inside the ``with`` block."""
+    workers = QueueProcess(store, folder / "workers.log")
     try:
-        yield crew
+        yield workers
     finally:
-        crew.end()
+        workers.end()
 
 
 def lane_pids(store: Store, name: str) -> list[int]:
