@@ -124,8 +124,6 @@ RIM_UNITS = np.stack([np.cos(_RIM_RAD), np.sin(_RIM_RAD)], axis=-1)
 _BEST = (2, 8, _RIM + 2)
 # NumPy adds up fewer numbers one after the other.
 _FEW = 8
-# Longer than any way: of a place that a way should bend at only if it cannot bend elsewhere.
-_LAST_M = 1e9
 Metres = Float64[np.ndarray, "tasks"]
 
 
