@@ -199,19 +199,26 @@ def _section(kind: JobKind) -> StageName | None:
 
 
 def _ended_stages(store: Store, run: JobRecord) -> Iterator[StageReport]:
-    ended: dict[StageName, list[JobRecord]] = {}
+    """Yields the report of each stage all of whose jobs have ended, or one of them without success."""
+    begun: dict[StageName, list[JobRecord | None]] = {}
     for kind, job in jobs_of(run):
-        try:
-            record = read(store, kind, job)
-        except ResourceNotFound:
-            continue
-        section = _section(kind)
-        if is_terminal(record) and section:
-            ended.setdefault(section, []).append(record)
-    for section, jobs in ended.items():
-        unlike = [job for job in jobs if job.status not in _GOOD]  # the first that failed is what became of the stage
-        several = len(jobs) > 1 and not unlike
-        yield _stage(store, joined(jobs) if several else [*unlike, *jobs][0], section)
+        if section := _section(kind):
+            begun.setdefault(section, []).append(_ended_job(store, kind, job))
+    for section, jobs in begun.items():
+        ended = [job for job in jobs if job]
+        unlike = [job for job in ended if job.status not in _GOOD]
+        if unlike:  # the first that failed is what became of the stage
+            yield _stage(store, unlike[0], section)
+        elif len(ended) == len(jobs):
+            yield _stage(store, joined(ended), section)
+
+
+def _ended_job(store: Store, kind: JobKind, job: str) -> JobRecord | None:
+    try:
+        record = read(store, kind, job)
+    except ResourceNotFound:
+        return None
+    return record if is_terminal(record) else None
 
 
 def _stage(store: Store, record: JobRecord, section: StageName) -> StageReport:

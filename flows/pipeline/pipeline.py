@@ -78,7 +78,7 @@ from tasks.simulate.batch.batch_record import KIND, open_batch, require_plan
 from tasks.simulate.plan.plan_batch import output_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read
-from tasks.storage.jobs.runs import stage_token
+from tasks.storage.jobs.runs import stage_token, worlds_of_job
 from tasks.storage.store_url import open_store, store_id
 from tasks.worlds.step import generate_on_workers, generate_worlds
 
@@ -251,7 +251,7 @@ def world_generation(
     if makers:  # they show a task run for each piece; one around them would hold what cannot be sent
         make = partial(generate_on_workers, remote=makers)
 
-    def work_part(given: str, part: GenerationPart) -> JobRecord:
+    def work_part(given: str, part: GenerationPart, most: int) -> JobRecord:
         request = generation_request(spec, part, template=arn("world-template", store_id(opened), digest), token=given)
         record = make(
             opened.url,
@@ -261,12 +261,14 @@ def world_generation(
             token=request.clientRequestToken or given,
             robot_radius_m=spec.robotRadius,
             first=part.first,
+            most=most,
         )
         run_step(draw_worlds, opened.url, require_success(record))
         return record
 
     def work(given: str) -> JobRecord:
-        return joined([work_part(given, part) for part in section_parts(spec)])
+        most = worlds_of_job(opened, given)
+        return joined([work_part(given, part, most) for part in section_parts(spec, most)])
 
     identity = {"spec": canonical_document(spec), "template": digest}
     return run_stage(opened, "world-generation", identity, token, work)

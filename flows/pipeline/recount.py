@@ -56,7 +56,7 @@ from tasks.simulate.replay.replay_run import resimulate
 from tasks.storage.base.keys import chunk_key, job_key, result_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, job_id, read
-from tasks.storage.jobs.runs import stage_token
+from tasks.storage.jobs.runs import stage_token, worlds_of_job
 from tasks.storage.store_url import store_id
 from tasks.worlds.job.generation_job import KIND as GENERATION
 from tasks.worlds.job.generation_job import MOST_REMADE, world_changes
@@ -341,11 +341,12 @@ def section_world_changes(
         run: The run.
     """
     template = find_template(section.template, store, Path(base))
-    named, parts = arn("world-template", store_id(store), template_digest(template)), section_parts(section)
+    named, token = arn("world-template", store_id(store), template_digest(template)), stage_token(run, "worlds")
+    parts = section_parts(section, worlds_of_job(store, token))
     changes: list[str] = []
     seen = 0
     for part in parts:
-        request = generation_request(section, part, template=named, token=stage_token(run, "worlds"))
+        request = generation_request(section, part, template=named, token=token)
         order = Order(
             template=template,
             seed=section.seed,

@@ -5,6 +5,7 @@ whichever job makes it, and no two worlds of a document have one name.
 """
 
 import hashlib
+import re
 from typing import NamedTuple
 
 from pydantic import JsonValue
@@ -14,6 +15,7 @@ from specs.settings import ROBOMAKERS_MAX_WORLDS, max_worlds_of_job
 MAX_WORLDS_OF_DOCUMENT = 10_000
 _LONGEST_TOKEN = 64
 _DIGEST_CHARACTERS = 16
+_RUN_TOKEN = re.compile(r"run-[0-9a-f]{16}-")
 
 
 class GenerationPart(NamedTuple):
@@ -41,13 +43,13 @@ class GenerationPart(NamedTuple):
     def token(self, token: str) -> str:
         """Returns the client request token of the job, given that of the section: the first job has it as it is.
 
-        A token that leaves no room for the number is cut, and a digest of all of it stands for what is cut off:
-        sections whose tokens differ at their ends alone have jobs of their own.
+        A token of a document's own is followed by its digest: ``night-2`` may be another document's. It is cut where
+        it leaves no room for that. A run's token is nobody else's, and is followed by the number alone.
         """
         if self.number == 1:
             return token
         end = f"-{self.number}"
-        if len(token) + len(end) > _LONGEST_TOKEN:
+        if not _RUN_TOKEN.match(token):
             digest = hashlib.sha256(token.encode()).hexdigest()[:_DIGEST_CHARACTERS]
             end = f"-{digest}{end}"
         return token[: _LONGEST_TOKEN - len(end)] + end
@@ -72,18 +74,17 @@ def generation_parts(floorplans: int, interiors: int, most: int | None = None) -
     return tuple(GenerationPart(number, *block) for number, block in enumerate(blocks, start=1))
 
 
-def generation_tokens(section: JsonValue, token: str) -> list[str]:
+def generation_tokens(section: JsonValue, token: str, most: int | None = None) -> list[str]:
     """Returns the tokens of all jobs that a recorded section has begun or may begin, on whatever machine.
 
     Args:
         section: A worldGeneration section as a run's record has it.
         token: That of the first job.
+        most: Worlds of one job, where the run has begun them; else what may be begun on whatever machine.
     """
     count = section.get("worldCount") if isinstance(section, dict) else None
     names = ("floorplanCount", "interiorCountPerFloorplan")
     found = [count.get(name) if isinstance(count, dict) else 1 for name in names]
     plans, interiors = (each if type(each) is int and each > 0 else 1 for each in found)
-    return [
-        part.token(token)
-        for part in generation_parts(plans, interiors, min(ROBOMAKERS_MAX_WORLDS, max_worlds_of_job()))
-    ]
+    most = most or min(ROBOMAKERS_MAX_WORLDS, max_worlds_of_job())
+    return [part.token(token) for part in generation_parts(plans, interiors, most)]

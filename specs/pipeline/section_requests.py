@@ -37,10 +37,15 @@ def fleet_reference(section: Deployment) -> str:
     return section.fleet.name if isinstance(section.fleet, LocalFleet) else section.fleet
 
 
-def section_parts(section: WorldGeneration) -> tuple[GenerationPart, ...]:
-    """Returns the generation jobs that a section asks for, one for each 50 worlds."""
+def section_parts(section: WorldGeneration, most: int | None = None) -> tuple[GenerationPart, ...]:
+    """Returns the generation jobs that a section asks for.
+
+    Args:
+        section: The section of the pipeline.
+        most: Worlds of one job; what this machine allows, if left out.
+    """
     count = section.worldCount
-    return generation_parts(count.floorplanCount, count.interiorCountPerFloorplan)
+    return generation_parts(count.floorplanCount, count.interiorCountPerFloorplan, most)
 
 
 def generation_request(

@@ -20,6 +20,7 @@ def generate_worlds(
     token: str,
     robot_radius_m: float,
     first: Indices = (1, 1),
+    most: int | None = None,
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing.
 
@@ -31,9 +32,18 @@ def generate_worlds(
         token: The client request token.
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         first: Floor plan and interior of the first world.
+        most: How many worlds the job may make; what this machine allows, if left out.
     """
     return generate_on_workers(
-        store_url, request, template, seed=seed, token=token, robot_radius_m=robot_radius_m, first=first, remote=None
+        store_url,
+        request,
+        template,
+        seed=seed,
+        token=token,
+        robot_radius_m=robot_radius_m,
+        first=first,
+        most=most,
+        remote=None,
     )
 
 
@@ -46,6 +56,7 @@ def generate_on_workers(
     token: str,
     robot_radius_m: float,
     first: Indices = (1, 1),
+    most: int | None = None,
     remote: RemoteWorldMaker | None,
 ) -> JobRecord:
     """Returns what `generate_worlds` does, for which workers of a cluster make the worlds; for who holds them."""
@@ -58,5 +69,6 @@ def generate_on_workers(
         progress=stage_progress(STAGE),
         robot_radius_m=robot_radius_m,
         first=first,
+        most=most,
         remote=remote,
     )

@@ -13,16 +13,19 @@ from pydantic import JsonValue
 from specs.errors import ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.pipeline.generation_parts import generation_tokens
+from specs.settings import max_worlds_of_job
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord, hold_claim
-from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read, request_digest, submit
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read, request_digest, submit
 
 KIND: JobKind = "pipeline-run"
 FLOW_RUN = "flow_run"
 """Where a run's detail says which of Prefect's flow runs works on it."""
 FLOW_RUN_BEFORE = "flow_run_before"
 """Where it says which flow run of a dead process worked on it, if a process without Prefect goes on."""
+WORLDS_OF_JOB = "worlds_of_job"
+"""Where it says how many worlds one of its generation jobs makes at most."""
 _STAGE_TOKEN = re.compile(r"(run-[0-9a-f]{16})-.+")
 Waiting = Callable[[JobRecord, ClaimRecord], None]
 
@@ -72,6 +75,29 @@ def run_of(token: str) -> str:
     return found[1] if found else ""
 
 
+def worlds_of_job(store: Store, token: str) -> int:
+    """Returns how many worlds a generation job of a run makes at most, as its record says from the first question on.
+
+    A machine with another SIMYARD_MAX_WORLDS so goes on with the jobs that the run has begun.
+
+    Args:
+        store: Where the run is.
+        token: Of one of the run's stages; of a stage without a run it is what this machine allows.
+    """
+    most, run = max_worlds_of_job(), run_of(token)
+    if not run:
+        return most
+    record = read(store, KIND, run)
+    if _recorded_size(record) is None:
+        record = advance(store, KIND, run, record.status, detail={WORLDS_OF_JOB: most}, only_from={record.status})
+    return _recorded_size(record) or most
+
+
+def _recorded_size(run: JobRecord) -> int | None:
+    known = run.detail.get(WORLDS_OF_JOB)
+    return known if type(known) is int and known > 0 else None
+
+
 def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
     """Yields kind and id of each job that a run has begun or may begin, in the order of its stages."""
     spec = run.request.get("spec")
@@ -80,14 +106,15 @@ def jobs_of(run: JobRecord) -> Iterator[tuple[JobKind, str]]:
     for kind, declared in JOB_KINDS.items():
         if flow == "pipeline" and declared.section and declared.section in sections:
             token = _own_token(sections[declared.section])
-            yield from _jobs(kind, sections[declared.section], token or stage_token(run, declared.stage))
+            yield from _jobs(run, kind, sections[declared.section], token or stage_token(run, declared.stage))
         elif declared.flow and flow == declared.flow:
-            yield from _jobs(kind, spec, _own_token(spec) or stage_token(run, declared.flow))
+            yield from _jobs(run, kind, spec, _own_token(spec) or stage_token(run, declared.flow))
 
 
-def _jobs(kind: JobKind, section: JsonValue, token: str) -> Iterator[tuple[JobKind, str]]:
+def _jobs(run: JobRecord, kind: JobKind, section: JsonValue, token: str) -> Iterator[tuple[JobKind, str]]:
     """Yields the jobs of one section: a world generation may take several."""
-    tokens = generation_tokens(section, token) if kind == "world-generation-job" else [token]
+    generates = kind == "world-generation-job"
+    tokens = generation_tokens(section, token, _recorded_size(run)) if generates else [token]
     for each in tokens:
         yield kind, job_id(kind, each)
 

@@ -120,6 +120,7 @@ def run_generation_job(
     progress: Callable[[int, int], None],
     robot_radius_m: float = ROBOT_RADIUS_M,
     first: Indices = (1, 1),
+    most: int | None = None,
     workers: int | None = None,
     remote: RemoteWorldMaker | None = None,
 ) -> JobRecord:
@@ -135,6 +136,7 @@ def run_generation_job(
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         first: Floor plan and interior of the first world, where other jobs make those before; they belong to the
             request likewise.
+        most: How many worlds it may make; what this machine allows, if left out.
         workers: Processes that make worlds; None for as many as pay. The worlds do not depend on it.
         remote: Workers of a cluster that make them instead, where there are any.
 
@@ -157,8 +159,9 @@ def run_generation_job(
         if is_terminal(record):
             return record
         floorplans, interiors = _counts(request)
-        if min(floorplans, interiors) < 1 or floorplans * interiors > max_worlds_of_job():
-            return _refuse(store, record, floorplans, interiors)
+        most = most or max_worlds_of_job()
+        if min(floorplans, interiors) < 1 or floorplans * interiors > most:
+            return _refuse(store, record, floorplans, interiors, most)
         _keep_template(store, template, digest)
         if record.status != "Canceling":
             detail: dict[str, JsonValue] = {"template_digest": digest, "seed": seed}
@@ -255,11 +258,11 @@ def _counts(request: CreateWorldGenerationJobRequest) -> tuple[int, int]:
     return 1 if wanted[0] is None else wanted[0], 1 if wanted[1] is None else wanted[1]
 
 
-def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int) -> JobRecord:
+def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int, most: int) -> JobRecord:
     """Fails the job rather than the call for a count that is out of range (docs/reference/robomaker.md, section 5)."""
     reason = (
         f"{floorplans} floor plans x {interiors} interiors are {floorplans * interiors} worlds; "
-        f"a job makes 1 to {max_worlds_of_job()} (SIMYARD_MAX_WORLDS raises it)"
+        f"a job makes 1 to {most} (SIMYARD_MAX_WORLDS raises it)"
     )
     detail = _JobOutcome().detail()
     code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"

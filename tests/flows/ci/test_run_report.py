@@ -16,6 +16,7 @@ from specs.base import Fault
 from specs.data.episode import EpisodeResult
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, StageFailed
+from specs.job_kinds import JobKind
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.evidence import read_evidence
 from tasks.simulate.batch.chunk_run import ChunkPart
@@ -145,3 +146,21 @@ def test_a_batch_that_is_judged_again_gets_a_file_like_that_of_its_run(file_stor
     suites = {str(suite.name): suite for suite in JUnitXml.fromfile(str(tmp_path / "junit.xml"))}
     assert list(suites) == ["run", "gate", "w0", "w1"]
     assert [(suite.failures, suite.tests) for suite in suites.values()] == [(0, 1), (0, 1), (0, 1), (0, 1)]
+
+
+def test_a_stage_has_not_ended_while_one_of_its_jobs_has_not(file_store: Store):
+    spec: dict[str, JsonValue] = {"worldGeneration": {"worldCount": {"floorplanCount": 100}}}
+    run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": spec}, "run")
+    first, second = (submit(file_store, kind, {}, token) for kind, token in _generations(run))
+    detail: dict[str, JsonValue] = {"worlds": [], "failures": {}}
+    advance(file_store, first.kind, first.id, "Completed", detail=detail)
+    failure = StageFailed("InternalServiceError", "the process died", run.arn)
+    assert report_of_failure(AskedRun("nightly", file_store.url), failure, 3).stages == ()
+    advance(file_store, second.kind, second.id, "Completed", detail=detail)
+    (stage,) = report_of_failure(AskedRun("nightly", file_store.url), failure, 3).stages
+    assert (stage.name, stage.status) == ("worldGeneration", "Completed")
+
+
+def _generations(run: JobRecord) -> list[tuple[JobKind, str]]:
+    token = stage_token(run, "worlds")
+    return [("world-generation-job", token), ("world-generation-job", f"{token}-2")]

@@ -12,7 +12,7 @@ from flows.pipeline.references import deployed_version, finder, numbered_finder,
 from flows.pipeline.tested_batch import batch_plan, tested_bundles
 from flows.preview.plan import plan_lines
 from specs.base import canonical_document, canonical_json
-from specs.errors import DocumentError, ResourceNotFound
+from specs.errors import BucketNotFound, DocumentError, ResourceNotFound
 from specs.pipeline.document import PipelineSpec
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ApplicationKind, Version
@@ -319,3 +319,16 @@ def test_a_version_whose_bundle_is_gone_or_changed_is_refused_with_robomakers_co
     assert (fault.path.rpartition(".")[2], fault.value) == ("robotApplications", "mine version 1")
     assert "InvalidBundleRobotApplication: the bundle of mine version 1" in fault.allowed
     assert "simyard app publish mine FOLDER" in fault.allowed
+
+
+def test_a_missing_output_bucket_hides_no_other_fault(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    def missing(_store: Store, bucket: str) -> Store:
+        raise BucketNotFound(f"bucket {bucket}: there is none")
+
+    monkeypatch.setattr(references, "open_bucket", missing)
+    export = {"outputLocation": {"s3Bucket": "nowhere"}, "formats": ["svg"]}
+    with pytest.raises(DocumentError) as refused:
+        resolve_references(_generated(_request("nobody"), worldExport=export), file_store, ROOT / "examples")
+    paths = [fault.path for fault in refused.value.faults]
+    assert "worldExport.outputLocation.s3Bucket" in paths
+    assert len(paths) > 1

@@ -14,8 +14,8 @@ from specs.pipeline.world_sections import WorldGeneration
 from specs.settings import MAX_WORLDS
 from tasks.storage.base.keys import job_key, world_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import submit
-from tasks.storage.jobs.runs import jobs_of, stage_token
+from tasks.storage.jobs.records import read, submit
+from tasks.storage.jobs.runs import jobs_of, stage_token, worlds_of_job
 from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, small_document, tables, write_document
 from tests.repository import ROOT
@@ -57,7 +57,20 @@ def test_a_run_knows_all_its_generation_jobs_so_that_they_can_be_cancelled_and_k
     spec: dict[str, JsonValue] = {"worldGeneration": SECTION.model_dump(mode="json", exclude_none=True)}
     run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": spec}, "run")
     found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
+    run = read(file_store, "pipeline-run", run.id)
     assert [job for _, job in jobs_of(run)] == list(dict.fromkeys(world.split("/")[0] for world, _ in found))
+
+
+@pytest.mark.parametrize(("begun", "here"), [(2, 50), (3, 1)])
+def test_a_run_goes_on_with_the_jobs_that_another_machine_began(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch, begun: int, here: int
+):
+    run = submit(file_store, "pipeline-run", {"flow": "pipeline"}, "run")
+    monkeypatch.setenv(MAX_WORLDS, str(begun))
+    token = stage_token(run, "worlds")
+    assert worlds_of_job(file_store, token) == begun
+    found = made(file_store, monkeypatch, here, token)
+    assert len({world.split("/")[0] for world, _ in found}) == -(-3 // begun)
 
 
 def test_the_stage_is_reported_once_with_all_its_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch):

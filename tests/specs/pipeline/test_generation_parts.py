@@ -35,8 +35,14 @@ def test_later_jobs_have_tokens_of_their_own_that_are_not_too_long():
     tokens = generation_tokens(section, "t" * 64)
     assert len(set(tokens)) == 8
     assert max(map(len, tokens)) == 64
-    assert generation_tokens(section, "run-1-worlds")[1] == "run-1-worlds-2"
+    assert generation_tokens(section, f"run-{16 * '0'}-worlds")[1] == f"run-{16 * '0'}-worlds-2"
     assert generation_tokens({"worldCount": {}}, "own") == ["own"]
+
+
+def test_a_later_job_has_no_token_that_another_document_may_have():
+    section: JsonValue = {"worldCount": {"floorplanCount": 100}}
+    assert not {*generation_tokens(section, "night")} & {*generation_tokens(section, "night-2")}
+    assert generation_tokens(section, "night")[1] != "night-2"
 
 
 def test_long_tokens_that_differ_at_their_ends_alone_share_no_job():
