@@ -136,7 +136,7 @@ def live(store: Store, cache: Path, life: Sequence[Step]) -> None:
 
 
 @given(life=steps)
-@settings(max_examples=25)
+@settings(max_examples=12)
 def test_every_record_that_is_left_has_what_it_needs_and_a_second_gc_frees_nothing(life: list[Step]) -> None:
     with TemporaryDirectory() as folder:
         live(open_store((Path(folder) / "store").as_uri()), Path(folder) / "cache", life)

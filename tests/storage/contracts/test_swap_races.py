@@ -38,7 +38,7 @@ def done_by(told: Sequence[RaceNotes]) -> list[str]:
     return [done for each in told for done in each.done]
 
 
-lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 12.0, marks=pytest.mark.long)])
+lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 12.0, marks=pytest.mark.long)])
 
 
 @lasting

@@ -212,4 +212,4 @@ def test_lists_say_what_records_say_in_any_order_of_events(tmp_path: Path, monke
         folder = tmp_path
         move = staticmethod(lambda cache: monkeypatch.setenv("SIMYARD_CACHE", str(cache)))
 
-    run_state_machine_as_test(Here, settings=settings(max_examples=30, stateful_step_count=20))
+    run_state_machine_as_test(Here, settings=settings(max_examples=15, stateful_step_count=20))

@@ -17,7 +17,7 @@ from tests.servers.racers import in_processes
 from tests.servers.swap_racers import JOB, advance_for, claim_for, doubled
 
 _LOG = logging.getLogger(__name__)
-lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 10.0, marks=pytest.mark.long)])
+lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 10.0, marks=pytest.mark.long)])
 
 
 @lasting
