@@ -129,7 +129,13 @@ def simulate_some(batch: OpenBatch, numbers: tuple[int, ...]) -> None:
     """Simulates some chunks of a batch."""
     location = output_location(SimulationBatch.model_validate(section(Case(2048))))
     simulate_chunks.fn(
-        batch.store.url, batch.id, numbers, location=location, left_s=3600.0, spent_s=0.0, voucher=batch.voucher
+        batch.store.url,
+        batch.id,
+        numbers,
+        location=location,
+        left_s=3600.0,
+        spent_s=0.0,
+        authenticator=batch.authenticator,
     )
 
 
@@ -163,7 +169,7 @@ def _tables(batch: OpenBatch) -> tuple[float, float]:
     def parts() -> Generator[tuple[RequestColumns, EpisodeColumns]]:
         for first in range(0, len(chunks), PART_EPISODES // lanes):
             numbers = chunks[first : first + PART_EPISODES // lanes]
-            found = [counted_columns(batch.store, batch.id, number % 6, batch.voucher) for number in numbers]
+            found = [counted_columns(batch.store, batch.id, number % 6, batch.authenticator) for number in numbers]
             results = EpisodeColumns.join([each for each in found if each is not None])
             index = first * lanes + np.arange(len(results))
             asked = request_columns(batch.layout, 0, 6 * lanes).take(index % (6 * lanes))

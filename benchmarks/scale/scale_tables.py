@@ -47,13 +47,13 @@ def prepare(folder: Path) -> OpenBatch:
         return load_batch(open_store((folder / "store").as_uri()), name.read_text())
     batch, rng = opened_batch(folder, CASE), np.random.default_rng(_SEED)
     simulate_some(batch, tuple(range(_SIMULATED)))
-    simulated = [counted_columns(batch.store, batch.id, number, batch.voucher) for number in range(_SIMULATED)]
+    simulated = [counted_columns(batch.store, batch.id, number, batch.authenticator) for number in range(_SIMULATED)]
     for number in range(_SIMULATED, batch.layout.chunks):
         index = np.array([request.index for request in batch.layout.chunk(number).requests])
         rows = cast("EpisodeColumns", simulated[number % _SIMULATED]).take(np.arange(len(index)))
         moved = {name: _moved(rows.cells[name], rng) for name in _MEASURES}
         cells: Mapping[str, Cells] = {**rows.renumbered(index).cells, **moved}
-        commit(batch.store, batch.id, number, EpisodeColumns(cells, len(index)), batch.voucher)
+        commit(batch.store, batch.id, number, EpisodeColumns(cells, len(index)), batch.authenticator)
     name.write_text(batch.id)
     return batch
 

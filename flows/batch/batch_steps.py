@@ -64,7 +64,7 @@ def simulate_chunk(
     spent_s: float,
     done: int = 0,
     ahead: tuple[int, ...] = (),
-    voucher: BatchAuthenticator | None = None,
+    authenticator: BatchAuthenticator | None = None,
 ) -> ChunkEnd:
     """Returns how a chunk ended, its results being committed; one that was committed before is not simulated again.
 
@@ -79,9 +79,9 @@ def simulate_chunk(
         done: Episodes of the chunks before, for whoever listens to progress.
         ahead: The chunks that this process is going to be asked for next: while this one drives, they are made ready,
             and their episodes begin as soon as lanes are free.
-        voucher: Vouches for the results on a worker; None on a machine of the owner.
+        authenticator: Authenticates the results on a worker; None on a machine of the owner.
     """
-    work = load_batch(open_store(store_url), batch, voucher)
+    work = load_batch(open_store(store_url), batch, authenticator)
     bundles = _bundles(work)
     episodes = RecordedEpisodes(work, location, bundles.folders)
 
@@ -269,7 +269,7 @@ class SequentialStop:
 
     def _counted(self, number: int, answer: InterimGate) -> bool:
         """Counts a chunk; returns whether the gate may be asked now."""
-        rows = list(counted_chunk(self._batch.store, self._batch.id, number, self._batch.voucher) or ())
+        rows = list(counted_chunk(self._batch.store, self._batch.id, number, self._batch.authenticator) or ())
         if not self._paired:
             answer.add(rows)
             return True

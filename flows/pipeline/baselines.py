@@ -86,7 +86,7 @@ def sealed_record(store: Store, batch: str) -> JobRecord | None:
     except ResourceNotFound:
         return None
     opened = load_batch(store, batch)
-    return with_facts(record, opened.plan, facts_of(record.detail)) if is_sealed(record, opened.voucher) else None
+    return with_facts(record, opened.plan, facts_of(record.detail)) if is_sealed(record, opened.authenticator) else None
 
 
 def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[JobRecord]:

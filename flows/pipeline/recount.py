@@ -111,7 +111,7 @@ def _drawn(batch: OpenBatch, most: int, draw: Random) -> list[EpisodeResult]:
 
 
 def _rows(batch: OpenBatch, number: int) -> dict[int, EpisodeResult]:
-    rows = counted_chunk(batch.store, batch.id, number, batch.voucher)
+    rows = counted_chunk(batch.store, batch.id, number, batch.authenticator)
     if rows is None:
         raise StageFailed("MismatchedEtag", f"{batch.store.url}/{chunk_key(batch.id, number)} is gone")
     return {row.index: row for row in rows}
@@ -160,7 +160,7 @@ def authenticated_record(record: JobRecord, store: Store, gate: Gate, planned: C
         StageFailed: The batch is not what its record says.
     """
     batch = load_batch(store, record.id)
-    if is_sealed(record, batch.voucher):
+    if is_sealed(record, batch.authenticator):
         return with_facts(record, batch.plan, facts_of(record.detail))
     found = count_batch(record, store, gate, planned())
     if found.changes:
@@ -184,7 +184,7 @@ def count_batch(record: JobRecord, store: Store, gate: Gate, planned: PlannedRun
     """
     plan = planned.plan
     batch = require_plan(store, record.id, plan)
-    folders, sealed = bundles(batch), is_sealed(record, batch.voucher)
+    folders, sealed = bundles(batch), is_sealed(record, batch.authenticator)
     early = _commit_authentic(
         batch, folders, _gate_that_ended(record, gate, sealed=sealed), planned.location, sealed=sealed
     )

@@ -343,7 +343,7 @@ def _rows(store: Store, batch: JobRecord, columns: list[str]) -> pa.Table:
 
 def _pin(store: Store, run: JobRecord, key: str, value: Spec) -> None:
     now, said = read(store, "pipeline-run", run.id), value.model_dump(mode="json")
-    mac = _voucher(run).mac(key, canonical_json(said))
+    mac = _authenticator(run).mac(key, canonical_json(said))
     advance(store, "pipeline-run", run.id, now.status, detail={key: said, f"{key}{_SEAL}": mac})
 
 
@@ -355,10 +355,10 @@ def _authenticates(run: JobRecord, key: str, detail: Mapping[str, JsonValue]) ->
     mac, said = detail.get(f"{key}{_SEAL}"), detail.get(key)
     if not isinstance(mac, str) or not isinstance(said, dict):
         return False
-    return _voucher(run).vouches(mac, key, canonical_json(said))
+    return _authenticator(run).authenticates(mac, key, canonical_json(said))
 
 
-def _voucher(run: JobRecord) -> BatchAuthenticator:
+def _authenticator(run: JobRecord) -> BatchAuthenticator:
     return owner_authenticator(run.id, "")
 
 

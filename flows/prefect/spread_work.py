@@ -239,7 +239,7 @@ class _SpreadBatch:
             location=self._location,
             left_s=batch.plan.timeout_s - worked_s,
             spent_s=worked_s,
-            voucher=self._batch.voucher,
+            authenticator=self._batch.authenticator,
         )
 
     def going(self) -> bool:
@@ -281,7 +281,7 @@ def simulate_chunks(
     location: OutputLocation,
     left_s: float,
     spent_s: float,
-    voucher: BatchAuthenticator,
+    authenticator: BatchAuthenticator,
 ) -> ChunksDone:
     """Returns what was done of some chunks, one after the other; runs on a worker, which may be another machine.
 
@@ -292,11 +292,11 @@ def simulate_chunks(
         location: The batch's output location.
         left_s: Wall seconds that the batch has left.
         spent_s: Wall seconds that were spent on the batch before.
-        voucher: Vouches for the results, under a key of the batch that the store does not have.
+        authenticator: Authenticates the results, under a key of the batch that the store does not have.
     """
     with announce_changes():  # a worker may be the first to see that time is up
         return _simulate_numbers(
-            load_batch(open_store(store_url), batch, voucher), numbers, location, left_s=left_s, spent_s=spent_s
+            load_batch(open_store(store_url), batch, authenticator), numbers, location, left_s=left_s, spent_s=spent_s
         )
 
 
@@ -321,7 +321,7 @@ def _simulate_numbers(
                 left_s=left_s - took_s,
                 spent_s=spent_s + took_s,
                 ahead=chunks_ahead(numbers[place + 1 :]),
-                voucher=work.voucher,
+                authenticator=work.authenticator,
             )
             lanes, episodes, done = ended.lanes, episodes + ended.episodes, done.plus(ended.work)
     finally:
@@ -330,5 +330,5 @@ def _simulate_numbers(
 
 
 def _is_authentic(batch: OpenBatch, number: int) -> bool:
-    found = stored_chunk(batch.store, batch.id, number, batch.voucher)
+    found = stored_chunk(batch.store, batch.id, number, batch.authenticator)
     return found is not None and found.vouched

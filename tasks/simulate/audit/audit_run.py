@@ -151,7 +151,7 @@ def _audited(
 ) -> AuditReport:
     found = draw_sample(
         batch.layout,
-        lambda number: counted_chunk(batch.store, batch.id, number, batch.voucher) or (),
+        lambda number: counted_chunk(batch.store, batch.id, number, batch.authenticator) or (),
         batch.plan.audit,
         chunks=chunks,
     )

@@ -66,7 +66,7 @@ class OpenBatch:
         return self.layout.plan
 
     @functools.cached_property
-    def voucher(self) -> BatchAuthenticator:
+    def authenticator(self) -> BatchAuthenticator:
         """What vouches for its chunks, as those of the plan that this process knows."""
         return self.given or owner_authenticator(self.id, self.layout.plan_digest)
 
@@ -91,21 +91,21 @@ def open_batch(store: Store, plan: BatchPlan, request: dict[str, JsonValue], tok
     return advance(store, KIND, record.id, "InProgress", only_from={"Pending"}, detail=etag_detail(plan))
 
 
-def load_batch(store: Store, batch: str, voucher: BatchAuthenticator | None = None) -> OpenBatch:
+def load_batch(store: Store, batch: str, authenticator: BatchAuthenticator | None = None) -> OpenBatch:
     """Returns a batch that was opened before.
 
     Args:
         store: Where its record is.
         batch: Its id.
-        voucher: What a worker was given to vouch for its chunks; None on a machine of the owner.
+        authenticator: What a worker was given to vouch for its chunks; None on a machine of the owner.
 
     Raises:
         ResourceNotFound: No such batch.
         StageFailed: Its record says another plan than the one that the worker shall vouch for.
     """
-    found = OpenBatch(store, batch, _layout(store.url, batch), voucher)
-    if voucher and voucher.plan != found.layout.plan_digest:
-        raise _another_plan(store, batch, found.layout.plan_digest, voucher.plan)
+    found = OpenBatch(store, batch, _layout(store.url, batch), authenticator)
+    if authenticator and authenticator.plan != found.layout.plan_digest:
+        raise _another_plan(store, batch, found.layout.plan_digest, authenticator.plan)
     return found
 
 
@@ -364,7 +364,7 @@ def leave_out(batch: OpenBatch, first: int) -> int:
     for number in range(first, batch.layout.chunks):
         indices = [request.index for request in batch.layout.chunk(number).requests]
         rows = [unfinished_result(index, "Canceled", failure_code="", failure_reason=LEFT_OUT) for index in indices]
-        commit(batch.store, batch.id, number, rows, batch.voucher)
+        commit(batch.store, batch.id, number, rows, batch.authenticator)
         left_out += len(rows)
     return left_out
 

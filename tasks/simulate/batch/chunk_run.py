@@ -235,7 +235,7 @@ def run_chunk(
     Raises:
         StageFailed: It was committed with other results, which nobody vouches for.
     """
-    committed = stored_chunk(batch.store, batch.id, number, batch.voucher)
+    committed = stored_chunk(batch.store, batch.id, number, batch.authenticator)
     if committed is not None and committed.vouched:
         return ChunkEnd(batch.layout.chunk_size(number), lanes)
     start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
@@ -248,7 +248,7 @@ def run_chunk(
         found = _recorded(work, found, functools.partial(record, number), lanes)
     failed = EpisodeColumns.of([failed_result(index, failure) for index, failure in unable.items()])
     index = np.array([each.index for each in chunk.requests], np.int64)
-    rows = commit(batch.store, batch.id, number, EpisodeColumns.join([failed, found]).at(index), batch.voucher)
+    rows = commit(batch.store, batch.id, number, EpisodeColumns.join([failed, found]).at(index), batch.authenticator)
     _tell_failures(number, rows)
     simulated_s = sum(rows.numbers("simulated_s").tolist())
     return ChunkEnd(len(rows), lanes, work_of(timings, simulated_s=simulated_s, wall_s=time.monotonic() - start_s))

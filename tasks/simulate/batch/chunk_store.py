@@ -30,20 +30,20 @@ _ROWS_MIDDLE, _ROWS_END = b'","rows":', b"}"
 
 
 def vouched_bytes(
-    results: "Sequence[EpisodeResult] | EpisodeColumns", number: int, voucher: BatchAuthenticator
+    results: "Sequence[EpisodeResult] | EpisodeColumns", number: int, authenticator: BatchAuthenticator
 ) -> bytes:
     """Returns a chunk's bytes; of equal results the same.
 
     Args:
         results: Of its episodes.
         number: The chunk's.
-        voucher: Vouches for them.
+        authenticator: Authenticates them.
     """
     from specs.data.column_bytes import encode_columns
     from specs.data.episode_columns import EpisodeColumns
 
     body = encode_columns(EpisodeColumns.of(results))
-    return b"".join([_MAC_BEGIN, voucher.mac(_columns_name(number), body).encode(), _COLUMNS, body])
+    return b"".join([_MAC_BEGIN, authenticator.mac(_columns_name(number), body).encode(), _COLUMNS, body])
 
 
 def results_in(body: bytes) -> "EpisodeColumns":
@@ -64,13 +64,13 @@ def results_in(body: bytes) -> "EpisodeColumns":
         raise ValueError("a number beyond 64 bits") from exc
 
 
-def is_vouched(body: bytes, number: int, voucher: BatchAuthenticator) -> bool:
+def is_vouched(body: bytes, number: int, authenticator: BatchAuthenticator) -> bool:
     """Returns whether an owner vouches for a chunk's bytes, under its number."""
     mac, columns = _split(body, _COLUMNS)
     if mac is not None:
-        return voucher.vouches(mac, _columns_name(number), columns)
+        return authenticator.authenticates(mac, _columns_name(number), columns)
     mac, rows = _json_rows(body)
-    return voucher.vouches(mac, f"chunk {number}", rows)
+    return authenticator.authenticates(mac, f"chunk {number}", rows)
 
 
 def _json_rows(body: bytes) -> tuple[str, bytes]:
@@ -180,7 +180,7 @@ def commit(
     batch: str,
     number: int,
     results: "Sequence[EpisodeResult] | EpisodeColumns",
-    voucher: BatchAuthenticator,
+    authenticator: BatchAuthenticator,
 ) -> "EpisodeColumns":
     """Returns what is committed of a chunk from now on: these results, or those of another process that was faster.
 
@@ -191,7 +191,7 @@ def commit(
         batch: Its id.
         number: The chunk's.
         results: Of its episodes, in request order.
-        voucher: Vouches for them.
+        authenticator: Authenticates them.
 
     Raises:
         StageFailed: There are other results, which nobody vouches for.
@@ -199,11 +199,11 @@ def commit(
     from specs.data.episode_columns import EpisodeColumns
 
     columns = EpisodeColumns.of(results)
-    body = vouched_bytes(columns, number, voucher)
+    body = vouched_bytes(columns, number, authenticator)
     try:
         store.create(chunk_key(batch, number), body)
     except ObjectExists:
-        found = stored_chunk(store, batch, number, voucher)
+        found = stored_chunk(store, batch, number, authenticator)
         if found is not None and found.vouched and found.results is not None:
             return found.results
         if found is not None:
@@ -213,43 +213,47 @@ def commit(
 
 
 def commit_missing(
-    store: Store, batch: str, number: int, results: Sequence[EpisodeResult], voucher: BatchAuthenticator
+    store: Store, batch: str, number: int, results: Sequence[EpisodeResult], authenticator: BatchAuthenticator
 ) -> None:
     """Commits a chunk if nobody else has: for a batch that was stopped, whose results are not judged."""
     try:
-        store.create(chunk_key(batch, number), vouched_bytes(results, number, voucher))
+        store.create(chunk_key(batch, number), vouched_bytes(results, number, authenticator))
     except ObjectExists:
         return
 
 
-def stored_chunk(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> StoredChunk | None:
+def stored_chunk(store: Store, batch: str, number: int, authenticator: BatchAuthenticator) -> StoredChunk | None:
     """Returns a chunk that was committed, and whether its owner vouches for it; None if there is none."""
     try:
         body = store.get(chunk_key(batch, number)).body
     except ObjectNotFound:
         return None
     try:
-        return StoredChunk(results_in(body), is_vouched(body, number, voucher))
+        return StoredChunk(results_in(body), is_vouched(body, number, authenticator))
     except ValueError:
         return StoredChunk(None, vouched=False)
 
 
-def counted_columns(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> "EpisodeColumns | None":
+def counted_columns(
+    store: Store, batch: str, number: int, authenticator: BatchAuthenticator
+) -> "EpisodeColumns | None":
     """Returns the results of a chunk to be counted, or None if it is not committed.
 
     Raises:
         StageFailed: Nobody vouches for what lies there.
     """
-    found = stored_chunk(store, batch, number, voucher)
+    found = stored_chunk(store, batch, number, authenticator)
     if found is not None and not found.vouched:
         why = f"{store.url}/{chunk_key(batch, number)} is not what this owner's process wrote there"
         raise StageFailed("MismatchedEtag", f"{why}. Somebody has changed it: run the document again")
     return found.results if found else None
 
 
-def counted_chunk(store: Store, batch: str, number: int, voucher: BatchAuthenticator) -> list[EpisodeResult] | None:
+def counted_chunk(
+    store: Store, batch: str, number: int, authenticator: BatchAuthenticator
+) -> list[EpisodeResult] | None:
     """Returns what `counted_columns` does, as rows."""
-    return _rows(counted_columns(store, batch, number, voucher))
+    return _rows(counted_columns(store, batch, number, authenticator))
 
 
 def committed_columns(store: Store, batch: str, number: int) -> "EpisodeColumns | None":

@@ -95,19 +95,23 @@ def seal(batch: OpenBatch, detail: Mapping[str, JsonValue]) -> dict[str, JsonVal
         batch: A batch whose tables were written from chunks that its owner vouches for.
         detail: What its record says of them.
     """
-    return {_SEAL: batch.voucher.mac(_WHAT, _body(detail))}
+    return {_SEAL: batch.authenticator.mac(_WHAT, _body(detail))}
 
 
-def is_sealed(record: JobRecord, voucher: BatchAuthenticator) -> bool:
-    """Returns whether the owner vouches for a record's facts, and for its plan, which the voucher is made of."""
+def is_sealed(record: JobRecord, authenticator: BatchAuthenticator) -> bool:
+    """Returns whether the owner vouches for a record's facts, and for its plan, which the authenticator is made of."""
     mac = record.detail.get(_SEAL)
-    return record.status == "Completed" and isinstance(mac, str) and voucher.vouches(mac, _WHAT, _body(record.detail))
+    return (
+        record.status == "Completed"
+        and isinstance(mac, str)
+        and authenticator.authenticates(mac, _WHAT, _body(record.detail))
+    )
 
 
 def unvouched_notice(batch: OpenBatch) -> str:
     """Returns what to tell a person who is shown results that nobody here vouches for; empty for others."""
     record = batch.record()
-    if record.status != "Completed" or (has_owner_key() and is_sealed(record, batch.voucher)):
+    if record.status != "Completed" or (has_owner_key() and is_sealed(record, batch.authenticator)):
         return ""
     why = "another machine or an older version wrote them, or somebody changed them"
     return f"{batch.id}: this machine's key does not vouch for these results: {why}"

@@ -79,7 +79,7 @@ def _in_order(found: Sequence[EpisodeColumns], first: int, end: int, code: StopC
 def _columns(batch: OpenBatch, number: int, code: StopCode) -> EpisodeColumns | None:
     if code:
         return committed_columns(batch.store, batch.id, number)
-    return counted_columns(batch.store, batch.id, number, batch.voucher)
+    return counted_columns(batch.store, batch.id, number, batch.authenticator)
 
 
 def give_up(batch: OpenBatch) -> None:
@@ -96,7 +96,7 @@ def give_up(batch: OpenBatch) -> None:
     chunks = chunk_numbers(batch.store, batch.id)
     for number in sorted(chunks.begun - chunks.committed):
         rows = [_row(request.index, code, alone) for request in batch.layout.chunk(number).requests]
-        commit_missing(batch.store, batch.id, number, rows, batch.voucher)
+        commit_missing(batch.store, batch.id, number, rows, batch.authenticator)
 
 
 def _row(index: int, code: StopCode, alone: frozenset[int]) -> EpisodeResult:

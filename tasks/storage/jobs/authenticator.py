@@ -1,7 +1,7 @@
-"""Vouches for what this owner's processes computed, under a key that the store's writers do not have.
+"""Authenticates what this owner's processes computed, under a key that the store's writers do not have.
 
 The key is the owner's: 32 random bytes in a file that only its owner can read, made when it is first needed, in the
-cache folder or where SIMYARD_OWNER_KEY says. Whoever loses it loses time: what cannot be vouched for is simulated anew
+cache folder or where SIMYARD_OWNER_KEY says. Whoever loses it loses time: what cannot be authenticated is simulated anew
 (docs/decisions/0010). A batch has a key of its own, made from the owner's, its id and its plan's digest (HMAC-SHA-256),
 so that workers of a cluster are given no more than they need.
 """
@@ -22,7 +22,7 @@ _KEY_BYTES = 32
 
 
 class BatchAuthenticator:
-    """Vouches for one batch under one plan; shows its key to nobody who prints it.
+    """Authenticates the results of one batch under one plan; shows its key to nobody who prints it.
 
     Attributes:
         job: The batch's id.
@@ -43,21 +43,21 @@ class BatchAuthenticator:
         self._key = hmac.digest(key, _framed(b"simyard-batch-1", job.encode(), plan.encode()), hashlib.sha256)
 
     def mac(self, what: str, body: bytes) -> str:
-        """Returns 64 hexadecimal digits that vouch for bytes.
+        """Returns 64 hexadecimal digits that authenticate bytes.
 
         Args:
-            what: What they are, such as ``chunk 3``: the same bytes as something else are not vouched for.
+            what: What they are, such as ``chunk 3``: the same bytes as something else have other digits.
             body: The bytes.
         """
         return hmac.new(self._key, _framed(what.encode(), body), hashlib.sha256).hexdigest()
 
-    def vouches(self, mac: str, what: str, body: bytes) -> bool:
+    def authenticates(self, mac: str, what: str, body: bytes) -> bool:
         """Returns whether the digits are those of the bytes."""
         return mac.isascii() and hmac.compare_digest(mac, self.mac(what, body))
 
 
 def owner_authenticator(job: str, plan: str) -> BatchAuthenticator:
-    """Returns the voucher of a batch on a machine of its owner.
+    """Returns the authenticator of a batch on a machine of its owner.
 
     Raises:
         DocumentError: The file of the key holds something else.

@@ -95,7 +95,7 @@ def _batch(store: Store, token: str, text: str) -> OpenBatch:
     chunk = batch.layout.chunk(0)
     rows = [collided(each.index) if each.index % 2 else passed(each.index) for each in chunk.requests]
     failed = rows[1].model_copy(update={"failure_reason": text, "rooms_entered": (text,), "rooms_total": 2})
-    commit(store, batch.id, 0, [rows[0], failed, *rows[2:]], batch.voucher)
+    commit(store, batch.id, 0, [rows[0], failed, *rows[2:]], batch.authenticator)
     why: list[JsonValue] = [{"reason": "collision", "episodes": 2, "sample": text}]
     detail: Document = {"passed": 4, "episodes": 6, "report_url": f"{store.url}/x", "why_not": why}
     advance(store, "simulation-job-batch", batch.id, "InProgress", detail=detail)

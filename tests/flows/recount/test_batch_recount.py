@@ -48,12 +48,12 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
 
 
 def test_what_the_owner_sealed_is_believed_and_what_was_added_is_not(closed: OpenBatch):
-    assert is_sealed(closed.record(), closed.voucher)
+    assert is_sealed(closed.record(), closed.authenticator)
     record = edited(closed, lambda detail: detail.update(passed=999))
     vouched = authenticated_record(record, closed.store, GATE, lambda: planned(closed))
     assert vouched.detail["counts"] == record.detail["counts"]
     forged = edited(closed, lambda detail: detail.update(stopped_early={"left_out": 3}))
-    assert not is_sealed(forged, closed.voucher)
+    assert not is_sealed(forged, closed.authenticator)
 
 
 def test_counted_again_it_is_what_its_record_says(closed: OpenBatch):
@@ -68,11 +68,11 @@ def test_without_the_key_all_is_simulated_anew_and_vouched_for_from_then_on(
 ):
     elsewhere(monkeypatch, tmp_path)
     batch = load_batch(closed.store, closed.id)
-    assert not is_sealed(batch.record(), batch.voucher)
+    assert not is_sealed(batch.record(), batch.authenticator)
     found = authenticated_record(batch.record(), batch.store, GATE, lambda: planned(batch))
     assert found.detail["counts"] == closed.record().detail["counts"]
     for number in range(batch.layout.chunks):
-        chunk = stored_chunk(batch.store, batch.id, number, batch.voucher)
+        chunk = stored_chunk(batch.store, batch.id, number, batch.authenticator)
         assert chunk is not None
         assert chunk.vouched
 
@@ -135,5 +135,5 @@ def test_the_sample_finds_rows_that_were_vouched_for_and_are_wrong(closed: OpenB
 
 def _vouched(batch: OpenBatch, number: int, rows: list[Any]) -> bytes:
     body = json.dumps([row.model_dump(mode="json") for row in rows]).encode()
-    mac = batch.voucher.mac(f"chunk {number}", body)
+    mac = batch.authenticator.mac(f"chunk {number}", body)
     return b'{"mac":"' + mac.encode() + b'","rows":' + body + b"}"

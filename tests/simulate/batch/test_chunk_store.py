@@ -39,53 +39,53 @@ def stranger(batch: OpenBatch) -> BatchAuthenticator:
 
 
 def test_the_first_lines_of_a_chunk_are_json_that_says_who_vouches_for_what_follows(batch: OpenBatch):
-    assert commit(batch.store, batch.id, 0, ROWS, batch.voucher).rows() == ROWS
+    assert commit(batch.store, batch.id, 0, ROWS, batch.authenticator).rows() == ROWS
     vouched, said, _ = batch.store.get(chunk_key(batch.id, 0)).body.split(b"\n", 2)
     assert [*json.loads(vouched)] == ["mac"]
     assert json.loads(said)["rows"] == 4
     assert json.loads(said)["columns"]["status"] == {"labels": ["Completed"], "codes": "=i1"}
-    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ROWS
+    assert counted_chunk(batch.store, batch.id, 0, batch.authenticator) == ROWS
 
 
 def test_a_chunk_that_an_older_version_vouched_for_as_rows_is_counted(batch: OpenBatch):
     rows = json.dumps([row.model_dump(mode="json") for row in ROWS], separators=(",", ":")).encode()
-    mac = batch.voucher.mac("chunk 0", rows).encode()
+    mac = batch.authenticator.mac("chunk 0", rows).encode()
     batch.store.put(chunk_key(batch.id, 0), b'{"mac":"' + mac + b'","rows":' + rows + b"}")
-    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ROWS
+    assert counted_chunk(batch.store, batch.id, 0, batch.authenticator) == ROWS
     batch.store.put(chunk_key(batch.id, 1), batch.store.get(chunk_key(batch.id, 0)).body)
     with pytest.raises(StageFailed, match="is not what this owner's process wrote"):
-        counted_chunk(batch.store, batch.id, 1, batch.voucher)
+        counted_chunk(batch.store, batch.id, 1, batch.authenticator)
 
 
 def test_a_chunk_of_the_oldest_version_is_shown_and_not_counted(batch: OpenBatch):
     put(batch, ROWS)
     assert committed_chunk(batch.store, batch.id, 0) == ROWS
     with pytest.raises(StageFailed, match=r"000000\.json is not what this owner's process wrote there"):
-        counted_chunk(batch.store, batch.id, 0, batch.voucher)
+        counted_chunk(batch.store, batch.id, 0, batch.authenticator)
 
 
 def test_each_changed_byte_of_a_chunk_is_noticed(batch: OpenBatch):
-    commit(batch.store, batch.id, 0, ROWS, batch.voucher)
+    commit(batch.store, batch.id, 0, ROWS, batch.authenticator)
     key = chunk_key(batch.id, 0)
     body = batch.store.get(key).body
     for place in (0, 5, 9, 40, 71, 75, 81, len(body) // 2, len(body) - 1):
         changed = bytearray(body)
         changed[place] ^= 1
         batch.store.put(key, bytes(changed))
-        found = stored_chunk(batch.store, batch.id, 0, batch.voucher)
+        found = stored_chunk(batch.store, batch.id, 0, batch.authenticator)
         assert found is not None
         assert not found.vouched
     for cut in (0, 1, 20, 80, len(body) - 1):
         batch.store.put(key, body[:cut])
-        found = stored_chunk(batch.store, batch.id, 0, batch.voucher)
+        found = stored_chunk(batch.store, batch.id, 0, batch.authenticator)
         assert found is not None
         assert not found.vouched
 
 
 def test_a_chunk_is_not_vouched_for_under_another_number(batch: OpenBatch):
-    commit(batch.store, batch.id, 0, ROWS, batch.voucher)
+    commit(batch.store, batch.id, 0, ROWS, batch.authenticator)
     batch.store.put(chunk_key(batch.id, 1), batch.store.get(chunk_key(batch.id, 0)).body)
-    found = stored_chunk(batch.store, batch.id, 1, batch.voucher)
+    found = stored_chunk(batch.store, batch.id, 1, batch.authenticator)
     assert found is not None
     assert not found.vouched
 
@@ -100,7 +100,7 @@ def test_what_nobody_vouches_for_is_simulated_anew_and_adopted_if_it_is_the_same
 
     run_chunk(batch, 0, simulate, lanes=4, left_s=99.0)
     assert asked == [1]
-    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ROWS
+    assert counted_chunk(batch.store, batch.id, 0, batch.authenticator) == ROWS
     run_chunk(batch, 0, simulate, lanes=4, left_s=99.0)
     assert asked == [1]
 
@@ -125,16 +125,16 @@ def test_a_chunk_that_holds_no_rows_is_refused(batch: OpenBatch, body: bytes):
 
 
 def test_another_owner_adopts_nothing_unseen(batch: OpenBatch):
-    commit(batch.store, batch.id, 0, ROWS, batch.voucher)
+    commit(batch.store, batch.id, 0, ROWS, batch.authenticator)
     with pytest.raises(StageFailed):
         commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], stranger(batch))
     assert commit(batch.store, batch.id, 0, ROWS, stranger(batch)).rows() == ROWS
 
 
 def test_who_of_this_owner_comes_second_gets_what_was_first(batch: OpenBatch):
-    commit(batch.store, batch.id, 0, ROWS, batch.voucher)
-    assert commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], batch.voucher).rows() == ROWS
-    commit_missing(batch.store, batch.id, 0, [], batch.voucher)
+    commit(batch.store, batch.id, 0, ROWS, batch.authenticator)
+    assert commit(batch.store, batch.id, 0, [collided(0), *ROWS[1:]], batch.authenticator).rows() == ROWS
+    commit_missing(batch.store, batch.id, 0, [], batch.authenticator)
     assert committed_chunk(batch.store, batch.id, 0) == ROWS
 
 
@@ -161,12 +161,12 @@ def test_how_ros_nodes_kept_up_and_what_they_printed_last_may_differ_another_tim
     found = [failed_result(index, CRASHED).model_copy(update={"late": 2, "stray": 1}) for index in range(4)]
     ours = [failed_result(row.index, SAID_OTHERWISE).model_copy(update={"late": 0, "stray": 0}) for row in found]
     put(batch, found)
-    assert commit(batch.store, batch.id, 0, ours, batch.voucher).rows() == ours
-    assert counted_chunk(batch.store, batch.id, 0, batch.voucher) == ours
+    assert commit(batch.store, batch.id, 0, ours, batch.authenticator).rows() == ours
+    assert counted_chunk(batch.store, batch.id, 0, batch.authenticator) == ours
 
 
 def test_what_ros_nodes_did_may_not_differ(batch: OpenBatch):
     put(batch, [row.model_copy(update={"late": 1, "stray": 0, "path_length_m": 9.0}) for row in ROWS])
     ours = [row.model_copy(update={"late": 0, "stray": 0}) for row in ROWS]
     with pytest.raises(StageFailed, match=r"episode 0 says path_length_m 9.0, computed [\d.]+; episode 1"):
-        commit(batch.store, batch.id, 0, ours, batch.voucher)
+        commit(batch.store, batch.id, 0, ours, batch.authenticator)

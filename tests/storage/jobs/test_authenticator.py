@@ -43,15 +43,15 @@ def test_what_is_no_key_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 
 
 def test_bytes_are_vouched_for_as_what_they_are_and_as_nothing_else():
-    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
-    mac = voucher.mac("chunk 1", b"rows")
+    authenticator = BatchAuthenticator(KEY, "simb-1", "plan")
+    mac = authenticator.mac("chunk 1", b"rows")
     assert len(mac) == MAC_LENGTH
-    assert voucher.vouches(mac, "chunk 1", b"rows")
-    assert not voucher.vouches(mac, "chunk 2", b"rows")
-    assert not voucher.vouches(mac, "chunk 1", b"row")
-    assert not voucher.vouches(mac, "chunk 1r", b"ows")
-    assert not voucher.vouches("", "chunk 1", b"rows")
-    assert not voucher.vouches("\N{SNOWMAN}" * 64, "chunk 1", b"rows")
+    assert authenticator.authenticates(mac, "chunk 1", b"rows")
+    assert not authenticator.authenticates(mac, "chunk 2", b"rows")
+    assert not authenticator.authenticates(mac, "chunk 1", b"row")
+    assert not authenticator.authenticates(mac, "chunk 1r", b"ows")
+    assert not authenticator.authenticates("", "chunk 1", b"rows")
+    assert not authenticator.authenticates("\N{SNOWMAN}" * 64, "chunk 1", b"rows")
 
 
 def test_another_key_batch_or_plan_vouches_for_nothing():
@@ -61,17 +61,17 @@ def test_another_key_batch_or_plan_vouches_for_nothing():
         BatchAuthenticator(KEY, "simb-2", "plan"),
         BatchAuthenticator(KEY, "simb-1", "another"),
     ]
-    assert not any(other.vouches(mac, "chunk 1", b"rows") for other in others)
+    assert not any(other.authenticates(mac, "chunk 1", b"rows") for other in others)
 
 
 def test_a_worker_is_given_the_batchs_key_and_never_the_owners():
-    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
-    sent = pickle.dumps(voucher)
+    authenticator = BatchAuthenticator(KEY, "simb-1", "plan")
+    sent = pickle.dumps(authenticator)
     assert KEY not in sent
-    assert pickle.loads(sent).mac("chunk 1", b"rows") == voucher.mac("chunk 1", b"rows")  # noqa: S301
+    assert pickle.loads(sent).mac("chunk 1", b"rows") == authenticator.mac("chunk 1", b"rows")  # noqa: S301
 
 
 def test_nobody_who_prints_it_sees_a_key():
-    voucher = BatchAuthenticator(KEY, "simb-1", "plan")
-    assert voucher._key.hex() not in repr(voucher)
-    assert repr(voucher._key)[2:-1] not in repr(voucher)
+    authenticator = BatchAuthenticator(KEY, "simb-1", "plan")
+    assert authenticator._key.hex() not in repr(authenticator)
+    assert repr(authenticator._key)[2:-1] not in repr(authenticator)
