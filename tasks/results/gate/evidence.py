@@ -112,7 +112,7 @@ class Evidence(TestedBatch):
         tries: How often the gate was asked before of the same version on other episodes, and did not say PASS.
     """
 
-    version: Literal["5", "6"] = EVIDENCE_VERSION
+    version: Literal["6"] = EVIDENCE_VERSION
     batch: str
     verdict: Verdict
     sentence: str

@@ -36,7 +36,7 @@ from tasks.results.gate.rules.rule import (
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
 from tasks.results.gate.version_pairs import Drive, PairCounts, count_pairs
 from tasks.results.statistics.batch_summary import Ending, EpisodeCounts, count_endings, ending_of
-from tasks.results.statistics.intervals import Stratum, less_lost, stratum_interval
+from tasks.results.statistics.intervals import Stratum, discounted_bound, stratum_interval
 from tasks.results.statistics.room_coverage import RoomCoverage
 
 if TYPE_CHECKING:
@@ -220,7 +220,7 @@ def with_engine_doubt(answer: RuleVerdict, asked: Spec, audit: AuditReport | Non
             doubt = engine_doubt(audit, "false_passes", asked.confidence)
             if doubt is None:
                 return answer
-            lower = less_lost(answer.estimate, answer.lower, doubt.rate, doubt.upper)
+            lower = discounted_bound(answer.estimate, answer.lower, doubt.rate, doubt.upper)
             said = f"up to {_points_text(answer.estimate * doubt.upper)} points of these passes may be the engine's"
             seen = f"{doubt.flips} of {doubt.lanes} audited passes fail on C MuJoCo, and no micrometre explains it"
             return _changed(answer, {"lower": lower}, f"{said}: {seen}", stands=lower >= asked.atLeast)
@@ -228,7 +228,7 @@ def with_engine_doubt(answer: RuleVerdict, asked: Spec, audit: AuditReport | Non
             doubt = engine_doubt(audit, "missed_contacts", asked.confidence)
             if doubt is None:
                 return answer
-            upper = 1.0 - less_lost(1.0 - answer.estimate, 1.0 - answer.upper, doubt.rate, doubt.upper)
+            upper = 1.0 - discounted_bound(1.0 - answer.estimate, 1.0 - answer.upper, doubt.rate, doubt.upper)
             said = f"up to {_points_text((1.0 - answer.estimate) * doubt.upper)} points more may collide on C MuJoCo"
             seen = f"{doubt.flips} of {doubt.lanes} audited episodes without a contact have one there"
             return _changed(answer, {"upper": upper}, f"{said}: {seen}", stands=upper <= asked.atMost)

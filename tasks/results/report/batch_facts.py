@@ -1,16 +1,15 @@
 """The facts that a report takes from a batch's records, the gate's answer among them."""
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch
 from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
 from specs.errors import ObjectNotFound
-from tasks.results.gate.evidence import EVIDENCE_FILE, Evidence, read_evidence
+from tasks.results.gate.evidence import Evidence, read_evidence
 from tasks.results.gate.shipped_builds import shipment_lines
 from tasks.results.statistics.intervals import Interval
-from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 
 
@@ -125,31 +124,16 @@ _CONFIDENCE = 0.95
 _RATE = "successRate"
 
 
-class _AnyEvidence(BaseModel):
-    """What evidence of any version says."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    verdict: Verdict
-    sentence: str
-
-
 def read_judgement(store: Store, batch: str) -> Judgement | None:
     """Returns what the gate answered on a batch; None where it was not judged.
-
-    Of evidence that another version wrote, verdict and sentence alone.
 
     Raises:
         ValidationError: What lies there is no evidence.
     """
     try:
-        evidence = read_evidence(store, batch)
+        return judgement_of(read_evidence(store, batch))
     except ObjectNotFound:
         return None
-    except ValidationError:
-        found = _AnyEvidence.model_validate_json(store.get(result_key(batch, EVIDENCE_FILE)).body)
-        return Judgement(verdict=found.verdict, sentence=found.sentence, at_least=None, confidence=_CONFIDENCE)
-    return judgement_of(evidence)
 
 
 def judgement_of(evidence: Evidence) -> Judgement:

@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float, Int
 from specs.data.world import Room, World
 from tasks.results.statistics.batch_summary import Ending, EpisodeGroup, count_endings
 from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
+from tasks.results.tables.history_rows import NOT_SET, Labels
 
-NOT_SET = "(not set)"
 PASSED, FAILED, CANCELED = 1, 0, -1
 _COUNTED = ("world", "success", "environment", "final_x_m", "final_y_m")
 _DIGEST, _DIGITS = "robot_digest", 12
@@ -28,26 +28,11 @@ _LAUNCHED = (
 )
 _LISTED = (
     *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
-    *("goals_reached", "goals_total", "final_x_m", "final_y_m"),
+    *("goals_reached", "goals_total", "final_x_m", "final_y_m", "late", "stray"),
 )
-# Of robots with ROS; files from before have none.
-_LOCK_STEP = ("late", "stray")
 # Of episodes of an hour these are some 60 MB.
 _ROWS_AT_ONCE = 512
 _WAY = ("trajectory_x_m", "trajectory_y_m")
-
-
-@dataclass(frozen=True)
-class Labels:
-    """A column of names.
-
-    Attributes:
-        names: Each name once, in the order in which the rows come to them.
-        codes: Which name each row has.
-    """
-
-    names: tuple[str, ...]
-    codes: Int[np.ndarray, " rows"]
 
 
 @dataclass(frozen=True)
@@ -86,8 +71,8 @@ class FailedEpisode:
     goals_total: int
     final_m: tuple[float, float]
     environment: Mapping[str, str]
-    late: int | None = None
-    stray: int | None = None
+    late: int | None
+    stray: int | None
 
 
 @dataclass(frozen=True)
@@ -132,15 +117,13 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
 
 
 def read_coverage(path: Path) -> RoomCoverage | None:
-    """Returns the rooms that robots were in, by ``results.parquet``; None if an older version wrote it."""
-    there = frozenset(pq.read_schema(path).names)
-    return table_coverage(pq.read_table(path, columns=[name for name in ROOM_COLUMNS if name in there]))
+    """Returns the rooms that robots were in, by ``results.parquet``; None if no episode started."""
+    return table_coverage(pq.read_table(path, columns=list(ROOM_COLUMNS)))
 
 
 def read_failures(path: Path) -> Failures:
     """Returns what is counted of ``failures.parquet``."""
-    there = [name for name in _LOCK_STEP if name in pq.read_schema(path).names]
-    table = pq.read_table(path, columns=[*_LISTED, *there])
+    table = pq.read_table(path, columns=list(_LISTED))
     return Failures(
         table=table,
         world=_labels(table.column("world")),

@@ -341,7 +341,7 @@ def lanes_needed(at_most: float, confidence: float) -> int:
     return math.ceil(math.log((1.0 - confidence) / 2.0) / math.log1p(-at_most) - 1e-9)
 
 
-def less_lost(kept: float, lower: float, lost: float, lost_upper: float) -> float:
+def discounted_bound(kept: float, lower: float, lost: float, lost_upper: float) -> float:
     """Returns the lower bound of a share of which a part may not be what it seems.
 
     The share is ``kept`` times ``1 - lost``; both were estimated apart, so the distances of their bounds add up as

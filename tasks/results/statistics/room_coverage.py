@@ -180,9 +180,7 @@ def _room_names(found: dict[str, set[str]], worlds: Cells, rooms: Cells) -> Int[
 
 
 def table_coverage(rows: "pa.Table") -> RoomCoverage | None:
-    """Returns the coverage of the rows of ``results.parquet``; None of rows that an older version wrote."""
-    if not set(ROOM_COLUMNS) <= set(rows.column_names):
-        return None
+    """Returns the coverage of the rows of ``results.parquet``; None if no episode started."""
     tally = RoomTally()
     for values in zip(*(rows.column(name).to_pylist() for name in ROOM_COLUMNS), strict=True):
         tally.add(RoomRow(*values))

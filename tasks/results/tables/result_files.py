@@ -219,8 +219,7 @@ def stored_rows(
         batch_id: The batch.
         name: ``results.parquet`` or ``failures.parquet``.
         sha256: Of the file as it was written; empty to read whatever lies there, as a replay does, which finds out.
-        columns: Names of columns; None for all. Those that the file does not have, being of an older version, are left
-            out.
+        columns: Names of columns; None for all.
         index: Which episode; None for all.
 
     Raises:
@@ -228,9 +227,7 @@ def stored_rows(
         StageFailed: It is not what was written.
     """
     body = _read(store, location, f"{batch_id}/{name}", sha256)
-    there = frozenset(pq.read_schema(body).names)
-    wanted = [name for name in columns if name in there] if columns else None
-    return pq.read_table(body, columns=wanted, filters=_only(index))
+    return pq.read_table(body, columns=list(columns) if columns else None, filters=_only(index))
 
 
 def recorded_samples(store: Store, location: OutputLocation, batch_id: str, name: str, index: int) -> pa.Table:

@@ -2,10 +2,8 @@
 
 from pathlib import Path
 
-from specs.base import canonical_document, canonical_json
 from specs.pipeline.gate_section import Gate, SuccessRate
 from tasks.results.gate.evidence import (
-    EVIDENCE_FILE,
     Evidence,
     encode_evidence,
     evidence_digest,
@@ -16,7 +14,6 @@ from tasks.results.gate.evidence import (
 )
 from tasks.results.gate.gate_verdict import judge
 from tasks.results.gate.rules.rule import GateMaterial
-from tasks.storage.base.keys import result_key
 from tasks.storage.store_url import open_store
 from tests.factories.episodes import ROBOT, SCENARIO, batch, counted
 
@@ -66,11 +63,3 @@ def test_it_is_read_back_as_it_was_written(tmp_path: Path):
     store = open_store(tmp_path.as_uri())
     assert write_evidence(store, evidence()) == f"{store.url}/results/simb-1/evidence.json"
     assert read_evidence(store, "simb-1") == evidence()
-
-
-def test_evidence_of_the_form_before_is_read_too(tmp_path: Path):
-    store = open_store(tmp_path.as_uri())
-    old = canonical_document(evidence()) | {"version": "5"}
-    del old["tries"]
-    store.put(result_key("simb-1", EVIDENCE_FILE), canonical_json(old))
-    assert read_evidence(store, "simb-1").version == "5"

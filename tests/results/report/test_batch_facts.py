@@ -1,14 +1,12 @@
 """The gate's answer in a report, whichever version wrote it."""
 
-import json
-
 import pytest
 from pydantic import ValidationError
 
 from specs.pipeline.gate_section import CollisionRate, Gate, SuccessRate
 from tasks.results.gate.evidence import ApplicationEvidence, Baseline
 from tasks.results.gate.shipped_builds import Shipment
-from tasks.results.report.batch_facts import Judgement, judgement_of, read_judgement
+from tasks.results.report.batch_facts import judgement_of, read_judgement
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store
 from tests.results.gate.test_evidence import evidence
@@ -67,12 +65,6 @@ def test_what_ships_is_told_as_the_evidence_names_it():
     assert judgement_of(evidence()).ships == ()
     told = judgement_of(evidence().model_copy(update={"ships": ships})).ships
     assert told == ("courier version 3, one bundle for all architectures, aaaaaaaaaaaa",)
-
-
-def test_evidence_of_another_version_tells_its_verdict_and_its_sentence(file_store: Store):
-    file_store.put(KEY, json.dumps({"version": "1", "verdict": "FAIL", "sentence": "FAIL: no", "new": 1}).encode())
-    expected = Judgement(verdict="FAIL", sentence="FAIL: no", at_least=None, confidence=0.95)
-    assert read_judgement(file_store, "simb-1") == expected
 
 
 def test_what_is_no_evidence_is_not_taken_for_it(file_store: Store):

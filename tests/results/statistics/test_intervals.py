@@ -19,9 +19,9 @@ from tasks.results.statistics.intervals import (
     IntervalFamily,
     Stratum,
     clopper_pearson,
+    discounted_bound,
     in_worlds,
     lanes_needed,
-    less_lost,
     mcnemar,
     paired_difference,
     percent,
@@ -349,9 +349,9 @@ def test_so_many_lanes_show_a_small_share(at_most: float, lanes: int):
 
 
 def test_what_is_lost_lowers_the_bound_and_never_raises_it():
-    assert less_lost(0.98, 0.96, 0.0, 0.0) == pytest.approx(0.96)
-    assert less_lost(0.98, 0.96, 0.04, 0.2) == pytest.approx(0.98 * 0.96 - (0.02**2 + (0.98 * 0.16) ** 2) ** 0.5)
-    assert less_lost(0.5, 0.1, 0.9, 1.0) == 0.0
+    assert discounted_bound(0.98, 0.96, 0.0, 0.0) == pytest.approx(0.96)
+    assert discounted_bound(0.98, 0.96, 0.04, 0.2) == pytest.approx(0.98 * 0.96 - (0.02**2 + (0.98 * 0.16) ** 2) ** 0.5)
+    assert discounted_bound(0.5, 0.1, 0.9, 1.0) == 0.0
 
 
 text_counts = st.integers(1, 5000).flatmap(lambda episodes: st.tuples(st.integers(0, episodes), st.just(episodes)))

@@ -89,8 +89,3 @@ def test_tables_and_episodes_are_counted_alike():
     results = [inside("Hall", unreachable=("Bedroom",)), collided(1)]
     rows = results_table("b", [request(0, world="g/w"), request(1, world="g/w")], results)
     assert table_coverage(rows) == coverage(*results)
-
-
-def test_a_table_of_an_older_version_says_nothing_of_rooms():
-    rows = results_table("b", [request(0)], [inside("Hall")])
-    assert table_coverage(rows.drop_columns(["rooms_entered"])) is None
