@@ -6,92 +6,62 @@ identity of a run names it.
 
 import os
 import re
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from specs.base import Spec
 from specs.errors import DocumentError
 
-MAX_WORLDS = "SIMYARD_MAX_WORLDS"
-MIN_JOB_DURATION = "SIMYARD_MIN_JOB_DURATION"
-SERVER_WAIT = "SIMYARD_SERVER_WAIT"
-RECOUNT = "SIMYARD_RECOUNT"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
-IMPORT_LIMIT = "SIMYARD_IMPORT_LIMIT_S"
-STEP_LIMIT = "SIMYARD_STEP_LIMIT_S"
-ACTIONS_DAYS = "SIMYARD_ACTIONS_DAYS"
 REGION = "SIMYARD_REGION"
 ROBOMAKERS_MAX_WORLDS = 50
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 
 
-def max_worlds_of_job() -> int:
-    """Returns how many worlds a generation job makes at most: 50, as RoboMaker's, or SIMYARD_MAX_WORLDS.
+class CountSetting(NamedTuple):
+    """A whole number above 0 that the environment may set; it is read when it is asked for.
 
-    Raises:
-        DocumentError: SIMYARD_MAX_WORLDS is no number of worlds.
+    Attributes:
+        variable: Its name.
+        default: What counts where the environment says nothing.
+        what: What is counted, for the refusal of anything else.
     """
-    return count_setting(MAX_WORLDS, ROBOMAKERS_MAX_WORLDS, "a number of worlds, at least 1")
+
+    variable: str
+    default: int
+    what: str
+
+    def value(self) -> int:
+        """Returns the number.
+
+        Raises:
+            DocumentError: The variable says something else.
+        """
+        text = os.environ.get(self.variable)
+        if not text:
+            return self.default
+        if not (text.isascii() and text.isdigit() and int(text) > 0):
+            raise DocumentError.of(self.variable, repr(text), f"a number of {self.what}, at least 1")
+        return int(text)
 
 
-def min_job_duration_s() -> int:
-    """Returns how many simulated seconds a job must be given: 1, or SIMYARD_MIN_JOB_DURATION.
+MAX_WORLDS = CountSetting("SIMYARD_MAX_WORLDS", ROBOMAKERS_MAX_WORLDS, "worlds")
+"""How many worlds a generation job makes at most."""
+MIN_JOB_DURATION = CountSetting("SIMYARD_MIN_JOB_DURATION", 1, "seconds")
+"""How many simulated seconds a job must be given.
 
-    Only RoboMaker's console had a minimum, of 300 (docs/reference/robomaker.md, section 3); an episode of a minute is a
-    good test.
-
-    Raises:
-        DocumentError: SIMYARD_MIN_JOB_DURATION is no number of seconds.
-    """
-    return count_setting(MIN_JOB_DURATION, 1, "a number of seconds, at least 1")
-
-
-def server_wait_s() -> int:
-    """Returns how many seconds a run waits for a Prefect server that went away: 90, or SIMYARD_SERVER_WAIT.
-
-    One that is started again answers after half a minute.
-
-    Raises:
-        DocumentError: SIMYARD_SERVER_WAIT is no number of seconds.
-    """
-    return count_setting(SERVER_WAIT, 90, "a number of seconds, at least 1")
-
-
-def recount_episodes() -> int:
-    """Returns how many episodes are simulated again before anything is shipped: 8, or SIMYARD_RECOUNT.
-
-    Raises:
-        DocumentError: SIMYARD_RECOUNT is no number of episodes.
-    """
-    return count_setting(RECOUNT, 8, "a number of episodes, at least 1")
-
-
-def import_limit_s() -> int:
-    """Returns how many seconds the import of an application may take: 120, or SIMYARD_IMPORT_LIMIT_S.
-
-    Raises:
-        DocumentError: SIMYARD_IMPORT_LIMIT_S is no number of seconds.
-    """
-    return count_setting(IMPORT_LIMIT, 120, "a number of seconds, at least 1")
-
-
-def step_limit_s() -> int:
-    """Returns how many seconds any other call of an application may take: 300, or SIMYARD_STEP_LIMIT_S.
-
-    A slice of control steps of all lanes of a chunk is such a call, too.
-
-    Raises:
-        DocumentError: SIMYARD_STEP_LIMIT_S is no number of seconds.
-    """
-    return count_setting(STEP_LIMIT, 300, "a number of seconds, at least 1")
-
-
-def actions_days() -> int:
-    """Returns for how many days a gateway keeps who did what: 90, or SIMYARD_ACTIONS_DAYS.
-
-    Raises:
-        DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
-    """
-    return count_setting(ACTIONS_DAYS, 90, "a number of days, at least 1")
+Only RoboMaker's console had a minimum, of 300 (docs/reference/robomaker.md, section 3); an episode of a minute is a
+good test.
+"""
+SERVER_WAIT = CountSetting("SIMYARD_SERVER_WAIT", 90, "seconds")
+"""How long a run waits for a Prefect server that went away; one that is started again answers after half a minute."""
+RECOUNT = CountSetting("SIMYARD_RECOUNT", 8, "episodes")
+"""How many episodes are simulated again before anything is shipped."""
+IMPORT_LIMIT = CountSetting("SIMYARD_IMPORT_LIMIT_S", 120, "seconds")
+"""How long the import of an application may take."""
+STEP_LIMIT = CountSetting("SIMYARD_STEP_LIMIT_S", 300, "seconds")
+"""How long any other call of an application may take, such as a slice of control steps of all lanes of a chunk."""
+ACTIONS_DAYS = CountSetting("SIMYARD_ACTIONS_DAYS", 90, "days")
+"""For how many days a gateway keeps who did what."""
 
 
 def region() -> str:
@@ -104,20 +74,6 @@ def region() -> str:
     if not _REGION.fullmatch(text):
         raise DocumentError.of(REGION, repr(text), "a region's name, such as us-west-2")
     return text
-
-
-def count_setting(name: str, default: int, allowed: str) -> int:
-    """Returns a whole number above 0 that the environment sets, or its default.
-
-    Raises:
-        DocumentError: The variable says something else.
-    """
-    text = os.environ.get(name)
-    if not text:
-        return default
-    if not (text.isascii() and text.isdigit() and int(text) > 0):
-        raise DocumentError.of(name, repr(text), allowed)
-    return int(text)
 
 
 WORKERS = "SIMYARD_WORKERS"

@@ -48,7 +48,7 @@ def measure_memory(worlds: int) -> JobFigures:
         done = subprocess.run(
             [sys.executable, __file__, str(worlds)],
             cwd=folder,
-            env={**os.environ, MAX_WORLDS: str(worlds)},
+            env={**os.environ, MAX_WORLDS.variable: str(worlds)},
             check=True,
             stdout=subprocess.PIPE,
             text=True,

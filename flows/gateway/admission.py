@@ -25,7 +25,8 @@ from specs.errors import (
     StoreAccessDenied,
 )
 from specs.job_kinds import JobKind
-from specs.robomaker.operations import SIMULATION_JOBS, Quota
+from specs.robomaker.operations import SIMULATION_JOBS
+from specs.settings import CountSetting
 from tasks.gateway.rest_json import without_places
 from tasks.storage.base.keys import queue_prefix, token_key
 from tasks.storage.base.store import Store
@@ -47,7 +48,7 @@ _REASON = "failureReason"
 
 @contextmanager
 def require_place(
-    store: Store, kind: JobKind, job: str, quota: Quota, options: dict[str, JsonValue]
+    store: Store, kind: JobKind, job: str, quota: CountSetting, options: dict[str, JsonValue]
 ) -> Generator[None]:
     """Puts a job into the queue, to be recorded inside the ``with`` block; takes it out again if that fails.
 
@@ -63,18 +64,18 @@ def require_place(
         raise
 
 
-def require_room(store: Store, kind: JobKind, quota: Quota) -> None:
+def require_room(store: Store, kind: JobKind, quota: CountSetting) -> None:
     """Does nothing while the queue holds no more jobs than there may be.
 
     Raises:
         LimitExceeded: It holds more.
     """
-    most, single = quota.most(), quota is SIMULATION_JOBS
+    most, single = quota.value(), quota is SIMULATION_JOBS
     keys = store.keys(f"{queue_prefix()}/{kind}")
     # Only a full queue is read: some of it may have ended, or be of the other sort.
     if len(keys) <= most or len(_waiting(store, kind, keys, single=single)) <= most:
         return
-    allowed = f"at most {most} {quota.what} ({quota.setting}); wait for one, or cancel one"
+    allowed = f"at most {most} {quota.what} ({quota.variable}); wait for one, or cancel one"
     raise LimitExceeded.of("request", "one more", allowed, source="request")
 
 
@@ -175,7 +176,7 @@ class Admission:
     asked: Document
     asked_in: Callable[[JobRecord], Mapping[str, JsonValue]]
     checked: Callable[[], NewRecord]
-    quota: Quota
+    quota: CountSetting
     options: Document = field(default_factory=dict[str, JsonValue])
     before_record: Callable[[str], None] = lambda _: None
 

@@ -12,14 +12,14 @@ from typing import Any
 from specs.arn import KINDS, RUN_KIND, Reference, ResourceKind, absence, parse_reference
 from specs.base import Spec
 from specs.errors import DocumentError, LimitExceeded, ResourceNotFound
-from specs.robomaker.operations import Quota
+from specs.settings import CountSetting
 from tasks.storage.base.keys import checked_name
 from tasks.storage.base.store import Store
 
 ROBOMAKER_KINDS: tuple[ResourceKind, ...] = tuple(kind for kind in KINDS if kind != RUN_KIND)
 """All that RoboMaker has: runs of documents are Simyard's own."""
 _TWO_PARTS: Collection[ResourceKind] = ("world", "simulation-job")
-_LOCKS: dict[Quota, Lock] = {}
+_LOCKS: dict[CountSetting, Lock] = {}
 _TABLE = Lock()
 
 
@@ -104,7 +104,7 @@ def _refused(text: str, member: str, allowed: str) -> DocumentError:
 
 
 @contextmanager
-def one_more(quota: Quota, count: Callable[[], int]) -> Generator[None]:
+def one_more(quota: CountSetting, count: Callable[[], int]) -> Generator[None]:
     """Allows one more resource to be made, and no other of its kind until it is.
 
     Args:
@@ -117,8 +117,8 @@ def one_more(quota: Quota, count: Callable[[], int]) -> Generator[None]:
     with _TABLE:
         lock = _LOCKS.setdefault(quota, Lock())
     with lock:
-        most = quota.most()
+        most = quota.value()
         if count() >= most:
-            allowed = f"at most {most} {quota.what} ({quota.setting}); delete one"
+            allowed = f"at most {most} {quota.what} ({quota.variable}); delete one"
             raise LimitExceeded.of("request", "one more", allowed, source="request")
         yield

@@ -17,7 +17,7 @@ from flows.gateway.handlers import HANDLERS
 from flows.gateway.page.site import Site, answer_page
 from specs.arn import ArnForm, ResourceKind, reference_path
 from specs.errors import DocumentError
-from specs.settings import actions_days, region
+from specs.settings import ACTIONS_DAYS, region
 from tasks.deploy.fleet.fleet_registry import known_robot
 from tasks.gateway.access.access_keys import KeyFile
 from tasks.gateway.access.action_log import ActionLog, record_call
@@ -145,6 +145,6 @@ def _page(site: Site) -> Page:
 
 
 def _note(store: Store) -> Note:
-    log = ActionLog(store, actions_days())
+    log = ActionLog(store, ACTIONS_DAYS.value())
     form = ArnForm(store_id(store), region())
     return lambda call: record_call(log, call, form.robomakers)

@@ -25,7 +25,7 @@ from specs.data.outcomes import MOST_OWN_TAGS, is_reserved
 from specs.errors import DocumentError
 from specs.job_kinds import JobKind
 from specs.pipeline.simulation_section import SimulationBatch
-from specs.robomaker.operations import BATCHES, SIMULATION_JOBS, Quota
+from specs.robomaker.operations import BATCHES, SIMULATION_JOBS
 from specs.robomaker.simulation import (
     BatchDescribeSimulationJobRequest,
     CancelSimulationJobBatchRequest,
@@ -47,6 +47,7 @@ from specs.robomaker.simulation_descriptions import (
     SimulationJob,
     StartSimulationJobBatchResponse,
 )
+from specs.settings import CountSetting
 from tasks.documents.pipeline_file import in_request, pipeline_of_request
 from tasks.simulate.batch.batch_jobs import (
     batch_describe_jobs,
@@ -90,7 +91,7 @@ def _cancel_batch(gateway: Gateway, request: CancelSimulationJobBatchRequest) ->
     return CancelSimulationJobBatchResponse()
 
 
-def admit_batch(gateway: Gateway, asked: Document, quota: Quota, options: Document) -> JobRecord:
+def admit_batch(gateway: Gateway, asked: Document, quota: CountSetting, options: Document) -> JobRecord:
     """Returns the batch of a request, or the batch of one that a single job is, with its plan."""
     store = gateway.store
 

@@ -37,7 +37,7 @@ from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.section_requests import generation_request, section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
-from specs.settings import recount_episodes
+from specs.settings import RECOUNT
 from specs.template.body import template_digest
 from tasks.documents.template_source import find_template
 from tasks.progress.listener import at_a_time
@@ -318,7 +318,7 @@ def _sampled_early(batch: str, plan: BatchPlan, store: Store) -> list[str] | Non
 def _sampled(batch: str, plan: BatchPlan, store: Store) -> list[str]:
     """Returns which of a few episodes of a batch come out otherwise when they are simulated again, one line each."""
     opened = require_plan(store, batch, plan)
-    return sample_changes(opened, bundles(opened), recount_episodes())
+    return sample_changes(opened, bundles(opened), RECOUNT.value())
 
 
 def section_world_changes(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
-from specs.settings import server_wait_s
+from specs.settings import SERVER_WAIT
 from tasks.progress.log_lines import log_duration
 from tasks.server import process
 from tasks.server.health import (
@@ -77,7 +77,7 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
     Raises:
         StageFailed: The server that the user chose, or the kept one, does not answer; or a new one does not come up.
     """
-    home, wait_s = prefect_home(), server_wait_s()
+    home, wait_s = prefect_home(), SERVER_WAIT.value()
     if given := _chosen(home) or _kept(home):
         url = given["PREFECT_API_URL"]
         with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from specs.settings import ROBOMAKERS_MAX_WORLDS, max_worlds_of_job
+from specs.settings import MAX_WORLDS, ROBOMAKERS_MAX_WORLDS
 
 MAX_WORLDS_OF_DOCUMENT = 10_000
 _LONGEST_TOKEN = 64
@@ -63,7 +63,7 @@ def generation_parts(floorplans: int, interiors: int, most: int | None = None) -
         interiors: Worlds of each, at least 1.
         most: Worlds of one job; what this machine allows, if left out.
     """
-    most = most or max_worlds_of_job()
+    most = most or MAX_WORLDS.value()
     interiors_each = min(interiors, most)
     plans_each = max(1, most // interiors) if interiors <= most else 1
     blocks = [
@@ -86,5 +86,5 @@ def generation_tokens(section: JsonValue, token: str, most: int | None = None) -
     names = ("floorplanCount", "interiorCountPerFloorplan")
     found = [count.get(name) if isinstance(count, dict) else 1 for name in names]
     plans, interiors = (each if type(each) is int and each > 0 else 1 for each in found)
-    most = most or min(ROBOMAKERS_MAX_WORLDS, max_worlds_of_job())
+    most = most or min(ROBOMAKERS_MAX_WORLDS, MAX_WORLDS.value())
     return [part.token(token) for part in generation_parts(plans, interiors, most)]

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, NamedTuple, get_origin
 from specs import field_types
 from specs.base import Spec
 from specs.robomaker import applications, deployment, shared_operations, simulation, simulation_descriptions, world_jobs
-from specs.settings import count_setting
+from specs.settings import CountSetting
 
 Right = Literal["read", "simulate", "deploy", "tag"]
 """What a key must be allowed for a call; for ``tag`` the kind of the tagged resource decides."""
@@ -219,38 +219,16 @@ STATUSES: Mapping[ErrorName, int] = {"InternalServer": 500, "ServiceUnavailable"
 """The HTTP status of an error; 400 where none is named (docs/reference/robomaker.md, section 1)."""
 
 
-class Quota(NamedTuple):
-    """How many of one thing there may be.
-
-    Attributes:
-        what: What is counted.
-        setting: The variable that says how many.
-        default: How many, if it says nothing.
-    """
-
-    what: str
-    setting: str
-    default: int
-
-    def most(self) -> int:
-        """Returns how many there may be.
-
-        Raises:
-            DocumentError: The variable is no number.
-        """
-        return count_setting(self.setting, self.default, f"a number of {self.what}, at least 1")
-
-
-GENERATION_JOBS = Quota("world generation jobs at a time", "SIMYARD_MAX_GENERATION_JOBS", 100)
-EXPORT_JOBS = Quota("world export jobs at a time", "SIMYARD_MAX_EXPORT_JOBS", 100)
-BATCHES = Quota("simulation job batches at a time", "SIMYARD_MAX_BATCHES", 100)
-SIMULATION_JOBS = Quota("single simulation jobs at a time", "SIMYARD_MAX_SIMULATION_JOBS", 1000)
-DEPLOYMENTS = Quota("deployment jobs at a time", "SIMYARD_MAX_DEPLOYMENTS", 100)
-APPLICATIONS = Quota("applications of a kind", "SIMYARD_MAX_APPLICATIONS", 100)
-TEMPLATES = Quota("world templates", "SIMYARD_MAX_TEMPLATES", 100)
-FLEETS = Quota("fleets", "SIMYARD_MAX_FLEETS", 20)
-ROBOTS = Quota("robots", "SIMYARD_MAX_ROBOTS", 1000)
-FLEET_ROBOTS = Quota("robots of a fleet", "SIMYARD_MAX_FLEET_ROBOTS", 1000)
+GENERATION_JOBS = CountSetting("SIMYARD_MAX_GENERATION_JOBS", 100, "world generation jobs at a time")
+EXPORT_JOBS = CountSetting("SIMYARD_MAX_EXPORT_JOBS", 100, "world export jobs at a time")
+BATCHES = CountSetting("SIMYARD_MAX_BATCHES", 100, "simulation job batches at a time")
+SIMULATION_JOBS = CountSetting("SIMYARD_MAX_SIMULATION_JOBS", 1000, "single simulation jobs at a time")
+DEPLOYMENTS = CountSetting("SIMYARD_MAX_DEPLOYMENTS", 100, "deployment jobs at a time")
+APPLICATIONS = CountSetting("SIMYARD_MAX_APPLICATIONS", 100, "applications of a kind")
+TEMPLATES = CountSetting("SIMYARD_MAX_TEMPLATES", 100, "world templates")
+FLEETS = CountSetting("SIMYARD_MAX_FLEETS", 20, "fleets")
+ROBOTS = CountSetting("SIMYARD_MAX_ROBOTS", 1000, "robots")
+FLEET_ROBOTS = CountSetting("SIMYARD_MAX_FLEET_ROBOTS", 1000, "robots of a fleet")
 
 
 _MODULES: tuple[ModuleType, ...] = (

@@ -28,7 +28,7 @@ from specs.field_types import (
     text,
 )
 from specs.rules import Within, broken
-from specs.settings import min_job_duration_s
+from specs.settings import MIN_JOB_DURATION
 
 UploadBehavior = Literal["UPLOAD_ON_TERMINATE", "UPLOAD_ROLLING_AUTO_REMOVE"]
 ExitBehavior = Literal["FAIL", "RESTART"]
@@ -174,12 +174,12 @@ MAX_BATCHED_JOB_DURATION_S = 691_200
 
 def duration_rule(most_s: int, where: str = "") -> str:
     """Returns which durations a job may have, in plain words."""
-    return f"from {min_job_duration_s():,} to {most_s:,} seconds{where}"
+    return f"from {MIN_JOB_DURATION.value():,} to {most_s:,} seconds{where}"
 
 
 def _lasting(most_s: int, where: str = "") -> AfterValidator:
     def check(seconds: int) -> int:
-        if min_job_duration_s() <= seconds <= most_s:
+        if MIN_JOB_DURATION.value() <= seconds <= most_s:
             return seconds
         raise broken(duration_rule(most_s, where))
 

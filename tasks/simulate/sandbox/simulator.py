@@ -25,7 +25,7 @@ from pydantic import ValidationError
 from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from specs.errors import SimyardError
-from specs.settings import import_limit_s, step_limit_s
+from specs.settings import IMPORT_LIMIT, STEP_LIMIT
 from tasks.progress.listener import report_progress
 from tasks.simulate.application.bundle_code import CLOCK_BYTES, CallKind, RunningCall, running_call
 from tasks.simulate.chunk.byproducts import note_timing
@@ -62,11 +62,11 @@ _NODES_LIMIT_S = 900.0
 def timeout_of(call: RunningCall) -> str:
     """Returns that a call takes too long, for a person; empty as long as it does not."""
     limits: Mapping[CallKind, tuple[float, str]] = {
-        "import": (import_limit_s(), "SIMYARD_IMPORT_LIMIT_S"),
-        "call": (step_limit_s(), "SIMYARD_STEP_LIMIT_S"),
-        "slice": (step_limit_s(), "SIMYARD_STEP_LIMIT_S"),
-        "compile": (max(_COMPILE_LIMIT_S, step_limit_s()), "SIMYARD_STEP_LIMIT_S"),
-        "nodes": (max(_NODES_LIMIT_S, step_limit_s()), "SIMYARD_STEP_LIMIT_S"),
+        "import": (IMPORT_LIMIT.value(), "SIMYARD_IMPORT_LIMIT_S"),
+        "call": (STEP_LIMIT.value(), "SIMYARD_STEP_LIMIT_S"),
+        "slice": (STEP_LIMIT.value(), "SIMYARD_STEP_LIMIT_S"),
+        "compile": (max(_COMPILE_LIMIT_S, STEP_LIMIT.value()), "SIMYARD_STEP_LIMIT_S"),
+        "nodes": (max(_NODES_LIMIT_S, STEP_LIMIT.value()), "SIMYARD_STEP_LIMIT_S"),
     }
     limit_s, name = limits[call.kind]
     return f"{call.what} took longer than {limit_s:g} s ({name})" if call.seconds > limit_s else ""

@@ -2,8 +2,8 @@
 
 The key is the owner's: 32 random bytes in a file that only its owner can read, made when it is first needed, in the
 cache folder or where SIMYARD_OWNER_KEY says. Whoever loses it loses time: what cannot be authenticated is simulated
-anew (docs/decisions/0010). A batch has a key of its own, made from the owner's, its id and its plan's digest (HMAC-SHA-256),
-so that workers of a cluster are given no more than they need.
+anew (docs/decisions/0010). A batch has a key of its own, made from the owner's, its id and its plan's digest
+(HMAC-SHA-256), so that workers of a cluster are given no more than they need.
 """
 
 import hashlib

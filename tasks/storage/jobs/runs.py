@@ -13,7 +13,7 @@ from pydantic import JsonValue
 from specs.errors import ResourceNotFound
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.pipeline.generation_parts import generation_tokens
-from specs.settings import max_worlds_of_job
+from specs.settings import MAX_WORLDS
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import ClaimRecord, hold_claim
@@ -84,7 +84,7 @@ def worlds_of_job(store: Store, token: str) -> int:
         store: Where the run is.
         token: Of one of the run's stages; of a stage without a run it is what this machine allows.
     """
-    most, run = max_worlds_of_job(), run_of(token)
+    most, run = MAX_WORLDS.value(), run_of(token)
     if not run:
         return most
     record = read(store, KIND, run)

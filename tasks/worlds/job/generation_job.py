@@ -20,7 +20,7 @@ from specs.errors import StoreError
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import WorldGenerationJobErrorCode
 from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
-from specs.settings import max_worlds_of_job
+from specs.settings import MAX_WORLDS
 from specs.template.body import TemplateBody, template_digest
 from tasks.storage.base.keys import claim_key, template_key, world_key, worlds_prefix
 from tasks.storage.base.store import Store, create_once
@@ -159,7 +159,7 @@ def run_generation_job(
         if is_terminal(record):
             return record
         floorplans, interiors = _counts(request)
-        most = most or max_worlds_of_job()
+        most = most or MAX_WORLDS.value()
         if min(floorplans, interiors) < 1 or floorplans * interiors > most:
             return _refuse(store, record, floorplans, interiors, most)
         _keep_template(store, template, digest)

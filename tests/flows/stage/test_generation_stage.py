@@ -27,7 +27,7 @@ BASE = str(ROOT / "examples/templates")
 
 
 def made(store: Store, monkeypatch: pytest.MonkeyPatch, most: int, token: str) -> list[tuple[str, bytes]]:
-    monkeypatch.setenv(MAX_WORLDS, str(most))
+    monkeypatch.setenv(MAX_WORLDS.variable, str(most))
     record = world_generation(SECTION, store.url, BASE, token)
     worlds = [*cast("list[str]", record.detail["worlds"])]
     return [(world, store.get(world_key(*world.split("/"))).body) for world in worlds]
@@ -66,7 +66,7 @@ def test_a_run_goes_on_with_the_jobs_that_another_machine_began(
     file_store: Store, monkeypatch: pytest.MonkeyPatch, begun: int, here: int
 ):
     run = submit(file_store, "pipeline-run", {"flow": "pipeline"}, "run")
-    monkeypatch.setenv(MAX_WORLDS, str(begun))
+    monkeypatch.setenv(MAX_WORLDS.variable, str(begun))
     token = stage_token(run, "worlds")
     assert worlds_of_job(file_store, token) == begun
     found = made(file_store, monkeypatch, here, token)
@@ -74,7 +74,7 @@ def test_a_run_goes_on_with_the_jobs_that_another_machine_began(
 
 
 def test_the_stage_is_reported_once_with_all_its_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv(MAX_WORLDS, "2")
+    monkeypatch.setenv(MAX_WORLDS.variable, "2")
     record = world_generation(SECTION, file_store.url, BASE, "d")
     report = generation_report(record, file_store, 1.0)
     assert (report.status, report.summary.split(";")[0]) == ("Completed", "3 worlds")
@@ -82,7 +82,7 @@ def test_the_stage_is_reported_once_with_all_its_worlds(file_store: Store, monke
 
 
 def test_worlds_that_several_jobs_made_are_recounted_job_by_job(file_store: Store, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv(MAX_WORLDS, "2")
+    monkeypatch.setenv(MAX_WORLDS.variable, "2")
     run = submit(file_store, "pipeline-run", {}, "run")
     found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
     digests = {world: hashlib.sha256(body).hexdigest() for world, body in found}

@@ -4,7 +4,8 @@ import pytest
 
 from specs.errors import DocumentError
 from specs.robomaker import operations
-from specs.robomaker.operations import OPERATIONS, STATUSES, Quota, shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
+from specs.settings import CountSetting
 from tests.specs.contract_forms import contract, models
 
 
@@ -26,15 +27,15 @@ def test_every_document_class_is_found_by_its_name():
     assert shapes() == models()
 
 
-QUOTAS = [each for each in vars(operations).values() if isinstance(each, Quota)]
+QUOTAS = [each for each in vars(operations).values() if isinstance(each, CountSetting)]
 
 
-@pytest.mark.parametrize("quota", QUOTAS, ids=lambda quota: quota.setting)
-def test_a_quota_is_what_its_variable_says(quota: Quota, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.delenv(quota.setting, raising=False)
-    assert quota.most() == quota.default
-    monkeypatch.setenv(quota.setting, "3")
-    assert quota.most() == 3
-    monkeypatch.setenv(quota.setting, "none")
-    with pytest.raises(DocumentError, match=quota.setting):
-        quota.most()
+@pytest.mark.parametrize("quota", QUOTAS, ids=lambda quota: quota.variable)
+def test_a_quota_is_what_its_variable_says(quota: CountSetting, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(quota.variable, raising=False)
+    assert quota.value() == quota.default
+    monkeypatch.setenv(quota.variable, "3")
+    assert quota.value() == 3
+    monkeypatch.setenv(quota.variable, "none")
+    with pytest.raises(DocumentError, match=quota.variable):
+        quota.value()
