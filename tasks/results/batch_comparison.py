@@ -8,7 +8,8 @@ holds one version of each application. Versions are the same if their bundles ar
 
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple, cast
+from itertools import starmap
+from typing import Literal, NamedTuple
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -264,22 +265,23 @@ def _by_world(pairs: Sequence[tuple[ComparedEpisode, ComparedEpisode]]) -> tuple
 
 
 def _by_key(table: pa.Table, worlds: Mapping[str, str], columns: Sequence[str]) -> dict[Hashable, ComparedEpisode]:
-    rows = table.select(list(_COLUMNS)).to_pylist()
-    return dict(zip(episode_keys(table, worlds, columns), map(_episode, rows), strict=True))
+    rows = zip(*(table.column(name).to_pylist() for name in _COLUMNS), strict=True)
+    return dict(zip(episode_keys(table, worlds, columns), starmap(_episode, rows), strict=True))
 
 
-def _episode(row: Mapping[str, object]) -> ComparedEpisode:
-    passed = cast("bool | None", row["success"])
-    failure_code, outcome_reason, status = (str(row[name]) for name in ("failure_code", "outcome_reason", "status"))
-    return ComparedEpisode(
-        index=cast("int", row["index"]),
-        world=str(row["world"]),
-        seed=cast("int", row["seed"]),
-        environment=dict(cast("Iterable[tuple[str, str]]", row["environment"])),
-        passed=passed,
-        reason="" if passed else short_reason(failure_code, outcome_reason, status),
-        recording=str(row["recording"]),
-    )
+def _episode(  # noqa: PLR0917 - the columns of a row, in their order
+    index: int,
+    world: str,
+    seed: int,
+    environment: Iterable[tuple[str, str]],
+    success: bool | None,  # noqa: FBT001
+    status: str,
+    failure_code: str,
+    outcome_reason: str,
+    recording: str,
+) -> ComparedEpisode:
+    reason = "" if success else short_reason(failure_code, outcome_reason, status)
+    return ComparedEpisode(index, world, seed, dict(environment), success, reason, recording)
 
 
 def _distinguishing_columns(first: pa.Table, second: pa.Table) -> list[str]:

@@ -2,9 +2,9 @@
 
 import functools
 from collections import Counter, defaultdict
-from collections.abc import Collection, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, cast
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import NamedTuple, TypeVar
 
 import pyarrow as pa
 
@@ -32,10 +32,43 @@ _APPLICATIONS = (
     *("simulation_launch_file", "duration_s"),
 )
 _KEY = ("world", "environment", *_APPLICATIONS)
-RESULT_COLUMNS = (*_KEY, "status", "success", "simulated_s")
+
+
+class _Key(NamedTuple):
+    """What the episodes of a group have in common; ``applications`` are the values of those columns."""
+
+    world: str
+    applications: tuple[object, ...]
+    environment: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """What is read of a row of ``results.parquet``, besides what its group has in common."""
+
+    status: str
+    success: bool | None
+    simulated_s: float
+
+
+@dataclass(frozen=True)
+class _FailedEpisode:
+    """What is read of a row of ``failures.parquet``, likewise."""
+
+    job: str
+    index: int
+    seed: int
+    reason: str
+    failure_reason: str
+    goals_reached: int
+    goals_total: int
+
+
+RESULT_COLUMNS = (*_KEY, *(each.name for each in fields(_Outcome)))
 """What is read of ``results.parquet``."""
-FAILURE_COLUMNS = (*_KEY, "job", "index", "seed", "reason", "failure_reason", "goals_reached", "goals_total")
+FAILURE_COLUMNS = (*_KEY, *(each.name for each in fields(_FailedEpisode)))
 """What is read of ``failures.parquet``."""
+_Row = TypeVar("_Row", _Outcome, _FailedEpisode)
 _ALWAYS_NAMED = ("robot_application", "robot_launch_file", "simulation_application", "simulation_launch_file")
 _DIGITS = 12
 
@@ -70,13 +103,11 @@ class _Group:
     canceled: int = 0
     simulated_s: float = 0.0
     reasons: Counter[str] = field(default_factory=Counter[str])
-    # The worst episodes by reason: (share of goals, index), what is known.
-    worst: dict[str, list[tuple[tuple[float, int], Mapping[str, object]]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
+    # The worst episodes by reason, those that came least far.
+    worst: dict[str, list[_FailedEpisode]] = field(default_factory=lambda: defaultdict(list))
 
 
-_Groups = dict[Hashable, _Group]
+_Groups = dict[_Key, _Group]
 
 
 def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRules) -> CountedBatch:
@@ -118,47 +149,42 @@ def count_groups(arn: str, results: pa.Table, failures: pa.Table, rules: GroupRu
 
 def _counted(results: pa.Table) -> _Groups:
     groups: _Groups = {}
-    for key, row in _rows(results):
+    for key, row in _rows(results, _Outcome):
         group = groups.get(key)
         if group is None:
             group = groups[key] = _Group()
-        success = row["success"]
-        group.simulated_s += cast("float", row["simulated_s"])
-        group.passed += success is True
-        group.failed += success is False
-        group.canceled += success is None
-        group.crashed += row["status"] == "Failed"
+        group.simulated_s += row.simulated_s
+        group.passed += row.success is True
+        group.failed += row.success is False
+        group.canceled += row.success is None
+        group.crashed += row.status == "Failed"
     return groups
 
 
 def _add_failures(groups: _Groups, failures: pa.Table) -> None:
     """Adds why episodes did not pass, and the worst of them: those that came least far."""
-    for key, row in _rows(failures):
-        group, reason = groups.get(key), str(row["reason"])
+    for key, row in _rows(failures, _FailedEpisode):
+        group = groups.get(key)
         if group is None:
             continue
-        group.reasons[reason] += 1
-        goals = cast("int", row["goals_total"])
-        place = (cast("int", row["goals_reached"]) / goals if goals else 0.0, cast("int", row["index"]))
-        kept = group.worst[reason]
-        kept.append((place, row))
-        kept.sort(key=lambda each: each[0])
+        group.reasons[row.reason] += 1
+        kept = group.worst[row.reason]
+        kept.append(row)
+        kept.sort(key=lambda each: (each.goals_reached / each.goals_total if each.goals_total else 0.0, each.index))
         del kept[MOST_EXAMPLES:]
 
 
-def _rows(table: pa.Table) -> Iterator[tuple[Hashable, Mapping[str, object]]]:
-    """Yields each row with the key of its group: world, applications, variables."""
-    others = [name for name in table.column_names if name not in _KEY]
+def _rows(table: pa.Table, kind: type[_Row]) -> Iterator[tuple[_Key, _Row]]:
+    """Yields each row with the key of its group."""
     for part in table.to_batches(_ROWS_AT_ONCE):
         columns = {name: part.column(name).to_pylist() for name in part.schema.names}
         applications = zip(*(columns[name] for name in _APPLICATIONS), strict=True)
         variables = (tuple(sorted(each)) for each in columns["environment"])
-        keys = zip(columns["world"], applications, variables, strict=True)
-        for key, values in zip(keys, zip(*(columns[name] for name in others), strict=True), strict=True):
-            yield key, dict(zip(others, values, strict=True))
+        keys = map(_Key, columns["world"], applications, variables)
+        yield from zip(keys, map(kind, *(columns[each.name] for each in fields(kind))), strict=True)
 
 
-def _names(keys: Sequence[Hashable]) -> dict[Hashable, str]:
+def _names(keys: Sequence[_Key]) -> dict[_Key, str]:
     """Returns what groups are called: what they drive, and whatever is not the same in all of them."""
     parts = {key: _parts(key) for key in keys}
     values: dict[str, set[str | None]] = defaultdict(set)
@@ -170,13 +196,12 @@ def _names(keys: Sequence[Hashable]) -> dict[Hashable, str]:
     return {key: _name(found, several) for key, found in parts.items()}
 
 
-def _parts(key: Hashable) -> dict[str, str]:
-    _, applications, environment = cast("tuple[str, tuple[object, ...], tuple[tuple[str, str], ...]]", key)
-    found = dict(zip(_APPLICATIONS, map(str, applications), strict=True))
+def _parts(key: _Key) -> dict[str, str]:
+    found = dict(zip(_APPLICATIONS, map(str, key.applications), strict=True))
     for name in ("robot_digest", "simulation_digest"):
         found[name] = found[name][:_DIGITS]
     # A variable may be called like a column.
-    return found | {f"${name}": value for name, value in environment}
+    return found | {f"${name}": value for name, value in key.environment}
 
 
 def _name(parts: Mapping[str, str], several: Sequence[str]) -> str:
@@ -185,23 +210,22 @@ def _name(parts: Mapping[str, str], several: Sequence[str]) -> str:
     return ", ".join([f"{robot} {launch} in {scenario} {rooms}", *more])
 
 
-def _state(key: Hashable, group: _Group, rules: GroupRules) -> tuple[GroupState, str]:
+def _state(key: _Key, group: _Group, rules: GroupRules) -> tuple[GroupState, str]:
     """Returns what a group is called, and why that is not what its rate seems to say."""
     ended = _ended(group)
     if not ended:
         return "skipped", "all of its episodes were canceled"
-    _, applications, _ = cast("tuple[str, tuple[object, ...], object]", key)
     below = group.passed / ended < (1.0 if rules.bar is None else rules.bar)
     if not below:
         return "passed", ""
-    if applications[_APPLICATIONS.index("robot_digest")] in rules.compared_with:
+    if key.applications[_APPLICATIONS.index("robot_digest")] in rules.compared_with:
         return "passed", "this version is only compared with"
     if rules.verdict == "PASS":
         return "passed", "not all passed, but the gate is about all episodes together, and says PASS"
     return ("error" if group.crashed else "failed"), ""
 
 
-def _shown(states: Mapping[Hashable, tuple[GroupState, str]]) -> frozenset[Hashable]:
+def _shown(states: Mapping[_Key, tuple[GroupState, str]]) -> frozenset[_Key]:
     """Returns which groups are listed: those that are not as they should be before others."""
     order = sorted(states, key=lambda key: states[key][0] not in {"failed", "error"})
     return frozenset(order[:MOST_GROUPS])
@@ -210,25 +234,21 @@ def _shown(states: Mapping[Hashable, tuple[GroupState, str]]) -> frozenset[Hasha
 def _like_these(groups: _Groups, rules: GroupRules) -> WorldsLikeThese:
     worlds: dict[str, tuple[int, int]] = {}
     for key, group in groups.items():
-        passed, ended = worlds.get(_world(key), (0, 0))
-        worlds[_world(key)] = passed + group.passed, ended + _ended(group)
+        passed, ended = worlds.get(key.world, (0, 0))
+        worlds[key.world] = passed + group.passed, ended + _ended(group)
     early = "the batch might have ended early" if rules.looks else ""
     passed, ended = ([counts[at] for counts in worlds.values()] for at in (0, 1))
     return worlds_like_these(passed, ended, rules.confidence, refused=early)
 
 
-def _worlds(groups: Mapping[Hashable, GroupReport]) -> Iterator[WorldReport]:
+def _worlds(groups: Mapping[_Key, GroupReport]) -> Iterator[WorldReport]:
     by_world: dict[str, list[GroupReport]] = defaultdict(list)
     for key, group in groups.items():
-        by_world[_world(key)].append(group)
+        by_world[key.world].append(group)
     one = len({world.partition("/")[0] for world in by_world}) == 1
     for world, found in by_world.items():
         label = world.partition("/")[2] or world if one else world
         yield WorldReport(world=world, label=label, groups=tuple(found))
-
-
-def _world(key: Hashable) -> str:
-    return cast("tuple[str, object, object]", key)[0]
 
 
 def _report(
@@ -254,17 +274,15 @@ def _report(
 
 def _examples(group: _Group, rules: GroupRules) -> Iterator[FailureExample]:
     """Yields the worst episode of each reason, most frequent reasons first; then the next worst of each."""
-    ranks = [
-        (rank, row) for reason, _ in _most_frequent(group.reasons) for rank, (_, row) in enumerate(group.worst[reason])
-    ]
+    ranks = [(rank, row) for reason, _ in _most_frequent(group.reasons) for rank, row in enumerate(group.worst[reason])]
     ranks.sort(key=lambda each: each[0])
     for _, row in ranks[:MOST_EXAMPLES]:
-        job = f"{rules.job_arn}{row['job']}"
+        job = f"{rules.job_arn}{row.job}"
         yield FailureExample(
             job=job,
-            seed=cast("int", row["seed"]),
-            reason=str(row["reason"]),
-            explanation=str(row["failure_reason"])[:_LONGEST],
+            seed=row.seed,
+            reason=row.reason,
+            explanation=row.failure_reason[:_LONGEST],
             replay=" ".join(filter(None, ["simyard replay", job, rules.store_option])),
         )
 
