@@ -211,15 +211,6 @@ def test_a_room_by_name_is_furnished_from_its_own_list() -> None:
     assert types["Guest"] == {"Beds"}
 
 
-def test_denser_wishes_cover_more_floor() -> None:
-    free: list[float] = []
-    for density in ("Sparse", "Moderate", "Dense"):
-        arrangement = furniture({"RoomTypes": ["Living"]}, density=density)
-        body = template(room("Living", area_m2=30.0), arrangements=(arrangement,))
-        free.append(sum(make(body, seed).certificate.free_floor_share for seed in range(8)) / 8)
-    assert free[0] > free[1] + 0.04 > free[2] + 0.08
-
-
 def test_materials_follow_the_template_by_name_before_type() -> None:
     body = template(
         room("A", "Kitchen"),
