@@ -21,12 +21,11 @@ from specs.launched_file import (
     simulated_file,
 )
 from specs.pipeline.document import PipelineSpec
-from specs.pipeline.gate_section import Gate
+from specs.pipeline.gate_section import Gate, metric_faults
 from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind
 from tasks.applications.registry import shipped_application, unpack
-from tasks.results.gate.rules.metric_names import metric_faults
 from tasks.simulate.application.declared_metrics import declared_metrics
 from tasks.simulate.application.mjcf_check import MjcfRefused, check_mjcf
 from tasks.simulate.plan.batch_plan import BatchPlan

@@ -15,10 +15,9 @@ from specs.base import Fault, Spec
 from specs.data.run_report import Verdict
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.pipeline.document import PipelineSpec, canonical_digest
-from specs.pipeline.gate_section import Gate
+from specs.pipeline.gate_section import Gate, metric_faults
 from tasks.results.gate.evidence import Baseline, LaterEvidence, WrittenEvidence, gather, write_later_evidence
 from tasks.results.gate.gate_verdict import GateVerdict, judge
-from tasks.results.gate.rules.metric_names import metric_faults
 from tasks.results.gate.rules.quantiles import measured_names
 from tasks.results.gate.rules.rule import GateMaterial, RuleVerdict
 from tasks.results.report.batch_facts import read_judgement

@@ -1,16 +1,17 @@
 """The section of a pipeline that decides: what a batch must show before anything is deployed."""
 
+import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from specs.base import Spec
+from specs.base import Fault, Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
-from specs.rules import Finding, Location, Ruled, broken, items, meant, part
+from specs.rules import Finding, Location, Ruled, broken, items, meant, nearest, part
 
 MAX_QUANTILES = 20
 FEWEST_WORLDS = 2
@@ -215,3 +216,29 @@ def _asked_twice(quantiles: object) -> Iterator[Finding]:
             allowed = "each quantile of a column once from below and once from above"
             yield Finding(("quantiles", number), f"{key[1]} of {key[0]}", allowed)
         seen.add(key)
+
+
+METRIC_PREFIX = "metrics."
+"""What stands before a metric's name in a rule."""
+
+
+def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
+    """Returns a fault for each rule about a metric that is not among those that are known."""
+    return [
+        Fault(
+            path=f"gate.quantiles[{number}].column",
+            value=json.dumps(asked.column),
+            allowed=metric_rule(asked.column.removeprefix(METRIC_PREFIX), known),
+        )
+        for number, asked in enumerate(gate.quantiles or ())
+        if asked.column.startswith(METRIC_PREFIX) and asked.column.removeprefix(METRIC_PREFIX) not in known
+    ]
+
+
+def metric_rule(name: str, known: Sequence[str]) -> str:
+    """Returns which metrics a rule may ask for, the one that was probably meant first."""
+    close = name if name in MEASURES else f"{METRIC_PREFIX}{near}" if (near := nearest(name, known)) else ""
+    hint = f'did you mean "{close}"? ' if close else ""
+    if not known:
+        return f"{hint}one of {', '.join(MEASURES)}; the scenario measures nothing by itself"
+    return f"{hint}the scenario measures {', '.join(f'{METRIC_PREFIX}{each}' for each in known)}"

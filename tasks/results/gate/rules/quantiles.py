@@ -5,9 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from specs.data.result_columns import COURSES
-from specs.pipeline.gate_section import QuantileRule
+from specs.pipeline.gate_section import METRIC_PREFIX, QuantileRule
 from tasks.results.gate.missing_data import ASSUMED, Assumed, Gap, gap_of, unseen
-from tasks.results.gate.rules.metric_names import PREFIX
 from tasks.results.gate.rules.rule import GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.rule_answers import (
     answer_above,
@@ -34,7 +33,7 @@ _ENDS = ("status", "failure_code", "outcome")
 
 
 def _columns(asked: QuantileRule) -> Sequence[str]:
-    return (*_ENDS, _METRICS if asked.column.startswith(PREFIX) else asked.column)
+    return (*_ENDS, _METRICS if asked.column.startswith(METRIC_PREFIX) else asked.column)
 
 
 class _Values(NamedTuple):
@@ -115,15 +114,15 @@ def _gap(asked: QuantileRule, value: float, gap: Gap | None, outcome: str) -> Ga
 
 def _is_made_better(asked: QuantileRule) -> bool:
     """Returns whether an end that came early may make the measure look better; of a scenario's own nobody knows."""
-    if asked.column.startswith(PREFIX):
+    if asked.column.startswith(METRIC_PREFIX):
         return True
     return COURSES.get(asked.column, "") == ("falls" if asked.atLeast is not None else "grows")
 
 
 def _measured(rows: "pa.Table", column: str) -> list[float]:
     """Returns the values of a column; NaN where there is none."""
-    if column.startswith(PREFIX):
-        name = column.removeprefix(PREFIX)
+    if column.startswith(METRIC_PREFIX):
+        name = column.removeprefix(METRIC_PREFIX)
         found = [dict(metrics or ()).get(name) for metrics in rows.column(_METRICS).to_pylist()]
     else:
         found = rows.column(column).to_pylist()
