@@ -27,6 +27,7 @@ _BARE_PAGE = re.compile(r"(?<![\w./\"'-])[a-z][\w-]*\.md\b")
 # In a docstring or a comment: a name of this code, its words joined by underscores, perhaps of a module.
 _NAME = re.compile(r"``((?:[a-z_]+\.)*[a-z]+(?:_[a-z]+)+)``")
 _PACKAGES = ("specs", "tasks", "flows", "simyard")
+_FOREIGN = frozenset(["cdds_request_header_t", "rmw_init_cs"])  # of rmw_cyclonedds_cpp
 _ELSEWHERE = re.compile(
     r"\bsemantics,? \d|\bthe semantics\b|\btraps? \d|\bdecisions? \d|\bdesign notes\b|\.\./shared\b"
 )
@@ -125,7 +126,7 @@ def _words(node: ast.AST) -> list[str]:
 def names_not_there(text: str) -> list[str]:
     cited = (name.split(".") for name in _NAME.findall(text))
     return [".".join(parts) for parts in cited if parts[0] in names() and not names().issuperset(parts)] + [
-        name for name in _NAME.findall(text) if "." not in name and name not in names()
+        name for name in _NAME.findall(text) if "." not in name and name not in names() | _FOREIGN
     ]
 
 
