@@ -62,7 +62,7 @@ class KeptNights(Spec):
         nights: Nights of ended runs, by the run's id; None for a run that is no night.
     """
 
-    version: Literal[1] = 1
+    version: Literal[2] = 2
     documents: dict[str, str] = Field(default_factory=dict[str, str])
     nights: dict[str, Night | None] = Field(default_factory=dict[str, Night | None])
 
@@ -159,7 +159,7 @@ def read_history(store: Store, document: str, measure: Measure, *, anew: bool = 
 def _is_kept(kept: KeptNights, run: str) -> bool:
     """Returns whether a night need not be read: another key may vouch by now for one that was not vouched for."""
     night = kept.nights.get(run)
-    return run in kept.nights and (night is None or night.vouched or bool(night.left_out) or not has_owner_key())
+    return run in kept.nights and (night is None or night.authentic or bool(night.left_out) or not has_owner_key())
 
 
 def _run_ids(store: Store) -> list[str]:
@@ -258,7 +258,7 @@ def _read_rows(
     facts = {
         "robots": tuple(robots.values()),
         "variables": several,
-        "vouched": has_owner_key() and is_sealed(record, owner_authenticator(record.id, digest(plan))),
+        "authentic": has_owner_key() and is_sealed(record, owner_authenticator(record.id, digest(plan))),
         "early": "stopped_early" in record.detail,
     }
     night = night.model_copy(update=facts)

@@ -95,7 +95,7 @@ class Night(Spec):
         variables: Names of the environment variables that have several values.
         cells: Its episodes; nothing if the night is left out.
         left_out: Why it does not count, or empty.
-        vouched: Whether this machine's key vouches for its results.
+        authentic: Whether its results carry the seal of this machine's key.
         early: Whether it ended early, its gate being certain.
         more_generations: The others, where several jobs made them.
         page: Where its report lies, as seen from the trend's page; empty if there is none.
@@ -112,7 +112,7 @@ class Night(Spec):
     variables: tuple[str, ...] = ()
     cells: tuple[Cell, ...] = ()
     left_out: str = ""
-    vouched: bool = False
+    authentic: bool = False
     early: bool = False
     more_generations: tuple[str, ...] = ()
     page: str = ""

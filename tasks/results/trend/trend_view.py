@@ -218,7 +218,7 @@ def _row(night: Night, point: Point | None, base: str, when: str) -> NightRow:
     notes += ["no episode"] if point is None and not night.left_out else []
     notes += ["the same as before"] if point and point.repeats else []
     notes += ["ended early"] if point and night.early else []
-    notes += ["not vouched for"] if point and not night.vouched else []
+    notes += ["not vouched for"] if point and not night.authentic else []
     return NightRow(
         day=when,
         batch=night.batch or night.run,
@@ -262,7 +262,7 @@ def _bundle_row(found: Sequence[tuple[Night, Point]]) -> BundleRow:
 
 
 def _notice(nights: Sequence[Night]) -> str:
-    count = sum(1 for night in nights if night.cells and not night.vouched)
+    count = sum(1 for night in nights if night.cells and not night.authentic)
     if not count:
         return ""
     were = "night is" if count == 1 else "nights are"

@@ -49,7 +49,7 @@ def test_nights_are_the_runs_of_one_document_the_oldest_first(file_store: Store,
     assert counts(file_store) == [(78, 80), (72, 80)]
     assert document_names(file_store) == ["nightly", "weekly"]
     (first, second) = read_history(file_store, "nightly", Measure()).nights
-    assert first.vouched
+    assert first.authentic
     assert first.variables == ("MAX_SPEED",)
     assert {cell.world for cell in first.cells} == {"g/w0", "g/w1"}
     assert first.bundles() != second.bundles()

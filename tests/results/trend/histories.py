@@ -48,7 +48,7 @@ def night(at: int, rates: Sequence[float], rng: np.random.Generator, *, version:
         robots=(launch(version),),
         variables=("MAX_SPEED",),
         cells=tuple(cells),
-        vouched=True,
+        authentic=True,
         page=f"file:///store/buckets/results/simb-{at}/report.html",
     )
     return base.model_copy(update=changes)
