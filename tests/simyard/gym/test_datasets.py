@@ -4,10 +4,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
-import minari
 import numpy as np
 import pytest
 from gymnasium import error, spaces
+from minari.storage.local import load_dataset
 
 from simyard.gym import Rollout, SimyardVectorEnv, collect, export_minari
 
@@ -45,7 +45,7 @@ def test_a_minari_data_set_holds_the_episodes_as_they_were(tmp_path: Path, monke
     )
     made_of = [made(4), made(3, passed=True)]
     export_minari(made_of, cast("SimyardVectorEnv", spaces_of), "simyard/hand/made-v0", policy="by hand")
-    again = minari.load_dataset("simyard/hand/made-v0")
+    again = load_dataset("simyard/hand/made-v0")
     assert (again.total_episodes, again.total_steps) == (2, 7)
     for episode, rollout in zip(again.iterate_episodes(), made_of, strict=True):
         np.testing.assert_array_equal(episode.observations["ranges_m"], dict(rollout.observations)["ranges_m"])
