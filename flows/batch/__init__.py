@@ -1,1 +1,1 @@
-"""A batch before and after its simulation: early end, report, replay, shrink, compare. Flows may import it."""
+"""A batch from its steps to its end, looked at again afterwards, and over the nights. Flows may import it."""

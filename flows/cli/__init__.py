@@ -1,1 +1,1 @@
-"""The shell, `simyard`: thin commands that import what they need when they run. Nobody imports it."""
+"""The shell, `simyard`: a module for each family of commands, imported when one is called. Nobody imports it."""

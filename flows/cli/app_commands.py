@@ -1,19 +1,22 @@
 """The commands of `simyard app`: make applications, and publish their versions."""
-# ruff: noqa: PLC0415 - what a command needs is imported when it runs
 
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
-from flows.cli.terminal import echo
-
-if TYPE_CHECKING:
-    from specs.field_types import Architecture
-    from specs.robomaker.applications import SourceConfig
-    from specs.robomaker.bundle import ApplicationKind
+from flows.cli.terminal import StoreUrl, echo
+from flows.pipeline.version_retention import free_versions, limit_exceeded
+from specs.errors import DocumentError, LimitExceeded
+from specs.field_types import Architecture
+from specs.robomaker.applications import SourceConfig
+from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
+from tasks.applications.bucket_sources import create_application, create_version, delete_application, update_application
+from tasks.applications.registry import publish_bundle as publish_folders
+from tasks.documents.parse import parse
+from tasks.storage.store_url import open_existing_store, open_store
 
 app_app = typer.Typer(help="Make applications and publish their versions.", no_args_is_help=True)
 
@@ -26,30 +29,20 @@ _Sources = Annotated[
     list[str] | None,
     typer.Option("--source", metavar="ARCHITECTURE=s3://BUCKET/KEY", help="Where a bundle lies, a plain tar."),
 ]
-_StoreUrl = Annotated[
-    str | None,
-    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-]
 
 
 @app_app.command("create")
-def create(name: _Name, source: _Sources = None, kind: _Kind = "robot", store: _StoreUrl = None) -> None:
+def create(name: _Name, source: _Sources = None, kind: _Kind = "robot", store: StoreUrl = None) -> None:
     """Make an application without versions, and say where its bundles will lie."""
-    from tasks.applications.bucket_sources import create_application
-    from tasks.storage.store_url import open_store
-
     made = create_application(open_store(store), _kind(kind), name, _sources(source or []))
     echo(f"{made.name}: revision {made.revision}")
 
 
 @app_app.command("update")
 def update(
-    name: _Name, source: _Sources = None, kind: _Kind = "robot", revision: _Revision = None, store: _StoreUrl = None
+    name: _Name, source: _Sources = None, kind: _Kind = "robot", revision: _Revision = None, store: StoreUrl = None
 ) -> None:
     """Say anew where an application's bundles lie; its versions stay as they are."""
-    from tasks.applications.bucket_sources import update_application
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     changed = update_application(opened, _kind(kind), name, _sources(source or []), revision)
     echo(f"{changed.name}: revision {changed.revision}")
@@ -69,18 +62,12 @@ def publish(
     ] = None,
     kind: _Kind = "robot",
     revision: _Revision = None,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Publish an application's next version; the same content keeps its number.
 
     Of a folder, of one for each architecture, or else of what lies at the application's sources.
     """
-    from flows.pipeline.version_retention import free_versions, limit_exceeded
-    from specs.errors import LimitExceeded
-    from tasks.applications.bucket_sources import create_version
-    from tasks.applications.registry import publish_bundle as publish_folders
-    from tasks.storage.store_url import open_store
-
     opened, own = open_store(store), _folders(architecture or [])
     if folder and own:
         raise _refused("--architecture", str(folder), "one folder for all architectures, or one for each")
@@ -101,12 +88,9 @@ def delete(
     name: _Name,
     version: Annotated[str | None, typer.Option(help="Only this version.")] = None,
     kind: _Kind = "robot",
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Delete an application, or a version; its number is not given again, and robots that run it run on."""
-    from tasks.applications.bucket_sources import delete_application
-    from tasks.storage.store_url import open_existing_store
-
     left = delete_application(open_existing_store(store), _kind(kind), name, version)
     echo(f"{name} is deleted" if left.deleted else f"{name} version {version} is deleted; left: {left.numbers}")
 
@@ -116,9 +100,6 @@ def _kind(kind: Literal["robot", "simulation"]) -> "ApplicationKind":
 
 
 def _sources(given: Sequence[str]) -> "list[SourceConfig]":
-    from specs.robomaker.applications import SourceConfig
-    from tasks.documents.parse import parse
-
     found: list[SourceConfig] = []
     for architecture, place in _pairs(given, "--source"):
         if not place.startswith("s3://"):
@@ -138,8 +119,6 @@ def _folders(given: Sequence[str]) -> "dict[Architecture, Path]":
 
 
 def _pairs(given: Sequence[str], option: str) -> "list[tuple[Architecture, str]]":
-    from specs.robomaker.bundle import ARCHITECTURES
-
     found: list[tuple[Architecture, str]] = []
     for text in given:
         name, _, value = text.partition("=")
@@ -151,6 +130,4 @@ def _pairs(given: Sequence[str], option: str) -> "list[tuple[Architecture, str]]
 
 
 def _refused(option: str, value: str, allowed: str) -> Exception:
-    from specs.errors import DocumentError
-
     return DocumentError.of(option, repr(value), allowed, source="simyard")

@@ -1,164 +1,25 @@
-"""The commands `replay`, `compare`, `shrink`, `report`, `gate` and `trend`. Each imports what it needs when it runs."""
-# ruff: noqa: PLC0415 - see above
-# ruff: noqa: PLC0415 - what it needs is imported when it runs
+"""The commands `simyard report`, `gate` and `trend`, which look at batches that have ended."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
+from rich.console import Console
+from rich.table import Table
 from rich.text import Text
 
-from flows.cli.terminal import NOT_PASSED, UNDECIDED, TerminalConsole, echo, echo_json, exit_code_of
-from specs.errors import SimyardError
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from tasks.results.trend.trend_view import NightRow, TrendView
-
-
-def replay(
-    job: Annotated[
-        str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
-    ],
-    *,
-    output: Annotated[
-        Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
-    ] = None,
-    mcap: Annotated[
-        bool | None,
-        typer.Option(
-            "--mcap/--no-mcap", help="Write replay.mcap for Foxglove. Default: where simyard\\[mcap] is there."
-        ),
-    ] = None,
-    video: Annotated[bool, typer.Option("--video", help="Write replay.mp4; needs simyard\\[video].")] = False,
-    bag: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="rosbag|mcap-ros1|rosbag2",
-            help="Write a bag for ROS's tools; may be given several times; needs simyard\\[ros].",
-            show_default=False,
-        ),
-    ] = None,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
-) -> None:
-    """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
-    from flows.batch.replay_episode import replay_job, wanted_files, write_files
-    from flows.cli.batch_text import show_replay
-    from tasks.storage.store_url import open_existing_store
-
-    wanted = wanted_files(mcap=mcap, video=video, bags=bag or ())
-    again = replay_job(open_existing_store(store), job)
-    show_replay(again, TerminalConsole())
-    folder = output or Path(f"replay-{again.job.replace('/', '-')}")
-    for path in write_files(again, folder, wanted):
-        echo(str(path))
-    if not again.same:
-        raise typer.Exit(NOT_PASSED)
-
-
-_Batch = Annotated[
-    str,
-    typer.Argument(
-        help="A simulation job batch, one of its jobs, or a pipeline run: its ARN or id. BATCH@VERSION picks one of "
-        "several versions.",
-        show_default=False,
-    ),
-]
-
-
-def compare(
-    batch_a: _Batch,
-    batch_b: _Batch,
-    *,
-    margin: Annotated[float, typer.Option(min=0.0, max=1.0, help="How much lower B's success rate may be.")] = 0.02,
-    confidence: Annotated[float, typer.Option(min=0.5, max=0.9999, help="Of the intervals.")] = 0.95,
-    output: Annotated[
-        Path | None,
-        typer.Option(help="Folder for a map of each world with flips; none by default.", show_default=False),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print a comment for a pull request.")] = False,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
-) -> None:
-    """Compare two batches over the episodes that both have; 0: B is no worse than A; 1: worse; 4: not shown."""
-    from flows.batch.compare_batches import common_episodes, find_batch, flip_maps
-    from flows.cli.batch_text import comparison_comment, show_comparison
-    from tasks.results.batch_comparison import comparison
-    from tasks.simulate.batch.provenance import unvouched_notice
-    from tasks.storage.store_url import open_existing_store
-
-    if as_json and markdown:
-        raise typer.BadParameter("one of --json and --markdown; a comment is no JSON document")
-    quiet, opened = as_json or markdown, open_existing_store(store)
-    first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
-    pairs = common_episodes(first, second)
-    found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
-    if as_json:
-        echo_json(found.model_dump_json(indent=2))
-    elif markdown:
-        echo(comparison_comment(first, second, found).rstrip())
-    else:
-        show_comparison(found, TerminalConsole())
-    for notice in filter(None, map(unvouched_notice, (first.work, second.work))):
-        echo(notice, err=True)
-    if output is not None and not pairs.flips:
-        echo(f"nothing was written to {output}: no episode came out differently", err=quiet)
-    elif output is not None:
-        output.mkdir(parents=True, exist_ok=True)
-        for each in flip_maps(first, second, pairs.flips):
-            path = output / f"flips-{each.world.replace('/', '-')}.svg"
-            path.write_text(each.svg, encoding="utf-8")
-            echo(str(path), err=quiet)
-    if found.answer != "NO WORSE":
-        raise typer.Exit(UNDECIDED if found.answer == "INCONCLUSIVE" else NOT_PASSED)
-
-
-def shrink(
-    job: Annotated[
-        str,
-        typer.Argument(
-            metavar="JOB", help="A simulation job that failed: its ARN, or <batch>/<index>.", show_default=False
-        ),
-    ],
-    *,
-    output: Annotated[
-        Path | None, typer.Option(help="Folder for the files. Default: shrunk-<batch>-<index>.", show_default=False)
-    ] = None,
-    budget: Annotated[int, typer.Option(min=2, max=100_000, help="How many episodes may be simulated.")] = 512,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
-) -> None:
-    """Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case."""
-    from flows.batch.shrink import shrink_job, write_case
-    from tasks.storage.store_url import open_existing_store
-
-    found = shrink_job(open_existing_store(store), job, budget)
-    before, after = found.world, found.small_world
-    echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
-    echo(f"  failure    {found.likeness}")
-    echo(f"  furniture  {len(before.furniture)} -> {len(after.furniture)}" + _pieces(found.minimal))
-    echo(f"  seed       {found.request.seed} -> {found.small_request.seed}")
-    echo(f"  world      {found.request.world} -> {found.small_request.world}")
-    for sentence in found.broken:
-        echo(f"  not guaranteed: {sentence}")
-    for path in write_case(found, output or Path(f"shrunk-{found.job.replace('/', '-')}")):
-        echo(str(path))
-
-
-def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word
-    return " pieces, no single one of which can go" if minimal else " pieces; a larger --budget may leave fewer"
+from flows.batch.batch_end import local_copy, write_report_page
+from flows.batch.trend_history import TrendAsked, find_trend
+from flows.cli.terminal import NOT_PASSED, UNDECIDED, StoreUrl, TerminalConsole, echo, echo_json, exit_code_of
+from flows.pipeline.judge_again import judge_again
+from specs.errors import DocumentError, SimyardError
+from tasks.documents.pipeline_file import read_pipeline
+from tasks.results.trend.trend_series import Choice, parse_measure
+from tasks.results.trend.trend_view import NightRow, TrendView, trend_page
+from tasks.storage.store_url import open_existing_store
 
 
 def report(
@@ -173,15 +34,9 @@ def report(
     output: Annotated[
         Path | None, typer.Option(help="File to write. Default: report.html beside the tables.", show_default=False)
     ] = None,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Write the report of a batch, one HTML file that needs nothing but itself, and print where it is."""
-    from flows.batch.batch_end import local_copy, write_report_page
-    from tasks.storage.store_url import open_existing_store
-
     place = write_report_page(open_existing_store(store), arn, output)
     echo(place.url)
     if place.notice:
@@ -204,16 +59,9 @@ def gate(
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print everything as one JSON document.")] = False,
     junit: Annotated[Path | None, typer.Option(help="Write a JUnit file.", show_default=False)] = None,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Judge a batch that has ended by a document's gate, without simulating; 0 PASS, 1 FAIL, 4 INCONCLUSIVE."""
-    from flows.pipeline.judge_again import judge_again
-    from tasks.documents.pipeline_file import read_pipeline
-    from tasks.storage.store_url import open_existing_store
-
     opened, spec = open_existing_store(store), read_pipeline(document)
     with _told_of_failure(junit, spec.name, opened.url):
         found = judge_again(opened, batch, spec)
@@ -230,8 +78,8 @@ def gate(
         echo(found.notice, err=True)
     code = {"PASS": 0, "FAIL": NOT_PASSED, "INCONCLUSIVE": UNDECIDED}[found.verdict]
     if junit:
-        from flows.cli.ci_report import report_of_judgement
-        from flows.cli.run_command import write_asked_junit
+        from flows.cli.ci_report import report_of_judgement  # noqa: PLC0415 - few ask for JUnit
+        from flows.cli.run_command import write_asked_junit  # noqa: PLC0415 - likewise
 
         write_asked_junit(junit, report_of_judgement(opened, spec, found, code))
     raise typer.Exit(code)
@@ -243,8 +91,8 @@ def _told_of_failure(junit: Path | None, document: str, store_url: str) -> Gener
     if junit is None:
         yield
         return
-    from flows.cli.ci_report import report_of_failure
-    from flows.cli.run_command import AskedRun, prepare_junit, write_asked_junit
+    from flows.cli.ci_report import report_of_failure  # noqa: PLC0415 - likewise
+    from flows.cli.run_command import AskedRun, prepare_junit, write_asked_junit  # noqa: PLC0415 - likewise
 
     asked = AskedRun(document, store_url)
     prepare_junit(junit, asked)
@@ -284,17 +132,9 @@ def trend(
         Path | None, typer.Option(help="Write the page to this file, one HTML file.", show_default=False)
     ] = None,
     anew: Annotated[bool, typer.Option("--anew", help="Read all tables again; take nothing from the cache.")] = False,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Show a document's rates night by night, and where they changed."""
-    from flows.batch.trend_history import TrendAsked, find_trend
-    from tasks.results.trend.trend_series import Choice, parse_measure
-    from tasks.results.trend.trend_view import trend_page
-    from tasks.storage.store_url import open_existing_store
-
     asked = TrendAsked(
         document=document,
         measure=parse_measure(measure),
@@ -317,8 +157,6 @@ def trend(
 
 
 def _variable(text: str) -> tuple[str, str]:
-    from specs.errors import DocumentError
-
     name, equals, value = text.partition("=")
     if not (name and equals):
         raise DocumentError.of("--variable", repr(text), "NAME=VALUE", source="simyard")
@@ -326,9 +164,6 @@ def _variable(text: str) -> tuple[str, str]:
 
 
 def _show_trend(view: "TrendView", console: "Console") -> None:
-    from rich.table import Table
-    from rich.text import Text
-
     chosen = f", {view.chosen}" if view.chosen else ""
     table = Table(title=Text(f"{view.document}: {view.words}{chosen}"), title_justify="left", box=None, pad_edge=False)
     for heading in ("night", "robot application", "counted", "worlds", "rate", "95 % interval", ""):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from flows.cli.terminal import TerminalConsole, echo, exit_code_of, show_report
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, exit_code_of, show_report
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
@@ -17,10 +17,6 @@ if TYPE_CHECKING:
     from specs.pipeline.document import PipelineSpec
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
-StoreUrl = Annotated[
-    str | None,
-    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-]
 
 
 def run(
@@ -86,14 +82,13 @@ def _read(file: Path) -> "PipelineSpec | DocumentError":
 def _run(
     document: "PipelineSpec | DocumentError", file: Path, store: str | None, console: Console, *, direct: bool
 ) -> PipelineReport:
+    from flows.cli.run_command import run_directly, run_document
+
     if isinstance(document, DocumentError):
         raise document
     with _name_file(file):
-        if direct:
-            from flows.cli.run_command import run_directly as run_document
-        else:
-            from flows.cli.run_command import run_document
-        return run_document(document, file.resolve().parent, store, console)
+        begin = run_directly if direct else run_document
+        return begin(document, file.resolve().parent, store, console)
 
 
 def plan(file: Document, store: StoreUrl = None) -> None:

@@ -1,20 +1,44 @@
 """The commands of `simyard fleet`, `keys` and `agent-kit` among them. Each imports what it needs when it runs."""
-# ruff: noqa: PLC0415 - see above
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
+from uuid import uuid4
 
 import typer
 from pydantic import JsonValue
 
-from flows.cli.terminal import TerminalConsole, echo, echo_json
+from flows.cli.fleet_watch import fleet_notes, next_deployment, watch_deployment
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json
+from flows.resources.fleet_membership import force_lines, membership_change
+from specs.errors import DocumentError
+from specs.robomaker.deployment import SyncDeploymentJobRequest
 from specs.untrusted_text import terminal_line
-
-if TYPE_CHECKING:
-    from tasks.deploy.trust.signed_fleets import SignedFleets
-    from tasks.deploy.trust.signer import DeploymentSigner
-    from tasks.storage.base.store import Store
+from tasks.deploy.fleet.fleet_registry import (
+    create_fleet,
+    create_robot,
+    deregister_robot,
+    fleet_name,
+    members,
+    read_fleet,
+    read_robot,
+    register_robot,
+)
+from tasks.deploy.fleet.reservation import delete_fleet
+from tasks.deploy.fleet.reservation import delete_robot as delete_named
+from tasks.deploy.fleet_descriptions import describe_fleet, describe_robot
+from tasks.deploy.kit.robot_kit import write_kit
+from tasks.deploy.rollout.job import run_sync_job
+from tasks.deploy.rollout.operator_commands import active_deployment, steer
+from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, robots_without_build, sync_request
+from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, Role, checked_role, keyring
+from tasks.deploy.trust.repository import init_keys, open_repository, renew_metadata, restore_metadata, rotate_key
+from tasks.deploy.trust.signed_fleets import SignedFleets, read_fleets
+from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, open_signer
+from tasks.deploy.trust.trust_record import is_unsigned
+from tasks.documents.parse import parse
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_existing_store, open_store
 
 keys_app = typer.Typer(help="Make, renew and replace the keys that vouch for deployments.", no_args_is_help=True)
 
@@ -24,19 +48,11 @@ _RequiredKeys = Annotated[
         "--keys", envvar="SIMYARD_KEYS", help="The folder with the private keys, outside the store.", show_default=False
     ),
 ]
-_StoreUrl = Annotated[
-    str | None,
-    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-]
 
 
 @keys_app.command("init")
-def init(keys: _RequiredKeys, store: _StoreUrl = None) -> None:
+def init(keys: _RequiredKeys, store: StoreUrl = None) -> None:
     """Make the keys in the folder, and their metadata in the store; what is there stays. Prints the root of trust."""
-    from tasks.deploy.trust.keyring import ROOT_FILE
-    from tasks.deploy.trust.repository import init_keys
-    from tasks.storage.store_url import open_store
-
     ring = init_keys(open_store(store), keys)
     echo(f"{ring.folder / ROOT_FILE}: give it to each robot: simyard agent --root-of-trust {ROOT_FILE}")
     echo("root-*.pem and targets-*.pem are only needed to replace a key: keep them offline")
@@ -49,13 +65,9 @@ def rotate(
         typer.Argument(metavar="ROLE...", help="root, targets, deployer, snapshot, timestamp.", show_default=False),
     ],
     keys: _RequiredKeys,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Replace keys, as after a theft: what the old ones sign is refused. Needs root's key; for deployer, targets'."""
-    from tasks.deploy.trust.keyring import Role, checked_role, keyring
-    from tasks.deploy.trust.repository import open_repository, rotate_key
-    from tasks.storage.store_url import open_existing_store
-
     found = open_existing_store(store)
     wanted: list[Role] = [checked_role(name) for name in roles]  # all of them, before one is replaced
     for role in wanted:
@@ -67,7 +79,7 @@ def rotate(
 @keys_app.command("renew")
 def renew(
     keys: _RequiredKeys,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
     hours: Annotated[
         int | None,
         typer.Option(
@@ -80,10 +92,6 @@ def renew(
     ] = None,
 ) -> None:
     """Sign the metadata anew before it expires; a deployment does so, too. Tells which keys are missing for that."""
-    from tasks.deploy.trust.keyring import keyring
-    from tasks.deploy.trust.repository import open_repository, renew_metadata
-    from tasks.storage.store_url import open_existing_store
-
     found = open_existing_store(store)
     with open_repository(found, keyring(keys, found)) as session:
         if hours:
@@ -95,25 +103,15 @@ def renew(
 
 
 @keys_app.command("restore")
-def restore(keys: _RequiredKeys, store: _StoreUrl = None) -> None:
+def restore(keys: _RequiredKeys, store: StoreUrl = None) -> None:
     """Write back the metadata that these keys signed last, where the store has lost it or shows older metadata."""
-    from tasks.deploy.trust.keyring import keyring
-    from tasks.deploy.trust.repository import restore_metadata
-    from tasks.storage.store_url import open_existing_store
-
     found = open_existing_store(store)
     echo(f"version {restore_metadata(found, keyring(keys, found))} is in {found.url} again")
 
 
 @keys_app.command("show")
-def show_keys(keys: _RequiredKeys, store: _StoreUrl = None) -> None:
+def show_keys(keys: _RequiredKeys, store: StoreUrl = None) -> None:
     """Print each role's key, until when its metadata is accepted, and whether it is here; and what is in force."""
-    from flows.resources.fleet_membership import force_lines
-    from tasks.deploy.trust.keyring import ROLES, keyring
-    from tasks.deploy.trust.repository import open_repository
-    from tasks.deploy.trust.signed_fleets import read_fleets
-    from tasks.storage.store_url import open_existing_store
-
     found = open_existing_store(store)
     with open_repository(found, keyring(keys, found)) as session:
         for role in ROLES:
@@ -134,13 +132,9 @@ def sign_members(
         typer.Argument(metavar="[ROBOT]...", help="Robots of the fleet; all of them, if none is named."),
     ] = None,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,  # noqa: FBT002 - a switch
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Sign that robots belong to a fleet, as the store's records say; robots that left it are signed out of it."""
-    from flows.resources.fleet_membership import membership_change
-    from tasks.deploy.trust.signer import open_signer
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     change = membership_change(opened, open_signer(opened, keys), fleet, robots or ())
     for line in change.lines:
@@ -159,18 +153,10 @@ def agent_kit(
             "--keys", envvar="SIMYARD_KEYS", help="The folder of simyard fleet keys init.", show_default=False
         ),
     ] = None,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
     unsigned: Annotated[bool, typer.Option("--unsigned", help="For robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Write what a robot needs: the agent, an installer, a systemd unit, the store's URL and the root of trust."""
-    from specs.errors import DocumentError
-    from tasks.deploy.kit.robot_kit import write_kit
-    from tasks.deploy.trust.keyring import ROOT_FILE
-    from tasks.storage.store_url import open_existing_store
-
     root = None if unsigned or keys is None else keys / ROOT_FILE
     if not unsigned and (root is None or not root.is_file()):
         allowed = "the folder of simyard fleet keys init; or --unsigned, for robots that run whatever is in the store"
@@ -200,13 +186,9 @@ _Keys = Annotated[
 
 @fleet_app.command("create")
 def create(
-    name: Annotated[str, typer.Argument(help="The fleet's name.", show_default=False)], store: _StoreUrl = None
+    name: Annotated[str, typer.Argument(help="The fleet's name.", show_default=False)], store: StoreUrl = None
 ) -> None:
     """Make a fleet; one that is there stays as it is."""
-    from tasks.deploy.fleet.fleet_registry import create_fleet
-    from tasks.deploy.fleet_descriptions import describe_fleet
-    from tasks.storage.store_url import open_store
-
     opened = open_store(store)
     echo(describe_fleet(opened, create_fleet(opened, name).name).arn)
 
@@ -219,14 +201,9 @@ def register(
         Literal["X86_64", "ARM64", "ARMHF"] | None, typer.Option(help="Of its processor; X86_64 for a new robot.")
     ] = None,
     keys: _Keys = None,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Put a robot into a fleet; a robot has one. Prints the robot's ARN. With keys, they vouch for it."""
-    from specs.errors import DocumentError
-    from tasks.deploy.fleet.fleet_registry import create_robot, read_fleet, register_robot
-    from tasks.deploy.fleet_descriptions import describe_robot
-    from tasks.storage.store_url import open_store
-
     opened = open_store(store)
     found = read_fleet(opened, fleet)  # before there is a robot that belongs nowhere
     known = create_robot(opened, robot, architecture or "X86_64")
@@ -240,12 +217,8 @@ def register(
 
 
 @fleet_app.command("show")
-def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
+def show(fleet: _Fleet, store: StoreUrl = None) -> None:
     """Print a fleet, its robots and its last deployment, as JSON; on stderr, what each robot runs."""
-    from flows.cli.fleet_watch import fleet_notes
-    from tasks.deploy.fleet_descriptions import describe_fleet
-    from tasks.storage.store_url import open_store
-
     opened = open_store(store)
     echo_json(describe_fleet(opened, fleet).model_dump_json(indent=2, exclude_none=True))
     for line in fleet_notes(opened, fleet):  # what RoboMaker's shapes have no fields for
@@ -255,7 +228,7 @@ def show(fleet: _Fleet, store: _StoreUrl = None) -> None:
 @fleet_app.command("sync")
 def sync(
     fleet: _Fleet,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
     unsigned: Annotated[bool, typer.Option("--unsigned", help="Ask robots that verify nothing.")] = False,  # noqa: FBT002 - a switch
     failed: Annotated[bool, typer.Option("--failed", help="Only robots that failed, or did not answer.")] = False,  # noqa: FBT002 - a switch
     token: Annotated[
@@ -263,17 +236,6 @@ def sync(
     ] = None,
 ) -> None:
     """Bring a fleet to its latest deployment: robots that joined later, were away, or failed; signed (SIMYARD_KEYS)."""
-    from uuid import uuid4
-
-    from specs.robomaker.deployment import SyncDeploymentJobRequest
-    from tasks.deploy.fleet.fleet_registry import members
-    from tasks.deploy.rollout.job import run_sync_job
-    from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, robots_without_build, sync_request
-    from tasks.deploy.trust.signer import chosen_signer
-    from tasks.deploy.trust.trust_record import is_unsigned
-    from tasks.documents.parse import parse
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     last = latest_deployment(opened, fleet)
     plan = plan_sync(opened, last, only_failed=failed)
@@ -308,13 +270,13 @@ def _sync_line(fleet: str, behind: list[str], *, failed: bool, others: bool) -> 
 
 
 @fleet_app.command("pause")
-def pause(fleet: _Fleet, store: _StoreUrl = None) -> None:
+def pause(fleet: _Fleet, store: StoreUrl = None) -> None:
     """Let the deployment that is under way ask no further robot; those that were asked finish."""
     _steer(fleet, store, "pause")
 
 
 @fleet_app.command("resume")
-def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
+def resume(fleet: _Fleet, store: StoreUrl = None) -> None:
     """Let a paused deployment go on."""
     _steer(fleet, store, "go")
 
@@ -322,14 +284,10 @@ def resume(fleet: _Fleet, store: _StoreUrl = None) -> None:
 @fleet_app.command("watch")
 def watch(
     fleet: _Fleet,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
     wait: Annotated[bool, typer.Option("--wait", help="If none is under way, wait for the next one.")] = False,  # noqa: FBT002 - a switch
 ) -> None:
     """Show a fleet's last deployment, robot by robot, until it ends; exits with 1 unless it succeeded."""
-    from flows.cli.fleet_watch import next_deployment, watch_deployment
-    from tasks.deploy.fleet.fleet_registry import read_fleet
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     deployment = next_deployment(opened, fleet) if wait else read_fleet(opened, fleet).deployment
     if not deployment:
@@ -340,9 +298,6 @@ def watch(
 
 
 def _steer(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
-    from tasks.deploy.rollout.operator_commands import active_deployment, steer
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     if not (job := active_deployment(opened, fleet)):
         echo(f"no deployment of {fleet} is under way", err=True)
@@ -355,12 +310,9 @@ def _steer(fleet: str, store: str | None, wish: Literal["go", "pause"]) -> None:
 def deregister(
     robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)],
     keys: _Keys = None,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Take a robot out of its fleet; what it runs, it keeps running. With keys, they sign it out."""
-    from tasks.deploy.fleet.fleet_registry import deregister_robot, read_robot
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     name = deregister_robot(opened, read_robot(opened, robot).name).name
     _sign(opened, keys, lambda fleets: fleets.dismissed({name}))
@@ -368,12 +320,8 @@ def deregister(
 
 
 @fleet_app.command("delete")
-def delete(fleet: _Fleet, keys: _Keys = None, store: _StoreUrl = None) -> None:
+def delete(fleet: _Fleet, keys: _Keys = None, store: StoreUrl = None) -> None:
     """Delete a fleet; its robots are in no fleet then. With keys, what was deployed to it is withdrawn."""
-    from tasks.deploy.fleet.fleet_registry import fleet_name
-    from tasks.deploy.fleet.reservation import delete_fleet
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     left = delete_fleet(opened, fleet)
     _sign(opened, keys, lambda fleets: fleets.dissolved(fleet_name(fleet)))
@@ -384,12 +332,9 @@ def delete(fleet: _Fleet, keys: _Keys = None, store: _StoreUrl = None) -> None:
 def delete_robot(
     robot: Annotated[str, typer.Argument(help="The robot's name or ARN.", show_default=False)],
     keys: _Keys = None,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Forget a robot, also in the middle of a deployment. With keys, they sign it out of its fleet."""
-    from tasks.deploy.fleet.reservation import delete_robot as delete_named
-    from tasks.storage.store_url import open_existing_store
-
     opened = open_existing_store(store)
     name = delete_named(opened, robot)
     _sign(opened, keys, lambda fleets: fleets.dismissed({name}))
@@ -397,9 +342,6 @@ def delete_robot(
 
 
 def _signer(store: "Store", keys: Path | None) -> "DeploymentSigner":
-    from specs.errors import DocumentError
-    from tasks.deploy.trust.signer import open_signer
-
     if keys is None:
         allowed = "the folder of simyard fleet keys init (--keys, or SIMYARD_KEYS)"
         raise DocumentError.of("--keys", "", allowed)

@@ -2,15 +2,38 @@
 
 `simyard serve` answers RoboMaker's HTTP API from a store, `worker` works off a queue, `access` says who may call.
 """
-# ruff: noqa: PLC0415 - imports when it runs, so that `--help` loads little
-# ruff: noqa: PLC0415 - see above
 
+import shlex
+import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
-from flows.cli.terminal import echo
+from flows.cli.terminal import StoreUrl, echo, echo_json, show_rows
+from flows.gateway.serve import Listener, loopback_auth, signed_auth
+from flows.gateway.serve import serve as serve_store
+from flows.prefect.prefect_server import pages_url, prefect_home
+from flows.queue.supervisor import QueueWorkers, lead, log_to_stderr, require_lasting_server, wait_for_ever
+from specs.errors import DocumentError
+from tasks.gateway.access.access_keys import (
+    access_file,
+    add_key,
+    export_lines,
+    find_key,
+    first_key,
+    gateway_url,
+    read_keys,
+    revoke_key,
+)
+from tasks.gateway.access.action_log import actions
+from tasks.gateway.access.guard import is_loopback
+from tasks.gateway.connections import tls_context
+from tasks.gateway.service_model import write_model
+from tasks.server.health import password_file
+from tasks.server.resident import end_kept, keep
+from tasks.storage.store_url import open_existing_store, open_store
 
 PoolOption = Annotated[
     str,
@@ -25,12 +48,6 @@ PoolOption = Annotated[
 
 def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
-    import shlex
-
-    from flows.prefect.prefect_server import prefect_home
-    from tasks.server.health import password_file
-    from tasks.server.resident import keep
-
     home = prefect_home()
     server, password = keep(home), shlex.quote(str(password_file(home)))
     if server.notice:
@@ -44,9 +61,6 @@ def up() -> None:
 
 def down() -> None:
     """End the server that `simyard up` started."""
-    from flows.prefect.prefect_server import prefect_home
-    from tasks.server.resident import end_kept
-
     server = end_kept(prefect_home())
     echo(f"ended {server.api_url}" if server else "no server was running")
 
@@ -57,18 +71,12 @@ def worker(
         int, typer.Option("--workers", metavar="N", min=1, help="So many batches, and so many jobs of worlds, at once.")
     ] = 1,
     pool: PoolOption = "",
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Work off the jobs that calls of RoboMaker's API have put into a store's queue, until Ctrl-C.
 
     `simyard serve` has a worker of its own; this is one more, on any machine that reaches the store.
     """
-    from flows.queue.supervisor import lead, log_to_stderr, wait_for_ever
-    from tasks.storage.store_url import open_store
-
     opened = open_store(store)
     log_to_stderr()
     lead(opened.url, workers, pool, wait_for_ever)
@@ -120,23 +128,13 @@ def serve(
         ),
     ] = 1,
     pool: PoolOption = "",
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Answer RoboMaker's HTTP API from a store, for boto3, the AWS CLI and scripts, until Ctrl-C."""
     if model:
         _write_model(model)
     if model_only:
         return _require_folder(model)
-    from flows.gateway.serve import Listener, loopback_auth, signed_auth
-    from flows.gateway.serve import serve as serve_store
-    from flows.prefect.prefect_server import pages_url
-    from flows.queue.supervisor import QueueWorkers, log_to_stderr, require_lasting_server
-    from tasks.gateway.access.access_keys import access_file, gateway_url
-    from tasks.gateway.connections import tls_context
-    from tasks.storage.store_url import open_store
 
     tls = tls_context(tls_certificate, tls_key)
     _check_reach(host, is_unsigned=unsigned, is_encrypted=tls is not None or without_tls)
@@ -161,8 +159,6 @@ def serve(
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:
     """Makes the first key, if there is no file of keys, and says what its client needs."""
-    from tasks.gateway.access.access_keys import export_lines, first_key, read_keys
-
     made = first_key(keys)
     read_keys(keys)  # what is wrong with the file is said now, and not at each request
     if made is None:
@@ -174,9 +170,6 @@ def _show_keys(keys: Path, url: str, model: Path | None) -> None:
 
 
 def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
-    from specs.errors import DocumentError
-    from tasks.gateway.access.guard import is_loopback
-
     if is_loopback(host):
         return
     if is_unsigned:
@@ -191,15 +184,11 @@ def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
 
 
 def _require_folder(model: Path | None) -> None:
-    from specs.errors import DocumentError
-
     if model is None:
         raise DocumentError.of("--model-only", "alone", "with --model ~/.aws/models")
 
 
 def _write_model(folder: Path) -> None:
-    from tasks.gateway.service_model import write_model
-
     for path in write_model(folder.expanduser()):
         echo(f"wrote {path}")
 
@@ -243,8 +232,6 @@ def make_key(
     file: _File = None,
 ) -> None:
     """Make a key, and print what its client needs, the secret included, as lines for a shell."""
-    from tasks.gateway.access.access_keys import access_file, add_key, export_lines
-
     for line in export_lines(add_key(file or access_file(), name, rights, on or ()), url):
         echo(line)
 
@@ -252,11 +239,6 @@ def make_key(
 @access_app.command("list")
 def list_keys(file: _File = None) -> None:
     """Show the keys, their rights and limits, and no secret."""
-    from rich.console import Console
-
-    from flows.cli.terminal import show_rows
-    from tasks.gateway.access.access_keys import access_file, read_keys
-
     keys = read_keys(file or access_file()).values()
     rows = [
         {
@@ -273,8 +255,6 @@ def list_keys(file: _File = None) -> None:
 @access_app.command("export")
 def export_key(name: _Name, url: _Url = "http://127.0.0.1:8600", file: _File = None) -> None:
     """Print what the client of a key needs, the secret included, as lines for a shell."""
-    from tasks.gateway.access.access_keys import access_file, export_lines, find_key, read_keys
-
     path = file or access_file()
     for line in export_lines(find_key(read_keys(path), name, path), url):
         echo(line)
@@ -283,8 +263,6 @@ def export_key(name: _Name, url: _Url = "http://127.0.0.1:8600", file: _File = N
 @access_app.command("revoke")
 def withdraw_key(name: _Name, file: _File = None) -> None:
     """Remove a key: a gateway that runs refuses it from its next request on."""
-    from tasks.gateway.access.access_keys import access_file, revoke_key
-
     key = revoke_key(file or access_file(), name)
     echo(f"revoked {key.name} ({key.key_id})")
 
@@ -292,17 +270,8 @@ def withdraw_key(name: _Name, file: _File = None) -> None:
 @access_app.command("log")
 def show_log(
     days: Annotated[int, typer.Option("--days", min=1, max=3650, help="Of how many days, today's among them.")] = 1,
-    store: Annotated[
-        str | None,
-        typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
-    ] = None,
+    store: StoreUrl = None,
 ) -> None:
     """Print who changed what over HTTP, and who was refused, of all gateways of the store: a line of JSON each."""
-    import time
-
-    from flows.cli.terminal import echo_json
-    from tasks.gateway.access.action_log import actions
-    from tasks.storage.store_url import open_existing_store
-
     for line in actions(open_existing_store(store), days, time.time()):
         echo_json(line)

@@ -21,7 +21,7 @@ from datetime import UTC, datetime
 from select import select
 from threading import Event, Lock, Thread
 from types import FrameType
-from typing import IO, NoReturn
+from typing import IO, Annotated, NoReturn
 
 import typer
 from pydantic import JsonValue
@@ -36,6 +36,11 @@ from specs.errors import NO_SOURCE, DocumentError, PipelineNotPassed, SimyardErr
 from specs.untrusted_text import terminal_json, terminal_line, terminal_text, without_commands
 from tasks.storage.base.local_files import NO_ROOM, full_machine_message
 
+StoreUrl = Annotated[
+    str | None,
+    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
+]
+"""The option `--store` of every command that has one."""
 _WIDEST = 10_000
 _LONGEST_CELL = 80
 _GOOD = frozenset({"Completed", "Succeeded", "PASS", "InSync"})

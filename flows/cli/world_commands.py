@@ -1,13 +1,30 @@
 """The commands of `simyard world`: template, furniture, preview, sheet, add. Each imports what it needs."""
-# ruff: noqa: PLC0415 - see above
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from flows.cli.terminal import TerminalConsole, echo, echo_json, json_lines, show_rows
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json, json_lines, show_rows
+from flows.preview.world_preview import (
+    WorldRequest,
+    furniture_kinds,
+    furniture_rows,
+    make_world,
+    select_worlds,
+    template_hints,
+    write_drawing,
+    write_furniture_pictures,
+    write_picture,
+    write_starter,
+)
 from specs.data.world import ROBOT_RADIUS_M
+from tasks.documents.template_source import find_template
+from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.export.picture.contact_sheet import contact_sheet_svg
+from tasks.export.picture.renderer import NO_GL, render_png, render_sheet_png
+from tasks.storage.store_url import open_store
+from tasks.worlds.job.stored_worlds import add_world
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
 
@@ -15,10 +32,6 @@ _WIDTH, _HEIGHT = 1280, 960
 _Seed = Annotated[int, typer.Option(min=0, help="The same seed draws the same world.")]
 _RobotRadius = Annotated[
     float, typer.Option(min=0.05, max=0.6, help="Radius (m) of the robot that every room shall be reachable for.")
-]
-_StoreUrl = Annotated[
-    str | None,
-    typer.Option("--store", help="file:///folder or s3://bucket/prefix. Default: SIMYARD_STORE, else ./.simyard."),
 ]
 
 
@@ -37,8 +50,6 @@ def template(
     ] = Path("template.yaml"),
 ) -> None:
     """Write a template to begin with: complete, commented, and valid as it stands."""
-    from flows.preview.world_preview import template_hints, write_starter
-
     write_starter(output, rooms, version)
     echo(str(output))
     for line in template_hints(output):
@@ -54,8 +65,6 @@ def furniture(
     as_json: Annotated[bool, typer.Option("--json", help="One JSON document a line.")] = False,
 ) -> None:
     """List the kinds of furniture that a template may wish: sizes (m), floor kept free, rooms that have them anyway."""
-    from flows.preview.world_preview import furniture_kinds, furniture_rows, write_furniture_pictures
-
     if as_json:
         for line in json_lines(furniture_kinds()):
             echo_json(line)
@@ -75,15 +84,9 @@ def preview(
     floorplan: Annotated[int, typer.Option(min=1, help="Which floor plan.")] = 1,
     interior: Annotated[int, typer.Option(min=1, help="Which interior of the floor plan.")] = 1,
     robot_radius: _RobotRadius = ROBOT_RADIUS_M,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Draw a world that a template gives: its floor plan and, where a GL is there, a picture in 3-D."""
-    from flows.preview.world_preview import WorldRequest, make_world, write_drawing
-    from tasks.documents.template_source import find_template
-    from tasks.export.drawing.floor_plan import floor_plan_svg
-    from tasks.export.picture.renderer import render_png
-    from tasks.storage.store_url import open_store
-
     body = find_template(template, open_store(store), Path.cwd())
     world = make_world(body, WorldRequest(seed, robot_radius), floorplan, interior)
     write_drawing(output, floor_plan_svg(world))
@@ -102,14 +105,9 @@ def sheet(
     seed: _Seed = 0,
     robot_radius: _RobotRadius = ROBOT_RADIUS_M,
     png: Annotated[bool, typer.Option("--png", help="Write a sheet of pictures in 3-D beside it.")] = False,
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job."""
-    from flows.preview.world_preview import WorldRequest, select_worlds, write_drawing
-    from tasks.export.picture.contact_sheet import contact_sheet_svg
-    from tasks.export.picture.renderer import render_sheet_png
-    from tasks.storage.store_url import open_store
-
     chosen = select_worlds(worlds, open_store(store), Path.cwd(), count, WorldRequest(seed, robot_radius))
     for reason in chosen.rejected:
         echo(reason, err=True)
@@ -122,20 +120,14 @@ def sheet(
 @world_app.command("add")
 def add(
     file: Annotated[Path, typer.Argument(help="A world's document, such as simyard shrink's.", show_default=False)],
-    store: _StoreUrl = None,
+    store: StoreUrl = None,
 ) -> None:
     """Put a world into the store, if what its certificate says is so; prints what documents name it by."""
-    from tasks.storage.store_url import open_store
-    from tasks.worlds.job.stored_worlds import add_world
-
     echo(add_world(open_store(store), file))
 
 
 def _picture(output: Path, png: bytes | None) -> None:
     """Writes the picture beside its drawing, or says what is missing for it."""
-    from flows.preview.world_preview import write_picture
-    from tasks.export.picture.renderer import NO_GL
-
     if png is None:
         echo(NO_GL, err=True)
     else:

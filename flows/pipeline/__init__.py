@@ -1,1 +1,1 @@
-"""What a document asks for and how a run of it goes, as plain functions: no Prefect, not even through others."""
+"""What a document asks for, and a run of it as plain functions, without Prefect. The shell and Prefect's side may import it."""

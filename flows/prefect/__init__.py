@@ -1,1 +1,1 @@
-"""Prefect's side of a run: flows, tasks, parameters, events, workers and server. Whatever imports Prefect is here."""
+"""Prefect's side of a run: flows, tasks, parameters, events, workers, server. The shell and the queue may import it."""

@@ -1,1 +1,1 @@
-"""What commands do to a named resource: describe, list, cancel. Flows and the shell may import it."""
+"""What commands and Prefect do to a named resource: describe, list, cancel, reap. Flows and the shell may import it."""

@@ -5,7 +5,6 @@ import shlex
 from pathlib import Path
 
 import pytest
-import typer
 from typer.testing import CliRunner
 
 from benchmarks.results.trend import (
@@ -19,7 +18,7 @@ from benchmarks.results.trend import (
     seen_by_factors,
 )
 from flows.batch.trend_history import MOST_NIGHTS
-from flows.cli.shell import app
+from flows.cli.shell import app, load
 from flows.prefect import prefect_events
 from tasks.results.statistics.change_point import NIGHTS_A_YEAR
 from tasks.results.trend.trend_series import MOST_SERIES, WHOLE
@@ -57,7 +56,7 @@ def test_its_commands_run_and_tell_of_a_fall(nights: Store, tmp_path: Path):
 
 
 def test_every_option_is_told():
-    command = typer.main.get_command(app).commands["trend"]  # pyright: ignore[reportAttributeAccessIssue]
+    command = load("trend")
     options = {name for parameter in command.params for name in parameter.opts if name.startswith("--")}
     assert {name for name in options if f"`{name}" not in TEXT} <= {"--store", "--help"}
 

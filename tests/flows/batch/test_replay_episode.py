@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from flows.batch import replay_episode
 from flows.batch.replay_episode import JobReplay, Wanted, replay_job, wanted_files, write_files
-from flows.cli.batch_text import replay_answer, show_replay
+from flows.cli.replay_commands import replay_answer, show_replay
 from flows.cli.shell import app
 from simyard.answer.batch_answers import Replay
 from specs.data.result_columns import REQUESTED

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from flows.cli.shell import COMMANDS, load
 from specs.job_kinds import JobKind
 from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.storage.jobs.records import submit
@@ -56,6 +57,11 @@ def imported(*command: str) -> list[str]:
 def assert_light(modules: list[str]) -> None:
     assert sorted(HEAVY.intersection(modules)) == []
     assert len(modules) <= MOST_MODULES
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_the_shell_says_of_a_command_what_its_module_says(name: str):
+    assert COMMANDS[name].help == load(name).help.splitlines()[0]
 
 
 @pytest.mark.parametrize("command", [("--help",), ("list", "--help"), ("validate", QUICKSTART)], ids=" ".join)

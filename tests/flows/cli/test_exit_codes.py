@@ -71,7 +71,7 @@ def test_an_interrupted_command_says_how_to_go_on(
     number: signal.Signals, code: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr("sys.argv", ["simyard", "down"])
-    monkeypatch.setattr("tasks.server.resident.end_kept", lambda _: signal.raise_signal(number))
+    monkeypatch.setattr("flows.cli.server_commands.end_kept", lambda _: signal.raise_signal(number))
     assert _code(app) == code
     assert capsys.readouterr().err == "interrupted; the same command continues this run if the document is unchanged\n"
 
