@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 ROS_SUFFIX = ".launch"
 ROS2_SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml")
 PACKAGE_XML = "package.xml"
+_INSTALL_MARK = "_setup_util.py"
 
 
 def names_ros_launch(launch_file: str) -> bool:
@@ -90,9 +91,6 @@ def _launch_places(files: Collection[str], package: str, launch_file: str) -> It
         inside, named = f"{folder}/", f"/{launch_file}"
         yield from (f"{folder}/launch/{launch_file}", f"{folder}/{launch_file}")
         yield from sorted(name for name in files if name.startswith(inside) and name.endswith(named))
-
-
-_INSTALL_MARK = "_setup_util.py"
 
 
 def workspace_variables(folder: Path, files: Collection[str], given: Mapping[str, str]) -> dict[str, str]:

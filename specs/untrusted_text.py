@@ -13,6 +13,13 @@ _UNSEEN = re.compile(
     "\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff\U000110bd\U000110cd\U00013430-\U0001343f"
     "\U0001bca0-\U0001bca3\U0001d173-\U0001d17a\U000e0001\U000e0020-\U000e007f]"
 )
+_ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
+# A cell is shown as it stands but for these: a link, a picture, an element of HTML.
+_ACTIVE_IN_CELL = re.compile(r"([`\[\]<>|])")
+# What XML cannot hold, and what turns the direction of the text around it.
+_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_PLAIN_NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
+_LONGEST_NAME = 48
 
 
 def terminal_text(text: str) -> str:
@@ -41,15 +48,6 @@ def terminal_json(text: str) -> str:
 def _escaped(character: str) -> str:
     units = character.encode("utf-16-be", "surrogatepass")
     return "".join(f"\\u{units[at]:02x}{units[at + 1]:02x}" for at in range(0, len(units), 2))
-
-
-_ACTIVE = re.compile(r"([\\`*_{}\[\]<>()#+!|~&])")
-# A cell is shown as it stands but for these: a link, a picture, an element of HTML.
-_ACTIVE_IN_CELL = re.compile(r"([`\[\]<>|])")
-# What XML cannot hold, and what turns the direction of the text around it.
-_UNFIT = re.compile("[^\t\n\r\x20-\x7e\xa0-\u2029\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-_PLAIN_NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
-_LONGEST_NAME = 48
 
 
 def artifact_key(document: str, what: str) -> str:

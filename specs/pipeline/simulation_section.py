@@ -45,6 +45,10 @@ from specs.rules import Finding, Ruled, by_shape, distinct, items, member, part
 
 _ROBOT, _SCENARIO = "robotApplications", "simulationApplications"
 _LAUNCH, _VARIABLES = "launchConfig", "environmentVariables"
+MAX_SEEDS = 10_000
+MAX_LOCAL_AGENTS = 20
+MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
+AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 
 def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
@@ -132,11 +136,6 @@ class RollOutRules(Spec):
         description="The failure threshold counts once so many robots have ended.",
     )
 
-
-MAX_SEEDS = 10_000
-MAX_LOCAL_AGENTS = 20
-MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
-AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 Operation = Literal["StartSimulationJobBatch", "CreateSimulationJob"]
 Engine = Literal["auto", EngineName]

@@ -38,6 +38,10 @@ NonSystemPort = Annotated[Integer, Field(ge=1024, le=65535)]
 
 DEPRECATED: dict[str, JsonValue] = {"deprecated": True}
 """Marks a field in the JSON schema; pydantic's own mark would warn whenever an old document is read."""
+MAX_JOB_DURATION_S = 1_209_600
+MAX_BATCHED_JOB_DURATION_S = 691_200
+MAX_BATCH_TIMEOUT_S = 1_209_600
+MAX_REQUESTS = 1000
 
 
 class PortMapping(Spec):
@@ -166,10 +170,6 @@ class SimulationApplicationConfig(ApplicationUse):
 
 RobotApplicationConfigs = Annotated[tuple[RobotApplicationConfig, ...], Field(min_length=1, max_length=1)]
 SimulationApplicationConfigs = Annotated[tuple[SimulationApplicationConfig, ...], Field(min_length=1, max_length=1)]
-
-
-MAX_JOB_DURATION_S = 1_209_600
-MAX_BATCHED_JOB_DURATION_S = 691_200
 
 
 def duration_rule(most_s: int, where: str = "") -> str:
@@ -374,9 +374,6 @@ class RestartSimulationJobResponse(Spec):
 class ListSimulationJobsRequest(FilteredPage):
     """Asks for the simulation jobs."""
 
-
-MAX_BATCH_TIMEOUT_S = 1_209_600
-MAX_REQUESTS = 1000
 
 SimulationJobBatchStatus = Literal[
     "Pending", "InProgress", "Failed", "Completed", "Canceled", "Canceling", "Completing", "TimingOut", "TimedOut"

@@ -32,6 +32,10 @@ from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store, encode_document
 from tasks.storage.buckets import bucket_url
 
+_LOG = logging.getLogger(__name__)
+_AT_ONCE = 16
+_ANY_BUCKET = "any-bucket"
+
 
 class FindingRow(Spec):
     """Objects of one kind that go, or stay, for one reason.
@@ -85,11 +89,6 @@ class GcReport(Spec):
     unread: tuple[UnreadRecord, ...]
     left_out: tuple[str, ...]
     cache: tuple[FindingRow, ...]
-
-
-_LOG = logging.getLogger(__name__)
-_AT_ONCE = 16
-_ANY_BUCKET = "any-bucket"
 
 
 @dataclass(frozen=True)

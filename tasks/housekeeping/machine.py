@@ -37,6 +37,51 @@ _MODULES = {
     "flows.cli": "simyard",
 }
 """The packages whose modules are programs of their own."""
+GOES = "goes"
+UNKNOWN = "stays: not known to be Simyard's"
+LINK = "stays: a link"
+MOUNTED = "stays: something is mounted in it"
+_MOUNTS = Path("/proc/self/mountinfo")
+_ESCAPE = re.compile(r"\\([0-7]{3})")
+_YOUNG_S = 86_400.0
+_ENTRIES = {
+    "compiled programs": "programs",
+    "unpacked bundles": "bundles",
+    "data objects": "data/objects",
+    "data mounts": "data/mounts",
+    "notes of data": "data/seen",
+    "engines": "engines",
+    "timings": "timings",
+    "nights": "trends",
+    "lists of jobs": "lists",
+}
+_ASIDE = ".gc-"
+_DIGEST = "[0-9a-f]{64}"
+_TEMPORARY = (
+    r"\.gc-[0-9a-f]{32}|\.([0-9a-f]{64}\.)?[0-9a-f]{8}\.tmp|\.[0-9a-f]{32}\.tmp|\.(download|archive|tar)-[a-z0-9_]{8}"
+)
+_SERVER = (
+    r"prefect\.db(-shm|-wal|-journal)?|memo_store\.toml|kept\.json|password|port|checkout|starting\.lock"
+    r"|server-\d+\.log|starting-\w+\.log|storage"
+)
+_CACHE: Mapping[str, str] = {
+    "programs": r"[0-9a-f]{32}|jit_\w+-[0-9a-f]{64}-(cache|atime)",
+    "bundles": f"{_DIGEST}|{_TEMPORARY}",
+    "data/objects": f"{_DIGEST}|{_TEMPORARY}",
+    "data/mounts": f"{_DIGEST}|{_TEMPORARY}",
+    "data/seen": rf"{_DIGEST}\.json|{_TEMPORARY}",
+    "engines": rf"{_DIGEST}\.json|{_TEMPORARY}",
+    "timings": rf"{_DIGEST}\.json|{_TEMPORARY}",
+    "trends": rf"[0-9a-f]{{16}}\.json|{_TEMPORARY}",
+    "lists": r"[0-9a-f]{16}\.sqlite(-journal)?",
+    "agents": "[0-9a-f]{12}",
+}
+_HOME = re.compile(r"prefect(-[0-9a-f]{8})?")
+_KEYS = ("keys", "owner")
+_TEMP = re.compile(
+    r"simyard-(report|gate|gc|export|verify|recordings|bags|results|recount|evidence|source)-[a-z0-9_]{8}"
+)
+STAYS_KEYS = "stays: keys, which cannot be made again"
 
 
 class SimyardProcess(NamedTuple):
@@ -146,15 +191,6 @@ def _ancestors(pid: int) -> Iterator[int]:
         yield pid
 
 
-GOES = "goes"
-UNKNOWN = "stays: not known to be Simyard's"
-LINK = "stays: a link"
-MOUNTED = "stays: something is mounted in it"
-_MOUNTS = Path("/proc/self/mountinfo")
-_ESCAPE = re.compile(r"\\([0-7]{3})")
-_YOUNG_S = 86_400.0
-
-
 def entry_fate(path: Path, pattern: str) -> str:
     """Returns whether a thing in a folder of Simyard's goes: by its name, its owner, and all that is in it."""
     found = path.lstat()
@@ -207,20 +243,6 @@ def _inside(path: Path) -> Iterator[os.stat_result]:
                 yield Path(base, name).lstat()
             except FileNotFoundError:  # it went meanwhile
                 continue
-
-
-_ENTRIES = {
-    "compiled programs": "programs",
-    "unpacked bundles": "bundles",
-    "data objects": "data/objects",
-    "data mounts": "data/mounts",
-    "notes of data": "data/seen",
-    "engines": "engines",
-    "timings": "timings",
-    "nights": "trends",
-    "lists of jobs": "lists",
-}
-_ASIDE = ".gc-"
 
 
 @dataclass(frozen=True)
@@ -326,34 +348,6 @@ def remove_path(path: Path) -> None:
 def _raise_unless_gone(_function: object, _path: str, found: tuple[object, BaseException, object]) -> None:
     if not isinstance(found[1], FileNotFoundError):
         raise found[1]
-
-
-_DIGEST = "[0-9a-f]{64}"
-_TEMPORARY = (
-    r"\.gc-[0-9a-f]{32}|\.([0-9a-f]{64}\.)?[0-9a-f]{8}\.tmp|\.[0-9a-f]{32}\.tmp|\.(download|archive|tar)-[a-z0-9_]{8}"
-)
-_SERVER = (
-    r"prefect\.db(-shm|-wal|-journal)?|memo_store\.toml|kept\.json|password|port|checkout|starting\.lock"
-    r"|server-\d+\.log|starting-\w+\.log|storage"
-)
-_CACHE: Mapping[str, str] = {
-    "programs": r"[0-9a-f]{32}|jit_\w+-[0-9a-f]{64}-(cache|atime)",
-    "bundles": f"{_DIGEST}|{_TEMPORARY}",
-    "data/objects": f"{_DIGEST}|{_TEMPORARY}",
-    "data/mounts": f"{_DIGEST}|{_TEMPORARY}",
-    "data/seen": rf"{_DIGEST}\.json|{_TEMPORARY}",
-    "engines": rf"{_DIGEST}\.json|{_TEMPORARY}",
-    "timings": rf"{_DIGEST}\.json|{_TEMPORARY}",
-    "trends": rf"[0-9a-f]{{16}}\.json|{_TEMPORARY}",
-    "lists": r"[0-9a-f]{16}\.sqlite(-journal)?",
-    "agents": "[0-9a-f]{12}",
-}
-_HOME = re.compile(r"prefect(-[0-9a-f]{8})?")
-_KEYS = ("keys", "owner")
-_TEMP = re.compile(
-    r"simyard-(report|gate|gc|export|verify|recordings|bags|results|recount|evidence|source)-[a-z0-9_]{8}"
-)
-STAYS_KEYS = "stays: keys, which cannot be made again"
 
 
 class MachineRow(Spec):

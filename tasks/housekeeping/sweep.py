@@ -43,6 +43,9 @@ _WHY = {
 }
 _FIRST_SEEN = "that nothing names since this time; a later gc frees them"
 _YOUNG = "younger than the grace"
+_LOG = logging.getLogger(__name__)
+_CLAIM_TTL_S = 15.0
+_BUNDLES_AT_ONCE, _COPIED_BYTES = 32, 256 << 20
 
 
 @dataclass(frozen=True)
@@ -220,9 +223,6 @@ class _Planning:
         return self._listing.now_s - entry.written_s < self._grace_s
 
 
-_LOG = logging.getLogger(__name__)
-_CLAIM_TTL_S = 15.0
-_BUNDLES_AT_ONCE, _COPIED_BYTES = 32, 256 << 20
 LookAgain = Callable[[], NamedByRecords]
 
 

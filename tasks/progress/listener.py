@@ -14,6 +14,11 @@ from typing import TypeVar
 from specs import untrusted_text
 
 _name: ContextVar[str] = ContextVar("simyard_document", default="")
+_INTERVAL_S = 1.0
+R = TypeVar("R")
+S = TypeVar("S")
+# What is done beside has so long to end after an interrupt.
+_INTERRUPTED_S = 3.0
 
 
 @contextmanager
@@ -42,7 +47,6 @@ def artifact_key(what: str) -> str:
 
 Listener = Callable[[str, int, int], None]
 Progress = Callable[[int, int], None]
-_INTERVAL_S = 1.0
 
 
 def _nobody(stage: str, done: int, total: int) -> None:
@@ -91,12 +95,6 @@ def stage_progress(stage: str) -> Progress:
             report_progress(stage, done, total)
 
     return progress
-
-
-R = TypeVar("R")
-S = TypeVar("S")
-# What is done beside has so long to end after an interrupt.
-_INTERRUPTED_S = 3.0
 
 
 def at_a_time(beside: Callable[[], S], work: Callable[[], R]) -> tuple[S, R]:

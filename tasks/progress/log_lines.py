@@ -20,6 +20,7 @@ LogFormat = Literal["json", "keyvalue"]
 LOG_FORMAT = "SIMYARD_LOG_FORMAT"
 LOGGERS = ("flows", "tasks", "specs")
 """The packages whose events these are, each a logger above its modules'; what libraries log is Prefect's business."""
+logger = logging.getLogger(__name__)
 
 
 class EventLines(logging.Formatter):
@@ -100,7 +101,6 @@ def _shown(value: JsonValue) -> str:
     return text if plain else json.dumps(text, ensure_ascii=not text.isprintable())
 
 
-logger = logging.getLogger(__name__)
 _taken_s: dict[str, float] = {}
 _turn = Lock()
 

@@ -27,6 +27,13 @@ _REFUSALS = {
     "host": b"refused: this server is asked for by 127.0.0.1 or localhost and its port only",
     "origin": b"refused: pages of other origins may not ask this server",
 }
+_BUSY = 503
+PAUSES_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+# A request of more is handed on as it comes, once: it is not kept for a second try.
+_MOST_KEPT_BYTES = 4_000_000
+_TELLING = "/out"  # how the paths of WebSockets end that only tell
+_MOST_HEARD = 8
+_HERE = ("127.0.0.1", "localhost")
 
 
 class OwnOrigin:
@@ -79,14 +86,6 @@ def _unframed(send: Send) -> Send:
         await send(message)
 
     return sent
-
-
-_BUSY = 503
-PAUSES_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
-# A request of more is handed on as it comes, once: it is not kept for a second try.
-_MOST_KEPT_BYTES = 4_000_000
-_TELLING = "/out"  # how the paths of WebSockets end that only tell
-_MOST_HEARD = 8
 
 
 class BusyDatabase:
@@ -199,8 +198,6 @@ with pause_collector():
     import uvicorn
     from prefect.server.api.server import create_app
     from prefect.settings import get_current_settings
-
-_HERE = ("127.0.0.1", "localhost")
 
 
 def main(arguments: list[str]) -> None:

@@ -18,6 +18,11 @@ from urllib.parse import urlsplit
 from specs.errors import StageFailed
 
 _USER = "simyard"
+_HERE = ("127.0.0.1", "localhost")
+_SILENT = 0
+_UNAUTHORIZED = 401
+# What web servers say of a bad certificate; Prefect may well be configured to trust this one.
+_UNTRUSTED = 495
 
 
 def new_password() -> str:
@@ -64,13 +69,6 @@ def private_file(path: Path) -> None:
 def authorization(password: str) -> dict[str, str]:
     """Returns the header by which a request says the password; none for an empty one."""
     return {"Authorization": f"Basic {base64.b64encode(password.encode()).decode()}"} if password else {}
-
-
-_HERE = ("127.0.0.1", "localhost")
-_SILENT = 0
-_UNAUTHORIZED = 401
-# What web servers say of a bad certificate; Prefect may well be configured to trust this one.
-_UNTRUSTED = 495
 
 
 def is_healthy(api_url: str, timeout_s: float = 1.0) -> bool:

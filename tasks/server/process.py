@@ -24,6 +24,24 @@ logger = logging.getLogger(__name__)
 
 LOCK = "starting.lock"
 _INTERVAL_S = 0.1
+_ENDED_KEPT = 5
+# An offline machine must not log telemetry errors, and a cold one needs longer than Prefect's 20 s
+# (docs/reference/prefect.md, section 2).
+SERVER_ENVIRONMENT = {
+    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
+    "DO_NOT_TRACK": "1",
+    "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
+}
+# Prefect lists the types of its blocks when it starts, and imports each installed collection (Dask, Ray) for that. A
+# program that saves a block registers its type itself; only the pages show the list, and a server of one run has none.
+_NO_BLOCK_TYPES = {
+    "PREFECT_SERVER_REGISTER_BLOCKS_ON_START": "false",
+    "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
+}
+START_TIMEOUT_S = 180.0
+_LOOK_S = 0.05
+PRESTARTED = "--reserve"
+"""After a server's port: it only imports until its input says that it starts."""
 
 
 def take_turn(home: Path, timeout_s: float) -> IO[bytes]:
@@ -64,9 +82,6 @@ def _held(lock: IO[bytes]) -> bool:
     return True
 
 
-_ENDED_KEPT = 5
-
-
 @contextmanager
 def new_log(home: Path) -> Generator[IO[bytes], None, None]:
     """Yields a file for the output of a server whose number is not known yet; removes old logs."""
@@ -100,25 +115,6 @@ def _written_s(log: Path) -> float:
         return log.stat().st_mtime
     except FileNotFoundError:  # another start pruned it
         return 0.0
-
-
-# An offline machine must not log telemetry errors, and a cold one needs longer than Prefect's 20 s
-# (docs/reference/prefect.md, section 2).
-SERVER_ENVIRONMENT = {
-    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-    "DO_NOT_TRACK": "1",
-    "PREFECT_SERVER_EPHEMERAL_STARTUP_TIMEOUT_SECONDS": "180",
-}
-# Prefect lists the types of its blocks when it starts, and imports each installed collection (Dask, Ray) for that. A
-# program that saves a block registers its type itself; only the pages show the list, and a server of one run has none.
-_NO_BLOCK_TYPES = {
-    "PREFECT_SERVER_REGISTER_BLOCKS_ON_START": "false",
-    "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
-}
-START_TIMEOUT_S = 180.0
-_LOOK_S = 0.05
-PRESTARTED = "--reserve"
-"""After a server's port: it only imports until its input says that it starts."""
 
 
 @dataclass(frozen=True)

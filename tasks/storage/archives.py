@@ -29,6 +29,10 @@ _LONG_NUMBER = re.compile(rb"[0-9]{1024}")
 _REASON_CHARACTERS = 200
 _PACKED = {b"\x1f\x8b": "gzip", b"BZh": "bzip2", b"\xfd7zXZ": "xz", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip"}
 """How a file begins that is packed, and by what."""
+_BLOCK_BYTES = 1 << 20
+_NAME_BYTES = 255
+_FILES = (tarfile.REGTYPE, tarfile.AREGTYPE)
+_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 class BoundedTar:
@@ -132,12 +136,6 @@ def _explained() -> Generator[None]:
             raise
         what = f"{type(exc).__name__}: {exc}"[:_REASON_CHARACTERS]
         raise BundleRefused(f"the bundle is not a plain tar archive: {what}") from exc
-
-
-_BLOCK_BYTES = 1 << 20
-_NAME_BYTES = 255
-_FILES = (tarfile.REGTYPE, tarfile.AREGTYPE)
-_CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
 @dataclass(frozen=True)

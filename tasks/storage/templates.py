@@ -46,6 +46,8 @@ from tasks.storage.base.store import (
 
 HasName = Callable[[Store, str, str], bool]
 """Tells whether the template with an id is there, and has the name."""
+_LOG = logging.getLogger(__name__)
+_EARLIER = 100
 
 
 class _Name(Spec):
@@ -122,10 +124,6 @@ def name_taken(name: str) -> ResourceAlreadyExists:
 
 def _of_name(store: Store, name: str) -> _Name | None:
     return find_document(store, template_name_key(name), _Name)
-
-
-_LOG = logging.getLogger(__name__)
-_EARLIER = 100
 
 
 class NamedTemplate(Spec):

@@ -52,6 +52,10 @@ _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 # the other without end, or is led out of the folder by the third.
 _READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
 _ETAG_BYTES, _BLOCK_BYTES = 16, 1 << 18
+LOCKS = ".locks"
+"""The folder of a store in which whoever writes takes a lock."""
+_LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
+_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
 def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
@@ -204,12 +208,6 @@ def open_lock(path: Path) -> int:
         return os.open(path, os.O_RDWR | os.O_CLOEXEC)
     except PermissionError:
         return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-
-
-LOCKS = ".locks"
-"""The folder of a store in which whoever writes takes a lock."""
-_LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
-_NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
 class LocalStore:

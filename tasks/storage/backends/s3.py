@@ -30,6 +30,9 @@ from tasks.storage.base.keys import checked_key
 from tasks.storage.base.local_files import room_in, whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
 
+_MARK = "simyard-write"
+_ATTEMPTS = 5
+
 
 def list_objects(client: S3Client, bucket: str, prefix: str, folder: str) -> Iterator[Entry]:
     """Yields the objects below a folder as the server lists them, a thousand in a request.
@@ -92,10 +95,6 @@ def server_now_s(client: S3Client, bucket: str, prefix: str) -> float:
 
 def _second(time: object) -> float:
     return float(int(cast("datetime", time).timestamp()))
-
-
-_MARK = "simyard-write"
-_ATTEMPTS = 5
 
 
 class S3Store:

@@ -7,6 +7,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
+CONFIG: Mapping[str, object] = {
+    "connect_timeout": 2,
+    "max_pool_connections": 32,
+    # Newer checksums are refused by older servers; ETags and TLS protect what is sent.
+    "request_checksum_calculation": "when_required",
+    "response_checksum_validation": "when_required",
+}
+"""What botocore is told of every connection to a server."""
+PART_BYTES = 16 << 20
+"""A bigger file is sent in parts of so many."""
+
 
 @dataclass(frozen=True)
 class S3Access:
@@ -27,16 +38,6 @@ class S3Access:
     endpoint: str = ""
 
 
-CONFIG: Mapping[str, object] = {
-    "connect_timeout": 2,
-    "max_pool_connections": 32,
-    # Newer checksums are refused by older servers; ETags and TLS protect what is sent.
-    "request_checksum_calculation": "when_required",
-    "response_checksum_validation": "when_required",
-}
-"""What botocore is told of every connection to a server."""
-PART_BYTES = 16 << 20
-"""A bigger file is sent in parts of so many."""
 _ENVIRONMENT = S3Access()
 _of_bucket: dict[str, S3Access] = {}
 

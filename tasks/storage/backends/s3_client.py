@@ -48,6 +48,11 @@ _FULL_CODES = frozenset({"EntityTooLarge", "QuotaExceeded", "XMinioStorageFull",
 _TOO_MANY_REQUESTS, _NO_ROOM = 429, 507
 _ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
+# A store that is not there shall be told within seconds; one that has answered before may be slow.
+_FIRST_ANSWER_S = 8.0
+_ANSWER_S = 20.0
+_BLOCK_BYTES = 1 << 18
+_AFTER_THE_END = "InvalidRange"
 
 
 class _Answered(Protocol):
@@ -123,11 +128,6 @@ def _endpoint() -> str:
 
 
 Answer = Mapping[str, object]
-# A store that is not there shall be told within seconds; one that has answered before may be slow.
-_FIRST_ANSWER_S = 8.0
-_ANSWER_S = 20.0
-_BLOCK_BYTES = 1 << 18
-_AFTER_THE_END = "InvalidRange"
 
 
 class _Body(Protocol):

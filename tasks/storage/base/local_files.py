@@ -16,6 +16,16 @@ from uuid import uuid4
 
 from specs.errors import StoreAccessDenied, StoreFull
 
+_SHARED = stat.S_ISGID | stat.S_IWGRP
+_FILE_OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
+_FOLDER_OF_GROUP = _FILE_OF_GROUP | stat.S_IXGRP | stat.S_ISGID
+HIDDEN = ".tmp-"
+_EVERYBODYS = 0o666
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+# What is no fault of what is written: the same bytes may be written when the disk is another.
+OF_THE_DISK = NO_ROOM | {errno.EROFS, errno.EIO}
+_MEBIBYTE = 1 << 20
+
 
 def cache_folder() -> Path:
     """Returns SIMYARD_CACHE, else ``simyard`` in the user's cache folder (XDG base directory specification)."""
@@ -29,11 +39,6 @@ def chosen_folder(environment: Mapping[str, str]) -> Path:
         return Path(chosen)
     home = environment.get("HOME") or Path.home()
     return Path(environment.get("XDG_CACHE_HOME") or Path(home) / ".cache") / "simyard"
-
-
-_SHARED = stat.S_ISGID | stat.S_IWGRP
-_FILE_OF_GROUP = stat.S_IRGRP | stat.S_IWGRP
-_FOLDER_OF_GROUP = _FILE_OF_GROUP | stat.S_IXGRP | stat.S_ISGID
 
 
 def missing_right(path: Path, *, replaced: bool = True) -> str:
@@ -112,10 +117,6 @@ def _group(number: int) -> str:
         return str(number)
 
 
-HIDDEN = ".tmp-"
-_EVERYBODYS = 0o666
-
-
 @contextmanager
 def hidden_file(folder: Path, mark: str = "", mode: int = _EVERYBODYS) -> Generator[tuple[BinaryIO, Path]]:
     """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.
@@ -178,12 +179,6 @@ def make_folder(folder: Path) -> None:
     else:
         share_folder(folder)
     settle_names(folder.parent)
-
-
-NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-# What is no fault of what is written: the same bytes may be written when the disk is another.
-OF_THE_DISK = NO_ROOM | {errno.EROFS, errno.EIO}
-_MEBIBYTE = 1 << 20
 
 
 def full_disk_message(exc: OSError, folder: Path) -> str:

@@ -29,6 +29,8 @@ from tasks.storage.base.store import Store, decode_document, encode_document
 
 _PROC = Path("/proc")
 _ENDED_STATES = frozenset("ZX")
+_LOG = logging.getLogger(__name__)
+_LONGEST_POLL_S = 0.2
 
 
 class ProcessIdentity(Spec):
@@ -83,8 +85,6 @@ def _state_and_start(pid: int) -> tuple[str, str] | None:
     return fields[0], fields[19]
 
 
-_LOG = logging.getLogger(__name__)
-_LONGEST_POLL_S = 0.2
 _held: set[tuple[str, str, int]] = set()
 
 

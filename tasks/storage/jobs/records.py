@@ -37,6 +37,16 @@ from tasks.storage.base.store import Store, decode_document, encode_document, fi
 from tasks.storage.jobs.claim import hold_claim_unless_alive
 from tasks.storage.store_url import store_id
 
+_SHOWN = 3
+_VALUE_CHARACTERS = 40
+_NOTHING = "nothing"
+logger = logging.getLogger(__name__)
+TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
+_STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
+_LONGEST_REASON = 1024
+_EPOCH = "epoch"
+_GOING = frozenset({"Pending", "Running", "Canceling"})
+
 
 class JobToken(Spec):
     """A token, and which job it made of which request.
@@ -66,11 +76,6 @@ def token_mismatch(kind: JobKind, known: JobToken, digest: str, changes: str) ->
     return IdempotentParameterMismatch.of("clientRequestToken", repr(known.token), allowed, source=kind)
 
 
-_SHOWN = 3
-_VALUE_CHARACTERS = 40
-_NOTHING = "nothing"
-
-
 def changes_text(before: JsonValue, after: JsonValue) -> str:
     """Returns the first fields that differ, each with both values, in one line."""
     found = list(islice(_changes(before, after, ""), _SHOWN + 1))
@@ -95,9 +100,6 @@ def _value(value: JsonValue) -> str:
         return f"a list of {len(value)}"
     text = repr(value)
     return text if len(text) <= _VALUE_CHARACTERS else f"{text[:_VALUE_CHARACTERS]}..."
-
-
-logger = logging.getLogger(__name__)
 
 
 class Transition(NamedTuple):
@@ -148,12 +150,6 @@ def announce_transition(transition: Transition) -> None:
     why = [text for text in (transition.failure_code, transition.failure_reason) if text]
     logger.info("%s", ": ".join([f"{transition.arn} is {transition.status}", *why]), extra={"fields": fields})
     _listener.get()(transition)
-
-
-TERMINAL = frozenset({"Completed", "PartialFailed", "Failed", "Succeeded", "TimedOut", "Canceled"})
-_STATUSES = TERMINAL | {"Pending", "Preparing", "Running", "InProgress", "Completing", "Canceling", "TimingOut"}
-_LONGEST_REASON = 1024
-_EPOCH = "epoch"
 
 
 class JobRecord(Spec):
@@ -400,9 +396,6 @@ def _known(found: JobRecord | None, store: Store, kind: JobKind, wanted: str) ->
     if found is None:
         raise ResourceNotFound.of(kind, repr(wanted), absence([kind], store.url), source="store")
     return found
-
-
-_GOING = frozenset({"Pending", "Running", "Canceling"})
 
 
 def cancel_watched_job(store: Store, kind: JobKind, job: str) -> JobRecord:
