@@ -1,1 +1,1 @@
-"""What a document asks for, and a run of it as plain functions, without Prefect. The shell and Prefect's side may import it."""
+"""What a document asks for, and a run of it as plain functions, without Prefect. The shell may import it."""
