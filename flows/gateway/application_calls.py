@@ -72,7 +72,7 @@ def _platform(request: _Creation | UpdateRobotApplicationRequest) -> Platform:
 def _count(store: Store, kind: ApplicationKind) -> int:
     """Returns how many applications of a kind there are; reads them only where the deleted ones matter."""
     listed = len(store.keys(applications_prefix(kind)))
-    return listed if listed < APPLICATIONS.most() else len(applications(store, kind))
+    return listed if listed < APPLICATIONS.value() else len(applications(store, kind))
 
 
 def _create(kind: ApplicationKind, shape: type[Spec]) -> Handler:

@@ -149,7 +149,7 @@ def _deregister(gateway: Gateway, request: DeregisterRobotRequest) -> Deregister
 def _member_count(store: Store, fleet: str) -> int:
     """Returns how many robots a fleet has; reads them only where the store has enough to fill it."""
     there = robot_count(store)
-    return there if there < FLEET_ROBOTS.most() else len(members(store, fleet))
+    return there if there < FLEET_ROBOTS.value() else len(members(store, fleet))
 
 
 def _known_fleet(store: Store, name: str) -> FleetRecord | None:
