@@ -20,7 +20,7 @@ from tests.worlds.templates import sample
 Work = Callable[[Store, str], JobRecord]
 _TEMPLATE: TemplateBody = sample("default-two-rooms")
 # What two runs of one piece of work may differ in: who worked on it, when, and how often.
-_OWN = ("jobs/", "claims/", "tokens/", "lines/", "store.json")
+_OWN = ("jobs/", "claims/", "tokens/", "store.json")
 
 
 def simulate(store: Store, name: str) -> JobRecord:
