@@ -80,7 +80,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read
 from tasks.storage.jobs.runs import stage_token, worlds_of_job
 from tasks.storage.store_url import open_store, store_id
-from tasks.worlds.step import generate_on_workers, generate_worlds
+from tasks.worlds.step import generate_worlds
 
 T = TypeVar("T")
 Reports = tuple[StageReport, ...]
@@ -249,7 +249,7 @@ def world_generation(
 
     make = partial(run_step, generate_worlds)
     if makers:  # they show a task run for each piece; one around them would hold what cannot be sent
-        make = partial(generate_on_workers, remote=makers)
+        make = partial(generate_worlds, remote=makers)
 
     def work_part(given: str, part: GenerationPart, most: int) -> JobRecord:
         request = generation_request(spec, part, template=arn("world-template", store_id(opened), digest), token=given)

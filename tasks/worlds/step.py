@@ -21,6 +21,7 @@ def generate_worlds(
     robot_radius_m: float,
     first: Indices = (1, 1),
     most: int | None = None,
+    remote: RemoteWorldMaker | None = None,
 ) -> JobRecord:
     """Returns the ended generation job of the token, having made the worlds that were missing.
 
@@ -33,33 +34,8 @@ def generate_worlds(
         robot_radius_m: Radius of the robot that every room shall be reachable for.
         first: Floor plan and interior of the first world.
         most: How many worlds the job may make; what this machine allows, if left out.
+        remote: Workers of a cluster that make the worlds, for a caller who holds them; None for this machine.
     """
-    return generate_on_workers(
-        store_url,
-        request,
-        template,
-        seed=seed,
-        token=token,
-        robot_radius_m=robot_radius_m,
-        first=first,
-        most=most,
-        remote=None,
-    )
-
-
-def generate_on_workers(
-    store_url: str,
-    request: CreateWorldGenerationJobRequest,
-    template: TemplateBody,
-    *,
-    seed: int,
-    token: str,
-    robot_radius_m: float,
-    first: Indices = (1, 1),
-    most: int | None = None,
-    remote: RemoteWorldMaker | None,
-) -> JobRecord:
-    """Returns what `generate_worlds` does, for which workers of a cluster make the worlds; for who holds them."""
     return run_generation_job(
         open_store(store_url),
         request,
