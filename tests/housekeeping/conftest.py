@@ -1,4 +1,4 @@
-"""Stores that a gc is let loose on."""
+"""A store that a gc is let loose on."""
 
 import pytest
 
@@ -7,12 +7,6 @@ from tests.housekeeping.yard import Yard
 
 
 @pytest.fixture
-def yard(store: Store) -> Yard:
-    """A folder, then a bucket on a real server."""
-    return Yard(store)
-
-
-@pytest.fixture
-def file_yard(file_store: Store) -> Yard:
-    """A folder."""
+def yard(file_store: Store) -> Yard:
+    """A store in a folder; `test_properties` has one life of a store on a real server."""
     return Yard(file_store)

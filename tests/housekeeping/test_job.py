@@ -1,4 +1,4 @@
-"""What a gc removes and what it keeps, on a folder and on a real S3 server."""
+"""What a gc removes and what it keeps."""
 
 from pathlib import Path, PurePosixPath
 from typing import cast
@@ -42,20 +42,20 @@ def test_what_a_batch_without_a_record_left_goes_and_its_worlds_stay(yard: Yard,
     assert freed(yard.gc(tmp_path)) == {}
 
 
-def test_tags_go_with_the_job_that_they_are_of_and_stay_as_long_as_it_is_there(file_yard: Yard, tmp_path: Path) -> None:
-    generation, batch = a_batch(file_yard)
+def test_tags_go_with_the_job_that_they_are_of_and_stay_as_long_as_it_is_there(yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(yard)
     world = PurePosixPath(worlds_of(generation)[0]).stem
     of_batch = [tags_key("simulation-job-batch", batch), tags_key("simulation-job", f"{batch}/7")]
     of_generation = [tags_key("world-generation-job", generation), tags_key("world", f"{generation}/{world}")]
     for key in (*of_batch, *of_generation):
-        file_yard.store.put(key, b"{}")
-    assert freed(file_yard.gc(tmp_path)) == {}
-    file_yard.store.delete(job_key("simulation-job-batch", batch))
-    assert freed(file_yard.gc(tmp_path))["tags"] == 2
-    assert file_yard.store.keys("tags") == sorted(of_generation)
-    file_yard.store.delete(job_key("world-generation-job", generation))
-    file_yard.gc(tmp_path)
-    assert file_yard.store.keys("tags") == []
+        yard.store.put(key, b"{}")
+    assert freed(yard.gc(tmp_path)) == {}
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    assert freed(yard.gc(tmp_path))["tags"] == 2
+    assert yard.store.keys("tags") == sorted(of_generation)
+    yard.store.delete(job_key("world-generation-job", generation))
+    yard.gc(tmp_path)
+    assert yard.store.keys("tags") == []
 
 
 def test_without_being_told_to_nothing_is_removed_or_written(yard: Yard, tmp_path: Path) -> None:
@@ -68,50 +68,50 @@ def test_without_being_told_to_nothing_is_removed_or_written(yard: Yard, tmp_pat
     assert freed(told) == freed(yard.gc(tmp_path)) != {}
 
 
-def test_evidence_keeps_bundle_worlds_and_results_when_every_record_is_gone(file_yard: Yard, tmp_path: Path) -> None:
-    generation, batch = a_batch(file_yard)
-    digest = file_yard.publish("courier", b"bundle").digest
-    file_yard.judge(batch, generation, digest)
-    file_yard.unpublish("courier")
-    file_yard.store.delete(job_key("simulation-job-batch", batch))
-    file_yard.store.delete(job_key("world-generation-job", generation))
-    assert freed(file_yard.gc(tmp_path)) == {"chunks": 1}
+def test_evidence_keeps_bundle_worlds_and_results_when_every_record_is_gone(yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(yard)
+    digest = yard.publish("courier", b"bundle").digest
+    yard.judge(batch, generation, digest)
+    yard.unpublish("courier")
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    yard.store.delete(job_key("world-generation-job", generation))
+    assert freed(yard.gc(tmp_path)) == {"chunks": 1}
     kept = [bundle_key(digest), *worlds_of(generation), *results_of(batch)]
-    assert all(file_yard.store.exists(key) for key in kept)
+    assert all(yard.store.exists(key) for key in kept)
 
 
-def test_worlds_of_a_lost_job_stay_as_long_as_a_batch_names_them(file_yard: Yard, tmp_path: Path) -> None:
-    generation, batch = a_batch(file_yard)
-    file_yard.store.delete(job_key("world-generation-job", generation))
-    assert freed(file_yard.gc(tmp_path)) == {}
-    file_yard.store.delete(job_key("simulation-job-batch", batch))
-    file_yard.gc(tmp_path)
-    assert file_yard.store.keys("worlds") == []
+def test_worlds_of_a_lost_job_stay_as_long_as_a_batch_names_them(yard: Yard, tmp_path: Path) -> None:
+    generation, batch = a_batch(yard)
+    yard.store.delete(job_key("world-generation-job", generation))
+    assert freed(yard.gc(tmp_path)) == {}
+    yard.store.delete(job_key("simulation-job-batch", batch))
+    yard.gc(tmp_path)
+    assert yard.store.keys("worlds") == []
 
 
-def test_a_world_that_somebody_added_stays(file_yard: Yard, tmp_path: Path) -> None:
+def test_a_world_that_somebody_added_stays(yard: Yard, tmp_path: Path) -> None:
     added = [world_key("shrunk", "a"), world_key("wgj-0123456789abcdef", "from-another-store")]
     for key in added:
-        file_yard.store.put(key, b"world")
-    assert freed(file_yard.gc(tmp_path)) == {}
-    assert file_yard.store.keys("worlds") == sorted(added)
+        yard.store.put(key, b"world")
+    assert freed(yard.gc(tmp_path)) == {}
+    assert yard.store.keys("worlds") == sorted(added)
 
 
-def test_what_people_put_into_buckets_stays(file_yard: Yard, tmp_path: Path) -> None:
-    _, batch = a_batch(file_yard)
-    file_yard.store.delete(job_key("simulation-job-batch", batch))
+def test_what_people_put_into_buckets_stays(yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(yard)
+    yard.store.delete(job_key("simulation-job-batch", batch))
     theirs = ["buckets/out/data.csv", f"buckets/out/nightly/{batch}/my-notes.txt"]
     for key in theirs:
-        file_yard.store.put(key, b"1")
-    file_yard.gc(tmp_path)
-    assert file_yard.store.keys("buckets") == sorted(theirs)
+        yard.store.put(key, b"1")
+    yard.gc(tmp_path)
+    assert yard.store.keys("buckets") == sorted(theirs)
 
 
-def test_results_of_another_store_in_a_bucket_of_this_one_stay(file_yard: Yard, tmp_path: Path) -> None:
+def test_results_of_another_store_in_a_bucket_of_this_one_stay(yard: Yard, tmp_path: Path) -> None:
     key = "buckets/out/simb-0123456789abcdef/results.parquet"
-    file_yard.store.put(key, b"1")
-    file_yard.gc(tmp_path)
-    assert file_yard.store.exists(key)
+    yard.store.put(key, b"1")
+    yard.gc(tmp_path)
+    assert yard.store.exists(key)
 
 
 def test_a_bundle_goes_when_two_gcs_a_grace_apart_found_no_name_for_it(yard: Yard, tmp_path: Path) -> None:
@@ -125,29 +125,29 @@ def test_a_bundle_goes_when_two_gcs_a_grace_apart_found_no_name_for_it(yard: Yar
     assert found == [True, True, False]
 
 
-def test_a_bundle_that_was_published_again_between_two_gcs_begins_anew(file_yard: Yard, tmp_path: Path) -> None:
-    key = bundle_key(file_yard.publish("courier", b"bundle").digest)
-    file_yard.unpublish("courier")
+def test_a_bundle_that_was_published_again_between_two_gcs_begins_anew(yard: Yard, tmp_path: Path) -> None:
+    key = bundle_key(yard.publish("courier", b"bundle").digest)
+    yard.unpublish("courier")
     day = Ages(grace_s=24 * _HOUR_S)
-    Yard(later(file_yard.store, 30 * _HOUR_S)).gc(tmp_path, day)
-    file_yard.publish("courier", b"bundle")
-    file_yard.unpublish("courier")
-    Yard(later(file_yard.store, 60 * _HOUR_S)).gc(tmp_path, day)
-    assert file_yard.store.exists(key)
+    Yard(later(yard.store, 30 * _HOUR_S)).gc(tmp_path, day)
+    yard.publish("courier", b"bundle")
+    yard.unpublish("courier")
+    Yard(later(yard.store, 60 * _HOUR_S)).gc(tmp_path, day)
+    assert yard.store.exists(key)
 
 
 @pytest.mark.parametrize("named_by", ["desired", "reported", "deployment"])
-def test_a_bundle_that_only_a_robot_or_a_deployment_names_stays(file_yard: Yard, tmp_path: Path, named_by: str) -> None:
-    digest = file_yard.publish("courier", b"bundle").digest
-    file_yard.unpublish("courier")
+def test_a_bundle_that_only_a_robot_or_a_deployment_names_stays(yard: Yard, tmp_path: Path, named_by: str) -> None:
+    digest = yard.publish("courier", b"bundle").digest
+    yard.unpublish("courier")
     if named_by == "deployment":
-        file_yard.deploy("d", digest)
-        file_yard.store.delete("robots/robot-d/desired.json")
+        yard.deploy("d", digest)
+        yard.store.delete("robots/robot-d/desired.json")
     else:
         name = {"desired": "digest", "reported": "running_digest"}[named_by]
-        file_yard.store.put(f"robots/r/{named_by}.json", f'{{"robot": "r", "{name}": "{digest}"}}'.encode())
-    file_yard.gc(tmp_path)
-    assert file_yard.store.exists(bundle_key(digest))
+        yard.store.put(f"robots/r/{named_by}.json", f'{{"robot": "r", "{name}": "{digest}"}}'.encode())
+    yard.gc(tmp_path)
+    assert yard.store.exists(bundle_key(digest))
 
 
 def test_nothing_younger_than_the_grace_goes_and_that_is_told(yard: Yard, tmp_path: Path) -> None:
@@ -168,14 +168,14 @@ def test_what_killed_writers_left_goes_once_it_is_old(yard: Yard, tmp_path: Path
     assert (yard.store.unfinished(""), yard.store.keys("probe")) == ([], [])
 
 
-def test_parts_of_an_export_go_when_it_has_ended_and_no_sooner(file_yard: Yard, tmp_path: Path) -> None:
-    generation = file_yard.generation("worlds").id
-    going = file_yard.export("going", generation, ended=False).id
-    ended = file_yard.export("ended", generation).id
+def test_parts_of_an_export_go_when_it_has_ended_and_no_sooner(yard: Yard, tmp_path: Path) -> None:
+    generation = yard.generation("worlds").id
+    going = yard.export("going", generation, ended=False).id
+    ended = yard.export("ended", generation).id
     for job in (going, ended):
-        file_yard.store.put(f"parts/{job}/{generation}/w1.zip", b"zip")
-    assert freed(file_yard.gc(tmp_path)) == {"export parts": 1}
-    assert file_yard.store.keys("parts") == [f"parts/{going}/{generation}/w1.zip"]
+        yard.store.put(f"parts/{job}/{generation}/w1.zip", b"zip")
+    assert freed(yard.gc(tmp_path)) == {"export parts": 1}
+    assert yard.store.keys("parts") == [f"parts/{going}/{generation}/w1.zip"]
 
 
 def test_ended_jobs_that_nothing_names_are_forgotten_only_when_asked(yard: Yard, tmp_path: Path) -> None:
@@ -192,37 +192,35 @@ def test_ended_jobs_that_nothing_names_are_forgotten_only_when_asked(yard: Yard,
     assert not yard.store.exists(job_key("world-generation-job", other))
 
 
-def test_a_run_that_has_not_ended_keeps_what_its_stages_made(file_yard: Yard, tmp_path: Path) -> None:
+def test_a_run_that_has_not_ended_keeps_what_its_stages_made(yard: Yard, tmp_path: Path) -> None:
     request: JsonValue = {"flow": "pipeline", "spec": {"worldGeneration": {}}}
-    run = file_yard.job("pipeline-run", "run", cast("dict[str, JsonValue]", request), set(), ended=False)
-    made = file_yard.generation(stage_token(run, "worlds"))
+    run = yard.job("pipeline-run", "run", cast("dict[str, JsonValue]", request), set(), ended=False)
+    made = yard.generation(stage_token(run, "worlds"))
     forgetting = Ages(grace_s=0.0, ended_s=0.0)
-    assert freed(file_yard.gc(tmp_path, forgetting)) == {}
-    advance(file_yard.store, run.kind, run.id, "Completed")
-    assert freed(file_yard.gc(tmp_path, forgetting))["worlds"] == len(worlds_of(made.id))
+    assert freed(yard.gc(tmp_path, forgetting)) == {}
+    advance(yard.store, run.kind, run.id, "Completed")
+    assert freed(yard.gc(tmp_path, forgetting))["worlds"] == len(worlds_of(made.id))
 
 
 def test_buckets_outside_the_store_are_left_alone_and_told(
-    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert file_yard.gc(tmp_path).left_out == ()
+    assert yard.gc(tmp_path).left_out == ()
     monkeypatch.setenv("SIMYARD_BUCKETS", tmp_path.as_uri())
-    (told,) = file_yard.gc(tmp_path).left_out
+    (told,) = yard.gc(tmp_path).left_out
     assert tmp_path.as_uri() in told
 
 
-def test_a_server_that_does_not_tell_of_unfinished_writes_is_swept_all_the_same(
-    file_yard: Yard, tmp_path: Path
-) -> None:
+def test_a_server_that_does_not_tell_of_unfinished_writes_is_swept_all_the_same(yard: Yard, tmp_path: Path) -> None:
     def refused() -> None:
         raise StoreAccessDenied("not yours to list")
 
-    file_yard.lose(file_yard.generation("lost"))
-    store = Meddled(file_yard.store)
+    yard.lose(yard.generation("lost"))
+    store = Meddled(yard.store)
     store.instead("unfinished", "", refused)
     report = Yard(cast("Store", store)).gc(tmp_path)
     assert report.left_out == ("unfinished writes: not yours to list",)
-    assert file_yard.store.keys("worlds") == []
+    assert yard.store.keys("worlds") == []
 
 
 @pytest.mark.parametrize(
@@ -238,38 +236,38 @@ def test_a_server_that_does_not_tell_of_unfinished_writes_is_swept_all_the_same(
 )
 @pytest.mark.parametrize("body", [b"", b"{", b"[]", b"{}", b"\xff\xfe"])
 def test_a_spoilt_record_is_named_and_keeps_what_it_might_name(
-    file_yard: Yard, tmp_path: Path, record: str, body: bytes
+    yard: Yard, tmp_path: Path, record: str, body: bytes
 ) -> None:
-    digest = file_yard.publish("courier", b"bundle").digest
-    file_yard.unpublish("courier")
-    lost = file_yard.generation("lost")
-    file_yard.lose(lost)
-    file_yard.store.put(f"probe/{'0' * 32}", b"1")
-    file_yard.store.put(record, body)
-    report = file_yard.gc(tmp_path)
+    digest = yard.publish("courier", b"bundle").digest
+    yard.unpublish("courier")
+    lost = yard.generation("lost")
+    yard.lose(lost)
+    yard.store.put(f"probe/{'0' * 32}", b"1")
+    yard.store.put(record, body)
+    report = yard.gc(tmp_path)
     assert [each.record for each in report.unread] == [record]
-    assert file_yard.store.exists(bundle_key(digest))
-    assert file_yard.store.exists(worlds_of(lost.id)[0]) != record.startswith(("robots/", "fleets/"))
-    assert not file_yard.store.exists(f"probe/{'0' * 32}")
+    assert yard.store.exists(bundle_key(digest))
+    assert yard.store.exists(worlds_of(lost.id)[0]) != record.startswith(("robots/", "fleets/"))
+    assert not yard.store.exists(f"probe/{'0' * 32}")
 
 
-def test_a_job_whose_record_is_spoilt_keeps_what_it_made(file_yard: Yard, tmp_path: Path) -> None:
-    _, batch = a_batch(file_yard)
-    file_yard.store.put(job_key("simulation-job-batch", batch), b"{")
-    before = file_yard.store.keys("")
-    assert freed(file_yard.gc(tmp_path, remove=False)) == {}
-    file_yard.gc(tmp_path)
-    assert file_yard.store.keys("") == before
+def test_a_job_whose_record_is_spoilt_keeps_what_it_made(yard: Yard, tmp_path: Path) -> None:
+    _, batch = a_batch(yard)
+    yard.store.put(job_key("simulation-job-batch", batch), b"{")
+    before = yard.store.keys("")
+    assert freed(yard.gc(tmp_path, remove=False)) == {}
+    yard.gc(tmp_path)
+    assert yard.store.keys("") == before
 
 
-def test_no_job_is_forgotten_while_a_record_that_may_name_it_cannot_be_read(file_yard: Yard, tmp_path: Path) -> None:
-    file_yard.generation("old")
-    file_yard.store.put("fleets/f.json", b"{")
-    before = file_yard.store.keys("")
+def test_no_job_is_forgotten_while_a_record_that_may_name_it_cannot_be_read(yard: Yard, tmp_path: Path) -> None:
+    yard.generation("old")
+    yard.store.put("fleets/f.json", b"{")
+    before = yard.store.keys("")
     forgetting = Ages(grace_s=0.0, ended_s=0.0)
-    assert freed(file_yard.gc(tmp_path, forgetting, remove=False)) == {}
-    file_yard.gc(tmp_path, forgetting)
-    assert file_yard.store.keys("") == before
+    assert freed(yard.gc(tmp_path, forgetting, remove=False)) == {}
+    yard.gc(tmp_path, forgetting)
+    assert yard.store.keys("") == before
 
 
 def test_ages_have_the_defaults_that_the_document_tells() -> None:

@@ -1,4 +1,4 @@
-"""What others do at the worst moment of a gc, on a folder and on a real S3 server."""
+"""What others do at the worst moment of a gc."""
 
 from pathlib import Path
 from threading import Thread
@@ -70,12 +70,12 @@ def test_a_deployment_that_is_recorded_during_a_gc_keeps_its_bundle(yard: Yard, 
     assert yard.store.exists(bundle_key(digest))
 
 
-def test_a_record_that_is_spoilt_during_a_gc_keeps_bundles(file_yard: Yard, tmp_path: Path) -> None:
-    digest = unnamed_bundle(file_yard)
-    between, gc = meddled(file_yard)
-    between.before("unfinished", "", lambda: file_yard.store.put("robots/r/desired.json", b"{"))
+def test_a_record_that_is_spoilt_during_a_gc_keeps_bundles(yard: Yard, tmp_path: Path) -> None:
+    digest = unnamed_bundle(yard)
+    between, gc = meddled(yard)
+    between.before("unfinished", "", lambda: yard.store.put("robots/r/desired.json", b"{"))
     gc.gc(tmp_path)
-    assert file_yard.store.exists(bundle_key(digest))
+    assert yard.store.exists(bundle_key(digest))
 
 
 def test_a_job_that_is_asked_for_again_during_a_gc_keeps_what_it_made(yard: Yard, tmp_path: Path) -> None:
@@ -151,40 +151,40 @@ def test_what_a_job_made_anew_while_a_gc_slept_stays_with_its_token(yard: Yard, 
 
 
 def test_a_gc_that_slept_for_too_long_removes_nothing_more(
-    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lost = lost_generation(file_yard)
+    lost = lost_generation(yard)
     monkeypatch.setattr(Claim, "lost", property(lambda _claim: True))
-    assert freed(file_yard.gc(tmp_path)) == {}
-    assert file_yard.store.keys("worlds") == worlds_of(lost.id)
+    assert freed(yard.gc(tmp_path)) == {}
+    assert yard.store.keys("worlds") == worlds_of(lost.id)
 
 
-def test_worlds_that_a_batch_names_during_a_gc_stay(file_yard: Yard, tmp_path: Path) -> None:
-    lost = lost_generation(file_yard)
-    between, gc = meddled(file_yard)
-    between.before("get", claim_key(lost.kind, lost.id), lambda: file_yard.batch("b", lost.id, "0" * 64))
+def test_worlds_that_a_batch_names_during_a_gc_stay(yard: Yard, tmp_path: Path) -> None:
+    lost = lost_generation(yard)
+    between, gc = meddled(yard)
+    between.before("get", claim_key(lost.kind, lost.id), lambda: yard.batch("b", lost.id, "0" * 64))
     gc.gc(tmp_path)
-    assert file_yard.store.keys("worlds") == worlds_of(lost.id)
+    assert yard.store.keys("worlds") == worlds_of(lost.id)
 
 
-def test_results_whose_evidence_is_written_during_a_gc_stay(file_yard: Yard, tmp_path: Path) -> None:
-    batch = file_yard.batch("b", file_yard.generation("g").id, "0" * 64)
-    file_yard.lose(batch)
-    between, gc = meddled(file_yard)
+def test_results_whose_evidence_is_written_during_a_gc_stay(yard: Yard, tmp_path: Path) -> None:
+    batch = yard.batch("b", yard.generation("g").id, "0" * 64)
+    yard.lose(batch)
+    between, gc = meddled(yard)
     evidence = result_key(batch.id, "evidence.json")
-    between.before("get", claim_key(batch.kind, batch.id), lambda: file_yard.store.put(evidence, b"{}"))
-    before = file_yard.store.keys("buckets")
+    between.before("get", claim_key(batch.kind, batch.id), lambda: yard.store.put(evidence, b"{}"))
+    before = yard.store.keys("buckets")
     gc.gc(tmp_path)
-    assert file_yard.store.keys("buckets") == before
+    assert yard.store.keys("buckets") == before
 
 
-def test_an_old_job_that_is_named_during_a_gc_is_not_forgotten(file_yard: Yard, tmp_path: Path) -> None:
-    old = file_yard.generation("old")
-    between, gc = meddled(file_yard)
-    between.before("get", claim_key(old.kind, old.id), lambda: file_yard.batch("b", old.id, "0" * 64, ended=False))
+def test_an_old_job_that_is_named_during_a_gc_is_not_forgotten(yard: Yard, tmp_path: Path) -> None:
+    old = yard.generation("old")
+    between, gc = meddled(yard)
+    between.before("get", claim_key(old.kind, old.id), lambda: yard.batch("b", old.id, "0" * 64, ended=False))
     gc.gc(tmp_path, type(NOW)(grace_s=0.0, ended_s=0.0))
-    assert file_yard.store.exists(job_key(old.kind, old.id))
-    assert file_yard.store.keys("worlds") == worlds_of(old.id)
+    assert yard.store.exists(job_key(old.kind, old.id))
+    assert yard.store.keys("worlds") == worlds_of(old.id)
 
 
 def full_of_leftovers(yard: Yard) -> None:
@@ -201,19 +201,19 @@ def full_of_leftovers(yard: Yard) -> None:
 
 @pytest.mark.parametrize("every", [9, pytest.param(1, marks=pytest.mark.soak)])
 def test_killed_at_a_write_the_next_gc_leaves_what_an_unbroken_one_does(
-    file_yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
+    yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int
 ) -> None:
     # As the one who held them is: killed.
     monkeypatch.setattr("tasks.storage.jobs.claim.is_known_dead", lambda _process: True)
-    full_of_leftovers(file_yard)
-    file_yard.gc(tmp_path)
-    stays = file_yard.store.keys("")
+    full_of_leftovers(yard)
+    yard.gc(tmp_path)
+    stays = yard.store.keys("")
     writes = 0
-    while _is_killed(file_yard, tmp_path, writes):
-        file_yard.gc(tmp_path)
-        assert file_yard.store.keys("") == stays
+    while _is_killed(yard, tmp_path, writes):
+        yard.gc(tmp_path)
+        assert yard.store.keys("") == stays
         writes += every
-    assert file_yard.store.keys("") == stays
+    assert yard.store.keys("") == stays
     assert writes > 20
 
 
