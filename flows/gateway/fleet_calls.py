@@ -173,18 +173,6 @@ def _remind(store: Store, command: str, whom: str) -> None:
         _LOG.warning("%s changed without a signature; what the keys vouch for is as it was: %s", whom, command)
 
 
-FLEET_HANDLERS: Handlers = {
-    "CreateFleet": _create_fleet,
-    "CreateRobot": _create_robot,
-    "DeleteFleet": _delete_fleet,
-    "DeleteRobot": _delete_robot,
-    "DeregisterRobot": _deregister,
-    "DescribeFleet": _describe_fleet,
-    "DescribeRobot": _describe_robot,
-    "RegisterRobot": _register,
-}
-
-
 def _create_deployment(gateway: Gateway, request: CreateDeploymentJobRequest) -> CreateDeploymentJobResponse:
     """Answers CreateDeploymentJob: the job waits for a worker, and its fleet takes no other until it has ended."""
     store, token, asked = gateway.store, request.clientRequestToken, canonical_document(request)
@@ -256,7 +244,15 @@ def _synced_in(record: JobRecord) -> Document:
     return {"fleet": record.request["fleet"], **_options(record)}
 
 
-DEPLOYMENT_HANDLERS: Handlers = {
+HANDLERS: Handlers = {
+    "CreateFleet": _create_fleet,
+    "CreateRobot": _create_robot,
+    "DeleteFleet": _delete_fleet,
+    "DeleteRobot": _delete_robot,
+    "DeregisterRobot": _deregister,
+    "DescribeFleet": _describe_fleet,
+    "DescribeRobot": _describe_robot,
+    "RegisterRobot": _register,
     "CreateDeploymentJob": _create_deployment,
     "SyncDeploymentJob": _sync_deployment,
     "DescribeDeploymentJob": _describe_deployment,

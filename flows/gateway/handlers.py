@@ -1,6 +1,6 @@
 """The table of all operations: what answers each of them, joined from the families, and the eleven lists."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from flows.gateway import application_calls, fleet_calls, simulation_calls, tag_calls, world_calls
@@ -13,42 +13,23 @@ from tasks.simulate.batch.job_lists import list_batches_page, list_jobs_page
 from tasks.storage.base.store import Store
 from tasks.worlds.job.world_answers import list_generation_jobs_page, list_templates_page, list_worlds_page
 
-_JOB_HANDLERS: Handlers = {
-    **fleet_calls.DEPLOYMENT_HANDLERS,
-    **simulation_calls.JOB_HANDLERS,
-    **simulation_calls.BATCH_HANDLERS,
-    **world_calls.EXPORT_HANDLERS,
-    **world_calls.GENERATION_HANDLERS,
-}
-_RESOURCE_HANDLERS: Handlers = {
-    **application_calls.HANDLERS,
-    **world_calls.TEMPLATE_HANDLERS,
-    **world_calls.WORLD_HANDLERS,
-    **fleet_calls.FLEET_HANDLERS,
-    **tag_calls.HANDLERS,
+_LISTS: Mapping[str, Callable[[Store, Any], Spec]] = {
+    "ListDeploymentJobs": list_deployment_jobs_page,
+    "ListFleets": list_fleets_page,
+    "ListRobotApplications": list_robot_applications_page,
+    "ListRobots": list_robots_page,
+    "ListSimulationApplications": list_simulation_applications_page,
+    "ListSimulationJobBatches": list_batches_page,
+    "ListSimulationJobs": list_jobs_page,
+    "ListWorldExportJobs": list_export_jobs_page,
+    "ListWorldGenerationJobs": list_generation_jobs_page,
+    "ListWorldTemplates": list_templates_page,
+    "ListWorlds": list_worlds_page,
 }
 
 
 def _listing(page: Callable[[Store, Any], Spec]) -> Handler:
-    def answer(gateway: Gateway, request: Spec) -> Spec:
-        return page(gateway.store, request)
-
-    return answer
-
-
-_LIST_HANDLERS: Handlers = {
-    "ListDeploymentJobs": _listing(list_deployment_jobs_page),
-    "ListFleets": _listing(list_fleets_page),
-    "ListRobotApplications": _listing(list_robot_applications_page),
-    "ListRobots": _listing(list_robots_page),
-    "ListSimulationApplications": _listing(list_simulation_applications_page),
-    "ListSimulationJobBatches": _listing(list_batches_page),
-    "ListSimulationJobs": _listing(list_jobs_page),
-    "ListWorldExportJobs": _listing(list_export_jobs_page),
-    "ListWorldGenerationJobs": _listing(list_generation_jobs_page),
-    "ListWorldTemplates": _listing(list_templates_page),
-    "ListWorlds": _listing(list_worlds_page),
-}
+    return lambda gateway, request: page(gateway.store, request)
 
 
 def _with_tags(handler: Handler) -> Handler:
@@ -62,5 +43,8 @@ def _with_tags(handler: Handler) -> Handler:
     return answer
 
 
-_FAMILIES: Handlers = {**_JOB_HANDLERS, **_LIST_HANDLERS, **_RESOURCE_HANDLERS}
-HANDLERS: Handlers = {name: _with_tags(handler) for name, handler in _FAMILIES.items()}
+_FAMILIES = (application_calls, fleet_calls, simulation_calls, tag_calls, world_calls)
+HANDLERS: Handlers = {
+    **{name: _with_tags(handler) for family in _FAMILIES for name, handler in family.HANDLERS.items()},
+    **{name: _listing(page) for name, page in _LISTS.items()},
+}

@@ -150,13 +150,6 @@ def _asked_in(record: JobRecord) -> Document:
     return cast("Document", record.request["request"])
 
 
-BATCH_HANDLERS: Handlers = {
-    "StartSimulationJobBatch": _start_batch,
-    "DescribeSimulationJobBatch": _describe_batch,
-    "CancelSimulationJobBatch": _cancel_batch,
-}
-
-
 def _create_job(gateway: Gateway, request: CreateSimulationJobRequest) -> CreateSimulationJobResponse:
     """Answers CreateSimulationJob: the job waits for a worker."""
     require_own_tags(request.tags, "tags")
@@ -202,7 +195,10 @@ def _restart_job(gateway: Gateway, request: RestartSimulationJobRequest) -> Rest
     return RestartSimulationJobResponse()
 
 
-JOB_HANDLERS: Handlers = {
+HANDLERS: Handlers = {
+    "StartSimulationJobBatch": _start_batch,
+    "DescribeSimulationJobBatch": _describe_batch,
+    "CancelSimulationJobBatch": _cancel_batch,
     "CreateSimulationJob": _create_job,
     "DescribeSimulationJob": _describe_job,
     "BatchDescribeSimulationJob": _describe_jobs,

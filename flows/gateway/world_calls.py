@@ -162,15 +162,6 @@ def _refused(path: str, value: str, allowed: str) -> DocumentError:
     return DocumentError.of(path, value, allowed)
 
 
-TEMPLATE_HANDLERS: Handlers = {
-    "CreateWorldTemplate": _create_template,
-    "DeleteWorldTemplate": _delete_template,
-    "DescribeWorldTemplate": _describe_template,
-    "GetWorldTemplateBody": _body_text,
-    "UpdateWorldTemplate": _update_template,
-}
-
-
 def _create_generation(gateway: Gateway, request: CreateWorldGenerationJobRequest) -> CreateWorldGenerationJobResponse:
     """Answers CreateWorldGenerationJob: the job waits for a worker, with the body that its template has now."""
     store, token = gateway.store, token_of(request)
@@ -220,13 +211,6 @@ def _generation_asked_in(record: JobRecord) -> Document:
     return without(record.request, _GENERATION_OWN)
 
 
-GENERATION_HANDLERS: Handlers = {
-    "CreateWorldGenerationJob": _create_generation,
-    "DescribeWorldGenerationJob": _describe_generation,
-    "CancelWorldGenerationJob": _cancel_generation,
-}
-
-
 def _describe_world(gateway: Gateway, request: DescribeWorldRequest) -> DescribeWorldResponse:
     world = path_of(gateway.store, request.world, "world", "world")
     return with_tags_now(gateway.store, "world", world, describe_stored_world(gateway.store, world))
@@ -247,9 +231,6 @@ def _delete_worlds(gateway: Gateway, request: BatchDeleteWorldsRequest) -> Batch
     refused = set(delete_worlds(gateway.store, paths.values()))
     left += [each for each, path in paths.items() if path in refused]
     return BatchDeleteWorldsResponse(unprocessedWorlds=tuple(left) or None)
-
-
-WORLD_HANDLERS: Handlers = {"BatchDeleteWorlds": _delete_worlds, "DescribeWorld": _describe_world}
 
 
 def _create_export(gateway: Gateway, request: CreateWorldExportJobRequest) -> CreateWorldExportJobResponse:
@@ -308,7 +289,17 @@ def _export_asked_in(record: JobRecord) -> Document:
     return without(record.request, _EXPORT_OWN)
 
 
-EXPORT_HANDLERS: Handlers = {
+HANDLERS: Handlers = {
+    "CreateWorldTemplate": _create_template,
+    "DeleteWorldTemplate": _delete_template,
+    "DescribeWorldTemplate": _describe_template,
+    "GetWorldTemplateBody": _body_text,
+    "UpdateWorldTemplate": _update_template,
+    "CreateWorldGenerationJob": _create_generation,
+    "DescribeWorldGenerationJob": _describe_generation,
+    "CancelWorldGenerationJob": _cancel_generation,
+    "BatchDeleteWorlds": _delete_worlds,
+    "DescribeWorld": _describe_world,
     "CreateWorldExportJob": _create_export,
     "DescribeWorldExportJob": _describe_export,
     "CancelWorldExportJob": _cancel_export,
