@@ -1,15 +1,16 @@
-"""The interface of controllers that run on the host, and the table of their kinds.
+"""The interface of controllers that run on the host, those that are plain Python, and the table of all kinds.
 
 All lanes' observations go in, all lanes' controls come out. Between two control steps of the compiled functions the run
-stops, asks these, and goes on. In the compiled functions a stand-in has the controller's place. A record of the table
-says how an application of that kind is loaded; what loads it is imported then.
+stops, asks these, and goes on. In the compiled functions a stand-in has the controller's place. Plain Python runs lane
+by lane, each lane with an object of its own, or for all lanes at once, which suits a network in torch or a table in
+NumPy. Kinds that need more are imported when an application of that kind is loaded.
 """
 # ruff: noqa: PLC0415 - what a kind needs is imported when an application of that kind is loaded
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +18,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from specs.data.episode import ApplicationLaunch
-from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
-from tasks.simulate.application.contract import Observation
+from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, load_factory
+from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.host.declaration import ControllerKind
 from tasks.simulate.lane.staging import Lane
-from tasks.simulate.sensors.sensor_table import SENSORS, Sensors
+from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
 # Floats and integers: what a person writes in Python for a number.
@@ -147,16 +149,151 @@ def real_control(doing: str, control: object, shape: tuple[int, ...]) -> Float32
     return array.astype(np.float32)
 
 
-def _plain(bundle: HostBundle) -> HostApplication:
-    from tasks.simulate.host.python_controllers import plain_application
+def plain_application(bundle: HostBundle) -> HostApplication:
+    """Returns the application of a module that says ``jax = False``.
 
-    return plain_application(bundle)
+    Raises:
+        BundleCrash: The module does not import, or has no ``controller``.
+    """
+    make = load_factory(bundle.folder, bundle.launch, "controller", _ROBOT)
+    return HostApplication("plain", make, lambda start: PlainControllers(make, start))
 
 
-def _batched(bundle: HostBundle) -> HostApplication:
-    from tasks.simulate.host.python_controllers import batched_application
+class PlainControllers:
+    """The controllers of a chunk's lanes; what one of them raises is why its own lane crashed.
 
-    return batched_application(bundle)
+    Attributes:
+        crashes: Why, by lane.
+    """
+
+    cancelled: frozenset[int] = frozenset()
+
+    def __init__(self, make_controller: Callable[..., object], start: HostStart) -> None:
+        self.crashes: dict[int, str] = {}
+        self._make, self._sensors, self._actuators = make_controller, start.sensors, start.actuators
+        self._controllers = [self._begun(number, lane) for number, lane in enumerate(start.lanes)]
+
+    def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
+        """Returns each moving lane's control; not a number for a lane whose controller crashed, now or before.
+
+        Args:
+            observed: Of all lanes, lanes first, in NumPy.
+            moving: Lanes that are not done.
+        """
+        controls = np.zeros((len(moving), self._actuators), np.float32)
+        for lane in np.flatnonzero(moving).tolist():
+            own = cast("Observation", jax.tree.map(lambda array, lane=lane: array[lane], observed))
+            controls[lane] = self._control(lane, own)
+        return controls
+
+    def measures(self, lane: int) -> Mapping[str, int]:  # noqa: ARG002 - as of all controllers on the host
+        """Returns nothing: a row has all that there is."""
+        return {}
+
+    def close(self) -> None:
+        """Does nothing: the controllers hold nothing."""
+
+    def _begun(self, number: int, lane: Lane) -> Any:  # noqa: ANN401 - whatever a bundle makes
+        numbers, texts = split_environment(lane.request.environment)
+        environment = {**texts, **numbers}
+        try:
+            _require_same(self._sensors, read_sensors(self._make, environment))
+            made: Any = call_bundle(_ROBOT, "controller(environment)", self._make, environment)
+            floor = HostMap(*(array.copy() for array in lane.arrays.floor))  # one that it may write to
+            call_bundle(_ROBOT, "controller.reset", lambda: made.reset(floor, lane.placement.goals_m))
+        except BundleCrash as crash:
+            self.crashes[number] = crash.reason
+            return None
+        return made
+
+    def _control(self, lane: int, observation: Observation) -> Float32[np.ndarray, "nu"]:
+        nothing = np.full(self._actuators, np.nan, np.float32)
+        if self._controllers[lane] is None:
+            return nothing
+        try:
+            control = call_bundle(_ROBOT, "controller.step", lambda: self._controllers[lane].step(observation))
+            control = real_control("controller.step", control, (self._actuators,))
+        except BundleCrash as crash:
+            self.crashes[lane] = crash.reason
+            return nothing
+        return control
+
+
+def _require_same(program: Sensors, episode: Sensors) -> None:
+    if program != episode:
+        raise BundleCrash(_ROBOT, "the sensors of a plain Python controller must not follow from a numeric variable")
+
+
+def batched_application(bundle: HostBundle) -> HostApplication:
+    """Returns the application of a module that defines ``controllers(environments)``.
+
+    Raises:
+        BundleCrash: The module does not import.
+    """
+    make = load_factory(bundle.folder, bundle.launch, "controllers", _ROBOT)
+    return HostApplication(
+        "batched", lambda environment: make([environment]), lambda start: BatchedControllers(make, start)
+    )
+
+
+class BatchedControllers:
+    """The one controller of a chunk's lanes; what it raises is why all lanes crashed that still moved.
+
+    Attributes:
+        crashes: Why, by lane.
+    """
+
+    cancelled: frozenset[int] = frozenset()
+
+    def __init__(self, make_controllers: Callable[..., object], start: HostStart) -> None:
+        self.crashes: dict[int, str] = {}
+        self._shape = (start.width, start.actuators)
+        filled = [*start.lanes, *[start.lanes[0]] * (start.width - len(start.lanes))]
+        self._controllers: Any = None
+        try:
+            self._controllers = self._begun(make_controllers, start, filled)
+        except BundleCrash as crash:
+            self.crashes.update(dict.fromkeys(range(len(start.lanes)), crash.reason))
+
+    def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
+        """Returns each moving lane's control; not a number for all of them if the controller crashed.
+
+        Args:
+            observed: Of all lanes, lanes first, in NumPy.
+            moving: Lanes that are not done.
+        """
+        nothing = np.full(self._shape, np.nan, np.float32)
+        if self._controllers is None:
+            return nothing
+        try:
+            control = call_bundle(_ROBOT, "controllers.step", lambda: self._controllers.step(observed))
+            return real_control("controllers.step", control, self._shape)
+        except BundleCrash as crash:
+            self._controllers = None
+            self.crashes.update(dict.fromkeys(np.flatnonzero(moving).tolist(), crash.reason))
+            return nothing
+
+    def measures(self, lane: int) -> Mapping[str, int]:  # noqa: ARG002 - as of all controllers on the host
+        """Returns nothing: a row has all that there is."""
+        return {}
+
+    def close(self) -> None:
+        """Does nothing: the controller holds nothing that outlives it."""
+
+    def _begun(self, make: Callable[..., object], start: HostStart, filled: Sequence[Lane]) -> object:
+        environments = [_variables(lane) for lane in filled]
+        for environment in environments[: len(start.lanes)]:
+            if read_sensors(lambda _, own=environment: make([own]), environment) != start.sensors:
+                raise BundleCrash(_ROBOT, "the sensors of controllers must not follow from a numeric variable")
+        made: Any = call_bundle(_ROBOT, "controllers(environments)", make, environments)
+        floors, goals_m = [lane.arrays.floor for lane in filled], [lane.placement.goals_m for lane in filled]
+        call_bundle(_ROBOT, "controllers.reset", lambda: made.reset(floors, goals_m))
+        return made
+
+
+def _variables(lane: Lane) -> dict[str, str | float]:
+    numbers, texts = split_environment(lane.request.environment)
+    return {**texts, **numbers}
 
 
 def _onnx(bundle: HostBundle) -> HostApplication:
@@ -178,8 +315,8 @@ def _ros2(bundle: HostBundle) -> HostApplication:
 
 
 HOST_KINDS: Mapping[ControllerKind, Callable[[HostBundle], HostApplication]] = {
-    "plain": _plain,
-    "batched": _batched,
+    "plain": plain_application,
+    "batched": batched_application,
     "onnx": _onnx,
     "ros": _ros,
     "ros2": _ros2,
