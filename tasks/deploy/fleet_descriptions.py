@@ -44,7 +44,7 @@ from tasks.deploy.fleet.states import Desired, FleetRecord, RobotProgress, Robot
 from tasks.deploy.rollout.observation import live_progress, recorded_progress
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
 from tasks.storage.base.keys import application_key, reported_key
-from tasks.storage.base.store import Store, decode_document
+from tasks.storage.base.store import Store, find_document
 from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
@@ -113,14 +113,9 @@ def _version_text(desired: Desired, digest: str, number: int | None) -> str:
 
 def _versions(store: Store, application: str) -> dict[str, int]:
     """Returns the number of each version of a robot application, by the digest of each of its bundles."""
-    key = application_key("robot-application", application)
-    try:
-        record = decode_document(Application, store.get(key), store, key)
-    except ObjectNotFound:
-        return {}
-    return {
-        digest: version.number for version in record.versions for digest in (version.digest, *version.digests.values())
-    }
+    record = find_document(store, application_key("robot-application", application), Application)
+    versions = record.versions if record else ()
+    return {digest: version.number for version in versions for digest in (version.digest, *version.digests.values())}
 
 
 def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResponse:

@@ -29,7 +29,7 @@ from tasks.housekeeping.object_kinds import (
 )
 from tasks.housekeeping.references import NamedByRecords
 from tasks.storage.base.keys import claim_key, job_key, result_key
-from tasks.storage.base.store import Entry, Store, decode_document
+from tasks.storage.base.store import Entry, Store, find_document
 from tasks.storage.jobs.claim import Claim, ClaimRecord, hold_claim_unless_alive
 
 GONE = "of jobs without a record"
@@ -343,10 +343,12 @@ def _drop_claim(store: Store, key: str, epoch: int) -> None:
     """Removes a claim that nobody has taken since; who comes with an older epoch than a record's may not write it."""
     try:
         entry = store.entry(key)
-        found = decode_document(ClaimRecord, store.get(key), store, key)
     except ObjectNotFound:
         return
-    if found.released and found.epoch == epoch:  # if somebody took it after this look, it has changed, and stays
+    found = find_document(store, key, ClaimRecord)
+    if (
+        found and found.released and found.epoch == epoch
+    ):  # if somebody took it after this look, it has changed, and stays
         store.delete_unchanged(entry)
 
 

@@ -23,7 +23,7 @@ from specs.errors import (
 from specs.field_types import Architecture, RobotTagMap
 from tasks.deploy.fleet.states import Desired, FleetRecord, Reported, RobotRecord, Withdrawn, read_listed
 from tasks.storage.base.keys import desired_key, fleet_key, reported_key, robot_record_key
-from tasks.storage.base.store import Store, decode_document, encode_document, find_document, update
+from tasks.storage.base.store import Store, encode_document, find_document, update
 from tasks.storage.tags import Change
 
 _FLEETS = "fleets"
@@ -264,11 +264,7 @@ def known_robot(store: Store, name: str) -> RobotRecord | None:
     Raises:
         DocumentError: The name is none.
     """
-    key = robot_record_key(name)
-    try:
-        return decode_document(RobotRecord, store.get(key), store, key)
-    except ObjectNotFound:
-        return None
+    return find_document(store, robot_record_key(name), RobotRecord)
 
 
 def robot_name(reference: str) -> str:

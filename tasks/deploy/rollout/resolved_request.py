@@ -27,7 +27,7 @@ from tasks.deploy.rollout.rollout_plan import Limits, RolloutPlan, digests_for, 
 from tasks.deploy.trust.trust_record import Signer
 from tasks.storage.archives import list_bundle_files, safe_parts
 from tasks.storage.base.keys import application_key, checked_name
-from tasks.storage.base.store import Store, decode_document
+from tasks.storage.base.store import Store, find_document
 from tasks.storage.buckets import source_faults
 from tasks.storage.jobs.records import JobRecord, read, records
 
@@ -241,12 +241,8 @@ def _version(store: Store, config: DeploymentApplicationConfig) -> Version:
         raise _missing("application", config.application, str(exc)) from exc
     if reference.kind not in {None, "robot-application"}:
         raise _missing("application", config.application, "the ARN of a robot-application")
-    key = application_key("robot-application", reference.path)
-    try:
-        application = decode_document(Application, store.get(key), store, key)
-    except ObjectNotFound as exc:
-        raise _missing("application", config.application, _PUBLISHED) from exc
-    if application.deleted:
+    application = find_document(store, application_key("robot-application", reference.path), Application)
+    if application is None or application.deleted:
         raise _missing("application", config.application, _PUBLISHED)
     wanted = int(config.applicationVersion)
     found = next((version for version in application.versions if version.number == wanted), None)

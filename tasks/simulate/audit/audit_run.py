@@ -17,7 +17,6 @@ from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
 from specs.data.parity_audit import AuditReport
 from specs.data.world import World
-from specs.errors import ObjectNotFound
 from specs.field_types import OutputLocation
 from tasks.simulate.application.bundle_code import BundleCrash, crash_code
 from tasks.simulate.audit.audit_report import not_run
@@ -30,7 +29,7 @@ from tasks.simulate.sandbox.process_pool import ask_exclusive
 from tasks.simulate.sandbox.protocol import Answer, Audited, AuditedEpisode, AuditWork, Crashed, NoMemory, Progress
 from tasks.simulate.sandbox.simulator import Simulator, SimulatorEnded
 from tasks.storage.base.keys import output_key, result_key
-from tasks.storage.base.store import decode_document, encode_document
+from tasks.storage.base.store import encode_document, find_document
 from tasks.storage.buckets import open_bucket
 
 
@@ -208,9 +207,7 @@ def _idle_s(sample: Sequence[SampledEpisode], lanes: int) -> float:
 def _begin(batch: OpenBatch) -> int:
     """Returns how often the audit was begun, this time included."""
     key = result_key(batch.id, _BEGUN_FILE)
-    try:
-        before = decode_document(_Begun, batch.store.get(key), batch.store, key).attempts
-    except ObjectNotFound:
-        before = 0
-    batch.store.put(key, encode_document(_Begun(attempts=before + 1)))
-    return before + 1
+    before = find_document(batch.store, key, _Begun)
+    attempts = 1 + (before.attempts if before else 0)
+    batch.store.put(key, encode_document(_Begun(attempts=attempts)))
+    return attempts

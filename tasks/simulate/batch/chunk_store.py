@@ -18,7 +18,7 @@ from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.errors import ObjectExists, ObjectNotFound, StageFailed
 from tasks.storage.base.keys import chunk_key, chunk_start_key, chunks_prefix
-from tasks.storage.base.store import Store, decode_document, encode_document
+from tasks.storage.base.store import Store, encode_document, find_document
 from tasks.storage.jobs.authenticator import MAC_LENGTH, BatchAuthenticator
 
 if TYPE_CHECKING:
@@ -151,11 +151,7 @@ def begin_chunk(store: Store, batch: str, number: int, spent_s: float) -> ChunkS
 
 def chunk_start(store: Store, batch: str, number: int) -> ChunkStart | None:
     """Returns when a chunk was last begun, or None."""
-    key = chunk_start_key(batch, number)
-    try:
-        return decode_document(ChunkStart, store.get(key), store, key)
-    except ObjectNotFound:
-        return None
+    return find_document(store, chunk_start_key(batch, number), ChunkStart)
 
 
 class StoredChunk(NamedTuple):

@@ -22,13 +22,13 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import JsonValue
 
-from specs.errors import DocumentError, ObjectCorrupt, ObjectNotFound
+from specs.errors import DocumentError, ObjectCorrupt
 from specs.field_types import FilteredPage, Page
 from specs.job_kinds import JobKind
 from specs.robomaker.shared_operations import Place, page_of, page_size, place_after, wanted_values
 from tasks.storage.base.keys import job_key, jobs_prefix
 from tasks.storage.base.local_files import cache_folder
-from tasks.storage.base.store import Store, decode_document
+from tasks.storage.base.store import Store, find_document
 from tasks.storage.jobs.records import JobRecord, is_terminal
 from tasks.storage.store_url import store_id
 
@@ -259,13 +259,8 @@ class JobIndex:
     def _record(self, job: str) -> JobRecord | None:
         if job in self._records:
             return self._records.pop(job)
-        key = job_key(self._kind, job)
-        try:
-            stored = self._store.get(key)
-        except ObjectNotFound:  # removed since it was listed
-            return None
         with skip_if_corrupt(self._store, self._kind, job):
-            return decode_document(JobRecord, stored, self._store, key)
+            return find_document(self._store, job_key(self._kind, job), JobRecord)
         return None
 
 

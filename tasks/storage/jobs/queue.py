@@ -13,7 +13,7 @@ from contextlib import suppress
 from pydantic import Field, JsonValue
 
 from specs.base import Spec
-from specs.errors import ObjectExists, ObjectNotFound, StoreAway, StoreError
+from specs.errors import ObjectExists, StoreAway, StoreError
 from specs.job_kinds import JobKind
 from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
 from tasks.storage.base.store import Entry, Store, decode_document, encode_document, find_document, update
@@ -56,13 +56,9 @@ def enqueue(store: Store, kind: JobKind, job: str, options: dict[str, JsonValue]
 
 def queued_jobs(store: Store) -> list[QueueEntry]:
     """Returns the queue, oldest first."""
-    found: list[QueueEntry] = []
-    for key in store.keys(queue_prefix()):
-        try:
-            found.append(queued_entry(store, key))
-        except ObjectNotFound:  # a worker has removed it since it was listed
-            continue
-    return sorted(found, key=lambda entry: (entry.queued_at_s, entry.id))
+    found = (find_document(store, key, QueueEntry) for key in store.keys(queue_prefix()))
+    there = (entry for entry in found if entry)  # workers have removed the others since they were listed
+    return sorted(there, key=lambda entry: (entry.queued_at_s, entry.id))
 
 
 def queued_entry(store: Store, key: str) -> QueueEntry:

@@ -26,7 +26,6 @@ from specs.errors import (
     DocumentError,
     IdempotentParameterMismatch,
     ObjectExists,
-    ObjectNotFound,
     ResourceNotFound,
     StoreError,
 )
@@ -278,13 +277,9 @@ def read(store: Store, kind: JobKind, id: str) -> JobRecord:  # noqa: A002 - the
 
 def records(store: Store, kind: JobKind) -> list[JobRecord]:
     """Returns all jobs of a kind, oldest first, for showing to people (a listing may be late)."""
-    found: list[JobRecord] = []
-    for key in store.keys(jobs_prefix(kind)):
-        try:
-            found.append(decode_document(JobRecord, store.get(key), store, key))
-        except ObjectNotFound:  # removed since it was listed
-            continue
-    return sorted(found, key=lambda record: (record.created_at_s, record.id))
+    found = (find_document(store, key, JobRecord) for key in store.keys(jobs_prefix(kind)))
+    there = (record for record in found if record)  # the others were removed since they were listed
+    return sorted(there, key=lambda record: (record.created_at_s, record.id))
 
 
 def is_terminal(record: JobRecord) -> bool:
