@@ -18,8 +18,6 @@ from tests.deploy.one_robot import GOOD, NAME, desired
 from tests.deploy.trust.signed_fleet import NEWER, OLDER, CarefulRobot, Owner, asked, refused
 from tests.deploy.yard import Yard
 
-pytestmark = pytest.mark.long
-
 CHANGES: dict[str, dict[str, object]] = {
     "another bundle": {"digest": "0" * 64},
     "another launch": {"launch": DeploymentLaunchConfig(packageName="courier", launchFile="evil.sh")},
