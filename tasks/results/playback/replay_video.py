@@ -24,7 +24,6 @@ _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
-_Points = Sequence[tuple[float, float]]
 
 
 def frames(world: World, playback: Playback, stride: int = 1) -> Iterator[Pixels]:

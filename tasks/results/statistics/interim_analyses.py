@@ -444,17 +444,3 @@ def chances_between(looks: Sequence[int], ends: Boundary, rate: float) -> Chance
         passed, failed = passed + float(walk.chances[0, passes].sum()), failed + float(walk.chances[0, fails].sum())
         walk, before = Walk(walk.first, np.where(passes | fails, 0.0, walk.chances)), look
     return Chances(passed, failed, episodes)
-
-
-def passes_after(looks: tuple[int, ...], bar: float, confidence: float, rate: float) -> int | None:
-    """Returns after how many episodes a batch passes that is exactly as good as expected; None if it does not.
-
-    Args:
-        looks: After how many episodes it is looked at, rising.
-        bar: The share, above 0 and below 1.
-        confidence: Coverage of the two-sided interval.
-        rate: The share of successes, rounded down to whole episodes at each look.
-    """
-    ends = boundary(looks, bar, confidence).passes
-    reached = (look for look, above in zip(looks, ends, strict=True) if int(rate * look + 1e-9) >= above)
-    return next(reached, None)

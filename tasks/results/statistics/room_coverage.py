@@ -4,13 +4,13 @@ A success rate says nothing about rooms in which no robot was: a batch may pass 
 """
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from jaxtyping import Int
 
 from specs.base import Spec
-from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.episode import success
 from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct
 
 if TYPE_CHECKING:
@@ -40,19 +40,6 @@ class RoomRow(NamedTuple):
     rooms_unreachable: Iterable[str]
     goals_total: int
     goals_reachable: int | None
-
-    @classmethod
-    def of_episode(cls, request: EpisodeRequest, result: EpisodeResult) -> Self:
-        """Returns an episode's."""
-        return cls(
-            request.world,
-            success(result),
-            result.rooms_total,
-            result.rooms_entered,
-            result.rooms_unreachable,
-            result.goals_total,
-            result.goals_reachable,
-        )
 
 
 class WorldCoverage(Spec):

@@ -77,9 +77,6 @@ def is_good(values: Float[np.ndarray, " rows"], at_most: float | None) -> Bool[n
     return values > 0.5 if at_most is None else values <= at_most
 
 
-DEFAULT_MEASURE = "success"
-
-
 class Night(Spec):
     """One batch of a document that ended.
 

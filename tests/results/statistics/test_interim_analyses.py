@@ -20,7 +20,6 @@ from tasks.results.statistics.interim_analyses import (
     looks_of,
     nominal_levels,
     paired_interval,
-    passes_after,
     repeated_interval,
     spent_error,
     tested_shares,
@@ -264,8 +263,3 @@ def test_worlds_of_different_difficulty_in_a_shuffled_order_lead_to_no_more_erro
     passed, failed = (counts >= np.array(ends.passes)).any(axis=1), (counts <= np.array(ends.fails)).any(axis=1)
     assert 0.0 < passed.mean() <= 0.025
     assert 0.0 < failed.mean() <= 0.025
-
-
-def test_a_batch_as_good_as_expected_passes_at_a_look_or_not_at_all():
-    looks = looks_of(384, 32)
-    assert [passes_after(looks, 0.9, 0.95, rate) for rate in (1.0, 0.95, 0.9)] == [64, 256, None]

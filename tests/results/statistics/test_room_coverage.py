@@ -1,9 +1,9 @@
 """Rooms that robots were in are counted over a batch, and a batch that saw a part of its worlds says so."""
 
 from specs.data.episode import EpisodeResult
+from specs.data.episode_columns import pair_columns
 from tasks.results.statistics.room_coverage import (
     RoomCoverage,
-    RoomRow,
     RoomTally,
     coverage_line,
     coverage_warnings,
@@ -22,10 +22,14 @@ def inside(
     return passed(0).model_copy(update={**known, "goals_reachable": goals_reachable, **changes})
 
 
+def count(tally: RoomTally, result: EpisodeResult, world: str) -> None:
+    tally.add_columns(*pair_columns([request(0, world=world)], [result.model_copy(update={"index": 0})]))
+
+
 def coverage(*results: EpisodeResult, world: str = "g/w") -> RoomCoverage:
     tally = RoomTally()
     for each in results:
-        tally.add(RoomRow.of_episode(request(0, world=world), each))
+        count(tally, each, world)
     found = tally.coverage()
     assert found is not None
     return found
@@ -40,7 +44,7 @@ def test_a_room_counts_once_however_many_episodes_were_in_it():
 def test_rooms_of_the_same_name_in_two_worlds_are_two_rooms():
     tally = RoomTally()
     for world in ("g/a", "g/b"):
-        tally.add(RoomRow.of_episode(request(0, world=world), inside("Hall", "Kitchen")))
+        count(tally, inside("Hall", "Kitchen"), world)
     found = tally.coverage()
     assert found is not None
     assert coverage_line(found).startswith("rooms entered: 4 of 6 in 2 worlds")
@@ -81,7 +85,7 @@ def test_goals_out_of_reach_are_warned_of_and_never_rounded_away():
 
 def test_episodes_that_did_not_start_say_nothing():
     tally = RoomTally()
-    tally.add(RoomRow.of_episode(request(0), canceled(0)))
+    count(tally, canceled(0), "g/w")
     assert tally.coverage() is None
 
 
