@@ -30,14 +30,16 @@ class _Idle:
     def __init__(self) -> None:
         self._lock, self._owner = threading.Lock(), os.getpid()
         self._kept: list[tuple[_Key, Simulator, float]] = []  # until when it is kept, if nobody asks
+        self._timer: threading.Timer | None = None  # the one that ends those whose time is over
 
     def take(self, key: _Key) -> Simulator | None:
         with self._lock:
             if self._owner != os.getpid():  # another process's children, after a fork
-                self._owner, self._kept = os.getpid(), []
+                self._owner, self._kept, self._timer = os.getpid(), [], None
             for entry in reversed(self._kept):
                 if entry[0] == key and entry[1].alive:
                     self._kept.remove(entry)
+                    self._wait_for_next()
                     return entry[1]
         return None
 
@@ -45,9 +47,6 @@ class _Idle:
         with self._lock:
             self._kept.append((key, simulator, time.monotonic() + idle_s))
         self._end(lambda place, _: place < len(self._kept) - _IDLE_AT_MOST)
-        timer = threading.Timer(idle_s + 1.0, self.end_unused)
-        timer.daemon = True
-        timer.start()
 
     def end_unused(self) -> None:
         now_s = time.monotonic()
@@ -60,8 +59,20 @@ class _Idle:
         with self._lock:
             ended = [entry for place, entry in enumerate(self._kept) if wanted(place, entry[2])]
             self._kept = [entry for entry in self._kept if entry not in ended]
+            self._wait_for_next()
         for _, simulator, _ in ended:
             simulator.end()
+
+    def _wait_for_next(self) -> None:
+        """Lets one thread wait for the process whose time is over first; none where none is kept."""
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if self._kept:
+            left_s = max(0.0, min(until_s for _, _, until_s in self._kept) - time.monotonic())
+            self._timer = threading.Timer(left_s + 1.0, self.end_unused)
+            self._timer.daemon = True
+            self._timer.start()
 
 
 _idle = _Idle()

@@ -4,6 +4,7 @@ import hashlib
 import io
 import shutil
 import tarfile
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -71,6 +72,17 @@ def test_a_process_that_was_begun_before_its_batch_is_the_one_that_simulates(bun
     prepare_simulator(bundles)
     with simulator(bundles):
         assert Idle.begun == before + 1
+
+
+def test_however_often_a_process_is_used_one_thread_waits_for_its_end(bundles: dict[str, Path]):
+    others = set(threading.enumerate())
+    for _ in range(20):
+        with simulator(bundles):
+            pass
+    waiting = [each for each in threading.enumerate() if each not in others and isinstance(each, threading.Timer)]
+    assert sum(not each.finished.is_set() for each in waiting) == 1
+    process_pool._idle.end_all()
+    assert all(each.finished.is_set() for each in waiting)
 
 
 @pytest.mark.parametrize("used_before", [False, True])
