@@ -468,10 +468,10 @@ def _refused(value: str, allowed: str) -> DocumentError:
 
 
 def restart_job(store: Store, path: str) -> None:
-    """Marks a running job to be simulated once more, with the configuration and the bundles of its batch.
+    """Marks a running job as begun anew, with the configuration and the bundles of its batch.
 
-    Whoever works on it does so before its chunk is committed. Since a result follows from the request alone, the job's
-    row is what it would have been.
+    It is Restarting until it ends. A result follows from the request alone, so that its lane goes on: a second run
+    would give the same row (docs/decisions/0008).
 
     Args:
         store: Where the batch is.

@@ -26,7 +26,7 @@ from specs.data.world import World
 from specs.errors import DocumentError, SimyardError
 from specs.settings import region
 from specs.untrusted_text import terminal_line
-from tasks.simulate.batch.batch_record import OpenBatch, StopWatch, restarted_jobs, time_out
+from tasks.simulate.batch.batch_record import OpenBatch, StopWatch, time_out
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.metrics import ChunkWork, work_of
 from tasks.simulate.chunk.byproducts import JobTags, collect_timings
@@ -35,7 +35,6 @@ from tasks.simulate.lane.recording import Columns, Recorder, RecordingChoice, sa
 from tasks.simulate.plan.chunks import Chunk, job_variables
 from tasks.simulate.plan.plan_batch import entries
 from tasks.simulate.sandbox.sandbox_client import (
-    FittedChunk,
     Results,
     SandboxClient,
     after_deaths,
@@ -242,10 +241,11 @@ def run_chunk(
     chunk, able, worlds, unable = prepared_chunk(batch, number, unusable or {})
     work = _Work(batch, able, worlds, left_s, simulate, recording=record is not None)
     with collect_timings() as timings:
-        found, lanes = _simulated(work, after_deaths(lanes, start.attempts))
+        found, lanes = retry_with_fewer_lanes(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
+        found = work.settled(found)
     _note_timeout(batch, work.watch, found)
     if record is not None:
-        found = _recorded(work, found, functools.partial(record, number), lanes)
+        found = _recorded(work, found, functools.partial(record, number))
     failed = EpisodeColumns.of([failed_result(index, failure) for index, failure in unable.items()])
     index = np.array([each.index for each in chunk.requests], np.int64)
     rows = commit(batch.store, batch.id, number, EpisodeColumns.join([failed, found]).at(index), batch.authenticator)
@@ -264,12 +264,6 @@ def _tell_failures(number: int, rows: EpisodeColumns) -> None:
     if unlocked:
         few = ", ".join(map(str, unlocked[:5]))
         logger.warning("chunk %d: lock-step did not hold in %d of %d jobs (%s)", number, len(unlocked), len(rows), few)
-
-
-def _simulated(work: "_Work", lanes: int) -> FittedChunk:
-    """Returns the rows of all that can be simulated, and how many lanes fitted into memory."""
-    rows, lanes = retry_with_fewer_lanes(work.sound, lanes, work.part, work.watch)
-    return FittedChunk(_settled(work, rows, work.restarted(lanes)), lanes)
 
 
 def _note_timeout(batch: OpenBatch, watch: StopWatch, rows: EpisodeColumns) -> None:
@@ -295,7 +289,6 @@ class _Work:
         self.watch = StopWatch(batch, [request.index for request in chunk.requests], left_s)
         self.recorders: list[Recorder] = []
         self._samples, self._rate_hz = sample_memory(), batch.plan.recordings.rateHz
-        self._restarts = restarted_jobs(batch.record())
         self._batch, self._worlds, self._simulate, self._recording = batch, worlds, simulate, recording
         recordings, layout = batch.plan.recordings, batch.layout
         every = [template.record or recordings.episodes == "all" for template in batch.plan.templates]
@@ -312,56 +305,29 @@ class _Work:
             self.recorders.append(recorder)
         return rows
 
-    def restarted(self, lanes: int) -> EpisodeColumns:
-        """Returns the rows of jobs that were restarted since the work began, simulated anew until none was meanwhile.
-
-        They are what they were: a second run leaves no recording, and one that is stopped no row.
-        """
-        rows = EpisodeColumns.of([])
-        while again := self._restarted_since():
-            requests = tuple(request for request in self.sound.requests if request.index in again)
-            chunk = self.sound.model_copy(update={"requests": requests})
-            found = retry_with_fewer_lanes(chunk, lanes, self._unrecorded, self.watch).rows
-            rows = rows.renewed(found.take(np.flatnonzero(~found.says("status", "Canceled"))))
-        return rows
-
-    def _unrecorded(self, chunk: Chunk, lanes: int) -> Results:
-        return self._simulate(ChunkPart(chunk, self._worlds, lanes, self.watch, None))
-
-    def _restarted_since(self) -> frozenset[int]:
-        """Returns the jobs that were restarted since this was last asked; none when the work shall end."""
-        record = self._batch.record()
-        self.watch.look(record)
-        now = {} if self.watch() else restarted_jobs(record)
-        new = {index for index, at_s in now.items() if self._restarts.get(index) != at_s}
-        self._restarts |= now
-        return frozenset(new) & frozenset(request.index for request in self.sound.requests)
+    def settled(self, rows: EpisodeColumns) -> EpisodeColumns:
+        """Returns rows as they stand after what was cancelled until now."""
+        self.watch.look(self._batch.record())
+        ended = np.isin(rows.index, sorted(self.watch.canceled)) | rows.says("status", "Canceled")
+        found = rows.take(np.flatnonzero(ended))
+        return rows.renewed(EpisodeColumns.of([self.watch.settled(row) for row in found]))
 
     def _wanted(self, rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
         """Returns which episodes' recordings are kept."""
         return self._choice.chosen(rows) & ~np.isin(rows.index, sorted(self.watch.canceled))
 
 
-def _settled(work: _Work, rows: EpisodeColumns, later: EpisodeColumns) -> EpisodeColumns:
-    """Returns rows, later ones before earlier ones, as they stand after what was cancelled until now."""
-    found, canceled = rows.renewed(later), sorted(work.watch.canceled)
-    ended = found.take(np.flatnonzero(np.isin(found.index, canceled) | found.says("status", "Canceled")))
-    return found.renewed(EpisodeColumns.of([work.watch.settled(row) for row in ended]))
-
-
-def _recorded(
-    work: _Work, rows: EpisodeColumns, record: Callable[[Iterable[Columns]], str], lanes: int
-) -> EpisodeColumns:
+def _recorded(work: _Work, rows: EpisodeColumns, record: Callable[[Iterable[Columns]], str]) -> EpisodeColumns:
     """Returns the rows, those of recorded episodes with the name of the file that they are in.
 
-    Writing takes a while, and what is asked meanwhile was promised too: who is restarted runs again, and without who is
-    cancelled the recordings are written anew.
+    Writing takes a while, and what is asked meanwhile was promised too: without who is cancelled the recordings are
+    written anew.
     """
     while True:
         unwanted = work.watch.canceled
         name = record(itertools.chain.from_iterable(recorder.parts(unwanted) for recorder in work.recorders))
         recorded = {index for recorder in work.recorders for index in recorder.episodes} - unwanted
-        rows = _settled(work, rows, work.restarted(lanes))
+        rows = work.settled(rows)
         if not recorded & work.watch.canceled:
             return rows.marked("recording", np.isin(rows.index, sorted(recorded)), name) if recorded else rows
 

@@ -33,14 +33,14 @@ from tasks.simulate.batch.batch_jobs import (
 )
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, close_batch, complete, load_batch, open_batch, time_out
 from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
-from tasks.simulate.batch.chunk_store import begin_chunk, chunk_start, committed_chunk
+from tasks.simulate.batch.chunk_store import begin_chunk, committed_chunk
 from tasks.simulate.batch.job_lists import list_batches, list_batches_page, list_jobs, list_jobs_page
 from tasks.simulate.data.mounts import pin_source
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import advance
 from tests.factories.episodes import passed
-from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, stops_after, template
+from tests.factories.planned_batches import ROBOT_ARN, all_pass, begun, mixed, plan, request, template
 
 _APPLICATIONS = {"robotApplications", "simulationApplications"}
 
@@ -417,28 +417,6 @@ def test_a_job_that_was_canceled_before_it_began_stays_canceled_when_its_lanes_b
     assert states == ["Running", "Canceled"]
 
 
-class Restarted:
-    """Simulates, and restarts jobs while it does: those listed for the first part, then those for the second."""
-
-    def __init__(self, batch: OpenBatch, *jobs: tuple[int, ...]) -> None:
-        self.batch, self.jobs = batch, list(jobs)
-        self.parts: list[list[int]] = []
-
-    def __call__(self, part: ChunkPart) -> list[EpisodeResult]:
-        self.parts.append([request.index for request in part.chunk.requests])
-        for index in self.jobs.pop(0) if self.jobs else ():
-            restart_job(self.batch.store, f"{self.batch.id}/{index}")
-        return all_pass(part)
-
-
-def test_a_restarted_job_runs_once_more_and_the_others_do_not(file_store: Store):
-    batch = begun(file_store)
-    simulate = Restarted(batch, (1, 2), (2,))
-    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
-    assert simulate.parts == [[0, 1, 2, 3], [1, 2], [2]]
-    assert committed_chunk(file_store, batch.id, 0) == [passed(index) for index in range(4)]
-
-
 def test_it_is_restarting_until_it_ends_and_says_when_it_began_anew(file_store: Store):
     batch = begun(file_store)
     begin_chunk(file_store, batch.id, 0, 0.0)
@@ -452,31 +430,18 @@ def test_it_is_restarting_until_it_ends_and_says_when_it_began_anew(file_store: 
     assert describe_job(file_store, f"{batch.id}/2").status == "Running"
 
 
-def test_a_restart_that_a_dead_process_did_not_see_is_done_by_beginning_the_chunk_again(file_store: Store):
-    batch = begun(file_store)
-    begin_chunk(file_store, batch.id, 0, 0.0)
-    restart_job(file_store, f"{batch.id}/1")
-    simulate = Restarted(batch)
+def test_a_restart_changes_no_row_and_is_over_with_the_chunk(file_store: Store):
+    batch, parts = begun(file_store), list[list[int]]()
+
+    def simulate(part: ChunkPart) -> list[EpisodeResult]:
+        parts.append([request.index for request in part.chunk.requests])
+        restart_job(file_store, f"{batch.id}/1")
+        return all_pass(part)
+
     run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
-    assert simulate.parts == [[0, 1, 2, 3]]
-    start = chunk_start(file_store, batch.id, 0)
-    assert start
-    assert describe_job(file_store, f"{batch.id}/1").lastStartedAt == start.started_at_s
-
-
-def test_what_is_stopped_while_it_runs_again_keeps_the_row_that_it_had(file_store: Store):
-    batch = begun(file_store)
-
-    class Canceled(Restarted):
-        def __call__(self, part: ChunkPart) -> list[EpisodeResult]:
-            if self.parts:
-                cancel_batch(file_store, batch.id)
-                part.watch._next_look_s = 0.0  # as if a second had passed
-                return [*stops_after(0)(part)]
-            return super().__call__(part)
-
-    run_chunk(batch, 0, Canceled(batch, (1,)), lanes=4, left_s=9.0)
+    assert parts == [[0, 1, 2, 3]]
     assert committed_chunk(file_store, batch.id, 0) == [passed(index) for index in range(4)]
+    assert describe_job(file_store, f"{batch.id}/1").status == "Completed"
 
 
 @pytest.mark.parametrize(("index", "status"), [(0, "Completed"), (2, "Terminating"), (4, "Canceled"), (5, "Pending")])

@@ -3,9 +3,8 @@
 See docs/reference/robomaker.md, section 4.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
-import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeResult
@@ -22,7 +21,6 @@ from tasks.simulate.batch.batch_record import (
 )
 from tasks.simulate.batch.chunk_run import ChunkPart, WriteRecordings, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
-from tasks.simulate.lane.recording import Columns
 from tasks.simulate.plan.batch_plan import JobTemplate
 from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import JobRecord
@@ -226,24 +224,3 @@ def test_a_restarted_job_ends_with_the_same_bits(file_store: Store):
     before = _rows(_batch(file_store, SHORT_S, 4 * SHORT_S, 5 * SHORT_S, name="before"))
     batch = _batch(file_store, SHORT_S, 4 * SHORT_S, 5 * SHORT_S)
     assert _rows(batch, lambda batch, _: restart_job(batch.store, f"{batch.id}/1")) == before
-
-
-class Recorded:
-    """Keeps what is recorded."""
-
-    def __init__(self) -> None:
-        self.columns: list[dict[str, list[object]]] = []
-
-    def __call__(self, number: int, parts: Iterable[Columns]) -> str:
-        self.columns = [{name: np.asarray(column).tolist() for name, column in part.items()} for part in parts]
-        return f"{number}.parquet"
-
-
-def test_a_restarted_job_is_recorded_once(file_store: Store):
-    recorded, again = Recorded(), Recorded()
-    before = _rows(_batch(file_store, SHORT_S, 4 * SHORT_S, name="before"), record=recorded)
-    batch = _batch(file_store, SHORT_S, 4 * SHORT_S)
-    assert _rows(batch, lambda batch, _: restart_job(batch.store, f"{batch.id}/1"), again) == before
-    assert {row.recording for row in before} == {"0.parquet"}
-    assert again.columns == recorded.columns
-    assert recorded.columns

@@ -12,7 +12,7 @@ from specs.data.episode import EpisodeResult, Failure, failed_result, unfinished
 from specs.errors import BundleRefused, StoreAway
 from specs.pipeline.simulation_section import Recordings
 from tasks.simulate.batch import chunk_run
-from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job, restart_job
+from tasks.simulate.batch.batch_jobs import cancel_batch, cancel_job
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import (
     ChunkPart,
@@ -33,7 +33,7 @@ from tasks.simulate.plan.chunks import JOB_ID
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.tags import tags_of
-from tests.factories.episodes import collided, passed
+from tests.factories.episodes import passed
 from tests.factories.planned_batches import all_pass, begun, mixed, plan, put_world, stops_after, template
 
 
@@ -360,24 +360,6 @@ def test_who_is_cancelled_while_recordings_are_written_is_canceled_and_leaves_no
     assert [row.status for row in rows[:3]] == ["Canceled", "Canceled", "Completed"]
     assert recorded.written == {0: [3]}
     assert [row.recording for row in rows] == ["", "", "", "0.parquet"]
-
-
-def test_who_is_restarted_while_recordings_are_written_runs_once_more(file_store: Store):
-    batch, recorded = begun(file_store), Recorded()
-    parts_run: list[list[int]] = []
-
-    def simulate(part: ChunkPart) -> list[EpisodeResult]:
-        parts_run.append([request.index for request in part.chunk.requests])
-        return recorded.simulate(part) if part.recorder else [collided(1)]
-
-    def slow(number: int, parts: Iterable[Columns]) -> str:
-        restart_job(file_store, f"{batch.id}/1")
-        return recorded.write(number, parts)
-
-    run_chunk(batch, 0, simulate, slow, lanes=4, left_s=9.0)
-    assert parts_run == [[0, 1, 2, 3], [1]]
-    rows = committed_chunk(file_store, batch.id, 0) or []
-    assert [row.recording for row in rows] == ["", "0.parquet", "", "0.parquet"]
 
 
 @pytest.fixture
