@@ -12,8 +12,6 @@ import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from pydantic import TypeAdapter
-
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.errors import ObjectExists, ObjectNotFound, StageFailed
@@ -24,12 +22,15 @@ from tasks.storage.jobs.authenticator import MAC_LENGTH, BatchAuthenticator
 if TYPE_CHECKING:
     from specs.data.episode_columns import EpisodeColumns
 
-_ROWS_TYPE = TypeAdapter(list[EpisodeResult])
 _MAC_BEGIN, _COLUMNS = b'{"mac":"', b'"}\n'
-_ROWS_MIDDLE, _ROWS_END = b'","rows":', b"}"
+_BEGUN = ".started"
+_ROWS_SHOWN = 3
+# What an exchange with ROS nodes saw of this machine does not follow from the request: how they kept up, and what a
+# node that failed printed last.
+_SEEN_OF_ROS = frozenset({"late", "stray", "failure_reason"})
 
 
-def vouched_bytes(
+def authenticated_bytes(
     results: "Sequence[EpisodeResult] | EpisodeColumns", number: int, authenticator: BatchAuthenticator
 ) -> bytes:
     """Returns a chunk's bytes; of equal results the same.
@@ -53,51 +54,26 @@ def results_in(body: bytes) -> "EpisodeColumns":
         ValueError: There are none.
     """
     from specs.data.column_bytes import decode_columns
-    from specs.data.episode_columns import EpisodeColumns
 
-    mac, columns = _split(body, _COLUMNS)
-    if mac is not None:
-        return decode_columns(columns)
-    try:
-        return EpisodeColumns.of(_ROWS_TYPE.validate_json(_json_rows(body)[1]))
-    except OverflowError as exc:
-        raise ValueError("a number beyond 64 bits") from exc
+    return decode_columns(_mac_and_columns(body)[1])
 
 
-def is_vouched(body: bytes, number: int, authenticator: BatchAuthenticator) -> bool:
-    """Returns whether an owner vouches for a chunk's bytes, under its number."""
-    mac, columns = _split(body, _COLUMNS)
-    if mac is not None:
-        return authenticator.authenticates(mac, _columns_name(number), columns)
-    mac, rows = _json_rows(body)
-    return authenticator.authenticates(mac, f"chunk {number}", rows)
+def is_authentic(body: bytes, number: int, authenticator: BatchAuthenticator) -> bool:
+    """Returns whether an owner authenticates a chunk's bytes, under its number."""
+    mac, columns = _mac_and_columns(body)
+    return authenticator.authenticates(mac, _columns_name(number), columns)
 
 
-def _json_rows(body: bytes) -> tuple[str, bytes]:
-    """Returns what vouches for the rows of an older version, and their bytes; for the oldest nothing does."""
-    mac, rows = _split(body, _ROWS_MIDDLE)
-    if mac is None or not rows.endswith(_ROWS_END):
-        return "", body
-    return mac, rows[: -len(_ROWS_END)]
-
-
-def _split(body: bytes, middle: bytes) -> tuple[str | None, bytes]:
-    """Returns what vouches for what stands behind some bytes, and that; None if it does not stand there."""
+def _mac_and_columns(body: bytes) -> tuple[str, bytes]:
+    """Returns a chunk's MAC and columns; neither of what is no chunk."""
     place = len(_MAC_BEGIN) + MAC_LENGTH
-    if not body.startswith(_MAC_BEGIN) or body[place : place + len(middle)] != middle:
-        return None, body
-    return body[len(_MAC_BEGIN) : place].decode(errors="replace"), body[place + len(middle) :]
+    if not body.startswith(_MAC_BEGIN) or body[place : place + len(_COLUMNS)] != _COLUMNS:
+        return "", b""
+    return body[len(_MAC_BEGIN) : place].decode(errors="replace"), body[place + len(_COLUMNS) :]
 
 
 def _columns_name(number: int) -> str:
     return f"columns of chunk {number}"
-
-
-_BEGUN = ".started"
-_ROWS_SHOWN = 3
-# What an exchange with ROS nodes saw of this machine does not follow from the request: how they kept up, and what a
-# node that failed printed last.
-_SEEN_OF_ROS = frozenset({"late", "stray", "failure_reason"})
 
 
 class ChunkStart(Spec):
@@ -195,7 +171,7 @@ def commit(
     from specs.data.episode_columns import EpisodeColumns
 
     columns = EpisodeColumns.of(results)
-    body = vouched_bytes(columns, number, authenticator)
+    body = authenticated_bytes(columns, number, authenticator)
     try:
         store.create(chunk_key(batch, number), body)
     except ObjectExists:
@@ -213,7 +189,7 @@ def commit_missing(
 ) -> None:
     """Commits a chunk if nobody else has: for a batch that was stopped, whose results are not judged."""
     try:
-        store.create(chunk_key(batch, number), vouched_bytes(results, number, authenticator))
+        store.create(chunk_key(batch, number), authenticated_bytes(results, number, authenticator))
     except ObjectExists:
         return
 
@@ -225,7 +201,7 @@ def stored_chunk(store: Store, batch: str, number: int, authenticator: BatchAuth
     except ObjectNotFound:
         return None
     try:
-        return StoredChunk(results_in(body), is_vouched(body, number, authenticator))
+        return StoredChunk(results_in(body), is_authentic(body, number, authenticator))
     except ValueError:
         return StoredChunk(None, vouched=False)
 

@@ -19,7 +19,7 @@ DEFAULT_LANES = 256
 MOST_LANES = 4096
 _LANE_STEP = 16
 # Batches of before say True: they were looked at with no end in sight, and are judged so.
-Shuffled = bool | Literal["episodes", "pairs"]
+Shuffled = Literal[False, "episodes", "pairs"]
 
 
 class JobTemplate(Spec):

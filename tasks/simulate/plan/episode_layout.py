@@ -122,9 +122,9 @@ class Layout:
     def looks(self) -> tuple[int, ...]:
         """Returns after how many episodes the gate is asked, if it knows the batch's end; of either version, of pairs.
 
-        A batch that is not shuffled is only judged at its end, and those of before at looks that had no end.
+        A batch that is not shuffled is only judged at its end.
         """
-        if isinstance(self.plan.shuffled, bool) or not self._groups:
+        if not self.plan.shuffled or not self._groups:
             return ()
         size = self._groups[0].size
         return (*range(self.plan.lanes, size, self.plan.lanes), size)

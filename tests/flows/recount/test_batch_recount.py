@@ -12,11 +12,12 @@ from flows.pipeline.recount import PlannedRun, authenticated_record, count_batch
 from specs.errors import StageFailed
 from specs.pipeline.gate_section import Gate
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
-from tasks.simulate.batch.chunk_store import committed_chunk, stored_chunk
+from tasks.simulate.batch.chunk_store import authenticated_bytes, committed_chunk, stored_chunk
 from tasks.simulate.batch.provenance import is_sealed
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.keys import chunk_key, job_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.authenticator import BatchAuthenticator
 from tasks.storage.jobs.records import JobRecord, read
 from tests.factories.batches import closed_batch, pushing_plan
 
@@ -81,8 +82,8 @@ def test_without_the_key_a_forged_row_is_named(closed: OpenBatch, monkeypatch: p
     elsewhere(monkeypatch, tmp_path)
     rows = committed_chunk(closed.store, closed.id, 1) or []
     forged = [row.model_copy(update={"path_length_m": row.path_length_m + 1e-9}) for row in rows[:1]] + rows[1:]
-    body = json.dumps([row.model_dump(mode="json") for row in forged]).encode()
-    closed.store.put(chunk_key(closed.id, 1), body)
+    strangers = BatchAuthenticator(b"k" * 32, closed.id, closed.layout.plan_digest)
+    closed.store.put(chunk_key(closed.id, 1), authenticated_bytes(forged, 1, strangers))
     with pytest.raises(StageFailed, match=f"episode {rows[0].index} says path_length_m"):
         authenticated_record(closed.record(), closed.store, GATE, lambda: planned(closed))
 
@@ -125,15 +126,9 @@ def test_the_sample_finds_rows_that_were_vouched_for_and_are_wrong(closed: OpenB
     rows = committed_chunk(closed.store, closed.id, 1) or []
     wrong = [row.model_copy(update={"path_length_m": 1.0}) for row in rows]
     closed.store.delete(chunk_key(closed.id, 1))
-    body = _vouched(closed, 1, wrong)
+    body = authenticated_bytes(wrong, 1, closed.authenticator)
     closed.store.put(chunk_key(closed.id, 1), body)
     count_batch(closed.record(), closed.store, GATE, planned(closed))
     told = sample_changes(found.batch, found.bundles, 16)
     assert "says path_length_m 1.0, computed " in told[0]
     assert told[-1].endswith("of 16 episodes came out otherwise when they were simulated again")
-
-
-def _vouched(batch: OpenBatch, number: int, rows: list[Any]) -> bytes:
-    body = json.dumps([row.model_dump(mode="json") for row in rows]).encode()
-    mac = batch.authenticator.mac(f"chunk {number}", body)
-    return b'{"mac":"' + mac.encode() + b'","rows":' + body + b"}"

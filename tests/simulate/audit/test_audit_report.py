@@ -1,7 +1,6 @@
 """Estimates of an audit: weighted by what lanes stand for, exact where there is a formula, and chaos is not error."""
 
 import itertools
-import json
 
 import pytest
 from hypothesis import given
@@ -218,18 +217,3 @@ def test_a_comparison_of_an_engine_with_itself_is_none():
 
 def test_what_could_not_be_audited_says_why_in_a_line():
     assert not_run("out of memory:\n 9 GB").sentence == "not run: out of memory: 9 GB"
-
-
-def test_a_report_of_an_older_version_is_still_one():
-    old = {
-        "verdict": "SOUND",
-        "sentence": "16 lanes on C MuJoCo: 0 of 15 outcomes flipped",
-        "lanes": 16,
-        "compared": 16,
-        "spread": {"lanes": 15, "flips": 0},
-        "failed": {"lanes": 1, "flips": 0},
-        "flips": [{"index": 3, "row": "timeout", "reference": "collision"}],
-    }
-    found = AuditReport.model_validate_json(json.dumps(old))
-    assert found.spread
-    assert (found.spread.lanes, found.flips[0].chaotic, found.false_passes.lanes) == (15, None, 0)

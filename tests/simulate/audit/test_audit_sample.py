@@ -170,7 +170,7 @@ def test_another_plan_has_another_sample():
 
 def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
     whole = layout(400)
-    early, read = Layout(whole.plan.model_copy(update={"shuffled": True})), list[int]()
+    early, read = Layout(whole.plan.model_copy(update={"shuffled": "episodes"})), list[int]()
 
     def rows_of(number: int) -> list[EpisodeResult]:
         read.append(number)
@@ -189,6 +189,6 @@ def test_of_a_batch_that_was_ended_early_what_was_driven_is_audited():
 
 def test_a_shuffled_batch_that_ran_to_its_end_is_audited_as_any_other():
     rows = Rows(100, 10)
-    rows.layout = Layout(rows.layout.plan.model_copy(update={"shuffled": True}))
+    rows.layout = Layout(rows.layout.plan.model_copy(update={"shuffled": "episodes"}))
     found = draw_sample(rows.layout, rows, 16)
     assert max(each.request.index for each in found) > 150

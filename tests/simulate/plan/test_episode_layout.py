@@ -105,7 +105,7 @@ def test_any_beginning_of_a_shuffled_batch_has_episodes_of_all_its_worlds():
         timeout_s=1.0,
         world_digests={},
         engine="auto",
-        shuffled=True,
+        shuffled="episodes",
     )
     for number in range(6):
         found = Counter(request.world for request in Layout(plan).chunk(number).requests)
