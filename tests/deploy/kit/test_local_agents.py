@@ -118,7 +118,6 @@ def test_agents_end_with_the_block_also_when_it_raises(yard: Yard) -> None:
     assert _agents(yard.folder) == []
 
 
-@pytest.mark.long
 def test_agents_of_a_killed_process_end_by_themselves_and_the_next_take_over(yard: Yard) -> None:
     version = yard.publish({"run.sh": STAYS_UP})
     argv = [sys.executable, "-c", PARENT, yard.store.url, str(yard.folder / "robots")]
@@ -134,7 +133,6 @@ def test_agents_of_a_killed_process_end_by_themselves_and_the_next_take_over(yar
         eventually(lambda: len(_agents(yard.folder)) == 2)
 
 
-@pytest.mark.long
 @pytest.mark.usefixtures("quick_claims")
 def test_a_second_deployment_is_refused_and_the_robots_of_the_first_go_on(yard: Yard) -> None:
     wait = '#!/bin/sh\nuntil test -e "$RELEASE"; do sleep 0.05; done\n'

@@ -118,7 +118,6 @@ def _verified(verify: Callable[[Desired], int], wanted: Desired, *, replaced: bo
             raise
 
 
-@pytest.mark.long
 @pytest.mark.parametrize("work", [*ROLES, "renew", "admit"])
 def test_robots_verify_what_a_killed_signer_leaves(
     work: str, owner: Owner, yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -146,7 +145,6 @@ def test_robots_verify_what_a_killed_signer_leaves(
         assert len(list(owner.folder.glob("*.pem"))) == len(ROLES), "keys that nobody accepts are removed"
 
 
-@pytest.mark.long
 def test_keys_whose_making_was_cut_short_are_made_by_the_next_attempt(
     yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -162,7 +160,6 @@ def test_keys_whose_making_was_cut_short_are_made_by_the_next_attempt(
         assert len(list(folder.glob("*.pem"))) == len(ROLES)
 
 
-@pytest.mark.long
 def test_a_withdrawal_that_was_written_once_is_not_lost_by_who_puts_old_metadata_back(
     owner: Owner, yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

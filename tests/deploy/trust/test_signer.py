@@ -17,16 +17,14 @@ from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_d
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.robot.agent import main
 from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
-from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.resolved_request import plan_sync
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, local_signer
-from tasks.deploy.trust.trust_record import is_unsigned
 from tasks.storage.base.keys import job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.one_robot import GOOD
 from tests.deploy.trust.signed_fleet import NEWER, Owner
-from tests.deploy.yard import FLEET, Yard, kill, programs_of, wait_for_report
+from tests.deploy.yard import FLEET, Yard, kill
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 
@@ -67,7 +65,6 @@ def test_a_fleet_of_this_machine_is_signed_for_with_keys_outside_the_store(yard:
     assert not list((yard.folder / "store").rglob("*.pem"))
 
 
-@pytest.mark.long
 def test_a_fleet_on_s3_is_signed_for(s3_store: Store, tmp_path: Path) -> None:
     yard = Yard(s3_store, tmp_path)
     create_fleet(s3_store, FLEET)
@@ -76,21 +73,6 @@ def test_a_fleet_on_s3_is_signed_for(s3_store: Store, tmp_path: Path) -> None:
     assert record.status == "Succeeded"
 
 
-@pytest.mark.long
-def test_robots_that_verify_refuse_an_unsigned_deployment_and_run_what_they_ran(yard: Yard) -> None:
-    good, newer, signer = yard.publish(GOOD), yard.publish(NEWER), local_signer(yard.store)
-    _deploy(yard, good, "one", signer)
-
-    record = _deploy(yard, newer, "two", None, signer.root_of_trust)
-
-    assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
-    failed = recorded_progress(record)[f"{FLEET}-1"]
-    assert (failed.failure_code, is_unsigned(record)) == ("BadPermissionError", True)
-    assert "it is not signed; deploy with the keys" in failed.failure_reason
-    assert yard.current(f"{FLEET}-1") == good.digest
-
-
-@pytest.mark.long
 def test_a_machine_that_lost_its_cache_deploys_again(yard: Yard, cache: Path) -> None:
     good, newer = yard.publish(GOOD), yard.publish(NEWER)
     _deploy(yard, good, "one", local_signer(yard.store))
@@ -100,7 +82,6 @@ def test_a_machine_that_lost_its_cache_deploys_again(yard: Yard, cache: Path) ->
     assert yard.current(f"{FLEET}-1") == newer.digest
 
 
-@pytest.mark.long
 def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) -> None:
     record = _deploy(yard, yard.publish(GOOD), "one", owner.signer)
     create_robot(yard.store, "late")
@@ -126,7 +107,6 @@ def test_a_fleet_is_synced_by_who_signed_what_it_runs(owner: Owner, yard: Yard) 
             kill(late)
 
 
-@pytest.mark.long
 def test_what_was_deployed_unsigned_is_not_synced_with_keys(owner: Owner, yard: Yard) -> None:
     _deploy(yard, yard.publish(GOOD), "one", None)
 
@@ -140,27 +120,6 @@ def agents() -> Iterator[list[subprocess.Popen[bytes]]]:
     yield started
     for agent in started:
         kill(agent)
-
-
-def test_an_agent_that_verifies_runs_what_was_signed(
-    owner: Owner, yard: Yard, agents: list[subprocess.Popen[bytes]]
-) -> None:
-    agents.append(_start(yard, "r1", f"--root-of-trust={owner.signer.root_of_trust}"))
-    signer, version = owner.signer, yard.publish(GOOD)
-    create_robot(yard.store, "r1")
-    register_robot(yard.store, FLEET, "r1")
-    owner.vouch("r1")
-    run_deployment_job(
-        yard.store,
-        yard.request(version, "one"),
-        digest=version.digest,
-        token="one",  # noqa: S106 - a client request token
-        progress=lambda *_: None,
-        signer=signer,
-    )
-    wait_for_report(yard, "r1", lambda reported: reported.status == "InSync")
-
-    assert len(programs_of(yard.root("r1"))) == 1
 
 
 def test_an_agent_that_verifies_nothing_says_so(yard: Yard, agents: list[subprocess.Popen[bytes]]) -> None:
