@@ -1,6 +1,6 @@
 """The terminal: what a stranger wrote into the store is text there, and nothing else.
 
-That `simyard fleet watch` reads no reason as markup: tests/flows/cli/fleet/test_fleet_watch.py.
+That `simyard fleet watch` reads no reason as markup: tests/flows/cli/test_fleet_watch.py.
 """
 
 import json

@@ -24,7 +24,7 @@ from tasks.results.statistics.change_point import NIGHTS_A_YEAR
 from tasks.results.trend.trend_series import MOST_SERIES, WHOLE
 from tasks.results.trend.trend_view import MOST_ROWS, trend_page
 from tasks.storage.base.store import Store
-from tests.flows.trend.stored_nights import stored_night
+from tests.flows.batch.stored_nights import stored_night
 from tests.results.trend.histories import history
 from tests.results.trend.test_trend_view import view
 

@@ -4,20 +4,39 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from flows.preview.plan import plan_lines
+from flows.preview.plan import (
+    HostPlan,
+    SeenSpread,
+    host_failures,
+    host_faults,
+    host_lines,
+    plan_lines,
+    seen_spread,
+    world_lines,
+)
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import Gate
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.results.playback import replay_formats
+from tasks.results.tables.history_rows import Cell
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.forecast.forecast import nodes_pace, nodes_s
+from tasks.simulate.sandbox import launch_check
+from tasks.simulate.sandbox.confinement import Confinement
+from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import submit
 from tests.deploy.puppets import PuppetRobots
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
 from tests.repository import ROOT
+from tests.ros.conftest import ros
 
 Tell = Callable[..., str]
 
@@ -185,3 +204,121 @@ deployment:
     assert "robots get tags as variables, which no episode has: AWS_ROBOMAKER_ROBOT_TAG_KEY_site\n" in told
     assert "6 robots, the first 1 of them canaries, at most 2 at once: at least 4 waves" in told
     assert "failures that stop it: 3 once 2 have ended, one of a canary at once; a robot has 18,000 s" in told
+
+
+__all__ = ["ros"]
+
+SOURCE = LaunchSource(Path("b"), "roamer", "roam.launch")
+REPORT = LaunchReport(ros="ROS 1 noetic", has_ros=True, nodes=("/roam (roamer roam.py)", "/tf (roamer tf.py)"))
+
+
+def test_a_launch_file_that_roslaunch_refuses_is_a_fault_for_each_reason():
+    refused = REPORT.model_copy(update={"refusals": ("no node", "no package")})
+    faults = host_faults(HostPlan({SOURCE: refused}))
+    assert [(fault.value, fault.allowed.rpartition(": ")[2]) for fault in faults] == [
+        ("'roam.launch'", "no node"),
+        ("'roam.launch'", "no package"),
+    ]
+
+
+def test_a_wrong_declaration_is_a_fault_whether_or_not_ros_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "ros.yaml").write_text("lidr: {}\n")
+    monkeypatch.setattr(launch_check, "_ros1_report", lambda *_, **__: LaunchReport(ros="no ROS", has_ros=False))
+    source = LaunchSource(tmp_path, "roamer", "roam.launch")
+    (fault,) = host_faults(HostPlan({source: check_launch_file(source, [{}], own=True)}))
+    assert fault.path.endswith("launchConfig.packageName")
+    assert "ros.yaml: lidr" in fault.allowed
+
+
+def test_nodes_processes_and_pace_are_told():
+    lines = "\n".join(host_lines(HostPlan({SOURCE: REPORT}), 8))
+    assert "starts /roam (roamer roam.py), /tf (roamer tf.py)" in lines
+    assert "8 lanes at once: 16 processes of up to 0.7 GB together" in lines
+
+
+def test_without_ros_jobs_will_fail_and_what_to_install_is_said():
+    missing = LaunchReport(ros="ROS 1 is not there: apt-get install ros-core", has_ros=False)
+    assert host_failures(HostPlan({SOURCE: missing})) == ["ROS 1 is not there: apt-get install ros-core"]
+    assert host_failures(HostPlan({SOURCE: REPORT})) == []
+
+
+def test_more_lanes_take_more_time_and_more_chunks_too():
+    assert nodes_s(64, 32, 1200).high > nodes_s(32, 32, 1200).high > nodes_s(8, 8, 1200).high
+    assert nodes_pace(8, 1).high > nodes_pace(1, 1).high
+
+
+@pytest.mark.usefixtures("ros")
+def test_another_ones_launch_file_is_not_read_where_nothing_shuts_it_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(launch_check, "confinement", lambda: Confinement("process", "as told"))
+    (tmp_path / "evil").mkdir()
+    (tmp_path / "evil/package.xml").write_text("<package><name>evil</name></package>")
+    (tmp_path / "evil/go.launch").write_text(f'<launch><param name="p" command="touch {tmp_path}/ran"/></launch>')
+
+    report = check_launch_file(LaunchSource(tmp_path, "evil", "go.launch"), [{}], own=False)
+
+    assert "install bubblewrap" in report.unread
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("ros")
+def test_a_launch_file_is_read_where_it_can_change_nothing(tmp_path: Path):
+    (tmp_path / "evil").mkdir()
+    (tmp_path / "evil/package.xml").write_text("<package><name>evil</name></package>")
+    command = f"sh -c 'touch {tmp_path}/ran; echo x'"
+    (tmp_path / "evil/go.launch").write_text(f'<launch><param name="p" command="{command}"/></launch>')
+
+    check_launch_file(LaunchSource(tmp_path, "evil", "go.launch"), [{}], own=False)
+
+    if launch_check.confinement().level == "bubblewrap":
+        assert not (tmp_path / "ran").exists()
+
+
+HERE = Gate.model_validate({"successRate": {"atLeast": 0.9}})
+OVER = Gate.model_validate({"successRate": {"atLeast": 0.9, "over": "worlds"}})
+
+
+def told(gate: Gate, seen: SeenSpread | None, worlds: int = 8, seeds: int = 24) -> list[str]:
+    return list(world_lines(gate, seen, episodes=384, worlds=worlds, seeds=seeds))
+
+
+def test_where_no_rule_is_about_worlds_and_none_were_seen_to_differ_nothing_is_said():
+    assert told(HERE, None) == []
+    assert told(HERE, SeenSpread(3, 0.0)) == []
+
+
+def test_without_an_earlier_batch_the_worth_is_said_for_three_correlations():
+    assert told(OVER, None)[0] == (
+        "no earlier batch: 8 worlds x 48 episodes are worth 384 / 115 / 67 independent ones at an ICC of 0 / 0.05 / 0.1"
+    )
+
+
+def test_earlier_batches_say_what_the_layout_is_worth_and_what_to_write():
+    lines = told(HERE, SeenSpread(3, 0.14))
+    assert lines[0].startswith("3 earlier batches: ICC 0.14; 8 worlds x 48 episodes are worth 51 independent ones")
+    assert lines[-1] == "192 worlds x 2 would be worth 337: write worldCount: {floorplanCount: 192} and seeds: 1"
+
+
+def test_a_layout_that_is_hardly_better_is_not_advised():
+    assert len(told(OVER, SeenSpread(1, 0.05), 48, 4)) == 1
+    assert len(told(OVER, None, 384, 1)) == 1
+
+
+def test_no_more_worlds_are_advised_than_a_document_may_have():
+    lines = list(world_lines(OVER, None, episodes=50_000, worlds=50, seeds=1_000))
+    assert "write worldCount: {floorplanCount: 10000} and seeds: 5" in lines[-1]
+    assert not any("50000" in line.partition("write")[2] for line in lines)
+
+
+def test_the_spread_of_earlier_batches_is_that_of_their_worlds(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    assert seen_spread(file_store, "nightly") is None
+    submit(file_store, "pipeline-run", {}, "run")
+    cells = tuple(Cell(f"g/{world}", "b", (), passed, 8) for world, passed in enumerate([8, 8, 8, 0]))
+    night = SimpleNamespace(cells=cells, request="r", begun_at_s=1.0)
+    monkeypatch.setattr("flows.batch.trend_history.read_history", lambda *_: SimpleNamespace(nights=[night]))
+    assert seen_spread(file_store, "nightly") == SeenSpread(1, 1.0)
+    perfect = SimpleNamespace(cells=(Cell("g/a", "b", (), 8, 8),), request="r", begun_at_s=2.0)
+    monkeypatch.setattr("flows.batch.trend_history.read_history", lambda *_: SimpleNamespace(nights=[perfect]))
+    assert seen_spread(file_store, "nightly") == SeenSpread(1, None)

@@ -24,7 +24,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read, records, submit
 from tasks.storage.jobs.runs import jobs_of
 from tasks.storage.store_url import open_store
-from tests.flows.trend.stored_nights import stored_night
+from tests.flows.batch.stored_nights import stored_night
 from tests.integration.runs import ROOT
 from tests.servers.eventually import eventually
 

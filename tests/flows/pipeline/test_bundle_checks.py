@@ -1,0 +1,296 @@
+"""What `simyard validate` can know without a store of what a document launches."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from flows.pipeline.bundle_checks import (
+    check_launch_files,
+    check_own_bundles,
+    check_policies,
+    check_robot_files,
+    unchecked_references,
+)
+from flows.pipeline.references import resolve_references
+from specs.errors import DocumentError
+from specs.pipeline.document import PipelineSpec
+from tasks.simulate.plan.plan_batch import plan_batch
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
+from tests.factories.policies import DECLARED, bundle, network, weights
+from tests.repository import ROOT
+
+
+def _use(application: str, package: str, file: str) -> dict[str, Any]:
+    return {"application": application, "launchConfig": {"packageName": package, "launchFile": file}}
+
+
+def _spec(folder: Path, robot: dict[str, Any], **sections: object) -> PipelineSpec:
+    if not (folder / "mine").exists():
+        shutil.copytree(ROOT / "applications/courier", folder / "mine")
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [robot],
+        "simulationApplications": [_use("delivery", "delivery", "rooms")],
+    }
+    batch = {"matrix": {"worlds": ["g/w"]}, "createSimulationJobRequests": [request]}
+    own = [{"name": "mine", "source": "mine"}]
+    return PipelineSpec.model_validate({"name": "n", "applications": own, "simulationBatch": batch, **sections})
+
+
+def test_a_launch_file_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
+    with pytest.raises(DocumentError, match=r"launchFile: 'go_to_gaol': a module in mine's bundle"):
+        check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_gaol")), tmp_path)
+
+
+def test_a_script_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("mine", "courier", "walk.sh")]}
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=deployment)
+    with pytest.raises(DocumentError, match=r"deploymentApplicationConfigs\[0\].launchConfig.launchFile: 'walk.sh'"):
+        check_launch_files(spec, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changes", "paths"),
+    [
+        ({"robotApplications": None}, ["robotApplications"]),
+        ({"simulationApplications": None}, ["simulationApplications"]),
+        (
+            {"robotApplications": [{"application": "mine", "launchConfig": {"command": ["go"]}}]},
+            [f"robotApplications[0].launchConfig.{name}" for name in ("packageName", "launchFile")],
+        ),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_without_a_store_in_the_words_of_a_plan(
+    tmp_path: Path, changes: dict[str, Any], paths: list[str]
+):
+    document = _spec(tmp_path, _use("mine", "courier", "go_to_goal")).model_dump(mode="json", exclude_none=True)
+    document["simulationBatch"]["createSimulationJobRequests"][0] |= changes
+    spec = PipelineSpec.model_validate(document)
+    assert spec.simulationBatch is not None
+
+    with pytest.raises(DocumentError) as refused:
+        check_own_bundles(spec, tmp_path)
+    with pytest.raises(DocumentError) as planned:
+        plan_batch(spec.simulationBatch, ("g/w",), {}, lambda *_: pytest.fail("looked up"))
+
+    where = "simulationBatch.createSimulationJobRequests[0]"
+    assert [fault.path for fault in refused.value.faults] == [f"{where}.{path}" for path in paths]
+    assert refused.value.faults == planned.value.faults
+
+
+def test_what_is_there_is_not_refused(tmp_path: Path):
+    check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_goal")), tmp_path)
+
+
+def test_what_only_the_store_knows_is_listed_once(tmp_path: Path):
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("tuger", "courier", "run.sh")]}
+    spec = _spec(tmp_path, _use("tuger", "courier", "x"), deployment=deployment)
+    assert unchecked_references(spec) == ["robot application tuger", "fleet team"]
+
+
+def _ros_package(folder: Path, *files: str) -> None:
+    """Makes a bundle called mine that has a ROS package patrol with these files, all empty."""
+    for name in ("patrol/package.xml", *files):
+        path = folder / "mine" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("")
+
+
+@pytest.mark.parametrize(
+    ("package", "place"),
+    [
+        ("patrol", "patrol/launch/go.launch"),
+        ("patrol", "patrol/go.launch"),
+        ("scout", "ws/src/scout/launch/more/go.launch"),
+    ],
+)
+def test_a_launch_file_of_ros_may_lie_where_roslaunch_finds_it(tmp_path: Path, package: str, place: str):
+    _ros_package(tmp_path, place, "robot.xml", "ws/src/scout/package.xml")
+    check_launch_files(_spec(tmp_path, _use("mine", package, "go.launch")), tmp_path)
+
+
+def test_a_launch_file_that_a_ros_package_does_not_have_is_refused_with_the_places_where_it_was_looked_for(
+    tmp_path: Path,
+):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    looked = r"it has no patrol/launch/went.launch or patrol/went.launch, nor went.launch elsewhere in patrol"
+    with pytest.raises(DocumentError, match=looked):
+        check_launch_files(_spec(tmp_path, _use("mine", "patrol", "went.launch")), tmp_path)
+
+
+def test_a_ros_package_without_a_robot_is_refused_with_the_robot_that_may_be_copied(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch")
+    with pytest.raises(DocumentError, match=r"packageName: 'patrol': .*examples/ros/turtlebot3/robot.xml") as refused:
+        check_launch_files(_spec(tmp_path, _use("mine", "patrol", "go.launch")), tmp_path)
+    assert len(refused.value.faults) == 1
+
+
+def test_a_document_from_before_that_says_launch_for_a_module_is_not_refused(tmp_path: Path):
+    check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_goal.launch")), tmp_path)
+
+
+def test_a_deployment_may_launch_what_episodes_are_driven_with(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    use = _use("mine", "patrol", "go.launch")
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [use]}
+    check_launch_files(_spec(tmp_path, use, deployment=deployment), tmp_path)
+
+
+def test_a_launch_file_of_ros_is_no_scenario(tmp_path: Path):
+    _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
+    spec = _spec(tmp_path, _use("mine", "patrol", "go.launch"))
+    document = spec.model_dump(mode="json", exclude_none=True)
+    document["applications"].append({"name": "mine", "kind": "simulation", "source": "mine"})
+    request = document["simulationBatch"]["createSimulationJobRequests"][0]
+    request["simulationApplications"] = [_use("mine", "patrol", "go.launch")]
+    with pytest.raises(DocumentError, match=r"'go.launch': a module in mine's bundle; it has no patrol/go.py"):
+        check_launch_files(PipelineSpec.model_validate(document), tmp_path)
+
+
+EXPLODES = '<mujoco><worldbody><replicate count="100000000"><site/></replicate></worldbody></mujoco>'
+
+
+def _exploding_spec(folder: Path, robots: dict[str, str]) -> PipelineSpec:
+    for name, text in robots.items():
+        (folder / name).mkdir()
+        (folder / name / "robot.xml").write_text(text)
+    sources = [{"name": name, "source": name} for name in robots]
+    world = {
+        "template": "templates/two-rooms.json",
+        "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 1},
+    }
+    return PipelineSpec.model_validate({"name": "mine", "applications": sources, "worldGeneration": world})
+
+
+def test_each_robot_that_explodes_is_a_fault_of_its_application(tmp_path: Path):
+    spec = _exploding_spec(
+        tmp_path, {"one": EXPLODES, "two": "<mujoco/>", "three": '<mujoco><include file="/etc/passwd"/></mujoco>'}
+    )
+
+    with pytest.raises(DocumentError) as caught:
+        check_robot_files(spec, tmp_path)
+
+    assert [fault.path for fault in caught.value.faults] == ["applications[0].source", "applications[2].source"]
+    assert "more than 5,000 elements" in caught.value.faults[0].allowed
+
+
+def test_a_run_or_a_plan_refuses_such_a_document(tmp_path: Path):
+    spec = _exploding_spec(tmp_path, {"one": EXPLODES})
+
+    with pytest.raises(DocumentError, match="more than 5,000 elements"):
+        resolve_references(spec, open_store((tmp_path / "store").as_uri()), tmp_path)
+
+
+def document(launch_file: str = "policy") -> PipelineSpec:
+    config = {"packageName": "nav", "launchFile": launch_file}
+    entry = {
+        "maxJobDurationInSeconds": 10,
+        "robotApplications": [{"application": "mine", "launchConfig": config}],
+        "simulationApplications": [
+            {"application": "delivery", "launchConfig": {"packageName": "delivery", "launchFile": "rooms"}}
+        ],
+    }
+    world = {
+        "template": "templates/two-rooms.json",
+        "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 1},
+    }
+    batch = {"createSimulationJobRequests": [entry]}
+    sources = [{"name": "mine", "source": "mine"}]
+    return PipelineSpec.model_validate(
+        {"name": "d", "applications": sources, "worldGeneration": world, "simulationBatch": batch}
+    )
+
+
+@pytest.mark.parametrize("launch_file", ["policy", "policy.onnx"])
+def test_a_policy_that_fits_passes(tmp_path: Path, launch_file: str):
+    bundle(tmp_path / "mine", network(weights()))
+    check_policies(document(launch_file), tmp_path)
+
+
+def test_a_policy_that_does_not_fit_is_a_fault_of_its_launch_file(tmp_path: Path):
+    bundle(tmp_path / "mine", network(weights()), DECLARED.replace("rays: 8", "rays: 9"))
+    with pytest.raises(DocumentError) as caught:
+        check_policies(document(), tmp_path)
+    (fault,) = caught.value.faults
+    assert fault.path.endswith("robotApplications[0].launchConfig.launchFile")
+    assert "observation of shape (lanes, 10): its parts are 11 numbers a lane" in fault.allowed
+
+
+def test_a_module_is_no_policy(tmp_path: Path):
+    (bundle(tmp_path / "mine", b"no network") / "nav/policy.py").write_text("")
+    check_policies(document(), tmp_path)
+
+
+WAITS = 'class Patrol:\n    def metrics(self, state):\n        return {"waiting_s": state.waiting_s}\n'
+COMPUTES = "class Patrol:\n    def metrics(self, state):\n        return measure(state)\n"
+
+
+def patrolled(folder: Path, source: str, *columns: str, scenario: str = "patrol") -> PipelineSpec:
+    """Returns a document that brings a scenario along, with a rule about each column."""
+    (folder / "patrol/patrol").mkdir(parents=True)
+    (folder / "patrol/patrol/rounds.py").write_text(source)
+    package = {"patrol": "patrol", "coverage": "coverage"}[scenario]
+    launch = {"packageName": package, "launchFile": {"patrol": "rounds", "coverage": "floor"}[scenario]}
+    job = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [
+            {"application": "courier", "launchConfig": {"packageName": "courier", "launchFile": "go_to_goal"}}
+        ],
+        "simulationApplications": [{"application": scenario, "launchConfig": launch}],
+    }
+    template = str(ROOT / "examples/templates/two-rooms.json")
+    return PipelineSpec.model_validate(
+        {
+            "name": "patrols",
+            "applications": [{"name": "patrol", "kind": "simulation", "source": "patrol"}],
+            "worldGeneration": {"template": template, "worldCount": {"floorplanCount": 1}},
+            "simulationBatch": {"createSimulationJobRequests": [job]},
+            "gate": {"quantiles": [{"column": each, "quantile": 0.9, "atMost": 30} for each in columns]},
+        }
+    )
+
+
+def test_validate_names_each_rule_the_name_and_what_was_meant(tmp_path: Path):
+    spec = patrolled(tmp_path, WAITS, "metrics.waiting_s", "metrics.wating_s", "metrics.speed", "simulated_s")
+    with pytest.raises(DocumentError) as caught:
+        check_own_bundles(spec, tmp_path)
+    first, second = caught.value.faults
+    assert (first.path, first.value) == ("gate.quantiles[1].column", '"metrics.wating_s"')
+    assert first.allowed == 'did you mean "metrics.waiting_s"? the scenario measures metrics.waiting_s'
+    assert second.path == "gate.quantiles[2].column"
+
+
+def test_validate_refuses_no_name_where_names_are_computed(tmp_path: Path):
+    check_own_bundles(patrolled(tmp_path, COMPUTES, "metrics.anything"), tmp_path)
+
+
+def test_validate_leaves_scenarios_of_the_store_to_plan(tmp_path: Path):
+    check_own_bundles(patrolled(tmp_path, WAITS, "metrics.anything", scenario="coverage"), tmp_path)
+
+
+def test_validate_leaves_a_scenario_that_nothing_can_be_called_to_plan(tmp_path: Path):
+    document = patrolled(tmp_path, WAITS, "metrics.anything").model_dump(mode="json", exclude_none=True)
+    document["simulationBatch"]["createSimulationJobRequests"][0]["simulationApplications"][0]["application"] = (
+        "arn:x:y"
+    )
+    check_own_bundles(PipelineSpec.model_validate(document), tmp_path)
+
+
+def test_a_plan_or_a_run_refuses_names_of_any_scenario(file_store: Store, tmp_path: Path):
+    spec = patrolled(tmp_path, WAITS, "metrics.coverd_share", scenario="coverage")
+    with pytest.raises(DocumentError, match=r'did you mean "metrics.covered_share"\?'):
+        resolve_references(spec, file_store, tmp_path)
+
+
+def test_robots_and_names_are_refused_together(tmp_path: Path):
+    spec = patrolled(tmp_path, WAITS, "metrics.speed")
+    (tmp_path / "one").mkdir()
+    (tmp_path / "one/robot.xml").write_text(EXPLODES)
+    robot = type(spec.applications[0])(name="one", source="one")
+    both = spec.model_copy(update={"applications": (*spec.applications, robot)})
+    with pytest.raises(DocumentError) as caught:
+        check_own_bundles(both, tmp_path)
+    assert [fault.path for fault in caught.value.faults] == ["applications[1].source", "gate.quantiles[0].column"]
