@@ -29,6 +29,7 @@ _FIRST = ("index", "world", "seed", "success", "outcome", "outcome_reason", "pat
 _VARIABLE = "env_"
 _MOST_COLUMNS = 10
 _CELL = 60
+_WIDTH = 760
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -244,9 +245,6 @@ class Comparison:
             *((table(("flip", "episode"), flips, len(flips)),) if flips else ()),
             *map(paragraph, self.notes),
         )
-
-
-_WIDTH = 760
 
 
 @dataclass(frozen=True, eq=False, repr=False)

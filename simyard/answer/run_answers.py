@@ -13,6 +13,12 @@ from tasks.results.trend.trend_view import Alarm, NightRow, TrendView
 
 _MOST_LINES = 400
 _LONGEST = 2_000
+_BATCH = "simulationBatch"
+_GENERATION = "worldGeneration"
+_NIGHTS, _ALARMS = 24, 12
+_HEADINGS = ("night", "counted", "worlds", "rate in its own worlds", "95 % interval", "")
+_PLAN_WIDTH, _SHEET_WIDTH = 760, 1040
+_SHOWN = 24
 
 
 @dataclass(frozen=True)
@@ -41,10 +47,6 @@ class Plan:
         more = f"\nand {left:,} lines more" if left > 0 else ""
         style = "font-family:monospace;white-space:pre-wrap;background:none;color:inherit;margin:4px 0"
         return block(heading(f"Plan of {self.name}"), Html(f'<pre style="{style}">{shown}{more}</pre>'))
-
-
-_BATCH = "simulationBatch"
-_GENERATION = "worldGeneration"
 
 
 @dataclass(frozen=True)
@@ -133,10 +135,6 @@ class Run:
             yield table(("artefact", "where"), rows, len(artefacts))
 
 
-_NIGHTS, _ALARMS = 24, 12
-_HEADINGS = ("night", "counted", "worlds", "rate in its own worlds", "95 % interval", "")
-
-
 @dataclass(frozen=True, repr=False)
 class Trend:
     """A document's rates night by night.
@@ -182,10 +180,6 @@ def _cells(row: NightRow) -> tuple[str, ...]:
         return row.day, "", "", "", "", row.note
     interval = f"{100 * row.lower:.1f} to {100 * row.upper:.1f} %"
     return row.day, f"{row.passed} of {row.episodes}", str(row.worlds), f"{100 * row.rate:.1f} %", interval, row.note
-
-
-_PLAN_WIDTH, _SHEET_WIDTH = 760, 1040
-_SHOWN = 24
 
 
 @dataclass(frozen=True)

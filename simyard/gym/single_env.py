@@ -13,6 +13,7 @@ from simyard.gym.task_options import TaskOptions
 from simyard.gym.vector_env import EnvironmentLanes, Info, lane_info, lane_of
 
 _ONE = np.ones(1, bool)
+_SCENARIOS = {"simyard/Delivery-v0": "delivery", "simyard/Coverage-v0": "coverage"}
 
 
 class SimyardEnv(gymnasium.Env[Any, np.ndarray]):
@@ -81,9 +82,6 @@ class SimyardEnv(gymnasium.Env[Any, np.ndarray]):
 
 def _remade(options: TaskOptions) -> SimyardEnv:
     return SimyardEnv(**options)
-
-
-_SCENARIOS = {"simyard/Delivery-v0": "delivery", "simyard/Coverage-v0": "coverage"}
 
 
 def register_environments() -> None:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _jax_process: list[int] = []
 Observation = np.ndarray | dict[str, np.ndarray]
 Info = dict[str, Any]
+_MASK = "reset_mask"
 
 
 class Step(NamedTuple):
@@ -175,9 +176,6 @@ def _dict_space(fields: "dict[str, FieldBounds]") -> spaces.Dict:
 def _flat_space(fields: "dict[str, FieldBounds]") -> spaces.Box:
     low, high = (np.concatenate([np.ravel(each[side]) for each in fields.values()]) for side in (0, 1))
     return spaces.Box(low, high, dtype=np.float32)
-
-
-_MASK = "reset_mask"
 
 
 class SimyardVectorEnv(VectorEnv[Any, np.ndarray, np.ndarray]):

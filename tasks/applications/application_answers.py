@@ -33,6 +33,10 @@ from tasks.storage.store_url import store_id
 _ROBOT_SUITE = RobotSoftwareSuite(name="General")
 _SIMULATION_SUITE = SimulationSoftwareSuite(name="SimulationRuntime")
 _REVISION_CHARACTERS = 40
+Summary = TypeVar("Summary", bound=RobotApplicationSummary)
+_MOST = 100
+_ROBOT: ApplicationKind = "robot-application"
+_SIMULATION: ApplicationKind = "simulation-application"
 
 
 def describe_robot_application(
@@ -158,12 +162,6 @@ def _sources(version: Version) -> tuple[Source, ...]:
         )
         for build in version.builds
     )
-
-
-Summary = TypeVar("Summary", bound=RobotApplicationSummary)
-_MOST = 100
-_ROBOT: ApplicationKind = "robot-application"
-_SIMULATION: ApplicationKind = "simulation-application"
 
 
 def list_robot_applications(store: Store) -> Iterator[RobotApplicationSummary]:

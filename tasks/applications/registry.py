@@ -38,6 +38,16 @@ from tasks.storage.sealed_bundle import seal, sealed_files, stored_archive
 
 # Left by editors, interpreters and version control, and different on every machine.
 _LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
+BUNDLE_ERRORS = (BundleRefused, ObjectNotFound, StoreAccessDenied)
+"""What unpacking a bundle raises that `bundle_failure` can explain."""
+_INVALID: Mapping[ApplicationKind, SimulationJobErrorCode] = {
+    "robot-application": "InvalidBundleRobotApplication",
+    "simulation-application": "InvalidBundleSimulationApplication",
+}
+_DENIED: Mapping[ApplicationKind, SimulationJobErrorCode] = {
+    "robot-application": "BadPermissionsRobotApplication",
+    "simulation-application": "BadPermissionsSimulationApplication",
+}
 
 
 def pack(folder: Path) -> bytes:
@@ -119,18 +129,6 @@ def shipped_application(name: str) -> Path | None:
 def _names(home: Path) -> list[str]:
     # A listing, not a path made from the name, so that no name can lead elsewhere.
     return [path.name for path in home.iterdir() if path.is_dir()] if home.is_dir() else []
-
-
-__all__ = [
-    "add_version",
-    "applications",
-    "find_by_digest",
-    "missing_bundles",
-    "pack",
-    "publish_bundle",
-    "resolve",
-    "unpack",
-]
 
 
 def publish_bundle(
@@ -342,18 +340,6 @@ def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:
     digest = hashlib.sha256(body).hexdigest()
     store.put(bundle_key(digest), body)
     return Build(architecture=architecture, digest=digest, size_bytes=len(body))
-
-
-BUNDLE_ERRORS = (BundleRefused, ObjectNotFound, StoreAccessDenied)
-"""What unpacking a bundle raises that `bundle_failure` can explain."""
-_INVALID: Mapping[ApplicationKind, SimulationJobErrorCode] = {
-    "robot-application": "InvalidBundleRobotApplication",
-    "simulation-application": "InvalidBundleSimulationApplication",
-}
-_DENIED: Mapping[ApplicationKind, SimulationJobErrorCode] = {
-    "robot-application": "BadPermissionsRobotApplication",
-    "simulation-application": "BadPermissionsSimulationApplication",
-}
 
 
 def bundle_failure(

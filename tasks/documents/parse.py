@@ -43,6 +43,23 @@ _Object = dict[str, JsonValue]
 CORRECTABLE = ("extra_forbidden", "tuple_type")
 """The types of errors that may hide others: unknown keys, and what should be a list."""
 
+MAX_SHOWN = 60
+_TYPES = {
+    "int_type": "a whole number",
+    "finite_number": "a finite number",
+    "bool_type": "true or false",
+    "dict_type": "keys and values",
+}
+_PERCENT = 100
+MAX_FAULTS = 100
+"""More than a person reads; the rest is counted."""
+_MOST_TOLD = 5_000
+"""Errors beyond which they are only counted: to tell each costs as much as to read the document a thousand times."""
+_ROUNDS = 10
+_MOST_CORRECTED = 300
+"""Errors beyond which nothing is corrected: no person wrote that, and each round reads the whole document again."""
+Model = TypeVar("Model", bound=BaseModel)
+
 
 def with_corrections(data: JsonValue, model: type[BaseModel], errors: Iterable[ErrorDetails]) -> JsonValue | None:
     """Returns a copy of the data with keys in the right capitals and on the right level, and single objects in lists.
@@ -121,8 +138,6 @@ def _object_at(data: JsonValue, place: Place) -> _Object | None:
     return cast("_Object", found) if isinstance(found, dict) else None
 
 
-MAX_SHOWN = 60
-
 _PATTERNS = {
     field_types.ARN_PATTERN: "an ARN, arn:...",
     field_types.NAME_PATTERN: "letters, digits, underscores and hyphens",
@@ -139,12 +154,6 @@ _PATTERNS = {
     field_types.REFERENCE_PATTERN: "a name (letters, digits, underscores and hyphens, at most 64) or an ARN",
     field_types.WORLD_REFERENCE_PATTERN: "a world as <generation>/<world>, or an ARN",
     NAMES_PATTERN: "letters, digits, spaces, underscores and hyphens",
-}
-_TYPES = {
-    "int_type": "a whole number",
-    "finite_number": "a finite number",
-    "bool_type": "true or false",
-    "dict_type": "keys and values",
 }
 
 
@@ -210,9 +219,6 @@ def _bounds(model: type[BaseModel], place: Place, value: object) -> str | None:
     if not len(lows) == len(highs) == 1:
         return None
     return f"from {lows[0]:,} to {highs[0]:,}{_percent(value, highs[0])}"
-
-
-_PERCENT = 100
 
 
 def _below(context: dict[str, Any], value: object) -> str:
@@ -283,18 +289,6 @@ _WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
     "less_than": _below,
     "greater_than": _says("more than {gt}"),
 }
-
-
-MAX_FAULTS = 100
-"""More than a person reads; the rest is counted."""
-
-_MOST_TOLD = 5_000
-"""Errors beyond which they are only counted: to tell each costs as much as to read the document a thousand times."""
-_ROUNDS = 10
-_MOST_CORRECTED = 300
-"""Errors beyond which nothing is corrected: no person wrote that, and each round reads the whole document again."""
-
-Model = TypeVar("Model", bound=BaseModel)
 
 
 def parse(model: type[Model], data: JsonValue, source: str = "document") -> Model:

@@ -27,6 +27,12 @@ _ONLY_ENTRY = f"{_SECTION}{_BATCH_KEY}[0]."
 _ANY_ENTRY = f"{_SECTION}{_BATCH_KEY}[*]."
 _NOT_IN_A_NAME = re.compile("[^a-zA-Z0-9_-]+")
 _LONGEST_NAME = 64
+_TEMPLATE_KEYS = ("templateBody", "Version", "Buildings", "Floors", "Floorplan", "Interior", "Rooms")
+_BARE_REQUESTS = {
+    "deploymentApplicationConfigs": "deployment",
+    "worldCount": "worldGeneration",
+    "outputLocation": "worldExport",
+}
 
 
 def is_simulation_request(data: JsonValue) -> bool:
@@ -74,14 +80,6 @@ def _single(request: Mapping[str, JsonValue]) -> Mapping[str, JsonValue]:
 def _name(path: Path) -> str:
     name = _NOT_IN_A_NAME.sub("-", path.stem).strip("-_")[:_LONGEST_NAME]
     return name or "request"
-
-
-_TEMPLATE_KEYS = ("templateBody", "Version", "Buildings", "Floors", "Floorplan", "Interior", "Rooms")
-_BARE_REQUESTS = {
-    "deploymentApplicationConfigs": "deployment",
-    "worldCount": "worldGeneration",
-    "outputLocation": "worldExport",
-}
 
 
 def read_pipeline(path: Path) -> PipelineSpec:

@@ -15,6 +15,10 @@ Place = tuple[str | int, ...]
 
 _MOST_KEYS = 3
 _SAMPLE_DEPTH = 3
+_PART_OF_A_KEY = 4
+_NEARLY_THE_SAME = 0.85
+_LONGEST_QUOTE = 40
+_NUMBER_FIRST = re.compile(r"\s*([-+]?[0-9]+(?:\.[0-9]+)?)\s*([A-Za-z%°²³]+[23]?)?\s*\Z")
 
 
 class KeyPlace(NamedTuple):
@@ -138,12 +142,6 @@ def _members(annotation: Any) -> Iterable[Any]:  # noqa: ANN401 - any type expre
     """Returns the parts of a union or of an annotated type; none for others, such as a list."""
     inside = get_origin(annotation) in (tuple, list, dict) or isinstance(annotation, type)
     return () if inside else get_args(annotation)
-
-
-_PART_OF_A_KEY = 4
-_NEARLY_THE_SAME = 0.85
-_LONGEST_QUOTE = 40
-_NUMBER_FIRST = re.compile(r"\s*([-+]?[0-9]+(?:\.[0-9]+)?)\s*([A-Za-z%°²³]+[23]?)?\s*\Z")
 
 
 def unknown_key_text(model: type[BaseModel], place: Place) -> str:

@@ -31,6 +31,10 @@ _RESOLVERS = (
     (_NULL, re.compile(r"~|null|Null|NULL|"), "~nN\0"),
 )
 
+MAX_BYTES = 1 << 20
+MAX_DEPTH = 40
+_WANTED = "a YAML or JSON document of at most 1 MiB"
+
 
 class _RefusedError(ValueError):
     """Text that is neither JSON nor YAML that notes it, or no plain data: where, what stands there, what may."""
@@ -141,11 +145,6 @@ for _tag in ("bool", "int", "float", "null", "str"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _construct_scalar)
 _Loader.add_constructor("tag:yaml.org,2002:seq", _construct_list)
 _Loader.add_constructor("tag:yaml.org,2002:map", _construct_object)
-
-
-MAX_BYTES = 1 << 20
-MAX_DEPTH = 40
-_WANTED = "a YAML or JSON document of at most 1 MiB"
 
 
 def read_document(path: Path) -> JsonValue:

@@ -49,6 +49,11 @@ from tasks.worlds.resolved_template import (
 AREA_TOLERANCE = 0.03
 ASPECT_TOLERANCE = 0.25
 _SQUARE = 1.0
+START_RADIUS_M = 1.0
+_RADIUS_STEP_M = 0.01
+SHRUNK = "shrunk"
+"""What the generator of such a world is called after the name of the one that made it."""
+_ABOUT_FURNITURE = ("furniture", "density")
 
 
 def weigh_wishes(
@@ -189,10 +194,6 @@ def _doors(resolved: ResolvedTemplate, passages: Sequence[Passage], doors: Seque
                 found=f"{door.open_percent:g} % open",
                 met=wished in ("Random", door.open_percent),
             )
-
-
-START_RADIUS_M = 1.0
-_RADIUS_STEP_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -412,11 +413,6 @@ def _free_share(clearance: Clearance, floors: Sequence[Box]) -> float:
 def _box(room: Room) -> Box:
     floor = room.floor
     return Box(floor.x_min_m, floor.y_min_m, floor.x_max_m, floor.y_max_m)
-
-
-SHRUNK = "shrunk"
-"""What the generator of such a world is called after the name of the one that made it."""
-_ABOUT_FURNITURE = ("furniture", "density")
 
 
 def keep_furniture(world: World, kept: Collection[str], template: TemplateBody | None) -> World:

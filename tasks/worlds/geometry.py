@@ -13,6 +13,21 @@ from specs.data.world import Furniture, OccupancyMap, Solid
 
 EPSILON_M = 1e-6
 QUARTER_TURN_RAD = 1.5707963267948966
+_TOUCH_M = 1e-4
+"""Things that touch, or are rounded into each other by less than this, do not overlap."""
+Rows = Float[np.ndarray, "solids 7"]
+"""Centre, half extents and yaw of each solid."""
+CELL_M = 0.05
+HEADROOM_M = 2.0
+"""Solids that begin above this are in nobody's way: lintels."""
+RADIUS_MAX_M = 1.0
+"""No robot is larger, and no distance is measured further than one of this radius needs."""
+# A free cell's centre is this much nearer to a solid than to the centre of the cell that the solid touches, at most
+# (half a diagonal), and a straight step between two centres comes nearer by half a cell at most.
+_GRID_SLACK_M = CELL_M * (2**-0.5 + 0.5)
+_REACH = int((RADIUS_MAX_M + _GRID_SLACK_M) / CELL_M) + 2
+_RADII_M = CELL_M * np.sqrt(np.arange(_REACH * _REACH + 1)) - _GRID_SLACK_M
+"""How large a robot's radius may be at a cell, by the square of the cells to the nearest touched one."""
 
 
 class Box(NamedTuple):
@@ -70,14 +85,6 @@ def bounding_box(boxes: Iterable[Box]) -> Box:
 def rounded(value: float, digits: int = 6) -> float:
     """Returns a number as a document holds it: rounded, and never a negative zero."""
     return round(float(value), digits) + 0.0
-
-
-_TOUCH_M = 1e-4
-"""Things that touch, or are rounded into each other by less than this, do not overlap."""
-
-
-Rows = Float[np.ndarray, "solids 7"]
-"""Centre, half extents and yaw of each solid."""
 
 
 def count_overlaps(
@@ -177,19 +184,6 @@ def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.n
     """Returns the free cells that hang together with one of them; none where that one is not free."""
     labels = label_parts(free)
     return (labels == labels[cell]) & free
-
-
-CELL_M = 0.05
-HEADROOM_M = 2.0
-"""Solids that begin above this are in nobody's way: lintels."""
-RADIUS_MAX_M = 1.0
-"""No robot is larger, and no distance is measured further than one of this radius needs."""
-# A free cell's centre is this much nearer to a solid than to the centre of the cell that the solid touches, at most
-# (half a diagonal), and a straight step between two centres comes nearer by half a cell at most.
-_GRID_SLACK_M = CELL_M * (2**-0.5 + 0.5)
-_REACH = int((RADIUS_MAX_M + _GRID_SLACK_M) / CELL_M) + 2
-_RADII_M = CELL_M * np.sqrt(np.arange(_REACH * _REACH + 1)) - _GRID_SLACK_M
-"""How large a robot's radius may be at a cell, by the square of the cells to the nearest touched one."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,21 @@ from specs.template.interior import (
 Opening = float | Literal["Random"]
 """Percent of a quarter turn, or drawn anew for each world."""
 FULLY_OPEN = 100.0
+DEFAULT_AREA_M2: float = FloorplanRoom.model_fields["DesiredShape"].default.Area
+PassageKind = Literal["Doorway", "Opening"]
+AnySet = TypeVar("AnySet", FurnitureArrangementSet, InteriorMaterialSet)
+COVERED: dict[Density, float] = {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.32}
+"""Share of a room's floor that furniture shall cover."""
+COVERED_BY_TYPE: dict[RoomType, dict[Density, float]] = {
+    "Bedroom": {"Sparse": 0.11, "Moderate": 0.23, "Dense": 0.34},
+    "Hallway": {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.34},
+    "Closet": {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.36},
+}
+"""The same for rooms that are unlike the rest: beds are large, and what lines a wall never fills a room."""
+COVERED_SPREAD = 0.01
+"""By how much rooms of one type and density may differ from that."""
+FREE_FLOOR: dict[Density, tuple[float, float]] = {"Sparse": (0.82, 1.0), "Moderate": (0.72, 0.84), "Dense": (0.5, 0.78)}
+"""Least and greatest share of a room's floor that is free when the wish counts as met."""
 
 
 @dataclass(frozen=True)
@@ -83,11 +98,6 @@ def _joins(doorways: InteriorDoorwaySet, one: FloorplanRoom, other: FloorplanRoo
 
 def _holds(rooms: RoomNameList | RoomTypeList, room: FloorplanRoom) -> bool:
     return room.Name in rooms.RoomNames if isinstance(rooms, RoomNameList) else room.Type in rooms.RoomTypes
-
-
-DEFAULT_AREA_M2: float = FloorplanRoom.model_fields["DesiredShape"].default.Area
-PassageKind = Literal["Doorway", "Opening"]
-AnySet = TypeVar("AnySet", FurnitureArrangementSet, InteriorMaterialSet)
 
 
 @dataclass(frozen=True)
@@ -202,17 +212,3 @@ def _connections(wishes: Sequence[FloorplanConnection], names: Sequence[str]) ->
     return tuple(
         ConnectionWish((low, high), wish.ConnectionType) for (low, high), wish in zip(pairs, wishes, strict=True)
     )
-
-
-COVERED: dict[Density, float] = {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.32}
-"""Share of a room's floor that furniture shall cover."""
-COVERED_BY_TYPE: dict[RoomType, dict[Density, float]] = {
-    "Bedroom": {"Sparse": 0.11, "Moderate": 0.23, "Dense": 0.34},
-    "Hallway": {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.34},
-    "Closet": {"Sparse": 0.1, "Moderate": 0.2, "Dense": 0.36},
-}
-"""The same for rooms that are unlike the rest: beds are large, and what lines a wall never fills a room."""
-COVERED_SPREAD = 0.01
-"""By how much rooms of one type and density may differ from that."""
-FREE_FLOOR: dict[Density, tuple[float, float]] = {"Sparse": (0.82, 1.0), "Moderate": (0.72, 0.84), "Dense": (0.5, 0.78)}
-"""Least and greatest share of a room's floor that is free when the wish counts as met."""

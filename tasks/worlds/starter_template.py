@@ -34,6 +34,8 @@ _WAYS_OF_A_ROOM = 4
 _AJAR_PERCENT = 95
 """A robot of 0.25 m, for which worlds are made, still gets through."""
 _WET: tuple[RoomType, ...] = ("Bathroom", "Kitchen")
+_PLAIN_TEXT = re.compile(r"(?!(?:true|false|null|yes|no)$)[A-Za-z][A-Za-z0-9_. -]*\Z", re.IGNORECASE)
+_WIDTH = 100
 
 
 def starter_template(rooms: Sequence[RoomType], version: Version) -> Body:
@@ -159,8 +161,6 @@ _COMMENTS = {
     "DesiredSpatialDensity": "Sparse, Moderate or Dense.",
     "Doorways": "Hinged doors: Percent from 0 (shut) to 100 (fully open), or Random in each world.",
 }
-_PLAIN_TEXT = re.compile(r"(?!(?:true|false|null|yes|no)$)[A-Za-z][A-Za-z0-9_. -]*\Z", re.IGNORECASE)
-_WIDTH = 100
 
 
 def commented_yaml(body: Body) -> str:

@@ -10,7 +10,7 @@ from functools import lru_cache
 from typing import Literal
 
 from specs.data.world import RoomType, Solid
-from tasks.worlds.floorplan.passages import START_CLEAR_M, Gap, choose_start, hindrance, place_passages
+from tasks.worlds.floorplan.passages import Gap, choose_start, hindrance, place_passages
 from tasks.worlds.floorplan.scoring import LIT, WALL_M, Layouts
 from tasks.worlds.floorplan.search import WorldRejected, draw_layout
 from tasks.worlds.geometry import EPSILON_M, Box, bounding_box, rounded
@@ -31,6 +31,9 @@ _SILLS_M: dict[RoomType, float] = {"Kitchen": 1.1, "Bathroom": 1.5}
 _SILL_M = 0.9
 # Glazing of other rooms (m2): of bathrooms 0.3 (R303.3), of hallways as much.
 _SMALL_M2: dict[RoomType, float] = {"Bathroom": 0.3, "Hallway": 0.3}
+_ATTEMPTS = 8
+LINTEL_BOTTOM_M = 2.1
+_HALF = WALL_M / 2
 
 
 @dataclass(frozen=True)
@@ -116,10 +119,6 @@ def _sides(cell: Box, outline: Box) -> list[_Side]:
         _Side("y", cell.x_max, inner.y_min, inner.y_max) if cell.x_max > outline.x_max - EPSILON_M else None,
     )
     return [side for side in every if side]
-
-
-__all__ = ["START_CLEAR_M", "Cut", "FloorPlan", "plan_floor"]
-_ATTEMPTS = 8
 
 
 @dataclass(frozen=True)
@@ -210,10 +209,6 @@ def _cut(layout: Layouts, line: int, cells: Sequence[Box]) -> Cut:
     beside = [cells[room] for room, at in enumerate(layout.sides[:, :, 0].tolist()) if line in at]
     start, end = min(cell[along] for cell in beside), max(cell[along + 2] for cell in beside)
     return Cut("y" if along else "x", float(layout.lines[line, 0]), start, end)
-
-
-LINTEL_BOTTOM_M = 2.1
-_HALF = WALL_M / 2
 
 
 @dataclass(frozen=True)

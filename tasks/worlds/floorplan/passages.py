@@ -36,6 +36,21 @@ _BETWEEN = 4
 _FROM_CORNER, _CORNER_MAX_M = 1.0, 1.2
 _LEAVES_MEET, _PATH, _TASTE = 1.5, 0.1, 0.8
 _HALLWAY_SHARE = 0.25  # hallways hold little furniture
+START_CLEAR_M = 1.02
+_SPOTS = 6
+# Rooms in the order in which one would look for a robot; of two alike the larger one.
+_RANKS: dict[RoomType, int] = {
+    "Hallway": 0,
+    "Living": 0,
+    "Dining": 1,
+    "Kitchen": 1,
+    "Bedroom": 2,
+    "Closet": 3,
+    "Bathroom": 3,
+}
+# What a leaf that can swing into the clear disc costs, in metres from the next way out.
+_SWING_M = 4.0
+_TASTE_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -200,23 +215,6 @@ def _distance(one: Gap, other: Gap) -> float:
 def _unite(group: list[int], pair: tuple[int, int]) -> None:
     kept, gone = group[pair[0]], group[pair[1]]
     group[:] = [kept if each == gone else each for each in group]
-
-
-START_CLEAR_M = 1.02
-_SPOTS = 6
-# Rooms in the order in which one would look for a robot; of two alike the larger one.
-_RANKS: dict[RoomType, int] = {
-    "Hallway": 0,
-    "Living": 0,
-    "Dining": 1,
-    "Kitchen": 1,
-    "Bedroom": 2,
-    "Closet": 3,
-    "Bathroom": 3,
-}
-# What a leaf that can swing into the clear disc costs, in metres from the next way out.
-_SWING_M = 4.0
-_TASTE_M = 0.5
 
 
 def choose_start(

@@ -20,6 +20,48 @@ from specs.data.world import RoomType
 from tasks.worlds.geometry import EPSILON_M
 from tasks.worlds.resolved_template import ResolvedTemplate, RoomWish
 
+WALL_M = 0.12
+OPENING_MIN_M = 1.4
+JAMB_M = 0.1
+"""Wall left standing at either side of a gap."""
+START_SIDE_M = 2.1
+"""Least width of the room that holds the start: the clear disc of 1 m radius and a hand's breadth."""
+_DOORWAY_MIN_M = 0.9
+# Beside the robot in a doorway: 0.1 m at either side, and what a grid of 5 cm cells can hide at any alignment, so that
+# the certificate finds the robot to pass.
+_ROBOT_PLAY_M = 0.23
+_LEAF_M = 0.05  # what an open leaf takes of its doorway's width
+HARD = 1e6
+"""What a broken guarantee costs."""
+CONNECTION = 1e3
+"""What a wished connection costs that is not there; all other costs together are less."""
+ASPECT_TOLERANCE = 0.225
+"""``skew`` of 5:4, from where on a shape counts as missed; to miss it by so much costs its weight."""
+AREA, AREA_TOLERANCE = 0.25, 0.02
+"""What it costs to miss an area by so large a share."""
+AREA_LIMIT, AREA_OVER = 0.022, 0.0015
+"""Areas are missed by more than the limit only where nothing else helps: by so much more costs 1."""
+SLIVER_M = 0.02
+"""To be narrower than useful by so much costs 1."""
+FOOTPRINT_LIMIT, FOOTPRINT_OVER = 0.9, 0.07
+"""The same for a footprint that is spelt out, in tolerances."""
+# How much aspects count. A wish of 1:1 is also what a template says that says nothing, and the outline of few rooms is
+# what the rooms leave of it, so 1:1 weighs less than what is spelt out. With these weights 57 % of wished rooms of 1:1,
+# 86 % of others, 29 % of footprints of 1:1 and 98 % of others are within 25 % over 23 templates, mean deviation 0.36;
+# with 0.1, 3 and 0.01 (weights only) 45, 94, 24, 100 % and 0.45, and with 1, 1 and 0.2 for rooms of all kinds
+# alike, 56, 65, 18 and 75 % and 0.36.
+_DEFAULT_ROOM, _FOOTPRINT, _DEFAULT_FOOTPRINT_ROOM = 0.5, 1.0, 0.035
+# Least widths of useful rooms; habitable ones as in the International Residential Code R304.2 (7 feet).
+_HABITABLE_M, _HALLWAY_M, _OTHER_M = 2.13, 1.2, 1.6
+_SLIM_SHARE = 0.65  # of a square room's side: a room of 10 m2 need not be as wide as all that
+# What else costs: an aspect beyond the tolerance (times its weight), ways through a bathroom and through a bedroom, a
+# dark room, and the share of wall that a connection lacks.
+_MISSED, _THROUGH, _DARK, _SHORT = 2.0, (20.0, 6.0), 2.0, 10.0
+LIT: frozenset[RoomType] = frozenset({"Bedroom", "Living", "Dining", "Kitchen"})
+"""Types that want a window (habitable rooms, International Residential Code R202)."""
+PRIVATE: frozenset[RoomType] = frozenset({"Bathroom", "Closet"})
+"""Types that nobody wants to walk through."""
+
 
 @dataclass(frozen=True)
 class Layouts:
@@ -65,50 +107,6 @@ def common_walls(
     along = np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2])
     touching = np.abs(along) < EPSILON_M
     return np.maximum(np.where(touching[0], along[1], np.where(touching[1], along[0], 0.0)), 0.0)
-
-
-WALL_M = 0.12
-OPENING_MIN_M = 1.4
-JAMB_M = 0.1
-"""Wall left standing at either side of a gap."""
-START_SIDE_M = 2.1
-"""Least width of the room that holds the start: the clear disc of 1 m radius and a hand's breadth."""
-_DOORWAY_MIN_M = 0.9
-# Beside the robot in a doorway: 0.1 m at either side, and what a grid of 5 cm cells can hide at any alignment, so that
-# the certificate finds the robot to pass.
-_ROBOT_PLAY_M = 0.23
-_LEAF_M = 0.05  # what an open leaf takes of its doorway's width
-
-HARD = 1e6
-"""What a broken guarantee costs."""
-CONNECTION = 1e3
-"""What a wished connection costs that is not there; all other costs together are less."""
-ASPECT_TOLERANCE = 0.225
-"""``skew`` of 5:4, from where on a shape counts as missed; to miss it by so much costs its weight."""
-AREA, AREA_TOLERANCE = 0.25, 0.02
-"""What it costs to miss an area by so large a share."""
-AREA_LIMIT, AREA_OVER = 0.022, 0.0015
-"""Areas are missed by more than the limit only where nothing else helps: by so much more costs 1."""
-SLIVER_M = 0.02
-"""To be narrower than useful by so much costs 1."""
-FOOTPRINT_LIMIT, FOOTPRINT_OVER = 0.9, 0.07
-"""The same for a footprint that is spelt out, in tolerances."""
-# How much aspects count. A wish of 1:1 is also what a template says that says nothing, and the outline of few rooms is
-# what the rooms leave of it, so 1:1 weighs less than what is spelt out. With these weights 57 % of wished rooms of 1:1,
-# 86 % of others, 29 % of footprints of 1:1 and 98 % of others are within 25 % over 23 templates, mean deviation 0.36;
-# with 0.1, 3 and 0.01 (weights only) 45, 94, 24, 100 % and 0.45, and with 1, 1 and 0.2 for rooms of all kinds
-# alike, 56, 65, 18 and 75 % and 0.36.
-_DEFAULT_ROOM, _FOOTPRINT, _DEFAULT_FOOTPRINT_ROOM = 0.5, 1.0, 0.035
-# Least widths of useful rooms; habitable ones as in the International Residential Code R304.2 (7 feet).
-_HABITABLE_M, _HALLWAY_M, _OTHER_M = 2.13, 1.2, 1.6
-_SLIM_SHARE = 0.65  # of a square room's side: a room of 10 m2 need not be as wide as all that
-# What else costs: an aspect beyond the tolerance (times its weight), ways through a bathroom and through a bedroom, a
-# dark room, and the share of wall that a connection lacks.
-_MISSED, _THROUGH, _DARK, _SHORT = 2.0, (20.0, 6.0), 2.0, 10.0
-LIT: frozenset[RoomType] = frozenset({"Bedroom", "Living", "Dining", "Kitchen"})
-"""Types that want a window (habitable rooms, International Residential Code R202)."""
-PRIVATE: frozenset[RoomType] = frozenset({"Bathroom", "Closet"})
-"""Types that nobody wants to walk through."""
 
 
 @dataclass(frozen=True)

@@ -46,6 +46,28 @@ from tasks.worlds.floorplan.scoring import (
 from tasks.worlds.floorplan.slicing import Shape, labelings, lay_out, shapes
 from tasks.worlds.resolved_template import ResolvedTemplate
 
+_ROUNDS = 6
+_DAMPING = 1e-3
+# Aspects this near to the tolerance count this much more in the second half: over 23 templates 57 % of wishes for 1:1
+# and 86 % of the others are met with it, 54 and 76 % without.
+_NEAR_WALL, _EFFORT = (0.5, 1.5), 4.0
+# A room keeps this share of its width in one round.
+_KEPT = 0.5
+# Limits are kept with this to spare, for rounding to the centimetre; to miss one by so much costs 1.
+_SPARE_M, _LIMIT_M, _HARD_M = 0.015, 0.01, 0.001
+Residuals = Float[np.ndarray, "rows layouts"]
+Slopes = Float[np.ndarray, "rows lines layouts"]
+_SHORTLIST = 3000
+# What a wished pair costs that does not touch, and a metre of wall that it lacks, in units of squared skew.
+_APART, _SHORT = 1e4, 25.0
+_PROPOSALS = 256
+# Layouts are good that cost little more than the best, by so much or by this share; and so many for variety's sake, if
+# they cost no more than _FAR for each room above it.
+_NEAR, _NEAR_SHARE, _MANY, _FAR = 4.0, 0.4, 6, 1.6
+# A drawn layout is stretched by up to this share along x and shrunk along y: the first of so many tries, the last of
+# which leaves it as it is, that does not cost more by this.
+_STRETCH, _STRETCH_SLACK, _STRETCHES = 0.08, 0.5, 12
+
 
 class WorldRejected(SimyardError):  # noqa: N818 - a state, like StageFailed
     """A world cannot be generated; a job records it and goes on with the next.
@@ -59,20 +81,6 @@ class WorldRejected(SimyardError):  # noqa: N818 - a state, like StageFailed
         self.code: WorldGenerationJobErrorCode = code
         self.reason = reason
         super().__init__(f"{code}: {reason}")
-
-
-_ROUNDS = 6
-_DAMPING = 1e-3
-# Aspects this near to the tolerance count this much more in the second half: over 23 templates 57 % of wishes for 1:1
-# and 86 % of the others are met with it, 54 and 76 % without.
-_NEAR_WALL, _EFFORT = (0.5, 1.5), 4.0
-# A room keeps this share of its width in one round.
-_KEPT = 0.5
-# Limits are kept with this to spare, for rounding to the centimetre; to miss one by so much costs 1.
-_SPARE_M, _LIMIT_M, _HARD_M = 0.015, 0.01, 0.001
-
-Residuals = Float[np.ndarray, "rows layouts"]
-Slopes = Float[np.ndarray, "rows lines layouts"]
 
 
 @dataclass(frozen=True)
@@ -221,11 +229,6 @@ def _solve(
     return right
 
 
-_SHORTLIST = 3000
-# What a wished pair costs that does not touch, and a metre of wall that it lacks, in units of squared skew.
-_APART, _SHORT = 1e4, 25.0
-
-
 def propose(demands: Demands, count: int) -> Layouts:
     """Returns the best plans by their aspects and connections, wall thickness taken as that of square rooms."""
     rooms = len(demands.areas_m2)
@@ -284,15 +287,6 @@ def _shape_layouts(
     by_x = np.sqrt(stretch)
     lines = lay_out(shape, _cell_areas(demands)[order]) * np.where(vertical, by_x, 1.0 / by_x)
     return Layouts(shape.sides[np.argsort(order, axis=0)].transpose(0, 2, 1), vertical, lines)
-
-
-_PROPOSALS = 256
-# Layouts are good that cost little more than the best, by so much or by this share; and so many for variety's sake, if
-# they cost no more than _FAR for each room above it.
-_NEAR, _NEAR_SHARE, _MANY, _FAR = 4.0, 0.4, 6, 1.6
-# A drawn layout is stretched by up to this share along x and shrunk along y: the first of so many tries, the last of
-# which leaves it as it is, that does not cost more by this.
-_STRETCH, _STRETCH_SLACK, _STRETCHES = 0.08, 0.5, 12
 
 
 @dataclass(frozen=True)

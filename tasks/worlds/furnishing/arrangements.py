@@ -29,6 +29,23 @@ _DESK_RISE_M = 1.0
 _MOST_OF_SPARE = 0.95
 _BED = Taste(middle=0.8, window=0.2, away=0.6)
 _BED_IN_CORNER = Taste(corner=0.8, window=0.3, away=0.5)
+_CHAIR: Size = (0.45, 0.5, 0.9)
+_LEGS_M = 0.09
+_SEAT_M = 0.6  # Neufert: of table edge for each diner
+_END_SEAT_M = 1.55
+_TABLE_RISE_M = 0.75
+_MOST = 6
+_SMALL_ROOM_M2 = 16.0
+_AISLE_M = 1.1
+_LARDER: Size = (0.6, 0.6, 2.0)
+_TO_TABLE_M = 0.4
+_SOFA_SIDE_M = 0.08
+_WALL_GAP_M = 0.02
+_VIEW_M = (1.7, 4.2)  # from a sofa's front to the screen; beyond it the sofa comes away from its wall
+_IDEAL_VIEW_M = 2.6
+_CHAIR_ASKEW_RAD = 0.25
+_CORNER_ASKEW_RAD = -0.6
+GroupMaker = Callable[[RoomContext, TypeName], Iterator[FurnitureGroup]]
 
 
 def bed_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
@@ -88,15 +105,6 @@ def _desk_chair(setting: RoomContext, desk: Size) -> Member:
 
 def _chair_zone(setting: RoomContext, desk: Size) -> Zone:
     return front_zone(desk, max(_DESK_RISE_M, setting.scene.way_m))
-
-
-_CHAIR: Size = (0.45, 0.5, 0.9)
-_LEGS_M = 0.09
-_SEAT_M = 0.6  # Neufert: of table edge for each diner
-_END_SEAT_M = 1.55
-_TABLE_RISE_M = 0.75
-_MOST = 6
-_SMALL_ROOM_M2 = 16.0
 
 
 def table_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
@@ -199,8 +207,6 @@ def _keep_allowed(setting: RoomContext, chairs: list[Member]) -> list[Member]:
 
 ROW = tuple(kind for kind, each in CATALOGUE.items() if each.group in ("kitchen row", "laundry"))
 """What stands in a row, from its tall end on: the catalogue's order."""
-_AISLE_M = 1.1
-_LARDER: Size = (0.6, 0.6, 2.0)
 
 
 def row_groups(setting: RoomContext) -> Iterator[FurnitureGroup]:
@@ -281,15 +287,6 @@ def unit_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup
 def laundry_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
     """Yields rows that begin with a laundry machine in a kitchen, and the machine alone in other rooms."""
     yield from (unit_groups if setting.room == "Kitchen" else single_groups)(setting, kind)
-
-
-_TO_TABLE_M = 0.4
-_SOFA_SIDE_M = 0.08
-_WALL_GAP_M = 0.02
-_VIEW_M = (1.7, 4.2)  # from a sofa's front to the screen; beyond it the sofa comes away from its wall
-_IDEAL_VIEW_M = 2.6
-_CHAIR_ASKEW_RAD = 0.25
-_CORNER_ASKEW_RAD = -0.6
 
 
 def sofa_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:
@@ -421,7 +418,6 @@ def _before(setting: RoomContext, kind: str, owner: Member, gap_m: float) -> Mem
     return Member(kind, size, (0.0, round(owner.body.y_max + gap_m + size[1] / 2, 3)), needed=False, worth=0.4)
 
 
-GroupMaker = Callable[[RoomContext, TypeName], Iterator[FurnitureGroup]]
 _MAKERS: dict[GroupName, GroupMaker] = {
     "single": single_groups,
     "storage": storage_groups,

@@ -30,6 +30,14 @@ _NEAR_M2 = 0.12
 _OPTIONAL_M2 = 0.3
 _LARGE_M2 = 1.5
 _MENDS = 4
+_DOOR_CLEAR_M = 0.85
+_DOOR_EXTRA_M = 0.05
+# Primitives of all furniture, shared out by floor area; a small room gets a few more than its share.
+_SOLIDS = 450
+_SOLIDS_ROOM = 30
+_CONNECTED = 0.7
+# How much of the wished density each attempt at a room keeps; the last leaves it empty, which always works.
+_ATTEMPTS = (1.0, 1.0, 1.0, 0.7, 0.5, 0.25, 0.0)
 
 
 @dataclass
@@ -174,16 +182,6 @@ def _leaves_open(work: _Work, count: int) -> bool:
 def _account(work: _Work, group: PlacedGroup, sign: int) -> None:
     work.covered_m2 += sign * sum(piece.covers_m2 for piece in group.pieces)
     work.solids -= sign * sum(len(compose(piece.type, piece.size, work.style)) for piece in group.pieces)
-
-
-_DOOR_CLEAR_M = 0.85
-_DOOR_EXTRA_M = 0.05
-# Primitives of all furniture, shared out by floor area; a small room gets a few more than its share.
-_SOLIDS = 450
-_SOLIDS_ROOM = 30
-_CONNECTED = 0.7
-# How much of the wished density each attempt at a room keeps; the last leaves it empty, which always works.
-_ATTEMPTS = (1.0, 1.0, 1.0, 0.7, 0.5, 0.25, 0.0)
 
 
 @dataclass(frozen=True)

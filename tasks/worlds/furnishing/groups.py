@@ -18,6 +18,11 @@ from tasks.worlds.furniture.furniture_type import Anchor, Size, Taste, TypeName,
 from tasks.worlds.geometry import Box, bounding_box
 
 _HALL_M2 = 50.0
+_AROUND_M = 0.45
+# Depth of what may stand in a hallway narrower than this, where the way is what matters.
+_HALL_DEPTH_M = 0.45
+_HALL_WIDE_M = 2.6
+_MUCH_SPARE = 0.2
 
 
 @dataclass
@@ -189,13 +194,6 @@ def front_zone(size: Size, depth_m: float, aside_m: float = 0.0) -> Zone:
     """Returns the floor before a first member, as wide as it is or wider on both sides."""
     x = size[0] / 2 + aside_m
     return Zone(Box(-x, size[1] / 2, x, size[1] / 2 + depth_m))
-
-
-_AROUND_M = 0.45
-# Depth of what may stand in a hallway narrower than this, where the way is what matters.
-_HALL_DEPTH_M = 0.45
-_HALL_WIDE_M = 2.6
-_MUCH_SPARE = 0.2
 
 
 def single_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tasks.worlds.floorplan.floorplan import START_CLEAR_M
+from tasks.worlds.floorplan.passages import START_CLEAR_M
 from tasks.worlds.furnishing.groups import FurnitureGroup, Member
 from tasks.worlds.furnishing.scene import LineBox, RoomScene, Taken, WallLine
 from tasks.worlds.furniture.catalogue import CATALOGUE
@@ -20,6 +20,13 @@ LinePlace = tuple[float, int, float, float]
 _CLEAR_M2 = START_CLEAR_M**2
 _FAR_M = 1e9
 _EVERYWHERE = [(-_FAR_M, _FAR_M)]
+_WALL_GAP_M = 0.02
+_SIDE_GAP_M = 0.06
+_LOOSE = 3
+"""Places by chance on each line, besides those that touch something."""
+_BESIDE_HELD = 0.6
+_IN_ROOM = 40
+_rank = itemgetter(0)
 
 
 class Interval(NamedTuple):
@@ -240,14 +247,6 @@ def _meets_start(box: Box, center: tuple[float, float]) -> bool:
     return gap_x * gap_x + gap_y * gap_y < _CLEAR_M2
 
 
-_WALL_GAP_M = 0.02
-_SIDE_GAP_M = 0.06
-_LOOSE = 3
-"""Places by chance on each line, besides those that touch something."""
-_BESIDE_HELD = 0.6
-_IN_ROOM = 40
-
-
 class Spot(NamedTuple):
     """A place where a group fits.
 
@@ -270,7 +269,6 @@ class Spot(NamedTuple):
 
 _Found = tuple[int, Spot]
 """A place, and its rank among all that are tried."""
-_rank = itemgetter(0)
 
 
 def find_spots(rng: np.random.Generator, scene: RoomScene, group: FurnitureGroup) -> list[Spot]:

@@ -15,6 +15,12 @@ _CELL_M = 0.1
 # What the clearance grid takes from a way at most: see ``_GRID_SLACK_M`` of ``geometry``, and half of its cell.
 _PLAY_M = 0.09
 _CONNECTED = 0.78
+# What standing in the middle of a room costs, where that is no hall: there people do so.
+_FREE_STANDING_COST, _IN_HALLS = 1.5, 0.1
+_HALL_M2 = 80.0
+_CORNERLESS_COST = 3.0
+_TURNED_AWAY_COST = 4.0
+_CAREFUL_TRIES = 4
 
 
 def robot_gets_around(
@@ -73,13 +79,6 @@ def _has_large_part(free: Bool[np.ndarray, "x y"], wanted: float) -> bool:
     """Returns whether so many free cells hang together."""
     sizes = np.bincount(label_parts(free)[free])
     return sizes.size > 0 and int(sizes.max()) >= wanted
-
-
-# What standing in the middle of a room costs, where that is no hall: there people do so.
-_FREE_STANDING_COST, _IN_HALLS = 1.5, 0.1
-_HALL_M2 = 80.0
-_CORNERLESS_COST = 3.0
-_TURNED_AWAY_COST = 4.0
 
 
 def placement_cost(
@@ -157,9 +156,6 @@ def _facing_cost(piece: Piece, spot: Spot) -> float:
     axis = piece.quarter % 2
     turned_away = _TURNED_AWAY_COST * (spot.quarter != (piece.quarter + 2) % 4)
     return abs(spot.center[axis] - piece.center[axis]) + turned_away
-
-
-_CAREFUL_TRIES = 4
 
 
 def place_group(

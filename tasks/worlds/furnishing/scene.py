@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from tasks.worlds.floorplan.floorplan import START_CLEAR_M, Pane
+from tasks.worlds.floorplan.floorplan import Pane
+from tasks.worlds.floorplan.passages import START_CLEAR_M
 from tasks.worlds.furniture.furniture_type import Size, TypeName
 from tasks.worlds.geometry import EPSILON_M, Box
 

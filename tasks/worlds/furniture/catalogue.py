@@ -15,6 +15,8 @@ from tasks.worlds.furniture.furniture_type import FurnitureType, Primitive, Room
 # Seeded draws follow it: a new family comes last.
 _FAMILIES = (kitchen, bathroom, beds_and_lamps, tables, cabinets, shelves, seats)
 CATALOGUE: dict[TypeName, FurnitureType] = {each.name: each for family in _FAMILIES for each in family.TYPES}
+# A list is an explicit wish: more of the same is welcome than the defaults would have.
+_LISTED_SHARE = 0.5
 
 
 @lru_cache(maxsize=4096)
@@ -56,9 +58,6 @@ def _uses(room: RoomType, tier: Tier) -> list[tuple[TypeName, RoomUse]]:
 
 
 ROOM_DEFAULTS: dict[RoomType, RoomDefaults] = {room: room_defaults_of(room) for room in get_args(RoomType)}
-
-# A list is an explicit wish: more of the same is welcome than the defaults would have.
-_LISTED_SHARE = 0.5
 
 
 def draw_usual_furniture(rng: np.random.Generator, room: RoomType) -> tuple[list[TypeName], dict[TypeName, float]]:

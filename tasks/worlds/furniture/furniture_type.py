@@ -24,6 +24,29 @@ Size = tuple[float, float, float]
 Range = tuple[float, float]
 """From where to where along one axis (metres)."""
 
+FRONT_M = 0.02
+"""Thickness of doors and drawer fronts."""
+STAND_M = 0.1
+"""Height of what a cabinet stands on."""
+BOARD_M = 0.03
+"""Thickness of tops and boards."""
+REVEAL_M = 0.01
+"""Gap between two fronts, through which one sees the darker body."""
+TypeName = str
+"""The name of a furniture type, such as ``Sofas``."""
+Anchor = Literal["wall", "corner", "center"]
+Tier = Literal["essential", "likely", "occasional"]
+GroupName = Literal[
+    "single", "storage", "bed", "desk", "dining table", "sofa", "armchair", "television", "kitchen row", "laundry"
+]  # fmt: skip
+"""With what a piece is placed; ``tasks/worlds/furnishing/arrangements.py`` has the function for each name."""
+STEP_M = 0.05
+"""Sizes are drawn in steps of this: shops do not sell tables of 1.37 m, and homes share what is made of them."""
+HALLS = (50.0, 1e9)
+"""Area of rooms the size of a hall (square metres)."""
+LAST = 99
+"""The place of what comes after everything that has a place of its own."""
+
 
 class Paint(NamedTuple):
     """What a part is coloured with: a colour of its own, or one that the room's palette decides.
@@ -51,15 +74,6 @@ STEEL, DARK, SCREEN = Paint("", (0.74, 0.76, 0.78)), Paint("", (0.16, 0.16, 0.18
 WATER, GLASS = Paint("", (0.66, 0.82, 0.88)), Paint("", (0.75, 0.87, 0.9))
 IRON = Paint("", (0.36, 0.35, 0.36))
 BASKET, BOTTLE, SPIRIT = Paint("", (0.74, 0.63, 0.46)), Paint("", (0.2, 0.36, 0.26)), Paint("", (0.5, 0.3, 0.16))
-
-FRONT_M = 0.02
-"""Thickness of doors and drawer fronts."""
-STAND_M = 0.1
-"""Height of what a cabinet stands on."""
-BOARD_M = 0.03
-"""Thickness of tops and boards."""
-REVEAL_M = 0.01
-"""Gap between two fronts, through which one sees the darker body."""
 
 
 class Primitive(NamedTuple):
@@ -215,22 +229,6 @@ def front_face(size: Size) -> tuple[Range, Range, float]:
 def shade(paint: Paint, share: float) -> Paint:
     """Returns a paint that is so much brighter, or below 1 darker."""
     return paint._replace(share=paint.share * share)
-
-
-TypeName = str
-"""The name of a furniture type, such as ``Sofas``."""
-Anchor = Literal["wall", "corner", "center"]
-Tier = Literal["essential", "likely", "occasional"]
-GroupName = Literal[
-    "single", "storage", "bed", "desk", "dining table", "sofa", "armchair", "television", "kitchen row", "laundry"
-]  # fmt: skip
-"""With what a piece is placed; ``tasks/worlds/furnishing/arrangements.py`` has the function for each name."""
-STEP_M = 0.05
-"""Sizes are drawn in steps of this: shops do not sell tables of 1.37 m, and homes share what is made of them."""
-HALLS = (50.0, 1e9)
-"""Area of rooms the size of a hall (square metres)."""
-LAST = 99
-"""The place of what comes after everything that has a place of its own."""
 
 
 @dataclass(frozen=True)

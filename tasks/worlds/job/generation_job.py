@@ -30,6 +30,12 @@ from tasks.storage.worlds import write_world
 from tasks.worlds.generate import world_name
 from tasks.worlds.job.production import Indices, Order, WorldOutcome, make, produce
 
+KIND: JobKind = "world-generation-job"
+_REASON_LENGTH = 1024
+_LOOK_EVERY_S = 1.0
+_log = logging.getLogger(__name__)
+MOST_REMADE = 64
+
 
 def make_and_keep(
     store: Store, order: Order, indices: Sequence[Indices], going: Callable[[], bool]
@@ -61,12 +67,6 @@ def missing_worlds(store: Store, generation: str, indices: Sequence[Indices]) ->
     """Returns those worlds of a generation job that the store does not have."""
     there = set(store.keys(worlds_prefix(generation)))
     return [each for each in indices if world_key(generation, world_name(*each)) not in there]
-
-
-KIND: JobKind = "world-generation-job"
-_REASON_LENGTH = 1024
-_LOOK_EVERY_S = 1.0
-_log = logging.getLogger(__name__)
 
 
 class RemoteWorldMaker(Protocol):
@@ -285,9 +285,6 @@ def _end(store: Store, record: JobRecord, finished: _JobOutcome) -> JobRecord:
     reason = next(reason for _, reason in finished.failures.values())[:_REASON_LENGTH]
     code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"
     return advance(store, KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
-
-
-MOST_REMADE = 64
 
 
 def world_changes(

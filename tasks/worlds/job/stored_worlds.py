@@ -31,6 +31,9 @@ _MEASURED = (
     "overlaps",
 )
 
+_USERS: Sequence[JobKind] = ("simulation-job-batch", "world-export-job")
+_GENERATION: JobKind = "world-generation-job"
+
 
 def add_world(store: Store, file: Path) -> str:
     """Returns ``<generation>/<world>`` of a world that is in the store now; the same one may be there already.
@@ -71,10 +74,6 @@ def _wrong_fields(world: World) -> list[str]:
 
 def _fault(file: Path, value: str, allowed: str) -> DocumentError:
     return DocumentError.of(str(file), value, allowed, source="simyard")
-
-
-_USERS: Sequence[JobKind] = ("simulation-job-batch", "world-export-job")
-_GENERATION: JobKind = "world-generation-job"
 
 
 def delete_worlds(store: Store, worlds: Iterable[str]) -> list[str]:

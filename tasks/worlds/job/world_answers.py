@@ -40,6 +40,16 @@ from tasks.storage.worlds import decode_world, reference_key
 
 _SUMMARISED = ("template", "worldCount")
 _DESCRIBED = (*_SUMMARISED, "tags", "worldTags")
+_WORLDS = TypeAdapter(list[str])
+# Not from the job itself, which imports what makes worlds.
+_KIND: JobKind = "world-generation-job"
+_WORLD, _TEMPLATE = "world", "world-template"
+_MOST = 100
+_JOB_FILTERS = ("status", "templateId")
+_WORLD_FILTERS = ("status", "generationJobId", "templateId")
+_NUMBER, _DIGITS = re.compile("[0-9]+"), 9
+_LAST_US = 1 << 62
+"""The place of what nobody knows the time of."""
 
 
 class _Failure(Spec):
@@ -49,7 +59,6 @@ class _Failure(Spec):
     sample_reason: str
 
 
-_WORLDS = TypeAdapter(list[str])
 _FAILURES = TypeAdapter(dict[str, _Failure])
 
 
@@ -145,10 +154,6 @@ def _failures(record: JobRecord) -> dict[str, _Failure]:
     return _FAILURES.validate_python(record.detail.get("failures", {}))
 
 
-# Not from the job itself, which imports what makes worlds.
-_KIND: JobKind = "world-generation-job"
-
-
 def describe_stored_world(store: Store, path: str) -> DescribeWorldResponse:
     """Returns a world, by ``<generation>/<world>``; of one that somebody added no job is told.
 
@@ -199,15 +204,6 @@ def _read_object(store: Store, key: str, kind: ResourceKind, path: str) -> bytes
         return store.get(key).body
     except ObjectNotFound as exc:
         raise ResourceNotFound.of(kind, repr(path), absence([kind], store.url)) from exc
-
-
-_WORLD, _TEMPLATE = "world", "world-template"
-_MOST = 100
-_JOB_FILTERS = ("status", "templateId")
-_WORLD_FILTERS = ("status", "generationJobId", "templateId")
-_NUMBER, _DIGITS = re.compile("[0-9]+"), 9
-_LAST_US = 1 << 62
-"""The place of what nobody knows the time of."""
 
 
 def generation_entry(_store: Store, record: JobRecord) -> IndexEntry:
