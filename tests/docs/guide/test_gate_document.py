@@ -53,7 +53,7 @@ def test_every_rule_is_explained():
 
 def test_every_field_of_the_evidence_is_explained():
     assert first_cells("field | says") == list(Evidence.model_fields)
-    assert f"| `version` | Of this list: {EVIDENCE_VERSION};" in DOCUMENT
+    assert f"| `version` | Of this list: {EVIDENCE_VERSION}. |" in DOCUMENT
 
 
 def test_what_is_assumed_of_missing_data_is_the_table_of_the_code():

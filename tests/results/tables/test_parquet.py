@@ -55,7 +55,9 @@ def test_the_same_episodes_give_the_same_bytes(folder: Path, drawn: tuple[list[E
     assert (folder / "first.parquet").read_bytes() == (folder / "second.parquet").read_bytes()
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])  # the group size is the same for all examples
+@settings(
+    max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)  # the group size is the same for all examples
 @given(sizes=st.lists(st.integers(0, 5), max_size=8))
 def test_however_the_rows_come_the_bytes_are_the_same(folder: Path, sizes: list[int], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(parquet, "ROW_GROUP_ROWS", 4)
