@@ -90,7 +90,7 @@ class RecordedEpisodes:
     def _write_bags(self, samples: Columns) -> Iterator[str]:
         from tasks.results.playback.ros_log import RosView, sample_logs  # noqa: PLC0415 - an extra
         from tasks.ros.bag.bag_file import write_bags  # noqa: PLC0415
-        from tasks.simulate.replay.robot_view import robot_view  # noqa: PLC0415 - it loads MuJoCo
+        from tasks.simulate.host.twist_drive import robot_view  # noqa: PLC0415 - it loads MuJoCo
 
         bucket, plan, layout = self._bucket(), self._batch.plan, self._batch.layout
         requests = {index: layout.request(index) for index in dict.fromkeys(samples["index"].tolist())}

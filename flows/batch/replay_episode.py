@@ -229,7 +229,7 @@ def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
     if wanted.bags:
         from tasks.results.playback.ros_log import RosView, playback_log  # noqa: PLC0415 - an extra
         from tasks.ros.bag.bag_file import write_bags  # noqa: PLC0415
-        from tasks.simulate.replay.robot_view import robot_view  # noqa: PLC0415 - it loads MuJoCo
+        from tasks.simulate.host.twist_drive import robot_view  # noqa: PLC0415 - it loads MuJoCo
 
         log = playback_log(RosView(again.world, *robot_view(again.robot)), again.playback)
         log = with_other_topics(again.traffic, log) if again.traffic else log

@@ -51,8 +51,7 @@ class EnvironmentLanes:
         self._process = _jax_process[0]
         self._require_own_process()
         prepare_devices()
-        from tasks.simulate.training.training_lanes import TrainingLanes
-        from tasks.simulate.training.training_program import training_program
+        from tasks.simulate.training.training_program import TrainingLanes, training_program
 
         if count < 1:
             raise error.Error(f"num_envs: {count}: must be at least 1")

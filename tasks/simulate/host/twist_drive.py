@@ -5,7 +5,8 @@ transmission has when the base moves as the Twist says. That serves speeds ahead
 side, whatever they are called. Any other robot declares it in ``ros.yaml``.
 """
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -14,10 +15,11 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from specs.bundle_files import ROS_FILE, DifferentialDrive, RosDrive, VelocityDrive
+from specs.bundle_files import ROS_FILE, DifferentialDrive, RosDrive, RosRobot, VelocityDrive
 from specs.errors import SimyardError
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_model import Base, base_of, compile_robot, read_robot_mjcf, rest_position
+from tasks.simulate.host.declaration import read_ros_robot
 
 _DYNAMICS = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
 _YAW, _QUARTER_RAD = 2, np.pi / 2
@@ -235,3 +237,35 @@ def _remedy(model: mujoco.MjModel, unclear: _DriveUnclear) -> str:
         "wheel_radius_m for actuators that turn wheels and lists of names for several wheels at a side, or "
         "'drive: {kind: velocity, forward: NAME, turn: NAME}', with sideways for a robot that can"
     )
+
+
+_ROBOTS_KEPT = 8
+
+
+class RobotView(NamedTuple):
+    """A robot as ROS sees it.
+
+    Attributes:
+        robot: Names of its topics and frames; the defaults of one that declares nothing.
+        twists: Returns the Twists of controls, given headings; None where it cannot be seen what a Twist does.
+    """
+
+    robot: RosRobot
+    twists: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
+
+
+@functools.lru_cache(maxsize=_ROBOTS_KEPT)
+def robot_view(folder: Path) -> RobotView:
+    """Returns how ROS sees the robot of a bundle.
+
+    Args:
+        folder: Where the bundle is unpacked, named by its digest.
+    """
+    try:
+        robot = read_ros_robot(folder)
+    except RobotRefused:  # its episodes failed with that
+        robot = RosRobot()
+    try:
+        return RobotView(robot, twist_map(folder / "robot.xml", robot.drive).twists)
+    except RobotRefused:  # a robot of any kind drives without Twists
+        return RobotView(robot, None)

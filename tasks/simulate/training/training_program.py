@@ -1,22 +1,23 @@
-"""The program of a task: its robot on a compiled engine, its pool of episodes, and the functions of a trainer's lanes.
+"""The program of a task: its robot on a compiled engine, its pool of episodes, and the lanes that a trainer steps.
 
 A control step of all lanes begins episodes that ended anew. A lane takes the same steps as in a batch: the engine
 drives, the lane judges and senses. What comes besides is the draw of the next episode, a copy of its inputs out of the
-pool, and a reward.
+pool, and a reward. From the host, actions go in, and NumPy arrays come out of each control step.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.sharding import Mesh, PartitionSpec
-from jaxtyping import Array, Bool, Float, Int, UInt32
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Bool, Float, Float32, Int, UInt32
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import load_factory
 from tasks.simulate.application.contract import TIMEOUT, Observation, Verdict
@@ -24,6 +25,7 @@ from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.engines.mjx.mjx_engine import mjx_mechanics
 from tasks.simulate.engines.planar.planar_engine import planar_mechanics
 from tasks.simulate.engines.program import (
+    LaneTransfer,
     PackedLanes,
     lane_mesh,
     pack_lane,
@@ -46,6 +48,7 @@ from tasks.simulate.lane.control_step import (
     truth_after,
 )
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensors.sensor import seed_words
 from tasks.simulate.sensors.sensor_table import Sensors, read_sensors
 from tasks.simulate.training.episode_pool import EpisodePool, StagedPool, WayFields, stage_pool, way_left_m
 from tasks.simulate.training.training_spaces import (
@@ -444,3 +447,117 @@ def _declaration(folder: Path, launch: ApplicationLaunch) -> Callable[..., objec
     if kind in HOST_KINDS:
         return HOST_KINDS[kind](bundle).declare
     return load_factory(*bundle, "controller", "RobotApplicationCrash")
+
+
+# A reward and two flags, and how the episode stands, go before what is seen.
+_GIVEN, _FIRST = 3, 12
+
+
+class LaneStep(NamedTuple):
+    """What a step gives, lanes first; arrays of the caller's own."""
+
+    observation: dict[str, Float32[np.ndarray, "lanes ..."]]
+    reward: Float32[np.ndarray, "lanes"]
+    terminated: Bool[np.ndarray, "lanes"]
+    truncated: Bool[np.ndarray, "lanes"]
+
+
+class EpisodeEnds(NamedTuple):
+    """How episodes stand, lanes first; fields as in EpisodeResult."""
+
+    reason: Int[np.ndarray, "lanes"]
+    goals_reached: Int[np.ndarray, "lanes"]
+    simulated_s: np.ndarray
+    path_length_m: np.ndarray
+    collisions: Int[np.ndarray, "lanes"]
+    pose: np.ndarray
+
+
+class TrainingLanes:
+    """Lanes that a trainer steps.
+
+    Attributes:
+        program: What they share with others of the same task.
+        count: How many there are.
+    """
+
+    def __init__(self, program: TrainingProgram, count: int) -> None:
+        self.program, self.count = program, count
+        mesh = program.compiled.mesh
+        self._transfer = LaneTransfer(mesh)
+        self._pool = jax.device_put(program.pool.arrays, NamedSharding(mesh, PartitionSpec()))
+        self._lanes: PackedTraining = program.compiled.blank(self._pool, self._put(np.ones(count, bool)))
+        self._first, self._seen = np.zeros((count, _FIRST), np.float32), np.zeros((count, 0), np.float32)
+
+    @property
+    def seen(self) -> Float32[np.ndarray, "lanes numbers"]:
+        """Returns the last observation, one field's numbers after another's; the same memory as its fields."""
+        return self._seen
+
+    def reset(self, marked: Bool[np.ndarray, "lanes"], seeds: Sequence[int | None]) -> dict[str, np.ndarray]:
+        """Begins the next episodes of some lanes, and returns all lanes' observations.
+
+        Args:
+            marked: Which lanes.
+            seeds: A new seed for a lane, whose first episode it then begins; None for one that goes on.
+        """
+        fresh, words = np.zeros(self.count, bool), np.zeros((self.count, 2), np.uint32)
+        for lane, seed in enumerate(seeds):
+            if seed is not None and marked[lane]:
+                fresh[lane], words[lane] = True, seed_words(int(seed))
+        renewal = Renewal(self._put(marked), self._put(fresh), self._put(words))
+        self._lanes, rows = self.program.compiled.renew(self._pool, self._lanes, renewal)
+        self._keep(rows)
+        return self._fields()
+
+    def step(self, actions: Float32[np.ndarray, "lanes actions"]) -> LaneStep:
+        """Drives all lanes a control step, and returns what it gives.
+
+        Args:
+            actions: Finite numbers.
+        """
+        self._lanes, rows = self.program.compiled.step(self._pool, self._lanes, self._put(actions))
+        self._keep(rows)
+        reward, terminated, truncated = self._first[:, :_GIVEN].T
+        return LaneStep(self._fields(), reward.copy(), terminated > 0.0, truncated > 0.0)
+
+    def ends(self) -> EpisodeEnds:
+        """Returns how the lanes' episodes stand."""
+        standing = self._standing()
+        return EpisodeEnds(
+            reason=standing.reason.astype(np.int32),
+            goals_reached=standing.goal_index.astype(np.int32),
+            simulated_s=np.round(standing.step.astype(np.int32) * CONTROL_S, 6),
+            path_length_m=standing.path_length_m.copy(),
+            collisions=standing.collisions.astype(np.int32),
+            pose=standing.pose.copy(),
+        )
+
+    def episodes(self) -> Int[np.ndarray, "lanes"]:
+        """Returns which episode of the pool each lane is in."""
+        return self._standing().episode.astype(np.int32)
+
+    def _put(self, array: np.ndarray) -> jax.Array:
+        """Returns an array on the devices, with nothing for the lanes that only fill them."""
+        whole = np.zeros((self.program.lanes, *array.shape[1:]), array.dtype)
+        whole[: len(array)] = array
+        return self._transfer.put(whole)
+
+    def _keep(self, rows: jax.Array) -> None:
+        # Copies: what an array on the host's own devices shows is used up by the next step.
+        shares = self._transfer.fetch(rows)
+        self._first = np.concatenate([share[:, :_FIRST] for share in shares])[: self.count]
+        self._seen = np.concatenate([share[:, _FIRST:] for share in shares])[: self.count]
+
+    def _standing(self) -> Standing:
+        reason, goal, step, way_m, collisions, *pose, episode = self._first[:, _GIVEN:].T
+        return Standing(reason, goal, step, way_m, collisions, np.stack(pose, axis=1), episode)
+
+    def _fields(self) -> dict[str, np.ndarray]:
+        fields: dict[str, np.ndarray] = {}
+        begin = 0
+        for name, bounds in self.program.bounds.items():
+            end = begin + bounds.low.size
+            fields[name] = self._seen[:, begin:end].reshape(self.count, *bounds.low.shape)
+            begin = end
+        return fields

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Float64
 
-from specs.bundle_files import DifferentialDrive, VelocityDrive
+from specs.bundle_files import DifferentialDrive, RosRobot, VelocityDrive
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_model import (
     base_of,
@@ -20,7 +20,8 @@ from tasks.simulate.application.robot_model import (
     rest_position,
     velocity_of,
 )
-from tasks.simulate.host.twist_drive import TwistMap, twist_map
+from tasks.simulate.host.twist_drive import TwistMap, robot_view, twist_map
+from tests.factories.simulations import REPOSITORY
 
 _CONTROL_S, _SETTLE_STEPS, _MEASURED_STEPS = 0.05, 40, 20
 _SHIPPED = {
@@ -211,3 +212,21 @@ def test_controls_along_the_worlds_axes_tell_the_twist_by_the_heading(tmp_path: 
     drive = twist_map(_planar(tmp_path, _AXES + _YAW), _ALONG_WORLD)
     twists, yaw_rad = np.array([[0.5, 0.1, -0.3], [0.2, 0.0, 0.4]]), np.array([1.0, -2.0])
     np.testing.assert_allclose(drive.twists(drive.controls(twists, yaw_rad), yaw_rad), twists, atol=1e-6)
+
+
+def test_a_robot_that_declares_nothing_has_the_usual_names_and_its_controls_are_twists():
+    robot, twists = robot_view(REPOSITORY / "applications/courier")
+    assert robot == RosRobot()
+    assert twists
+    assert twists(np.array([[0.5, -1.0, 0.0]]), np.zeros(1))[0] == pytest.approx([0.5, 0.0, -1.0])
+
+
+def test_a_robot_has_the_names_that_it_declares(tmp_path: Path):
+    (tmp_path / "ros.yaml").write_text("topics: {scan: /front/scan}\n")
+    assert robot_view(tmp_path).robot.topics.scan == "/front/scan"
+
+
+def test_a_robot_without_a_drive_that_can_be_seen_has_no_twists(tmp_path: Path):
+    (tmp_path / "ros.yaml").write_text("no declaration")
+    (tmp_path / "robot.xml").write_text("<mujoco/>")
+    assert robot_view(tmp_path) == (RosRobot(), None)

@@ -12,8 +12,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.training.training_lanes import TrainingLanes
-from tasks.simulate.training.training_program import Task, View, training_program
+from tasks.simulate.training.training_program import Task, TrainingLanes, View, training_program
 from tests.factories.simulations import COURIER, DELIVERY, FOLDERS, SCENARIO, cluttered, simulate_lanes
 
 BUNDLE = "9" * 64
