@@ -56,11 +56,11 @@ def run_batch(kind: str, folder: Path) -> None:
     programs, chunks = _watched(), plan_chunks(requests, LANES)
     from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline  # noqa: PLC0415 - imports JAX, after its settings
 
-    under_way = ChunkPipeline()
+    pipeline = ChunkPipeline()
     for place, chunk in enumerate(chunks):
         ahead = [chunks[number] for number in chunks_ahead(range(place + 1, len(chunks)))]
         rows += simulate_columns(
-            chunk, worlds, folders, lanes=LANES, should_stop=lambda: False, under_way=under_way, ahead=ahead
+            chunk, worlds, folders, lanes=LANES, should_stop=lambda: False, pipeline=pipeline, ahead=ahead
         )
     figures = {
         "finished": sum(row.status == "Completed" for row in rows),

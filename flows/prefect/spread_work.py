@@ -331,4 +331,4 @@ def _simulate_numbers(
 
 def _is_authentic(batch: OpenBatch, number: int) -> bool:
     found = stored_chunk(batch.store, batch.id, number, batch.authenticator)
-    return found is not None and found.vouched
+    return found is not None and found.authentic

@@ -108,7 +108,7 @@ class Service:
         """Begins without worlds."""
         self._connection, self._worlds, self._chunks = connection, dict[str, World](), dict[int, Chunk]()
         self._stopped, self._poll, self._asked = False, select.poll(), False
-        self._under_way: ChunkPipeline | None = None
+        self._pipeline: ChunkPipeline | None = None
         self._poll.register(connection, select.POLLIN)
 
     def asked(self) -> bool:
@@ -117,7 +117,7 @@ class Service:
 
     def work_ahead(self) -> bool:
         """Simulates a slice of what is going to be asked for; returns False if nothing is known of that."""
-        return self._under_way is not None and self._under_way.work_ahead()
+        return self._pipeline is not None and self._pipeline.work_ahead()
 
     def compiles(self) -> None:
         """Tells whoever asks that a program is compiled, which may take minutes; of what nobody waits for, nothing."""
@@ -147,7 +147,7 @@ class Service:
     def _work(self, work: LanesWork | AuditWork | ReplayWork) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
         if not isinstance(work, LanesWork):
-            self._under_way = None  # with all chunks that were begun early
+            self._pipeline = None  # with all chunks that were begun early
         match work:
             case LanesWork():
                 self._lanes(work, bundles)
@@ -168,8 +168,8 @@ class Service:
         known = {**self._chunks, **{chunk.number: chunk for chunk in work.new}}
         self._chunks = {number: known[number] for number in work.numbers}
         chunk, *ahead = self._chunks.values()
-        if self._under_way is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
-            self._under_way = ChunkPipeline()
+        if self._pipeline is None and (ahead or _NARROW * len(chunk.requests) > work.lanes):
+            self._pipeline = ChunkPipeline()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz, work.recorded)
         with collect_timings() as timings, collect_tags() as tags:
             rows = simulate_columns(
@@ -181,7 +181,7 @@ class Service:
                 should_stop=self._should_stop,
                 progress=self._progress,
                 recorder=recorder,
-                under_way=self._under_way,
+                pipeline=self._pipeline,
                 ahead=ahead,
             )
         rest = rows.take(np.flatnonzero(~np.isin(rows.index, recorder.told if recorder else [])))

@@ -69,28 +69,28 @@ def test_a_lack_of_memory_a_crash_and_a_defect_are_different_answers(
 def test_few_episodes_with_nothing_after_them_are_driven_by_themselves(
     monkeypatch: pytest.MonkeyPatch, episodes: int, ahead: int, *, refilled: bool
 ):
-    assert [given is not None for given in _under_way(monkeypatch, [_lanes(episodes, ahead)])] == [refilled]
+    assert [given is not None for given in _pipelines(monkeypatch, [_lanes(episodes, ahead)])] == [refilled]
 
 
 def test_few_episodes_of_a_batch_that_is_under_way_stay_with_it(monkeypatch: pytest.MonkeyPatch):
-    first, last = _under_way(monkeypatch, [_lanes(8, 1), _lanes(1, 0)])
+    first, last = _pipelines(monkeypatch, [_lanes(8, 1), _lanes(1, 0)])
     assert first is not None
     assert last is first
 
 
 def test_nothing_that_was_begun_early_outlives_an_audit(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(audit_drive, "audit", lambda *_, **__: AuditReport(verdict="SOUND", sentence=""))
-    first, after = _under_way(monkeypatch, [_lanes(8, 1), WORK, _lanes(8, 0)])
+    first, after = _pipelines(monkeypatch, [_lanes(8, 1), WORK, _lanes(8, 0)])
     assert after is not None
     assert after is not first
 
 
-def _under_way(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | AuditWork]) -> list[object]:
+def _pipelines(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | AuditWork]) -> list[object]:
     """Returns what of lanes under way each question about lanes was simulated with."""
     given: list[object] = []
 
-    def simulate(*_: object, under_way: object, **__: object) -> EpisodeColumns:
-        given.append(under_way)
+    def simulate(*_: object, pipeline: object, **__: object) -> EpisodeColumns:
+        given.append(pipeline)
         return EpisodeColumns.of([])
 
     monkeypatch.setattr(runner, "simulate_columns", simulate)

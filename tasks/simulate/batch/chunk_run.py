@@ -235,7 +235,7 @@ def run_chunk(
         StageFailed: It was committed with other results, which nobody vouches for.
     """
     committed = stored_chunk(batch.store, batch.id, number, batch.authenticator)
-    if committed is not None and committed.vouched:
+    if committed is not None and committed.authentic:
         return ChunkEnd(batch.layout.chunk_size(number), lanes)
     start_s, start = time.monotonic(), begin_chunk(batch.store, batch.id, number, spent_s)
     chunk, able, worlds, unable = prepared_chunk(batch, number, unusable or {})

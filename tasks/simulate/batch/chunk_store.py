@@ -135,11 +135,11 @@ class StoredChunk(NamedTuple):
 
     Attributes:
         results: Its results; None if they are not results at all.
-        vouched: Whether this owner vouches for them.
+        authentic: Whether their MAC is this owner's.
     """
 
     results: "EpisodeColumns | None"
-    vouched: bool
+    authentic: bool
 
     @property
     def rows(self) -> list[EpisodeResult] | None:
@@ -176,7 +176,7 @@ def commit(
         store.create(chunk_key(batch, number), body)
     except ObjectExists:
         found = stored_chunk(store, batch, number, authenticator)
-        if found is not None and found.vouched and found.results is not None:
+        if found is not None and found.authentic and found.results is not None:
             return found.results
         if found is not None:
             _require_same(store, chunk_key(batch, number), found.rows, columns.rows())
@@ -195,7 +195,7 @@ def commit_missing(
 
 
 def stored_chunk(store: Store, batch: str, number: int, authenticator: BatchAuthenticator) -> StoredChunk | None:
-    """Returns a chunk that was committed, and whether its owner vouches for it; None if there is none."""
+    """Returns a chunk that was committed, and whether its MAC is its owner's; None if there is none."""
     try:
         body = store.get(chunk_key(batch, number)).body
     except ObjectNotFound:
@@ -203,7 +203,7 @@ def stored_chunk(store: Store, batch: str, number: int, authenticator: BatchAuth
     try:
         return StoredChunk(results_in(body), is_authentic(body, number, authenticator))
     except ValueError:
-        return StoredChunk(None, vouched=False)
+        return StoredChunk(None, authentic=False)
 
 
 def counted_columns(
@@ -215,7 +215,7 @@ def counted_columns(
         StageFailed: Nobody vouches for what lies there.
     """
     found = stored_chunk(store, batch, number, authenticator)
-    if found is not None and not found.vouched:
+    if found is not None and not found.authentic:
         why = f"{store.url}/{chunk_key(batch, number)} is not what this owner's process wrote there"
         raise StageFailed("MismatchedEtag", f"{why}. Somebody has changed it: run the document again")
     return found.results if found else None

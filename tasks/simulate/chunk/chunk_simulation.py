@@ -55,7 +55,7 @@ def simulate_episodes(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
     recorder: SampleRecorder | None = None,
-    under_way: ChunkPipeline | None = None,
+    pipeline: ChunkPipeline | None = None,
     ahead: Sequence[Chunk] = (),
 ) -> EpisodeColumns:
     """Returns a chunk's rows in request order.
@@ -69,12 +69,12 @@ def simulate_episodes(
         should_stop: Asked after each slice; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
-        under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
+        pipeline: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
         ahead: Chunks that are going to be asked for after it.
     """
-    if under_way is not None:
+    if pipeline is not None:
         setting = LaneSetting(bundles, lanes, engine, recorder.rate_hz if recorder else None)
-        found = under_way.simulated(
+        found = pipeline.simulated(
             chunk,
             ahead,
             worlds,

@@ -29,7 +29,7 @@ def simulate_columns(
     should_stop: Callable[[], bool],
     progress: Callable[[int], None] = lambda _: None,
     recorder: SampleRecorder | None = None,
-    under_way: "ChunkPipeline | None" = None,
+    pipeline: "ChunkPipeline | None" = None,
     ahead: Sequence[Chunk] = (),
 ) -> "EpisodeColumns":
     """Returns the results of a chunk's episodes as columns, in request order.
@@ -46,7 +46,7 @@ def simulate_columns(
         should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
-        under_way: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
+        pipeline: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
         ahead: Chunks that are going to be asked for after it, in their order; ``worlds`` has theirs, too.
 
     Raises:
@@ -65,6 +65,6 @@ def simulate_columns(
         should_stop=should_stop,
         progress=progress,
         recorder=recorder,
-        under_way=under_way,
+        pipeline=pipeline,
         ahead=ahead,
     )

@@ -83,7 +83,7 @@ def test_without_the_key_all_is_simulated_anew_and_vouched_for_from_then_on(
     for number in range(batch.layout.chunks):
         chunk = stored_chunk(batch.store, batch.id, number, batch.authenticator)
         assert chunk is not None
-        assert chunk.vouched
+        assert chunk.authentic
 
 
 def test_without_the_key_a_forged_row_is_named(closed: OpenBatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):

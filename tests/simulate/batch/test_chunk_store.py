@@ -70,12 +70,12 @@ def test_each_changed_byte_of_a_chunk_is_noticed(batch: OpenBatch):
         batch.store.put(key, bytes(changed))
         found = stored_chunk(batch.store, batch.id, 0, batch.authenticator)
         assert found is not None
-        assert not found.vouched
+        assert not found.authentic
     for cut in (0, 1, 20, 80, len(body) - 1):
         batch.store.put(key, body[:cut])
         found = stored_chunk(batch.store, batch.id, 0, batch.authenticator)
         assert found is not None
-        assert not found.vouched
+        assert not found.authentic
 
 
 def test_a_chunk_is_not_vouched_for_under_another_number(batch: OpenBatch):
@@ -83,7 +83,7 @@ def test_a_chunk_is_not_vouched_for_under_another_number(batch: OpenBatch):
     batch.store.put(chunk_key(batch.id, 1), batch.store.get(chunk_key(batch.id, 0)).body)
     found = stored_chunk(batch.store, batch.id, 1, batch.authenticator)
     assert found is not None
-    assert not found.vouched
+    assert not found.authentic
 
 
 def test_what_nobody_vouches_for_is_simulated_anew_and_adopted_if_it_is_the_same(batch: OpenBatch):

@@ -9,7 +9,7 @@ import pytest
 
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk import chunk_pipeline as under_way_module
+from tasks.simulate.chunk import chunk_pipeline as pipeline_module
 from tasks.simulate.chunk import lane_pool
 from tasks.simulate.chunk.byproducts import collect_timings
 from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline
@@ -56,7 +56,7 @@ def traces() -> Iterator[list[str]]:
     jax.monitoring.unregister_event_duration_listener(tell)
 
 
-def drive(pens: dict[str, World], traces: list[str], under_way: ChunkPipeline | None, ahead: int = 2) -> Driven:
+def drive(pens: dict[str, World], traces: list[str], pipeline: ChunkPipeline | None, ahead: int = 2) -> Driven:
     rows: list[EpisodeResult] = []
     recorded: list[dict[str, bytes]] = []
     traced: list[int] = []
@@ -70,7 +70,7 @@ def drive(pens: dict[str, World], traces: list[str], under_way: ChunkPipeline | 
                 lanes=LANES,
                 should_stop=lambda: False,
                 recorder=recorder,
-                under_way=under_way,
+                pipeline=pipeline,
                 ahead=CHUNKS[place + 1 : place + 1 + ahead],
             )
             traced.append(len(traces) - before)
@@ -110,7 +110,7 @@ def test_nothing_is_traced_after_the_first_chunk(alone: Driven, together: Driven
 
 
 def one(
-    chunk: Chunk, pens: dict[str, World], under_way: ChunkPipeline, ahead: Sequence[Chunk] = (), stop_after: int = 99
+    chunk: Chunk, pens: dict[str, World], pipeline: ChunkPipeline, ahead: Sequence[Chunk] = (), stop_after: int = 99
 ):
     asked: list[int] = []
 
@@ -119,37 +119,37 @@ def one(
         return len(asked) > stop_after
 
     return simulate_lanes(
-        chunk, pens, FOLDERS, lanes=LANES, should_stop=should_stop, under_way=under_way, ahead=ahead
+        chunk, pens, FOLDERS, lanes=LANES, should_stop=should_stop, pipeline=pipeline, ahead=ahead
     )  # fmt: skip
 
 
 def test_what_was_simulated_before_it_is_asked_for_is_the_same(alone: Driven, pens: dict[str, World]):
-    under_way = ChunkPipeline()
-    first = one(CHUNKS[0], pens, under_way, CHUNKS[1:2])
+    pipeline = ChunkPipeline()
+    first = one(CHUNKS[0], pens, pipeline, CHUNKS[1:2])
     for _ in range(50):
-        under_way.work_ahead()
-    second = one(CHUNKS[1], pens, under_way, stop_after=0)
+        pipeline.work_ahead()
+    second = one(CHUNKS[1], pens, pipeline, stop_after=0)
     assert first + second == alone.rows[: 2 * LANES]
 
 
 @pytest.mark.long
 def test_another_chunk_than_was_expected_is_simulated_all_the_same(alone: Driven, pens: dict[str, World]):
-    under_way = ChunkPipeline()
-    one(CHUNKS[0], pens, under_way, CHUNKS[1:3])
-    assert one(CHUNKS[3], pens, under_way, CHUNKS[4:]) == alone.rows[3 * LANES : 4 * LANES]
+    pipeline = ChunkPipeline()
+    one(CHUNKS[0], pens, pipeline, CHUNKS[1:3])
+    assert one(CHUNKS[3], pens, pipeline, CHUNKS[4:]) == alone.rows[3 * LANES : 4 * LANES]
 
 
 @pytest.mark.long
 def test_a_chunk_that_is_stopped_keeps_the_rows_of_what_was_done_and_the_next_begins_anew(
     alone: Driven, pens: dict[str, World]
 ):
-    under_way = ChunkPipeline()
-    rows = one(CHUNKS[0], pens, under_way, CHUNKS[1:3], stop_after=2)
+    pipeline = ChunkPipeline()
+    rows = one(CHUNKS[0], pens, pipeline, CHUNKS[1:3], stop_after=2)
     done = [row for row in rows if row.status != "Canceled"]
     assert 0 < len(done) < LANES
     assert done == [alone.rows[row.index] for row in done]
-    assert not under_way.work_ahead()
-    assert one(CHUNKS[1], pens, under_way) == alone.rows[LANES : 2 * LANES]
+    assert not pipeline.work_ahead()
+    assert one(CHUNKS[1], pens, pipeline) == alone.rows[LANES : 2 * LANES]
 
 
 @pytest.mark.long
@@ -157,10 +157,10 @@ def test_a_chunk_that_is_stopped_keeps_the_rows_of_what_was_done_and_the_next_be
 def test_a_chunk_ahead_that_cannot_run_takes_no_row_from_the_chunk_before_it(
     alone: Driven, pens: dict[str, World], launch: str
 ):
-    under_way = ChunkPipeline()
+    pipeline = ChunkPipeline()
     (broken,) = plan_chunks([pushing(k, world="hand/pen-0", launch=launch) for k in range(4)], LANES)
-    assert one(CHUNKS[0], pens, under_way, [broken]) == alone.rows[:LANES]
-    assert {row.failure_code for row in one(broken, pens, under_way)} == {"RobotApplicationCrash"}
+    assert one(CHUNKS[0], pens, pipeline, [broken]) == alone.rows[:LANES]
+    assert {row.failure_code for row in one(broken, pens, pipeline)} == {"RobotApplicationCrash"}
 
 
 @pytest.mark.long
@@ -183,18 +183,18 @@ def _small_chunks(*durations_s: tuple[float, ...]) -> list[Chunk]:
 
 
 def test_a_slice_that_is_on_its_way_when_a_chunk_is_asked_for_that_is_done_counts(pens: dict[str, World]):
-    chunks, under_way = _small_chunks((3.0,), (1.0, 1.0), (7.0, 6.0)), ChunkPipeline()
-    together = [one(chunk, pens, under_way, chunks[chunk.number + 1 :]) for chunk in chunks]
+    chunks, pipeline = _small_chunks((3.0,), (1.0, 1.0), (7.0, 6.0)), ChunkPipeline()
+    together = [one(chunk, pens, pipeline, chunks[chunk.number + 1 :]) for chunk in chunks]
     assert together == [one(chunk, pens, ChunkPipeline()) for chunk in chunks]
 
 
 def test_chunks_with_more_samples_than_may_be_kept_are_simulated_one_by_one(
     monkeypatch: pytest.MonkeyPatch, alone: Driven, pens: dict[str, World], traces: list[str]
 ):
-    monkeypatch.setattr(under_way_module, "_KEPT_BYTES", 100)
-    under_way = ChunkPipeline()
-    assert drive(pens, traces, under_way) == alone._replace(traced=[0] * len(CHUNKS))
-    assert not under_way.work_ahead()
+    monkeypatch.setattr(pipeline_module, "_KEPT_BYTES", 100)
+    pipeline = ChunkPipeline()
+    assert drive(pens, traces, pipeline) == alone._replace(traced=[0] * len(CHUNKS))
+    assert not pipeline.work_ahead()
 
 
 def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_measured(
@@ -214,9 +214,9 @@ def test_episodes_for_which_there_are_free_lanes_drive_before_their_ways_are_mea
 
     monkeypatch.setattr(PendingChunk, "wait_for_lanes", waited)
     monkeypatch.setattr(lane_pool, "with_shortest_paths", measured)
-    under_way = ChunkPipeline()
+    pipeline = ChunkPipeline()
     for chunk in chunks:
-        one(chunk, pens, under_way, chunks[chunk.number + 1 :])
+        one(chunk, pens, pipeline, chunks[chunk.number + 1 :])
     for chunk in chunks:
         waits, is_measured = (
             events.index(f"chunk {chunk.number} {what}") for what in ("waits for lanes", "is measured")
