@@ -134,7 +134,7 @@ def distinct(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return values
 
 
-def nearest(text: str, known: Iterable[str], alike: float = 0.6) -> str:
+def nearest_name(text: str, known: Iterable[str], alike: float = 0.6) -> str:
     """Returns the known name that a text is most like, whatever its capitals; empty if it is like none.
 
     Args:
@@ -149,7 +149,7 @@ def nearest(text: str, known: Iterable[str], alike: float = 0.6) -> str:
 
 def meant(text: str, known: Iterable[str]) -> str:
     """Returns ``did you mean "..."? `` with the known name that a text is most like; empty if it is like none."""
-    found = nearest(text, known)
+    found = nearest_name(text, known)
     return f'did you mean "{found}"? ' if found else ""
 
 

@@ -47,7 +47,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.authenticator import has_owner_key, owner_authenticator
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
-from tasks.storage.jobs.runs import jobs_of, run_document
+from tasks.storage.jobs.runs import document_of_run, jobs_of
 from tasks.storage.store_url import store_id
 
 logger = logging.getLogger(__name__)
@@ -121,7 +121,7 @@ def document_names(store: Store) -> list[str]:
     """Returns the names of the documents that have runs in a store, sorted."""
     with ThreadPoolExecutor(_THREADS) as pool:
         runs = pool.map(partial(_run, store), _run_ids(store))
-        return sorted({run_document(run) for run in runs if run and run.request.get("flow") == "pipeline"})
+        return sorted({document_of_run(run) for run in runs if run and run.request.get("flow") == "pipeline"})
 
 
 def read_history(store: Store, document: str, measure: Measure, *, anew: bool = False) -> History:
@@ -141,11 +141,11 @@ def read_history(store: Store, document: str, measure: Measure, *, anew: bool = 
     with ThreadPoolExecutor(_THREADS) as pool:
         others = [each for each in ids if kept.documents.get(each, document) == document and not _is_kept(kept, each)]
         runs = [run for run in pool.map(partial(_run, store), others) if run]
-        ours = [run for run in runs if run.request.get("flow") == "pipeline" and run_document(run) == document]
+        ours = [run for run in runs if run.request.get("flow") == "pipeline" and document_of_run(run) == document]
         newest = sorted(ours, key=lambda run: run.created_at_s)[-MOST_NIGHTS:]
         found = pool.map(partial(_read_night, store, measure, _buckets(store)), newest)
         counted, at_most = _counted(zip(newest, found, strict=True), measure)
-    ended = {run.id: run_document(run) for run in runs if is_terminal(run)}
+    ended = {run.id: document_of_run(run) for run in runs if is_terminal(run)}
     nights = {run.id: night for run, night, over in counted if over}
     now = KeptNights(documents={**kept.documents, **ended}, nights={**kept.nights, **nights})
     if measure == Measure() and (ended or nights):
@@ -365,7 +365,7 @@ def write_trend_of_run(store: Store, run: JobRecord, batch: JobRecord) -> Writte
         batch: Its batch, which has ended.
     """
     try:
-        return _write(store, run_document(run), run.id, recorded_location(batch))
+        return _write(store, document_of_run(run), run.id, recorded_location(batch))
     except SimyardError as exc:
         logger.warning("no trend was written: %s", exc)
     except Exception:

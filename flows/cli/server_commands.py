@@ -32,7 +32,7 @@ from tasks.gateway.access.guard import is_loopback
 from tasks.gateway.connections import tls_context
 from tasks.gateway.service_model import write_model
 from tasks.server.health import password_file
-from tasks.server.resident import end_kept, keep
+from tasks.server.resident import end_kept, keep_server
 from tasks.storage.store_url import open_existing_store, open_store
 
 PoolOption = Annotated[
@@ -49,7 +49,7 @@ PoolOption = Annotated[
 def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
     home = prefect_home()
-    server, password = keep(home), shlex.quote(str(password_file(home)))
+    server, password = keep_server(home), shlex.quote(str(password_file(home)))
     if server.notice:
         echo(server.notice, err=True)
     # A shell takes all of it: eval "$(simyard up)"

@@ -16,7 +16,7 @@ from flows.gateway.gateway import Gateway, Handlers
 from specs.arn import ArnForm
 from specs.base import Spec
 from specs.errors import AccessRefused, SimyardError, StoreError
-from specs.robomaker.operations import Operation, shapes
+from specs.robomaker.operations import Operation, document_shapes
 from specs.settings import region
 from tasks.documents.parse import parse
 from tasks.gateway.access.guard import Call, Caller, Guard, Note, no_note
@@ -127,7 +127,7 @@ class Calls:
             return document, self._errors.answer(operation, exc)
 
     def _document(self, found: Route, operation: Operation, request: HttpRequest) -> Spec:
-        shape = shapes()[operation.request]
+        shape = document_shapes()[operation.request]
         members = request_members(found, request, shape)
         return parse(shape, with_arns(members, shape, self._arns.own), operation.name)
 

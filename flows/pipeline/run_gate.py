@@ -51,7 +51,7 @@ from tasks.storage.base.keys import ATTEMPT, attempt_key, attempts_prefix, job_k
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.authenticator import BatchAuthenticator, owner_authenticator
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read
-from tasks.storage.jobs.runs import run_document
+from tasks.storage.jobs.runs import document_of_run
 from tasks.storage.store_url import open_store
 
 _DIGITS = 32
@@ -73,7 +73,7 @@ def attempts_name(run: JobRecord, gate: Gate, batch: JobRecord, compared_with: s
     """
     tested = candidates(plan_of(batch), compared_with)
     asked: dict[str, JsonValue] = {
-        "document": run_document(run),
+        "document": document_of_run(run),
         "gate": _without_confidence(canonical_document(gate)),
         "tested": [*sorted(tested)],
     }

@@ -30,7 +30,7 @@ from specs.base import canonical_json
 from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import LOGGERS, chosen_log_format, log_in_chosen_format
 from tasks.results.trend.trend_view import Alarm
-from tasks.storage.jobs.records import JobRecord, Transition, listen_to_transitions
+from tasks.storage.jobs.records import JobRecord, JobTransition, listen_to_transitions
 
 # Prefect gives the loggers of PREFECT_LOGGING_EXTRA_LOGGERS what it gives this one, but for the level.
 _PREFECTS_EXTRA = "prefect.extra"
@@ -141,7 +141,7 @@ def event_id(event: str, arn: str) -> UUID:
     return uuid5(NAMESPACE_URL, f"{arn}#{event}")
 
 
-def _announce(change: Transition) -> None:
+def _announce(change: JobTransition) -> None:
     """Sends a change, unless it is of the run that a stage alone is recorded as: its job's change says as much."""
     event = JOB_KINDS[change.kind].event
     if change.flow and change.flow != event:

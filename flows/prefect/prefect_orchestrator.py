@@ -37,14 +37,14 @@ from specs.field_types import OutputLocation
 from specs.settings import Workers
 from specs.untrusted_text import table_rows
 from tasks.export.job.export_job import ExportWorkers
-from tasks.progress.listener import Progress, artifact_key, document_name, work_for_document
+from tasks.progress.listener import Progress, document_artifact_key, document_name, work_for_document
 from tasks.results.report.report_page import report_markdown, report_picture
 from tasks.results.trend.trend_view import Alarm
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.metrics import BatchMetrics, metric_rows, recorded_metrics
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
-from tasks.storage.jobs.runs import run_document, run_of
+from tasks.storage.jobs.runs import document_of_run, run_of
 from tasks.worlds.job.generation_job import RemoteWorldMaker
 
 P = ParamSpec("P")
@@ -112,7 +112,7 @@ class PrefectOrchestrator(Orchestrator):
         The artifacts of the block have the document's name in their keys.
         """
         tag_flow_run(run.id)
-        with tags(run.id), work_for_document(run_document(run)):
+        with tags(run.id), work_for_document(document_of_run(run)):
             yield
 
     def announce_changes(self) -> AbstractContextManager[None]:
@@ -140,16 +140,18 @@ class PrefectOrchestrator(Orchestrator):
         metrics = recorded_metrics(batch)
         if metrics:
             rows = table_rows(dict(row) for row in metric_rows(metrics))
-            create_table_artifact(table=rows, key=artifact_key("batch-metrics"), description=f"Speed of {batch.id}")
+            create_table_artifact(
+                table=rows, key=document_artifact_key("batch-metrics"), description=f"Speed of {batch.id}"
+            )
 
     def show_batch_report(self, report: WrittenReport) -> None:
         """Leaves a report, in short, as the artifacts ``batch-report`` and ``batch-picture``."""
         view, batch = report.view, report.view.facts.batch
         text, picture = report_markdown(view, report.url), base64.b64encode(report_picture(view)).decode()
-        create_markdown_artifact(text, key=artifact_key("batch-report"), description=f"Report of {batch}")
+        create_markdown_artifact(text, key=document_artifact_key("batch-report"), description=f"Report of {batch}")
         create_image_artifact(
             f"data:image/svg+xml;base64,{picture}",
-            key=artifact_key("batch-picture"),
+            key=document_artifact_key("batch-picture"),
             description=f"Rate and failures of {batch}",
         )
 

@@ -43,7 +43,13 @@ from tasks.applications import step as application_step
 from tasks.deploy import step as deploy_step
 from tasks.deploy.fleet_descriptions import deployment_sentence, describe_deployment_job, robot_rows
 from tasks.export import step as export_step
-from tasks.progress.listener import Progress, artifact_key, current_listener, listen_to_progress, stage_progress
+from tasks.progress.listener import (
+    Progress,
+    current_listener,
+    document_artifact_key,
+    listen_to_progress,
+    stage_progress,
+)
 from tasks.simulate.batch.batch_record import load_batch
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
@@ -147,7 +153,9 @@ def export_name(parameters: Parameters) -> str:
 def _show_worlds(parameters: Parameters, page: str) -> None:
     generation: JobRecord = parameters["generation"]
     worlds = cast("list[str]", generation.detail["worlds"])
-    create_markdown_artifact(page, key=artifact_key("worlds"), description=f"{len(worlds)} worlds of {generation.id}")
+    create_markdown_artifact(
+        page, key=document_artifact_key("worlds"), description=f"{len(worlds)} worlds of {generation.id}"
+    )
 
 
 generate_worlds = as_task(world_step.generate_worlds, worlds_name, progress=(world_step.STAGE, "worlds-progress"))
@@ -180,21 +188,21 @@ def _chunks(store_url: str, batch: str) -> int:
 def _show_tables(parameters: Parameters, tables: BatchTables) -> None:
     rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
     said = f"Results of {parameters['batch']}. {tables.note}."
-    create_table_artifact(table=table_rows(rows), key=artifact_key("batch-results"), description=said)
+    create_table_artifact(table=table_rows(rows), key=document_artifact_key("batch-results"), description=said)
 
 
 def _show_audit(_parameters: Parameters, detail: dict[str, JsonValue]) -> None:
     report = AuditReport.model_validate(detail["audit"])
     said = escape_markdown(report.sentence)
     body = f"# {_AUDIT_MARKS[report.verdict]} {report.verdict}\n\n{said}\n\nReport: `{detail['audit_url']}`"
-    create_markdown_artifact(body, key=artifact_key("parity-audit"))
+    create_markdown_artifact(body, key=document_artifact_key("parity-audit"))
 
 
 def _show_verdict(_parameters: Parameters, judged: BatchJudgement) -> None:
     verdict = judged.verdict
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
     page = f"# {_VERDICT_MARKS[verdict.verdict]} {verdict.verdict}\n\n{body}\n\nEvidence: `{judged.url}`"
-    create_markdown_artifact(page, key=artifact_key("gate"))
+    create_markdown_artifact(page, key=document_artifact_key("gate"))
 
 
 unpack_application = as_task(application_step.unpack_application, unpack_name)
@@ -223,7 +231,7 @@ def sync_name(parameters: Parameters) -> str:
 def _show_robots(parameters: Parameters, record: JobRecord) -> None:
     job = describe_deployment_job(open_store(parameters["store_url"]), record.id)
     rows, said = table_rows(robot_rows(job)), escape_markdown(deployment_sentence(job, record))
-    create_table_artifact(rows, key=artifact_key("deployment-robots"), description=said)
+    create_table_artifact(rows, key=document_artifact_key("deployment-robots"), description=said)
 
 
 _DEPLOYMENT = (deploy_step.STAGE, "deployment-progress")
@@ -243,7 +251,7 @@ def show_progress(stage: str, key: str) -> Generator[Progress, None, None]:
         stage: What a person calls it, such as ``Worlds``.
         key: Of the document's artifact, such as ``worlds-progress``: lower-case letters, digits and dashes.
     """
-    bar, terminal = _Bar(stage, artifact_key(key)), current_listener()
+    bar, terminal = _Bar(stage, document_artifact_key(key)), current_listener()
     bar.show(0.0)
 
     def hear(told: str, done: int, total: int) -> None:

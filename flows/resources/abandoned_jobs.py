@@ -22,7 +22,7 @@ from tasks.storage.jobs.job_index import records_under_way
 from tasks.storage.jobs.queue import is_queued
 from tasks.storage.jobs.records import JobRecord, is_terminal, read, records
 from tasks.storage.jobs.runs import KIND as RUN
-from tasks.storage.jobs.runs import run_document, run_of
+from tasks.storage.jobs.runs import document_of_run, run_of
 
 _LOG = logging.getLogger(__name__)
 _LOOK_S = 0.5
@@ -107,7 +107,7 @@ def _is_outdated(record: JobRecord, runs: Sequence[JobRecord]) -> bool:
         and each.created_at_s > run.created_at_s
         and each.request_digest != run.request_digest
         and each.request.get("flow") == run.request.get("flow") == "pipeline"
-        and run_document(each) == run_document(run)
+        and document_of_run(each) == document_of_run(run)
         for each in runs
     )
 

@@ -12,7 +12,7 @@ from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, read, records
-from tasks.storage.jobs.runs import KIND, jobs_of, run_document, run_of
+from tasks.storage.jobs.runs import KIND, document_of_run, jobs_of, run_of
 from tasks.storage.jobs.runs import KIND as RUN
 
 Columns = Mapping[str, JsonValue]
@@ -83,7 +83,7 @@ def _gate(report: PipelineReport) -> str:
 def _columns(batch: JobRecord, run: JobRecord | None) -> Columns:
     passed, asked = batch.detail.get("passed"), batch.detail.get("episodes")
     found = {
-        "document": run_document(run) if run else None,
+        "document": document_of_run(run) if run else None,
         "verdict": verdict_of(run),
         "passed": f"{passed}/{asked}" if passed is not None and asked else None,
     }

@@ -13,7 +13,7 @@ from pydantic import Field, TypeAdapter
 
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
-from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, Kind, canonical_cells
+from specs.data.episode_columns import RESULT_KINDS, CellKind, Cells, EpisodeColumns, canonical_cells
 
 # Far more than a chunk has, and few enough for a column of one repeated value to be harmless.
 _MOST_ROWS = 1 << 16
@@ -122,7 +122,7 @@ class _Reader:
             raise ValueError("more bytes than the first line says")
 
 
-def _decoded(kind: Kind, name: str, column: _Column, reader: _Reader) -> Cells:
+def _decoded(kind: CellKind, name: str, column: _Column, reader: _Reader) -> Cells:
     forms = column.lengths, column.codes, column.numbers, column.there
     _check_forms(kind, forms, has_labels=column.labels is not None)
     lengths, size, labels = None, reader.rows, column.labels or ()
@@ -155,7 +155,7 @@ def _require_names_once(codes: np.ndarray, lengths: np.ndarray, labels: int) -> 
 
 
 @cache
-def _check_forms(kind: Kind, forms: tuple[str | None, ...], *, has_labels: bool) -> None:
+def _check_forms(kind: CellKind, forms: tuple[str | None, ...], *, has_labels: bool) -> None:
     """Lets the forms of a field's arrays pass, given in the order of the arrays."""
     lengths, codes, numbers, there = forms
     if (bool(codes), has_labels, bool(numbers), bool(lengths)) != (kind.text, kind.text, bool(kind.number), kind.many):

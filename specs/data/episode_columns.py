@@ -114,7 +114,7 @@ def label_cells(values: Sequence[object], lengths: Sequence[int] | None = None) 
     return Cells(codes=codes, labels=tuple(place), lengths=None if lengths is None else np.array(lengths, np.int64))
 
 
-def distinct(columns: Sequence[Int[np.ndarray, " rows"]]) -> tuple[list[int], Int[np.ndarray, " rows"]]:
+def distinct_cells(columns: Sequence[Int[np.ndarray, " rows"]]) -> tuple[list[int], Int[np.ndarray, " rows"]]:
     """Returns the first row of each combination of codes, in the order in which they come, and each row's combination.
 
     Args:
@@ -155,7 +155,7 @@ def _coded(place: dict[object, int], labels: Sequence[object]) -> Int[np.ndarray
     return np.array([place[label] for label in labels], np.int64)
 
 
-class Kind(NamedTuple):
+class CellKind(NamedTuple):
     """What a field holds.
 
     Attributes:
@@ -173,28 +173,28 @@ class Kind(NamedTuple):
     optional: bool = False
 
 
-_KINDS: tuple[tuple[object, Kind], ...] = (
-    (int, Kind("int")),
-    (int | None, Kind("int", optional=True)),
-    (float, Kind("float")),
-    (float | None, Kind("float", optional=True)),
-    (tuple[float, ...], Kind("float", many=True)),
-    (tuple[str, ...], Kind(text=True, many=True)),
-    (dict[str, float], Kind("float", text=True, many=True)),
-    (tuple[tuple[float, float, float, float], ...], Kind("float", many=True, width=4)),
+_KINDS: tuple[tuple[object, CellKind], ...] = (
+    (int, CellKind("int")),
+    (int | None, CellKind("int", optional=True)),
+    (float, CellKind("float")),
+    (float | None, CellKind("float", optional=True)),
+    (tuple[float, ...], CellKind("float", many=True)),
+    (tuple[str, ...], CellKind(text=True, many=True)),
+    (dict[str, float], CellKind("float", text=True, many=True)),
+    (tuple[tuple[float, float, float, float], ...], CellKind("float", many=True, width=4)),
 )
 
 
-def _kind(annotation: object) -> Kind:
-    return next((kind for known, kind in _KINDS if known == annotation), Kind(text=True))
+def _kind(annotation: object) -> CellKind:
+    return next((kind for known, kind in _KINDS if known == annotation), CellKind(text=True))
 
 
-RESULT_KINDS: Mapping[str, Kind] = {
+RESULT_KINDS: Mapping[str, CellKind] = {
     name: _kind(field.annotation) for name, field in EpisodeResult.model_fields.items()
 }  # fmt: skip
 
 
-def field_cells(kind: Kind, values: Sequence[object]) -> Cells:
+def field_cells(kind: CellKind, values: Sequence[object]) -> Cells:
     """Returns the values of a field as cells."""
     if not kind.many:
         return label_cells(values) if kind.text else _numbers(kind, values)
@@ -208,7 +208,7 @@ def field_cells(kind: Kind, values: Sequence[object]) -> Cells:
     return cells._replace(lengths=np.array(lengths, np.int64))
 
 
-def _numbers(kind: Kind, values: Sequence[object]) -> Cells:
+def _numbers(kind: CellKind, values: Sequence[object]) -> Cells:
     dtype = np.int64 if kind.number == "int" else np.float64
     if None not in values:
         return Cells(numbers=np.array(values, dtype))
@@ -216,7 +216,7 @@ def _numbers(kind: Kind, values: Sequence[object]) -> Cells:
     return Cells(numbers=filled, there=np.array([value is not None for value in values], np.bool_))
 
 
-def field_values(kind: Kind, cells: Cells, size: int) -> Sequence[object]:
+def field_values(kind: CellKind, cells: Cells, size: int) -> Sequence[object]:
     """Returns the value of each row."""
     labels = [] if cells.codes is None else [cells.labels[code] for code in cells.codes.tolist()]
     numbers: list[object] = [] if cells.numbers is None else cells.numbers.tolist()
@@ -355,7 +355,7 @@ class EpisodeColumns:
 
         They are as they stand here, whatever they say: who reads a chunk has checked them.
         """
-        first, codes = distinct([self.codes(name) for name in _ENDING])
+        first, codes = distinct_cells([self.codes(name) for name in _ENDING])
         ways = self.take(np.array(first, np.int64))
         return [EpisodeResult.model_construct(**row) for row in ways.fields()], codes
 

@@ -11,7 +11,7 @@ from specs.base import Fault, Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
-from specs.rules import Finding, Location, Ruled, broken, items, meant, nearest, part
+from specs.rules import Finding, Location, Ruled, broken, items, meant, nearest_name, part
 
 MAX_QUANTILES = 20
 FEWEST_WORLDS = 2
@@ -237,7 +237,7 @@ def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
 
 def metric_rule(name: str, known: Sequence[str]) -> str:
     """Returns which metrics a rule may ask for, the one that was probably meant first."""
-    close = name if name in MEASURES else f"{METRIC_PREFIX}{near}" if (near := nearest(name, known)) else ""
+    close = name if name in MEASURES else f"{METRIC_PREFIX}{near}" if (near := nearest_name(name, known)) else ""
     hint = f'did you mean "{close}"? ' if close else ""
     if not known:
         return f"{hint}one of {', '.join(MEASURES)}; the scenario measures nothing by itself"

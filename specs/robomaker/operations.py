@@ -243,7 +243,7 @@ _MODULES: tuple[ModuleType, ...] = (
 
 
 @cache
-def shapes() -> Mapping[str, type[Spec]]:
+def document_shapes() -> Mapping[str, type[Spec]]:
     """Returns the document class of each shape that is a structure, and of what several of them have in common."""
     return {
         name: value

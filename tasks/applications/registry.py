@@ -34,7 +34,7 @@ from tasks.applications.versions import (
 from tasks.storage.archives import LIMITS, safe_parts
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.sealed_bundle import seal, sealed_files, stored_archive
+from tasks.storage.sealed_bundle import seal_bundle, sealed_files, stored_archive
 
 # Left by editors, interpreters and version control, and different on every machine.
 _LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
@@ -322,7 +322,7 @@ def unpack(store: Store, digest: str, cache: Path) -> Path:
         else:
             _fetch(store, key, archive)
         try:
-            return seal(archive, entry, digest)
+            return seal_bundle(archive, entry, digest)
         except BundleRefused as exc:
             raise BundleRefused(f"{store.url}: {key}: {exc}; publish the application again") from exc
 

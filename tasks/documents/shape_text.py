@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
-from specs.rules import JsonOf, nearest
+from specs.rules import JsonOf, nearest_name
 
 Place = tuple[str | int, ...]
 """Keys, indices and tags from the top of a document, as pydantic's errors have them."""
@@ -156,9 +156,9 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
     meant = same_word(key, known) or _containing(key, known)
     elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), here)
     if not (meant or elsewhere):
-        meant = nearest(key, known)
+        meant = nearest_name(key, known)
     if not (meant or elsewhere):
-        near = nearest(key, key_places(model), _NEARLY_THE_SAME)
+        near = nearest_name(key, key_places(model), _NEARLY_THE_SAME)
         elsewhere = _belongs(key_places(model).get(near, ()), here)
     hint = f'did you mean "{meant}"? ' if meant else f"{elsewhere}; " if elsewhere else ""
     if not hint and here and len(known) == 1:
@@ -171,7 +171,7 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
 def meant_text(text: str, known: Iterable[str]) -> str:
     """Returns the question whether one of the known words is meant, with a space behind it; else nothing."""
     words = list(known)
-    meant = same_word(text, words) or nearest(text, words)
+    meant = same_word(text, words) or nearest_name(text, words)
     return f'did you mean "{meant}"? ' if meant else ""
 
 

@@ -15,7 +15,7 @@ from pydantic.fields import FieldInfo
 
 from specs.base import Spec
 from specs.field_types import Timestamp
-from specs.robomaker.operations import OPERATIONS, STATUSES, ErrorName, Operation, aliases, location, shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, ErrorName, Operation, aliases, document_shapes, location
 from tasks.storage.base.local_files import whole_file
 
 Shape = dict[str, Any]
@@ -195,7 +195,7 @@ def paginators() -> dict[str, Any]:
 
 
 def _operation(operation: Operation, table: ShapeTable) -> dict[str, Any]:
-    asked, answered = shapes()[operation.request], shapes()[operation.answer]
+    asked, answered = document_shapes()[operation.request], document_shapes()[operation.answer]
     members: Shape = table.shapes[table.name_of(asked, operation.request)]["members"]
     table.name_of(answered, operation.answer)
     for name in members:

@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.machine import CacheEntry, remove_entry, unused_entries
-from tasks.housekeeping.object_kinds import TOKENS, Job, job_of_id, kind_of_key
+from tasks.housekeeping.object_kinds import TOKENS, StoredJob, job_of_id, kind_of_key
 from tasks.housekeeping.references import (
     NamedByRecords,
     Records,
@@ -20,14 +20,7 @@ from tasks.housekeeping.references import (
     record_entries,
     replaced_metadata,
 )
-from tasks.housekeeping.sweep import (
-    Item,
-    StoreListing,
-    SweepPlan,
-    SweepResult,
-    plan_sweep,
-    sweep,
-)
+from tasks.housekeeping.sweep import Item, StoreListing, SweepPlan, SweepResult, plan_sweep, remove_planned
 from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store, encode_document
 from tasks.storage.buckets import bucket_url
@@ -137,7 +130,7 @@ def collect_garbage(store: Store, cache: Path, ages: Ages, *, remove: bool) -> G
     swept = SweepResult(freed=list(plan.items))
     if remove:
         _keep_notes(store, plan, etag)
-        swept = sweep(store, plan, marked.look_again)
+        swept = remove_planned(store, plan, marked.look_again)
         cached = [entry for entry in cached if remove_entry(entry)]
     return _report(marked, plan, swept, cached, removed=remove)
 
@@ -173,7 +166,7 @@ class _Marked:
         return names_in(self._records, self._ended_before_s)
 
 
-def _token_jobs(store: Store, entries: Iterable[Entry], known: NamedByRecords) -> dict[str, Job]:
+def _token_jobs(store: Store, entries: Iterable[Entry], known: NamedByRecords) -> dict[str, StoredJob]:
     """Returns the jobs of the tokens that belong to no record, by the tokens' keys."""
     keys = [each.key for each in entries if kind_of_key(each.key).what == TOKENS and each.key not in known.tokens]
     with ThreadPoolExecutor(_AT_ONCE) as pool:
@@ -181,7 +174,7 @@ def _token_jobs(store: Store, entries: Iterable[Entry], known: NamedByRecords) -
         return {key: job for key, job in zip(keys, jobs, strict=True) if job}
 
 
-def _token_job(store: Store, key: str) -> Job | None:
+def _token_job(store: Store, key: str) -> StoredJob | None:
     try:
         return job_of_id(_Token.model_validate_json(store.get(key).body).id)
     except ObjectNotFound:

@@ -51,7 +51,7 @@ _PROBE = re.compile(r"probe/[0-9a-f]{32}")
 
 
 @dataclass(frozen=True)
-class Job:
+class StoredJob:
     """A job, whether its record is there or not."""
 
     kind: JobKind
@@ -68,7 +68,7 @@ class ObjectKind:
     """
 
     what: str
-    job: Job | None = None
+    job: StoredJob | None = None
 
 
 def kind_of_key(key: str) -> ObjectKind:
@@ -85,9 +85,9 @@ def kind_of_key(key: str) -> ObjectKind:
     return ObjectKind(next((what for pattern, what in others if pattern.fullmatch(key)), ""))
 
 
-def job_of_id(job_id: str) -> Job:
+def job_of_id(job_id: str) -> StoredJob:
     """Returns the job with an id such as ``simb-0123456789abcdef``."""
-    return Job(_KINDS[job_id.partition("-")[0]], job_id)
+    return StoredJob(_KINDS[job_id.partition("-")[0]], job_id)
 
 
 def is_record(key: str) -> bool:

@@ -22,7 +22,7 @@ from tasks.housekeeping.object_kinds import (
     NAMED_BY_OTHERS,
     RECORD_FOLDERS,
     RECORDS,
-    Job,
+    StoredJob,
     digests_in,
     ids_in,
     is_record,
@@ -53,7 +53,7 @@ class JobFacts:
         stages: Of a run of a document, the ids of its jobs, which its record does not spell out until it has ended.
     """
 
-    job: Job
+    job: StoredJob
     ended: bool
     token: str
     stages: frozenset[str] = frozenset()
@@ -159,7 +159,9 @@ def _job(body: bytes, place: list[str]) -> JobFacts:
         if not isinstance(plan, dict) or not {"templates", "world_digests"} <= plan.keys():
             raise _SpoiltError("has no plan of a batch")
     stages = frozenset(job for _, job in jobs_of(record)) if record.kind == RUN else frozenset[str]()
-    return JobFacts(Job(record.kind, record.id), is_terminal(record), token_key(record.kind, record.token), stages)
+    return JobFacts(
+        StoredJob(record.kind, record.id), is_terminal(record), token_key(record.kind, record.token), stages
+    )
 
 
 def _evidence(body: bytes, batch: str) -> None:
@@ -228,8 +230,8 @@ class NamedByRecords:
         spoilt: Records that cannot be read.
     """
 
-    jobs: dict[Job, bool] = field(default_factory=dict[Job, bool])
-    forgotten: dict[Job, NamingRecord] = field(default_factory=dict[Job, NamingRecord])
+    jobs: dict[StoredJob, bool] = field(default_factory=dict[StoredJob, bool])
+    forgotten: dict[StoredJob, NamingRecord] = field(default_factory=dict[StoredJob, NamingRecord])
     ids: frozenset[str] = frozenset()
     digests: frozenset[str] = frozenset()
     tokens: frozenset[str] = frozenset()
@@ -263,7 +265,7 @@ def names_in(records: Records, ended_before_s: float | None = None) -> NamedByRe
     )
 
 
-def _unread(records: Iterable[NamingRecord]) -> dict[Job, bool]:
+def _unread(records: Iterable[NamingRecord]) -> dict[StoredJob, bool]:
     """Returns the jobs whose records cannot be read: they are there, and may be under way."""
     places = (kind_of_key(record.entry.key) for record in records if record.spoilt)
     return {place.job: False for place in places if place.job and place.what == RECORDS}

@@ -23,8 +23,8 @@ from tasks.housekeeping.object_kinds import (
     TOKENS,
     UNFINISHED,
     WORLDS,
-    Job,
     ObjectKind,
+    StoredJob,
     kind_of_key,
 )
 from tasks.housekeeping.references import NamedByRecords
@@ -74,7 +74,7 @@ class Leftover:
         ends: Its token and claim, which go last, and only when all else is gone: they show that the rest was made here.
     """
 
-    job: Job
+    job: StoredJob
     record: Item | None
     items: tuple[Item, ...]
     ends: tuple[Item, ...]
@@ -124,7 +124,7 @@ class StoreListing:
 
     entries: Sequence[Entry]
     unfinished: Sequence[Entry]
-    token_jobs: Mapping[str, Job]
+    token_jobs: Mapping[str, StoredJob]
     replaced: frozenset[str]
     now_s: float
 
@@ -190,7 +190,7 @@ class _Planning:
         return False
 
     def _leftovers(self) -> Iterable[Leftover]:
-        by_job: defaultdict[Job, list[tuple[Entry, str]]] = defaultdict(list)
+        by_job: defaultdict[StoredJob, list[tuple[Entry, str]]] = defaultdict(list)
         for entry, place in self._placed:
             if place.job and place.job not in self._named.jobs:
                 by_job[place.job].append((entry, place.what))
@@ -198,7 +198,7 @@ class _Planning:
             if leftover := self._leftover(job, by_job[job]):
                 yield leftover
 
-    def _leftover(self, job: Job, placed: list[tuple[Entry, str]]) -> Leftover | None:
+    def _leftover(self, job: StoredJob, placed: list[tuple[Entry, str]]) -> Leftover | None:
         why = FORGOTTEN if job in self._named.forgotten else GONE
         made_here = any(what in {TOKENS, CLAIMS, RECORDS} for _, what in placed)
         items = [Item(entry, what, why) for entry, what in placed if made_here or what not in NEEDS_PROOF]
@@ -243,7 +243,7 @@ class SweepResult:
         (self.freed if is_gone else self.stayed).append(item)
 
 
-def sweep(store: Store, plan: SweepPlan, look_again: LookAgain) -> SweepResult:
+def remove_planned(store: Store, plan: SweepPlan, look_again: LookAgain) -> SweepResult:
     """Returns what was removed, and what was not because it is in use by now.
 
     Args:
@@ -322,7 +322,7 @@ def _is_left(store: Store, leftover: Leftover, look_again: LookAgain) -> bool:
     return job.id not in named.ids and not kinds & named.kept
 
 
-def _remove_token(store: Store, job: Job, item: Item) -> bool:
+def _remove_token(store: Store, job: StoredJob, item: Item) -> bool:
     """Removes the token of a job; who submits the job at this moment, relying on the token, gets it back."""
     try:
         body = store.get(item.entry.key).body

@@ -40,7 +40,7 @@ def document_name() -> str:
     return _name.get()
 
 
-def artifact_key(what: str) -> str:
+def document_artifact_key(what: str) -> str:
     """Returns the key of an artifact of this document, such as ``nightly--batch-results``."""
     return untrusted_text.artifact_key(_name.get(), what)
 

@@ -142,7 +142,7 @@ def _status(
         return _SILENT
 
 
-def is_free(port: int) -> bool:
+def is_port_free(port: int) -> bool:
     """Returns whether a server could listen on a port of 127.0.0.1 now."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as the server does: old connections may linger

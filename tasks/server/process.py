@@ -18,7 +18,7 @@ from typing import IO
 from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
-from tasks.server.health import is_free, is_healthy, new_password, private_file, proxy_exceptions
+from tasks.server.health import is_healthy, is_port_free, new_password, private_file, proxy_exceptions
 
 logger = logging.getLogger(__name__)
 
@@ -250,7 +250,7 @@ def _called_up(home: Path) -> tuple[Server, subprocess.Popen[bytes]] | None:
     server, process = _waiting.pop(home)
     assert process.stdin is not None  # noqa: S101 - asked for
     # Its port was chosen before another run's start was waited for, and nobody has held it since.
-    if is_free(urlsplit(server.api_url).port or 0):
+    if is_port_free(urlsplit(server.api_url).port or 0):
         with suppress(OSError):  # it has ended
             with process.stdin as line:
                 line.write(b"\n")

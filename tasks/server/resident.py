@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from specs.base import Spec
 from specs.errors import StageFailed
-from tasks.server.health import is_free, is_healthy, password_file, read_password, succeeds_within, write_password
+from tasks.server.health import is_healthy, is_port_free, password_file, read_password, succeeds_within, write_password
 from tasks.server.process import START_TIMEOUT_S, Server, end, launch, take_turn, wait_until_healthy
 from tasks.storage.jobs.claim import ProcessIdentity, is_known_dead, process_of, this_process
 
@@ -36,7 +36,7 @@ class _Note(Spec):
     process: ProcessIdentity
 
 
-def keep(home: Path) -> Server:
+def keep_server(home: Path) -> Server:
     """Starts a server that stays, or returns the one that is kept already.
 
     Raises:
@@ -109,9 +109,9 @@ def lasting_port(home: Path) -> tuple[int, str]:
     except (FileNotFoundError, ValueError):
         before = 0
     known = _LOWEST_PORT <= before <= _HIGHEST_PORT
-    if known and is_free(before):
+    if known and is_port_free(before):
         return before, ""
-    port = next(filter(is_free, random.sample(_PORTS, len(_PORTS))), 0)
+    port = next(filter(is_port_free, random.sample(_PORTS, len(_PORTS))), 0)
     moved = (
         f"another program has port {before}, which this server had: open pages, profiles and workers need the new one"
     )

@@ -51,7 +51,7 @@ def changed_bundle(files: Path) -> bool:
     return not _is_intact(files.parent, files.parent.name)
 
 
-def seal(archive: Path, entry: Path, digest: str) -> Path:
+def seal_bundle(archive: Path, entry: Path, digest: str) -> Path:
     """Returns the folder of a bundle's files, unpacked from an archive, read-only, whole or not at all.
 
     Args:
@@ -75,7 +75,7 @@ def seal(archive: Path, entry: Path, digest: str) -> Path:
             raise BundleRefused(f"the bundle {digest} was changed while it was unpacked")
         _install(staged, entry, digest)
     finally:
-        discard(staged)
+        discard_bundle(staged)
     return entry / FILES_FOLDER
 
 
@@ -88,7 +88,7 @@ def stored_archive(entry: Path, digest: str) -> Path | None:
         return None
 
 
-def discard(folder: Path) -> None:
+def discard_bundle(folder: Path) -> None:
     """Removes a folder whose own folders may be read-only."""
     for base, _, _ in os.walk(folder):
         Path(base).chmod(0o755)
@@ -103,7 +103,7 @@ def _install(staged: Path, entry: Path, digest: str) -> None:
         except FileNotFoundError:  # another process has put it away
             pass
         else:
-            discard(away)
+            discard_bundle(away)
     try:
         staged.rename(entry)
     except OSError:

@@ -9,8 +9,8 @@ import pytest
 from specs.errors import StageFailed
 from tasks.progress import listener as module
 from tasks.progress.listener import (
-    artifact_key,
     at_a_time,
+    document_artifact_key,
     document_name,
     listen_to_progress,
     report_progress,
@@ -20,15 +20,15 @@ from tasks.progress.listener import (
 
 def test_a_key_has_the_name_of_the_document_inside_the_block_only():
     with work_for_document("nightly"):
-        assert (document_name(), artifact_key("gate")) == ("nightly", "nightly--gate")
-    assert (document_name(), artifact_key("gate")) == ("", "gate")
+        assert (document_name(), document_artifact_key("gate")) == ("nightly", "nightly--gate")
+    assert (document_name(), document_artifact_key("gate")) == ("", "gate")
 
 
 def test_a_run_in_a_run_has_its_own_name():
     with work_for_document("nightly"):
         with work_for_document("weekly"):
-            assert artifact_key("gate") == "weekly--gate"
-        assert artifact_key("gate") == "nightly--gate"
+            assert document_artifact_key("gate") == "weekly--gate"
+        assert document_artifact_key("gate") == "nightly--gate"
 
 
 def test_a_listener_hears_what_is_told_inside_its_block_only():

@@ -245,7 +245,7 @@ def test_a_server_that_ended_in_reserve_is_followed_by_another(launches: Launche
 def test_a_server_in_reserve_whose_port_was_taken_is_followed_by_another(
     launches: Launches, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(process, "is_free", lambda _: False)
+    monkeypatch.setattr(process, "is_port_free", lambda _: False)
     with process.reserve_server(launches.home), process.run_server(launches.home) as (_, child):
         assert child is launches.begun[1]
         assert launches.begun[0].poll() is not None

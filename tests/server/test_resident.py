@@ -12,7 +12,7 @@ import pytest
 from specs.errors import StageFailed
 from tasks.server import resident
 from tasks.server.process import Server
-from tasks.server.resident import checkout_home, end_kept, keep, kept_server, lasting_port, remember_port
+from tasks.server.resident import checkout_home, end_kept, keep_server, kept_server, lasting_port, remember_port
 from tests.factories.gateway.answering_server import NOBODY, answering
 
 
@@ -42,14 +42,14 @@ def healthy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("healthy")
 def test_a_kept_server_is_kept_once(tmp_path: Path, children: list[subprocess.Popen[bytes]]):
-    server = keep(tmp_path)
-    assert keep(tmp_path) == server == kept_server(tmp_path)
+    server = keep_server(tmp_path)
+    assert keep_server(tmp_path) == server == kept_server(tmp_path)
     assert len(children) == 1
 
 
 @pytest.mark.usefixtures("healthy", "children")
 def test_the_port_of_a_kept_server_is_noted_for_its_next_start(tmp_path: Path):
-    keep(tmp_path)
+    keep_server(tmp_path)
     assert lasting_port(tmp_path) == (int((tmp_path / "port").read_text()), "")
 
 
@@ -62,7 +62,7 @@ def test_an_interrupted_start_leaves_no_server(
 
     monkeypatch.setattr(resident, "wait_until_healthy", interrupted)
     with pytest.raises(SystemExit):
-        keep(tmp_path)
+        keep_server(tmp_path)
     assert [child.poll() is not None for child in children] == [True]
     assert end_kept(tmp_path) is None
 
@@ -71,7 +71,7 @@ def test_an_interrupted_start_leaves_no_server(
 def test_a_server_that_does_not_answer_is_ended(
     tmp_path: Path, children: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
-    server = keep(tmp_path)
+    server = keep_server(tmp_path)
     monkeypatch.setattr(resident, "is_healthy", lambda _: False)
     assert end_kept(tmp_path) == server
     assert [child.poll() is not None for child in children] == [True]
@@ -82,7 +82,7 @@ def test_a_server_that_does_not_answer_is_ended(
 def test_a_process_that_was_given_the_number_of_an_ended_server_is_left_alone(
     tmp_path: Path, children: list[subprocess.Popen[bytes]]
 ):
-    keep(tmp_path)
+    keep_server(tmp_path)
     note = json.loads((tmp_path / "kept.json").read_text())
     note["process"]["started"] = "1"
     (tmp_path / "kept.json").write_text(json.dumps(note))
@@ -95,7 +95,7 @@ def test_a_process_that_was_given_the_number_of_an_ended_server_is_left_alone(
 def test_a_server_that_is_slow_for_a_moment_is_still_the_kept_one(
     tmp_path: Path, children: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
-    server = keep(tmp_path)
+    server = keep_server(tmp_path)
     answers = iter([False, False, True])
     monkeypatch.setattr(resident, "is_healthy", lambda _: next(answers))
     assert kept_server(tmp_path) == server
@@ -105,7 +105,7 @@ def test_a_server_that_is_slow_for_a_moment_is_still_the_kept_one(
 def test_a_server_that_stays_silent_is_told_and_not_doubled(
     tmp_path: Path, children: list[subprocess.Popen[bytes]], monkeypatch: pytest.MonkeyPatch
 ):
-    keep(tmp_path)
+    keep_server(tmp_path)
     monkeypatch.setattr(resident, "is_healthy", lambda _: False)
     with pytest.raises(StageFailed, match=r"simyard down.*its\.log"):
         kept_server(tmp_path, silent_s=0.0)
@@ -113,7 +113,7 @@ def test_a_server_that_stays_silent_is_told_and_not_doubled(
 
 @pytest.mark.usefixtures("healthy")
 def test_a_server_that_was_killed_is_no_longer_kept(tmp_path: Path, children: list[subprocess.Popen[bytes]]):
-    keep(tmp_path)
+    keep_server(tmp_path)
     children[0].kill()
     children[0].wait()
     assert kept_server(tmp_path) is None
@@ -131,10 +131,10 @@ def test_a_note_of_another_machine_counts_only_while_its_server_answers(tmp_path
 @pytest.mark.long
 @pytest.mark.integration
 def test_a_real_server_is_kept_found_again_and_ended(tmp_path: Path):
-    server = keep(tmp_path)
+    server = keep_server(tmp_path)
     try:
         assert Path(server.log).name == f"server-{server.pid}.log"
-        assert keep(tmp_path) == server
+        assert keep_server(tmp_path) == server
     finally:
         ended = end_kept(tmp_path)
     assert ended == server

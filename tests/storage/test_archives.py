@@ -19,7 +19,7 @@ from specs.errors import BundleRefused, ObjectNotFound
 from tasks.storage.archives import ArchiveLimits, digest_of, extract, install, list_bundle_files, open_tar
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.sealed_bundle import seal, sealed_files
+from tasks.storage.sealed_bundle import seal_bundle, sealed_files
 
 _BLOCK = 512
 
@@ -333,4 +333,4 @@ def test_a_folder_that_was_packed_as_a_dot_is_the_same_bundle(tmp_path: Path, fi
 
     assert (tmp_path / "unpacked/courier/launch.sh").read_text() == "#!/bin/sh"
     assert list_bundle_files(file_store, digest) == {"courier/launch.sh": True}
-    assert seal(archive, tmp_path / "sealed", digest) == sealed_files(tmp_path / "sealed", digest)
+    assert seal_bundle(archive, tmp_path / "sealed", digest) == sealed_files(tmp_path / "sealed", digest)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.storage.sealed_bundle import changed_bundle, discard, seal, sealed_files, stored_archive
+from tasks.storage.sealed_bundle import changed_bundle, discard_bundle, seal_bundle, sealed_files, stored_archive
 
 FILES = {"robot.xml": b"<mujoco/>", "package/drive.py": b"def controller(environment): ...\n", "package/run.sh": b"#!"}
 
@@ -28,7 +28,7 @@ def archive(folder: Path, files: dict[str, bytes] = FILES) -> tuple[Path, str]:
 def sealed(tmp_path: Path) -> tuple[Path, str]:
     path, digest = archive(tmp_path)
     (tmp_path / "cache").mkdir()
-    seal(path, tmp_path / "cache" / digest, digest)
+    seal_bundle(path, tmp_path / "cache" / digest, digest)
     return tmp_path / "cache" / digest, digest
 
 
@@ -96,8 +96,8 @@ def test_an_archive_that_was_changed_together_with_the_files_is_not_used(
 ) -> None:
     entry, digest = sealed
     other, _ = archive(tmp_path, FILES | {"robot.xml": b"<mujoco></mujoco>"})
-    discard(entry)
-    forged = seal(other, tmp_path / "cache" / "forged", hashlib.sha256(other.read_bytes()).hexdigest()).parent
+    discard_bundle(entry)
+    forged = seal_bundle(other, tmp_path / "cache" / "forged", hashlib.sha256(other.read_bytes()).hexdigest()).parent
 
     forged.rename(entry)
 
@@ -110,7 +110,7 @@ def test_sealing_again_puts_away_what_was_changed(sealed: tuple[Path, str], tmp_
     open_to_writing(entry / "files")
     _rewrite(entry / "files")
 
-    files = seal(archive(tmp_path)[0], entry, digest)
+    files = seal_bundle(archive(tmp_path)[0], entry, digest)
 
     assert (files / "package/drive.py").read_bytes() == FILES["package/drive.py"]
     assert [path.name for path in entry.parent.iterdir()] == [digest]
@@ -121,6 +121,6 @@ def test_an_archive_with_another_digest_is_refused_and_leaves_nothing(tmp_path: 
     (tmp_path / "cache").mkdir()
 
     with pytest.raises(BundleRefused, match="was changed or cut short"):
-        seal(path, tmp_path / "cache" / ("0" * 64), "0" * 64)
+        seal_bundle(path, tmp_path / "cache" / ("0" * 64), "0" * 64)
 
     assert list((tmp_path / "cache").iterdir()) == []

@@ -18,7 +18,7 @@ from tasks.storage.base.keys import contact_sheet_key, output_key, trend_key, wo
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.jobs.runs import KIND as RUN
-from tasks.storage.jobs.runs import jobs_of, run_document
+from tasks.storage.jobs.runs import document_of_run, jobs_of
 from tasks.storage.worlds import decode_world
 
 REPORT = "report.html"
@@ -82,7 +82,7 @@ def trend_file(context: RequestContext, document: str) -> HttpAnswer:
     key = trend_key(document)
     for name in newest_jobs(context, RUN)[:_RUNS_LOOKED_AT]:
         run = known_job(context.store, RUN, name)
-        if run is None or run_document(run) != document:
+        if run is None or document_of_run(run) != document:
             continue
         for kind, batch in jobs_of(run):
             record = known_job(context.store, BATCH, batch) if kind == BATCH else None

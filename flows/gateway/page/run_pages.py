@@ -37,7 +37,7 @@ from tasks.simulate.batch.batch_record import KIND, OpenBatch, canceled_jobs, lo
 from tasks.simulate.batch.chunk_store import chunk_numbers, committed_chunk
 from tasks.simulate.plan.plan_batch import policy_and_tags
 from tasks.storage.jobs.records import JobRecord, is_terminal
-from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, jobs_of, run_document, run_of
+from tasks.storage.jobs.runs import FLOW_RUN, FLOW_RUN_BEFORE, document_of_run, jobs_of, run_of
 from tasks.storage.jobs.runs import KIND as RUN
 
 _FLOW_RUN = re.compile(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}")
@@ -67,7 +67,7 @@ def run_page(context: RequestContext, name: str) -> Page:
         DocumentError: The name can be no run's.
     """
     record = job(context, RUN, name)
-    report, document = _run_report(record), run_document(record)
+    report, document = _run_report(record), document_of_run(record)
     links = [("On the Prefect server", url)] if (url := _prefect(context, record)) else []
     tests = (
         any(kind == "simulation-job-batch" for kind, _ in jobs_of(record)) and record.request.get("flow") == "pipeline"
@@ -100,7 +100,7 @@ def _run_row(context: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
     said = report.stages[-1].summary if report and report.stages else record.failure_reason
     return (
         Cell(record.id, address(RUN, record.id)),
-        Cell(run_document(record)),
+        Cell(document_of_run(record)),
         state(record.status),
         state(report.verdict or "" if report else ""),
         when(record.updated_at_s),
@@ -173,7 +173,7 @@ def batch_page(context: RequestContext, name: str) -> Page:
     """
     record = job(context, KIND, name)
     run = _run(context, record)
-    document = run_document(run) if run else ""
+    document = document_of_run(run) if run else ""
     links = [("Report", report_address(record))] if has_report(record) else []
     if trend := trend_address(document):
         links.append((f"Night by night: {document}", trend))
@@ -246,7 +246,7 @@ def _batch_row(context: RequestContext, record: JobRecord) -> tuple[Cell, ...]:
         state(record.status),
         state(_verdict(run)),
         Cell(f"{passed} of {asked}" if passed is not None and asked else ""),
-        Cell(run_document(run), address(RUN, run.id)) if run else Cell(),
+        Cell(document_of_run(run), address(RUN, run.id)) if run else Cell(),
         when(record.updated_at_s),
         report,
     )
@@ -263,7 +263,7 @@ def _facts(context: RequestContext, record: JobRecord, run: JobRecord | None) ->
     rows = [
         ("verdict", state(_verdict(run))) if _verdict(run) else None,
         ("passed", Cell(f"{passed} of {asked} episodes")) if passed is not None and asked else None,
-        ("run", Cell(run.id, address(RUN, run.id), run_document(run))) if run else None,
+        ("run", Cell(run.id, address(RUN, run.id), document_of_run(run))) if run else None,
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
         ("failure code", Cell(record.failure_code)) if record.failure_code else None,

@@ -11,7 +11,7 @@ import numpy as np
 
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
-from specs.data.episode_columns import EpisodeColumns, RequestColumns, distinct, pair_columns
+from specs.data.episode_columns import EpisodeColumns, RequestColumns, distinct_cells, pair_columns
 from tasks.results.statistics.intervals import Interval, IntervalFamily, in_worlds, percent, percent_range, share_alone
 from tasks.results.statistics.room_coverage import RoomCoverage, RoomTally
 
@@ -187,7 +187,7 @@ class EpisodeTally:
         ways, ways_of = answered.endings
         endings = [ending_of(way) for way in ways]
         worlds = cast("np.ndarray", asked.worlds.codes)
-        first, alike = distinct([ways_of, worlds, asked.launch])
+        first, alike = distinct_cells([ways_of, worlds, asked.launch])
         for row, count in zip(first, np.bincount(alike).tolist(), strict=True):
             ended, environment = endings[ways_of[row]], asked.launches[asked.launch[row]].environment
             self._total[ended] += count

@@ -11,7 +11,7 @@ from jaxtyping import Int
 
 from specs.base import Spec
 from specs.data.episode import success
-from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct
+from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct_cells
 
 if TYPE_CHECKING:
     import pyarrow as pa  # a run's report reads figures, and must not wait for Arrow
@@ -113,7 +113,7 @@ class RoomTally:
         rows = np.flatnonzero(answered.numbers("rooms_total"))
         worlds, totals = asked.worlds.take(rows), answered.numbers("rooms_total")[rows]
         codes = cast("np.ndarray", worlds.codes)
-        for row in distinct([codes, totals.astype(np.int64)])[0] if len(rows) else ():
+        for row in distinct_cells([codes, totals.astype(np.int64)])[0] if len(rows) else ():
             self._rooms.setdefault(str(worlds.labels[codes[row]]), int(totals[row]))
         entered = _room_names(self._entered, worlds, answered.cells["rooms_entered"].take(rows))
         _room_names(self._unreachable, worlds, answered.cells["rooms_unreachable"].take(rows))
@@ -160,7 +160,7 @@ def _room_names(found: dict[str, set[str]], worlds: Cells, rooms: Cells) -> Int[
     for world in np.unique(world_of).tolist():
         found.setdefault(str(worlds.labels[world]), set())
     rows = np.repeat(np.arange(len(world_of)), cast("np.ndarray", rooms.lengths))
-    of_world, of_row = (distinct([each, codes])[0] for each in (world_of[rows], rows))
+    of_world, of_row = (distinct_cells([each, codes])[0] for each in (world_of[rows], rows))
     for entry in of_world:
         found[str(worlds.labels[world_of[rows[entry]]])].add(str(rooms.labels[codes[entry]]))
     return np.bincount(rows[of_row], minlength=len(world_of))

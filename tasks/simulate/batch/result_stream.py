@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from specs.data.episode import EpisodeResult, unfinished_result
-from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct
+from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns, distinct_cells
 from specs.errors import ObjectNotFound
 from tasks.simulate.batch.batch_record import STOP_CODES, OpenBatch, StopCode, canceled_jobs, canceled_row
 from tasks.simulate.batch.chunk_store import chunk_numbers, commit_missing, committed_columns, counted_columns
@@ -121,7 +121,7 @@ def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:
     place = {name: number for number, name in enumerate(dict.fromkeys(name for names in worlds for name in names))}
     codes = np.array([place[name] for names in worlds for name in names], np.int64)
     starts = np.cumsum([0, *map(len, worlds)])
-    launches, launch = distinct([template, setting])
+    launches, launch = distinct_cells([template, setting])
     return RequestColumns(
         index=index,
         seeds=np.array(plan.seeds, np.int64)[seed],

@@ -101,7 +101,7 @@ def _value(value: JsonValue) -> str:
     return text if len(text) <= _VALUE_CHARACTERS else f"{text[:_VALUE_CHARACTERS]}..."
 
 
-class Transition(NamedTuple):
+class JobTransition(NamedTuple):
     """A job's change from one status to another.
 
     Attributes:
@@ -123,10 +123,10 @@ class Transition(NamedTuple):
     flow: str = ""
 
 
-Listener = Callable[[Transition], None]
+Listener = Callable[[JobTransition], None]
 
 
-def _nobody(transition: Transition) -> None:
+def _nobody(transition: JobTransition) -> None:
     """Drops what is told: nobody listens."""
 
 
@@ -143,7 +143,7 @@ def listen_to_transitions(listener: Listener) -> Generator[None, None, None]:
         _listener.reset(token)
 
 
-def announce_transition(transition: Transition) -> None:
+def announce_transition(transition: JobTransition) -> None:
     """Tells the log, and the listener of this context, of a transition that is in the store."""
     fields = {name: value for name, value in transition._asdict().items() if value}
     why = [text for text in (transition.failure_code, transition.failure_reason) if text]
@@ -325,7 +325,7 @@ def _announce(before: JobRecord, after: JobRecord) -> None:
     if before.status != after.status:
         code, reason = after.failure_code, after.failure_reason
         flow = str(after.request.get("flow", "")) if after.kind == RUN_KIND else ""
-        announce_transition(Transition(after.kind, after.arn, before.status, after.status, code, reason, flow))
+        announce_transition(JobTransition(after.kind, after.arn, before.status, after.status, code, reason, flow))
 
 
 def _epoch(record: JobRecord) -> int:

@@ -62,7 +62,7 @@ def stage_token(run: JobRecord, stage: str) -> str:
     return f"{run.id}-{stage}"
 
 
-def run_document(run: JobRecord) -> str:
+def document_of_run(run: JobRecord) -> str:
     """Returns the name of the document that a run is of; of a stage that runs alone, its flow's."""
     spec = run.request.get("spec")
     name = spec.get("name") if isinstance(spec, dict) and run.request.get("flow") == "pipeline" else None

@@ -15,7 +15,7 @@ from specs.data.run_report import Verdict
 from specs.job_kinds import JOB_KINDS
 from tasks.progress.log_lines import LogFormat
 from tasks.simulate.batch.metrics import ChunkWork, metric_rows, metrics_of
-from tasks.storage.jobs.records import _STATUSES, Transition
+from tasks.storage.jobs.records import _STATUSES, JobTransition
 from tests.repository import ROOT
 
 SECTION = (ROOT / "docs/operate/operations.md").read_text().split("\n## Watching\n")[1].split("\n## ")[0]
@@ -53,7 +53,7 @@ def test_every_kind_of_event_has_a_row_of_statuses_that_there_are() -> None:
 
 
 def test_every_fact_of_a_logged_change_and_every_format_is_named() -> None:
-    assert [fact for fact in Transition._fields if f"`{fact}`" not in SECTION] == []
+    assert [fact for fact in JobTransition._fields if f"`{fact}`" not in SECTION] == []
     assert [form for form in get_args(LogFormat) if form not in SECTION] == []
 
 

@@ -8,7 +8,7 @@ from flows.gateway.handlers import HANDLERS
 from specs.arn import ResourceKind, arn, parse_reference
 from specs.base import canonical_document, canonical_json
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from specs.robomaker.operations import OPERATIONS, shapes
+from specs.robomaker.operations import OPERATIONS, document_shapes
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle, resolve
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
@@ -41,9 +41,9 @@ class Asked:
 
     def call(self, operation: str, **members: Any) -> dict[str, Any]:  # noqa: ANN401 - RoboMaker's requests
         """Returns an operation's answer, as it would be sent."""
-        request = parse(shapes()[OPERATIONS[operation].request], members, operation)
+        request = parse(document_shapes()[OPERATIONS[operation].request], members, operation)
         answer = HANDLERS[operation](self._gateway, request)
-        assert type(answer) is shapes()[OPERATIONS[operation].answer]
+        assert type(answer) is document_shapes()[OPERATIONS[operation].answer]
         return answer.model_dump(mode="json", exclude_none=True)
 
     def arn(self, kind: ResourceKind, path: str) -> str:

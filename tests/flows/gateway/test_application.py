@@ -12,7 +12,7 @@ from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.base import Spec
 from specs.errors import StoreError
-from specs.robomaker.operations import OPERATIONS, shapes
+from specs.robomaker.operations import OPERATIONS, document_shapes
 from specs.robomaker.shared_operations import ListTagsForResourceRequest
 from tasks.deploy.fleet.fleet_registry import fleets
 from tasks.gateway.access.guard import Call, LoopbackGuard, loopback_hosts
@@ -59,7 +59,7 @@ BODIES = {
 
 def answer_nothing(_gateway: Gateway, request: Spec) -> Spec:
     ASKED.append(request)
-    return shapes()["TagResourceResponse"]()
+    return document_shapes()["TagResourceResponse"]()
 
 
 @pytest.fixture(scope="module")
@@ -168,7 +168,7 @@ def test_any_json_is_answered(name: str, document: object, send: Send):
 @given(data=st.data())
 def test_json_under_the_right_names_is_answered(data: st.DataObject, send: Send):
     operation = OPERATIONS[data.draw(st.sampled_from(sorted(OPERATIONS)))]
-    fields = dict.fromkeys(shapes()[operation.request].model_fields, JSON)
+    fields = dict.fromkeys(document_shapes()[operation.request].model_fields, JSON)
     document = data.draw(st.fixed_dictionaries({}, optional=fields))
     answer = send(operation.method, operation.path, json.dumps(document).encode())
     assert answer.status in {200, 400}, answer

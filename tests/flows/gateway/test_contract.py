@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from flows.gateway.gateway import Gateway
 from specs.arn import KINDS, ArnForm, ResourceKind, arn
 from specs.base import Spec
-from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, document_shapes
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.gateway.rest_json import with_arns
@@ -109,7 +109,7 @@ def test_many_requests_arrive_and_answers_are_parsed_whole(
 
 
 def exchange_by_sdk(data: st.DataObject, name: str, echo: Echo, client: BaseClient, form: ArnForm) -> None:
-    asked, answered = shapes()[OPERATIONS[name].request], shapes()[OPERATIONS[name].answer]
+    asked, answered = document_shapes()[OPERATIONS[name].request], document_shapes()[OPERATIONS[name].answer]
     arns = data.draw(OWN_ARNS)
     sent = with_arns(data.draw(shape(asked.__name__)), asked, lambda _: arns)
     echo.answer = answered.model_validate(with_arns(data.draw(shape(answered.__name__)), answered, lambda _: arns))
@@ -180,14 +180,14 @@ def test_an_operation_asked_much_answers_its_shape_or_a_documented_error(
 
 
 def exchange(data: st.DataObject, name: str, store: Store, send: Send) -> None:
-    operation, asked = OPERATIONS[name], shapes()[OPERATIONS[name].request]
+    operation, asked = OPERATIONS[name], document_shapes()[OPERATIONS[name].request]
     named = data.draw(st.lists(arns(store), min_size=1, max_size=3))
     request = with_arns(data.draw(shape(asked.__name__)), asked, lambda text: named[len(text) % len(named)])
 
     answer = send(*request_of(operation, request))
 
     if answer.status == 200:
-        shapes()[operation.answer].model_validate_json(answer.body)
+        document_shapes()[operation.answer].model_validate_json(answer.body)
     else:
         known = {f"{error}Exception": STATUSES.get(error, 400) for error in operation.errors}
         assert known.get(answer.error) == answer.status, answer

@@ -10,7 +10,7 @@ import pytest
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
 from specs.errors import DocumentError
-from specs.robomaker.operations import shapes
+from specs.robomaker.operations import document_shapes
 from tasks.simulate.batch.batch_jobs import Jobs
 from tasks.simulate.batch.batch_record import close_batch, open_batch
 from tasks.simulate.batch.chunk_run import run_chunk
@@ -54,7 +54,7 @@ print(json.dumps(sorted(sys.modules)))
 
 def call(store: Store, name: str, **members: object) -> Any:  # noqa: ANN401 - of any shape
     """Returns what an operation answers."""
-    asked = shapes()[f"{name}Request"].model_validate(members)
+    asked = document_shapes()[f"{name}Request"].model_validate(members)
     return HANDLERS[name](Gateway(store, lambda: None), asked)
 
 

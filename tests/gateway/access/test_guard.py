@@ -8,7 +8,7 @@ import pytest
 
 from specs.arn import ArnForm
 from specs.errors import AccessRefused
-from specs.robomaker.operations import OPERATIONS, shapes
+from specs.robomaker.operations import OPERATIONS, document_shapes
 from tasks.gateway.access.access_keys import AccessKey, KeyFile, add_key, revoke_key
 from tasks.gateway.access.action_log import ActionLog, actions, record_call
 from tasks.gateway.access.guard import (
@@ -101,19 +101,19 @@ def test_a_browser_reaches_the_page_without_a_signature(guard: SignedGuard) -> N
 
 
 def test_limits_are_checked(guard: SignedGuard, key: AccessKey) -> None:
-    shape = shapes()["CreateFleetRequest"]
+    shape = document_shapes()["CreateFleetRequest"]
     caller = Caller(key.key_id, "ci")
     assert guard.permit(caller, CREATE, shape.model_validate({"name": "home"})) is None
     assert code(guard.permit(caller, CREATE, shape.model_validate({"name": "other"}))) == "AccessDeniedException"
 
 
 def test_whoever_was_let_in_without_a_key_may_do_nothing(guard: SignedGuard) -> None:
-    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    document = document_shapes()["CreateFleetRequest"].model_validate({"name": "home"})
     assert code(guard.permit(Caller(), CREATE, document)) == "UnrecognizedClientException"
 
 
 def test_a_key_that_is_revoked_meanwhile_may_do_nothing(guard: SignedGuard, key: AccessKey, keys: Path) -> None:
-    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    document = document_shapes()["CreateFleetRequest"].model_validate({"name": "home"})
     revoke_key(keys, "ci")
     assert code(guard.permit(Caller(key.key_id, "ci"), CREATE, document)) == "UnrecognizedClientException"
 
@@ -160,7 +160,7 @@ def test_changes_and_refusals_are_written_down(folder_store: Store, call: Call, 
 
 
 def test_the_line_has_what_was_made_and_what_it_was_about(folder_store: Store) -> None:
-    document = shapes()["CreateFleetRequest"].model_validate({"name": "home"})
+    document = document_shapes()["CreateFleetRequest"].model_validate({"name": "home"})
     made = replace(called("CreateFleet", HttpAnswer(200, b'{"arn": "arn:made"}')), document=document)
     record_call(ActionLog(folder_store, 90), made)
     record_call(ActionLog(folder_store, 90), called("CreateFleet", HttpAnswer(403, b"{}", error="X"), is_in=False))
@@ -172,7 +172,7 @@ def test_the_line_has_what_was_made_and_what_it_was_about(folder_store: Store) -
 def test_all_arns_of_a_line_have_the_form_that_clients_see(folder_store: Store) -> None:
     form = ArnForm("5f5eb623a2b4", "us-west-2")
     fleet = "arn:simyard:deployment-fleet:5f5eb623a2b4:home"
-    document = shapes()["SyncDeploymentJobRequest"].model_validate({"fleet": fleet, "clientRequestToken": "t"})
+    document = document_shapes()["SyncDeploymentJobRequest"].model_validate({"fleet": fleet, "clientRequestToken": "t"})
     made = form.robomakers("arn:simyard:deployment-job:5f5eb623a2b4:dep-1")
     call = called("SyncDeploymentJob", HttpAnswer(200, json.dumps({"arn": made}).encode()))
     record_call(ActionLog(folder_store, 90), replace(call, document=document), form.robomakers)

@@ -7,7 +7,7 @@ import pytest
 
 from specs.arn import KINDS, ResourceKind
 from specs.errors import AccessRefused
-from specs.robomaker.operations import OPERATIONS, shapes
+from specs.robomaker.operations import OPERATIONS, document_shapes
 from tasks.gateway.access.access_keys import RIGHTS, new_key
 from tasks.gateway.access.rights import WHOLE, check_right, request_arns, right_for
 
@@ -27,7 +27,7 @@ def arn(kind: str, path: str) -> str:
 
 def refusal(operation: str, document: dict[str, Any], rights: list[str], *on: str) -> str:
     asked = OPERATIONS[operation]
-    shape = shapes()[asked.request].model_construct(**document)
+    shape = document_shapes()[asked.request].model_construct(**document)
     try:
         check_right(new_key("ci", rights, on), asked, shape, STORE, fleet_of)
     except AccessRefused as exc:
@@ -40,7 +40,7 @@ def deployment(fleet: str, application: str = "nav") -> dict[str, Any]:
         "fleet": arn("deployment-fleet", fleet),
         "clientRequestToken": "t",
         "deploymentApplicationConfigs": (
-            shapes()["DeploymentApplicationConfig"].model_construct(
+            document_shapes()["DeploymentApplicationConfig"].model_construct(
                 application=arn("robot-application", application), applicationVersion="1"
             ),
         ),
@@ -65,7 +65,7 @@ def test_nothing_that_is_only_read_needs_another_right() -> None:
 @pytest.mark.parametrize("operation", ["TagResource", "UntagResource"])
 @pytest.mark.parametrize("kind", KINDS)
 def test_tags_need_the_right_of_what_is_tagged(operation: str, kind: str) -> None:
-    document = shapes()[f"{operation}Request"].model_construct(resourceArn=arn(kind, "x"))
+    document = document_shapes()[f"{operation}Request"].model_construct(resourceArn=arn(kind, "x"))
     of_fleets = kind in {"deployment-fleet", "robot", "deployment-job"}
     assert right_for(OPERATIONS[operation], document) == ("deploy" if of_fleets else "simulate")
 
@@ -106,7 +106,9 @@ def test_a_key_of_one_fleet_reaches_no_other(operation: str, document: dict[str,
 
 def test_the_calls_that_reach_a_fleet_are_all_tried() -> None:
     fields = {"fleet", "robot", "resourceArn"}
-    reaching = {name for name, each in OPERATIONS.items() if fields & shapes()[each.request].model_fields.keys()}
+    reaching = {
+        name for name, each in OPERATIONS.items() if fields & document_shapes()[each.request].model_fields.keys()
+    }
     deploying = {name for name, each in OPERATIONS.items() if each.right == "deploy"} - {"CreateRobot"}
     assert reaching | deploying <= {name for name, _ in REACHING}
 
@@ -169,7 +171,7 @@ def test_every_request_without_an_arn_says_a_name_or_needs_a_whole_kind() -> Non
     bare = {
         name
         for name, each in OPERATIONS.items()
-        if '"^(?:arn:.*)$"' not in json.dumps(shapes()[each.request].model_json_schema())
+        if '"^(?:arn:.*)$"' not in json.dumps(document_shapes()[each.request].model_json_schema())
     }
     assert bare - WHOLE.keys() == {
         "CreateFleet",
@@ -185,7 +187,8 @@ def test_the_requests_that_may_be_empty_are_known() -> None:
     empty = [
         name
         for name, each in OPERATIONS.items()
-        if name not in WHOLE and not any(field.is_required() for field in shapes()[each.request].model_fields.values())
+        if name not in WHOLE
+        and not any(field.is_required() for field in document_shapes()[each.request].model_fields.values())
     ]
     assert empty == ["CreateWorldTemplate", "GetWorldTemplateBody"]  # the body of nothing is refused to everybody
 
@@ -204,9 +207,9 @@ def test_a_template_is_not_renamed_out_of_the_limits() -> None:
 
 
 def test_arns_in_tags_and_roles_are_no_resources() -> None:
-    document = shapes()["CreateFleetRequest"].model_construct(name="home", tags={"a": "arn:simyard:robot:s:x"})
+    document = document_shapes()["CreateFleetRequest"].model_construct(name="home", tags={"a": "arn:simyard:robot:s:x"})
     assert request_arns(document) == ()
-    role = shapes()["CreateSimulationJobRequest"].model_construct(iamRole="arn:aws:iam::1:role/x")
+    role = document_shapes()["CreateSimulationJobRequest"].model_construct(iamRole="arn:aws:iam::1:role/x")
     assert request_arns(role) == ()
 
 

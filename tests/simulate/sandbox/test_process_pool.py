@@ -21,7 +21,7 @@ from tasks.simulate.sandbox.process_pool import prepare_simulator, simulator
 from tasks.simulate.sandbox.protocol import LanesWork, Rows, SentWorlds
 from tasks.simulate.sandbox.sandbox_client import SandboxClient
 from tasks.simulate.sandbox.simulator import Simulator
-from tasks.storage.sealed_bundle import seal
+from tasks.storage.sealed_bundle import seal_bundle
 from tests.factories.simulations import DRIFT, FOLDERS, pushing
 
 
@@ -49,7 +49,7 @@ def bundles(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Path]:
         header.size, header.mode = 9, 0o644
         tar.addfile(header, io.BytesIO(b"SPEED = 1"))
     digest = hashlib.sha256(archive.read_bytes()).hexdigest()
-    return {digest: seal(archive, tmp_path / digest, digest)}
+    return {digest: seal_bundle(archive, tmp_path / digest, digest)}
 
 
 def edit(files: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from specs.data.episode_columns import Cells, distinct, join_cells
+from specs.data.episode_columns import Cells, distinct_cells, join_cells
 
 # As a table of all combinations is made of few, and rows are sorted when there are many.
 BOUNDS = (1, 3, 50, 1 << 40)
@@ -17,7 +17,7 @@ def test_combinations_come_in_the_order_of_their_first_rows(bound: int, data: st
     code = st.integers(-(bound // 2), bound - 1)
     rows = data.draw(st.lists(st.tuples(code, st.integers(0, 2), code), max_size=30))
     columns = [np.array([row[place] for row in rows], np.int64) for place in range(3)]
-    first, which = distinct(columns)
+    first, which = distinct_cells(columns)
     seen = list(dict.fromkeys(rows))
     assert [rows[row] for row in first] == seen
     assert [seen[number] for number in which.tolist()] == rows
@@ -25,7 +25,7 @@ def test_combinations_come_in_the_order_of_their_first_rows(bound: int, data: st
 
 
 def test_no_rows_have_no_combinations() -> None:
-    first, which = distinct([np.zeros(0, np.int64), np.zeros(0, np.int64)])
+    first, which = distinct_cells([np.zeros(0, np.int64), np.zeros(0, np.int64)])
     assert (first, which.tolist()) == ([], [])
 
 

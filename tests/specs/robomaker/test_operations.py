@@ -4,7 +4,7 @@ import pytest
 
 from specs.errors import DocumentError
 from specs.robomaker import operations
-from specs.robomaker.operations import OPERATIONS, STATUSES, shapes
+from specs.robomaker.operations import OPERATIONS, STATUSES, document_shapes
 from specs.settings import CountSetting
 from tests.specs.contract_forms import contract, models
 
@@ -24,7 +24,7 @@ def test_the_operations_are_those_of_the_contract():
 
 
 def test_every_document_class_is_found_by_its_name():
-    assert shapes() == models()
+    assert document_shapes() == models()
 
 
 QUOTAS = [each for each in vars(operations).values() if isinstance(each, CountSetting)]

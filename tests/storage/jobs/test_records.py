@@ -23,7 +23,7 @@ from tasks.storage.jobs import records
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import (
     JobRecord,
-    Transition,
+    JobTransition,
     advance,
     cancel_watched_job,
     changes_text,
@@ -300,7 +300,7 @@ def job(store: Store) -> str:
 
 
 def test_each_change_of_status_is_told_once_and_nothing_else(store: Store, job: str):
-    heard: list[Transition] = []
+    heard: list[JobTransition] = []
     with listen_to_transitions(heard.append):
         advance(store, KIND, job, "Running")
         advance(store, KIND, job, "Running", detail={"worlds": 3})
@@ -308,8 +308,8 @@ def test_each_change_of_status_is_told_once_and_nothing_else(store: Store, job: 
         advance(store, KIND, job, "Completed")
     record = read(store, KIND, job)
     assert heard == [
-        Transition(KIND, record.arn, "Pending", "Running", "", ""),
-        Transition(KIND, record.arn, "Running", "Failed", "InvalidInput", "no worlds"),
+        JobTransition(KIND, record.arn, "Pending", "Running", "", ""),
+        JobTransition(KIND, record.arn, "Running", "Failed", "InvalidInput", "no worlds"),
     ]
 
 
@@ -321,14 +321,14 @@ def test_what_is_told_is_in_the_store_already(store: Store, job: str):
 
 
 def test_a_change_that_is_not_made_is_not_told(store: Store, job: str):
-    heard: list[Transition] = []
+    heard: list[JobTransition] = []
     with listen_to_transitions(heard.append):
         advance(store, KIND, job, "Completed", only_from={"Running"})
     assert heard == []
 
 
 def test_nobody_hears_outside_the_block(store: Store, job: str):
-    heard: list[Transition] = []
+    heard: list[JobTransition] = []
     with listen_to_transitions(heard.append):
         pass
     advance(store, KIND, job, "Running")
@@ -354,7 +354,7 @@ def test_a_failure_is_logged_with_its_code_and_reason(file_store: Store, caplog:
 @pytest.mark.parametrize(("kind", "flow"), [("pipeline-run", "world-generation"), (KIND, "")])
 def test_a_change_of_a_run_names_its_flow(file_store: Store, kind: JobKind, flow: str):
     record = submit(file_store, kind, {"flow": flow or "any"}, "one")
-    heard: list[Transition] = []
+    heard: list[JobTransition] = []
     with listen_to_transitions(heard.append):
         advance(file_store, kind, record.id, "Running")
     assert [each.flow for each in heard] == [flow]

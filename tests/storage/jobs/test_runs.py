@@ -9,7 +9,7 @@ from pydantic import JsonValue
 
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, is_terminal, records, submit
-from tasks.storage.jobs.runs import begin_run, run_document, stage_token
+from tasks.storage.jobs.runs import begin_run, document_of_run, stage_token
 from tasks.storage.store_url import open_store
 
 IDENTITY: dict[str, JsonValue] = {"flow": "pipeline", "spec": {"name": "nightly"}}
@@ -109,4 +109,4 @@ def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
 def test_a_run_has_its_documents_name_or_that_of_a_flow_alone(
     file_store: Store, identity: dict[str, JsonValue], name: str
 ):
-    assert run_document(submit(file_store, "pipeline-run", identity, "one")) == name
+    assert document_of_run(submit(file_store, "pipeline-run", identity, "one")) == name
