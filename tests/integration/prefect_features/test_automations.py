@@ -40,7 +40,7 @@ from prefect import flow
 from flows.prefect.prefect_events import announce_changes, _announce
 from tasks.storage.store_url import open_store
 from tasks.storage.jobs.records import advance
-from tasks.storage.jobs.records import Transition
+from tasks.storage.jobs.records import JobTransition
 
 @flow
 def failing(store: str, batch: str) -> None:
@@ -49,7 +49,7 @@ def failing(store: str, batch: str) -> None:
         advance(at, "simulation-job-batch", batch, "InProgress")
         code = "InternalServiceError"
         record = advance(at, "simulation-job-batch", batch, "Failed", failure_code=code, failure_reason="why")
-        _announce(Transition(record.kind, record.arn, "InProgress", "Failed", code, "again"))
+        _announce(JobTransition(record.kind, record.arn, "InProgress", "Failed", code, "again"))
 
 failing(*sys.argv[1:])
 """
