@@ -91,11 +91,11 @@ class ShrunkJob(NamedTuple):
     @property
     def likeness(self) -> str:
         """Returns how alike the two failures are, as a part of a sentence."""
-        apart = f"{dist(self.ending.place_m, self.small_ending.place_m):.2f} m from the job's"
+        distance = f"{dist(self.ending.place_m, self.small_ending.place_m):.2f} m from the job's"
         if self.same:
-            return f"the same, {apart}, on the way to the same goal"
+            return f"the same, {distance}, on the way to the same goal"
         goal = "the same" if is_same_goal(self.ending, self.small_ending) else "another"
-        return f"another failure of that kind, {apart}, on the way to {goal} goal"
+        return f"another failure of that kind, {distance}, on the way to {goal} goal"
 
 
 def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:

@@ -228,8 +228,8 @@ def _stage(store: Store, record: JobRecord, section: StageName) -> StageReport:
         return StageReport(name=section, arn=record.arn, status=record.status, summary=summary, seconds=seconds)
     if record.kind == "world-generation-job":
         return generation_report(record, store, seconds)
-    told = {"world-export-job": export_report, "simulation-job-batch": batch_report}
-    return told.get(record.kind, deployment_report)(record, seconds)
+    reports = {"world-export-job": export_report, "simulation-job-batch": batch_report}
+    return reports.get(record.kind, deployment_report)(record, seconds)
 
 
 def _with_batch(asked: AskedRun, found: FullReport) -> FullReport:

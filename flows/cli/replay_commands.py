@@ -209,13 +209,13 @@ def show_replay(again: JobReplay, console: Console) -> None:
 
 def replay_answer(again: JobReplay) -> list[str]:
     """Returns whether the replay is what was recorded, and if not, what may be the cause."""
-    apart = [each for each in again.deviations if not each.same]
-    if not apart:
+    deviating = [each for each in again.deviations if not each.same]
+    if not deviating:
         hidden = len(again.deviations) - len(_deviations_shown(again))
         columns = f"{len(again.deviations)} columns, {hidden} of its request not shown"
         return [f"{again.job}: {again.ending}; deviation 0 in all {columns}"]
-    most = ", ".join(f"{each.column} {_deviation(each)}" for each in apart[:3])
-    first = f"{again.job}: {again.ending}; {len(apart)} of {len(again.deviations)} columns deviate: {most}"
+    most = ", ".join(f"{each.column} {_deviation(each)}" for each in deviating[:3])
+    first = f"{again.job}: {again.ending}; {len(deviating)} of {len(again.deviations)} columns deviate: {most}"
     return [first, *(f"may be why: {cause}" for cause in again.causes or (_UNKNOWN,))]
 
 

@@ -344,7 +344,7 @@ def simulate(work: ParsedRun) -> tuple[JobRecord | None, Reports]:
         return None, ()
     ended = _ended_batch(work)
     if ended is not None:
-        return ended, _told(batch_report(ended, 0.0))
+        return ended, _logged(batch_report(ended, 0.0))
     worlds, numbers, token = [*work.worlds], work.found.numbers(), stage_token(work.run, "batch")
     gate = work.spec.gate if stops_early(work.spec.gate) else None
     return _reported(
@@ -466,12 +466,12 @@ def deploy(work: ParsedRun, batch: JobRecord | None) -> Reports:
     found, seconds = _measure(changes)
     if found:
         withdraw_deployment(store, section.clientRequestToken or token)
-        return _told(refusal_report(found, seconds))
+        return _logged(refusal_report(found, seconds))
     builds = settled.digests() if gated else None
     record, seconds = _measure(
         lambda: run_step(deployment_sync, section, store.url, tested, numbers, token, builds=builds)
     )
-    return _told(deployment_report(record, seconds))
+    return _logged(deployment_report(record, seconds))
 
 
 def deployment_sync(
@@ -516,7 +516,7 @@ def skip_deployment(spec: PipelineSpec) -> Reports:
     if spec.deployment is None:
         return ()
     summary = "nothing was deployed: the gate did not pass"
-    return _told(StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0))
+    return _logged(StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0))
 
 
 @contextmanager
@@ -549,10 +549,10 @@ def _reported(stage: StageName, work: Callable[[], T], report: Callable[[T, floa
     """Returns what a stage's work returns, and the stage's report; the log is told of its begin and its end."""
     logger.info("the %s begins", _WORDS[stage])
     result, seconds = _measure(work)
-    return result, _told(report(result, seconds))
+    return result, _logged(report(result, seconds))
 
 
-def _told(report: StageReport) -> Reports:
+def _logged(report: StageReport) -> Reports:
     """Returns a stage's report, having told the log what came of the stage."""
     fields = {"stage": report.name, "arn": report.arn, "status": report.status, "seconds": round(report.seconds, 3)}
     words = _WORDS[report.name]

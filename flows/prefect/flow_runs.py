@@ -260,29 +260,29 @@ def watch_cancellation(
     if not flow_run:
         yield lambda: False
         return
-    told, next_s = threading.Event(), now_s()
+    canceled, next_s = threading.Event(), now_s()
 
     def is_canceled() -> bool:
         nonlocal next_s
-        if not told.is_set() and now_s() >= next_s:
+        if not canceled.is_set() and now_s() >= next_s:
             next_s = now_s() + QUESTION_S
             if is_cancelling(flow_run):
-                told.set()
-        return told.is_set()
+                canceled.set()
+        return canceled.is_set()
 
-    with _listening(flow_run, told):
+    with _listening(flow_run, canceled):
         yield is_canceled
 
 
 @contextmanager
-def _listening(flow_run: str, told: threading.Event) -> Generator[None, None, None]:
+def _listening(flow_run: str, canceled: threading.Event) -> Generator[None, None, None]:
     """Sets an event as soon as Prefect tells of the cancellation, inside the ``with`` block."""
     loop = asyncio.new_event_loop()
     left = asyncio.Event()
 
     def listen() -> None:
         with suppress(RuntimeError), asyncio.Runner(loop_factory=lambda: loop) as runner:  # or the interpreter ends
-            runner.run(_listen_until(flow_run, told, left))
+            runner.run(_listen_until(flow_run, canceled, left))
 
     context = contextvars.copy_context()  # so that it asks the same server
     thread = threading.Thread(target=context.run, args=(listen,), name=f"events of {flow_run}", daemon=True)
@@ -294,8 +294,8 @@ def _listening(flow_run: str, told: threading.Event) -> Generator[None, None, No
             loop.call_soon_threadsafe(left.set)
 
 
-async def _listen_until(flow_run: str, told: threading.Event, left: asyncio.Event) -> None:
-    listening = asyncio.create_task(_listen(flow_run, told))
+async def _listen_until(flow_run: str, canceled: threading.Event, left: asyncio.Event) -> None:
+    listening = asyncio.create_task(_listen(flow_run, canceled))
     leaving = asyncio.create_task(left.wait())
     await asyncio.wait({listening, leaving}, return_when=asyncio.FIRST_COMPLETED)
     for task in (listening, leaving):
@@ -303,15 +303,15 @@ async def _listen_until(flow_run: str, told: threading.Event, left: asyncio.Even
     await asyncio.gather(listening, leaving, return_exceptions=True)
 
 
-async def _listen(flow_run: str, told: threading.Event) -> None:
+async def _listen(flow_run: str, canceled: threading.Event) -> None:
     wanted = EventFilter(
         event=EventNameFilter(name=_EVENTS), resource=EventResourceFilter(id=[f"prefect.flow-run.{flow_run}"])
     )
-    while not told.is_set():
+    while not canceled.is_set():
         try:
             async with get_events_subscriber(filter=wanted, reconnection_attempts=_RECONNECTIONS) as events:
                 async for _ in events:
-                    told.set()
+                    canceled.set()
                     return
         except Exception as exc:  # noqa: BLE001 - whatever a server or a proxy makes of it, the questions are asked
             logger.info("no events of %s, which is asked after every %.0f s: %s", flow_run, QUESTION_S, exc)

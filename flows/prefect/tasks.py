@@ -254,9 +254,9 @@ def show_progress(stage: str, key: str) -> Generator[Progress, None, None]:
     bar, terminal = _Bar(stage, document_artifact_key(key)), current_listener()
     bar.show(0.0)
 
-    def hear(told: str, done: int, total: int) -> None:
-        terminal(told, done, total)
-        if told == stage and bar.is_due():
+    def hear(at: str, done: int, total: int) -> None:
+        terminal(at, done, total)
+        if at == stage and bar.is_due():
             bar.show(100.0 * done / max(total, 1))
 
     with listen_to_progress(hear):

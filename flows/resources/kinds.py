@@ -406,9 +406,9 @@ def describe_jobs(store: Store, arns: Sequence[str]) -> Spec:
     from tasks.simulate.batch.batch_jobs import batch_describe_jobs
 
     request = parse(BatchDescribeSimulationJobRequest, {"jobs": [*arns]}, "simyard")
-    told = batch_describe_jobs(store, request.jobs)
-    jobs = (with_tags_now(store, _JOB, parse_reference(str(job.arn)).path, job) for job in told.jobs or ())
-    return told.model_copy(update={"jobs": tuple(jobs) or None})
+    described = batch_describe_jobs(store, request.jobs)
+    jobs = (with_tags_now(store, _JOB, parse_reference(str(job.arn)).path, job) for job in described.jobs or ())
+    return described.model_copy(update={"jobs": tuple(jobs) or None})
 
 
 def list_resources(store: Store, kind: str) -> Iterable[Spec]:
