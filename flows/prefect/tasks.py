@@ -188,7 +188,7 @@ def _chunks(store_url: str, batch: str) -> int:
 def _show_tables(parameters: Parameters, tables: BatchTables) -> None:
     rows: list[dict[str, JsonValue]] = [dict(zip(_HEADINGS, row, strict=True)) for row in tables.rows[:_ROWS_SHOWN]]
     said = f"Results of {parameters['batch']}. {tables.note}."
-    create_table_artifact(table=table_rows(rows), key=document_artifact_key("batch-results"), description=said)
+    create_table_artifact(key=document_artifact_key("batch-results"), table=table_rows(rows), description=said)
 
 
 def _show_audit(_parameters: Parameters, detail: dict[str, JsonValue]) -> None:
