@@ -20,7 +20,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
-import jax
 import numpy as np
 from jaxtyping import Float32
 
@@ -45,13 +44,12 @@ from tasks.simulate.audit.audit_report import (
 )
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.byproducts import note_timing
-from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_parts
+from tasks.simulate.chunk.chunk_simulation import LaneDrive, ReadyChunk, ready_parts
 from tasks.simulate.chunk.lane_pool import lane_row, open_run
 from tasks.simulate.devices import device_count, device_kind
 from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.engines.program import Run
 from tasks.simulate.host.declaration import most_lanes
-from tasks.simulate.lane.control_step import LaneState
 from tasks.simulate.plan.chunks import plan_chunks
 
 # What a row holds besides what the simulation gave it; how lock-step held is judged by itself.
@@ -213,7 +211,6 @@ def _reproduced(row: EpisodeResult, ours: Driven) -> bool:
 
 
 UNDISTURBED_M = (0.0, 0.0)
-Poses = Float32[np.ndarray, "lanes steps 3"]
 
 
 class Drives:
@@ -266,50 +263,31 @@ class Drives:
         if run.host is not None:
             part: Future[list[DrivenEpisode]] = Future()
             with open_run(run):
-                end, poses = _driven_on(chunk, run, *_first_slice(chunk, run))
-            part.set_result(_driven_episodes(chunk, run, end, poses))
+                drive = _to_end(LaneDrive(chunk, run))
+            part.set_result(_driven_episodes(drive, run))
             return part
-        first = _first_slice(chunk, run)
+        drive = LaneDrive(chunk, run)
+        drive.advance()
         while len(self._under_way) >= self._most:
             self._under_way -= wait(self._under_way, return_when=FIRST_COMPLETED).done
-        part = self._threads.submit(copy_context().run, _drive_rest, chunk, run, *first)
+        part = self._threads.submit(copy_context().run, lambda: _driven_episodes(_to_end(drive), run))
         self._under_way.add(part)
         return part
 
 
-def _first_slice(chunk: ReadyChunk, run: Run) -> tuple[LaneState, Poses]:
-    state, record = run.advance(run.begin())
-    poses = np.asarray(record.pose)
-    chunk.watch.mark()
-    return state, poses
+def _to_end(drive: LaneDrive) -> LaneDrive:
+    while not drive.done:
+        drive.advance()
+    return drive
 
 
-def _drive_rest(chunk: ReadyChunk, run: Run, state: LaneState, first: Poses) -> list[DrivenEpisode]:
-    return _driven_episodes(chunk, run, *_driven_on(chunk, run, state, first))
-
-
-def _driven_on(chunk: ReadyChunk, run: Run, state: LaneState, first: Poses) -> tuple[LaneState, list[Poses]]:
-    """Returns the lanes' last state on the host, and the poses of each slice."""
-    poses = [first]
-    while not np.all(state.done):
-        state, record = run.advance(state)
-        poses.append(np.asarray(record.pose))
-        chunk.watch.mark()
-    return _last_state(state), poses
-
-
-def _last_state(state: LaneState) -> LaneState:
-    """Returns the lanes' last state on the host, without the applications' own."""
-    return jax.device_get(state._replace(controller=None, scenario=None))
-
-
-def _driven_episodes(chunk: ReadyChunk, run: Run, end: LaneState, poses: list[Poses]) -> list[DrivenEpisode]:
+def _driven_episodes(drive: LaneDrive, run: Run) -> list[DrivenEpisode]:
+    chunk, end, path = drive.chunk, drive.end(), np.concatenate(drive.poses, axis=1)
     note_timing(chunk.watch.timing(chunk.program.lanes))
-    path = np.concatenate(poses, axis=1)
     return [
         DrivenEpisode(
             engine=chunk.program.engine,
-            row=lane_row(chunk.program, run.host, lane, position, end, poses),
+            row=lane_row(chunk.program, run.host, lane, position, end, drive.poses),
             places_m=path[position, : int(end.step[position]), :2],
         )
         for position, lane in enumerate(chunk.lanes)

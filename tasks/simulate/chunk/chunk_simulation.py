@@ -21,11 +21,13 @@ from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline, LaneSetting
 from tasks.simulate.chunk.lane_pool import lane_ends, lane_row, open_run
 from tasks.simulate.chunk.placing import check_applications, part_program, place_chunk
 from tasks.simulate.engines.program import Program, Run
-from tasks.simulate.lane.control_step import LaneState
+from tasks.simulate.lane.control_step import LaneState, StepRecord
 from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder
 from tasks.simulate.lane.result_rows import stopped_row
 from tasks.simulate.lane.staging import Lane, moved_lane, stack_lanes
 from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
+
+Poses = Float32[np.ndarray, "lanes steps 3"]
 
 
 class ReadyChunk(NamedTuple):
@@ -203,8 +205,9 @@ def run_ready(
     with open_run(chunk.run):
         if should_stop():
             return chunk.rows + [stopped_row(lane.request) for lane in chunk.lanes]
-        state, poses = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
-    if np.all(state.done):
+        drive = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
+        state, poses = drive.end(), drive.poses
+    if drive.done:
         note_timing(chunk.watch.timing(chunk.program.lanes))
     rows = [
         lane_row(chunk.program, chunk.run.host, lane, position, state, poses)
@@ -217,29 +220,58 @@ def run_ready(
     return chunk.rows + rows
 
 
+class LaneDrive:
+    """Lanes that were made ready, driven slice by slice: those of a chunk by itself, or of an audit.
+
+    Attributes:
+        chunk: The episodes.
+        state: The lanes now.
+        poses: Of each slice.
+    """
+
+    def __init__(self, chunk: ReadyChunk, run: Run) -> None:
+        """Begins the lanes."""
+        self.chunk, self._run = chunk, run
+        self.state, self.poses = run.begin(), list[Poses]()
+
+    @property
+    def done(self) -> bool:
+        """Returns whether all lanes have ended."""
+        return bool(np.all(self.state.done))
+
+    def advance(self) -> StepRecord:
+        """Drives a slice; returns what the lanes did in it."""
+        self.state, record = self._run.advance(self.state)
+        self.poses.append(np.asarray(record.pose))
+        self.chunk.watch.mark()
+        return record
+
+    def end(self) -> LaneState:
+        """Returns the lanes' last state on the host, without the applications' own."""
+        return jax.device_get(self.state._replace(controller=None, scenario=None))
+
+
 def _advance_until_done(
     chunk: ReadyChunk,
     run: Run,
     should_stop: Callable[[], bool],
     progress: Callable[[int], None],
     recorder: LaneRecorder | None,
-) -> tuple[LaneState, list[Float32[np.ndarray, "lanes steps 3"]]]:
-    """Returns the lanes' last state, without the applications' own, and the poses of each slice."""
+) -> LaneDrive:
+    """Returns the lanes when all are done, or when they shall stop."""
     with timed_call("compile", "", "the first control step, which is compiled before"):
-        state = run.begin()
+        drive = LaneDrive(chunk, run)
     if recorder is not None:
         recorder.begin(len(chunk.lanes), CONTROL_S)
-    poses: list[Float32[np.ndarray, "lanes steps 3"]] = []
-    before = np.asarray(state.done)
-    while not np.all(state.done) and not should_stop():
-        kind: CallKind = "slice" if poses else "compile"
+    before = np.asarray(drive.state.done)
+    while not drive.done and not should_stop():
+        kind: CallKind = "slice" if drive.poses else "compile"
         with timed_call(kind, "", f"a slice of {SLICE_STEPS} control steps"):
-            state, record = run.advance(state)
-            poses.append(np.asarray(record.pose))
-        chunk.watch.mark()
+            record = drive.advance()
+        done = np.asarray(drive.state.done)
         if recorder is not None:
             # Of a lane that was done before, nothing more is told: others may end earlier, or later.
-            recorder.keep(record, np.where(before, -1, np.asarray(state.step)))
-            before = np.asarray(state.done)
-        progress(len(chunk.rows) + int(np.count_nonzero(np.asarray(state.done)[: len(chunk.lanes)])))
-    return jax.device_get(state._replace(controller=None, scenario=None)), poses
+            recorder.keep(record, np.where(before, -1, np.asarray(drive.state.step)))
+            before = done
+        progress(len(chunk.rows) + int(np.count_nonzero(done[: len(chunk.lanes)])))
+    return drive

@@ -173,12 +173,11 @@ def drive(monkeypatch: pytest.MonkeyPatch, runs: Callable[[], Iterator[Run]]) ->
         for number, run in enumerate(runs()):
             yield SimpleNamespace(run=run, watch=ChunkWatch(), number=number)
 
-    def driven(chunk: SimpleNamespace, *_more: object) -> list[SimpleNamespace]:
-        return [SimpleNamespace(row=SimpleNamespace(index=chunk.number))]
+    def driven(drive: SimpleNamespace, *_more: object) -> list[SimpleNamespace]:
+        return [SimpleNamespace(row=SimpleNamespace(index=drive.chunk.number))]
 
     monkeypatch.setattr(audit_drive, "ready_parts", ready)
     monkeypatch.setattr(audit_drive, "most_lanes", lambda *_: None)
-    monkeypatch.setattr(audit_drive, "_last_state", lambda state: state)
     monkeypatch.setattr(audit_drive, "_driven_episodes", driven)
     with Drives() as under_way:
         return under_way.begin(DRIVEN_REQUESTS, {}, {"": Path()}, lanes=8, engine="planar")()
