@@ -30,7 +30,8 @@ def told_events() -> dict[str, set[str]]:
 def test_every_artifact_has_a_row() -> None:
     sources = [path.read_text() for folder in ("tasks", "flows") for path in (ROOT / folder).rglob("*.py")]
     created = re.compile(
-        r'create_(?:table|markdown|image)_artifact\([^)]*?key=(?:document_)?artifact_key\((?:[a-z.]+, )?"([a-z-]+)"', re.DOTALL
+        r'create_(?:table|markdown|image)_artifact\([^)]*?key=(?:document_)?artifact_key\((?:[a-z.]+, )?"([a-z-]+)"',
+        re.DOTALL,
     )
     made = {key for text in sources for key in created.findall(text)}
     rows = re.findall(r"^\| (`[a-z-]+`(?:, `[a-z-]+`)*) \|", SECTION, flags=re.MULTILINE)
