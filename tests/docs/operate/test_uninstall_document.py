@@ -58,7 +58,17 @@ def test_its_commands_leave_nothing_in_a_home_folder_but_the_store(tmp_path: Pat
 
 def test_the_table_names_what_the_command_looks_at() -> None:
     rows = PAGE.split("| where |")[1].split("\n\n")[0]
-    for word in ("programs", "bundles", "data", "engines", "timings", "nights", "robots of demonstrations", *_KEYS):
+    for word in (
+        "programs",
+        "bundles",
+        "data",
+        "engines",
+        "timings",
+        "nights",
+        "lists of jobs",
+        "robots of demonstrations",
+        *_KEYS,
+    ):
         assert word in rows
     assert {each.partition("/")[0] for each in _CACHE} == {
         "programs",
@@ -67,6 +77,7 @@ def test_the_table_names_what_the_command_looks_at() -> None:
         "engines",
         "timings",
         "trends",
+        "lists",
         "agents",
     }
 
