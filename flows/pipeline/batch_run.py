@@ -34,7 +34,7 @@ from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
 from tasks.simulate.batch.metrics import METRICS, BatchMeter, BatchMetrics
 from tasks.simulate.batch.provenance import note_machine
 from tasks.simulate.chunk.byproducts import collect_timings
-from tasks.simulate.forecast.batch_timing import BatchWatch
+from tasks.simulate.forecast.batch_times import BatchWatch
 from tasks.simulate.sandbox.process_pool import prepare_simulator
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store

@@ -28,7 +28,7 @@ from tasks.documents.source_text import read_document
 from tasks.results.playback.replay_formats import is_installed
 from tasks.results.statistics.power import effective_episodes
 from tasks.ros.launch.launch_plan import LaunchSource
-from tasks.simulate.forecast.batch_timing import Span
+from tasks.simulate.forecast.batch_times import Span
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.plan.batch_plan import BatchPlan

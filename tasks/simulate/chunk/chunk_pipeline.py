@@ -17,8 +17,15 @@ from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import timed_call
 from tasks.simulate.chunk.byproducts import TurnWatch, note_timing
+from tasks.simulate.chunk.chunk_placement import (
+    PlacedChunk,
+    check_applications,
+    lane_forms,
+    part_program,
+    placing,
+    program_of,
+)
 from tasks.simulate.chunk.lane_pool import EpisodeGroup, LanePool, LaneSetting, PendingChunk
-from tasks.simulate.chunk.placing import PlacedChunk, check_applications, lane_forms, part_program, placing, program_of
 from tasks.simulate.devices import running_s
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program

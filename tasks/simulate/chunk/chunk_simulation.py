@@ -18,8 +18,8 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CallKind, CrashCode, crash_of, timed_call
 from tasks.simulate.chunk.byproducts import ChunkWatch, note_timing
 from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline, LaneSetting
+from tasks.simulate.chunk.chunk_placement import check_applications, part_program, place_chunk
 from tasks.simulate.chunk.lane_pool import lane_ends, lane_row, open_run
-from tasks.simulate.chunk.placing import check_applications, part_program, place_chunk
 from tasks.simulate.engines.program import Program, Run
 from tasks.simulate.lane.control_step import LaneState, StepRecord
 from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder

@@ -20,7 +20,7 @@ from jaxtyping import Float32, Int
 from specs.data.episode import CONTROL_S, EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.chunk.byproducts import give_tags
-from tasks.simulate.chunk.placing import PlacedChunk
+from tasks.simulate.chunk.chunk_placement import PlacedChunk
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lanes

@@ -29,7 +29,7 @@ from specs.launched_file import policy_file
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engines.engine_table import ENGINES, REFERENCE, EngineChoice, choose_engine
-from tasks.simulate.forecast.batch_timing import Span, recall_batches, remembered_bytes, remembered_wall_s
+from tasks.simulate.forecast.batch_times import Span, recall_batches, remembered_bytes, remembered_wall_s
 from tasks.simulate.host.declaration import ControllerKind, controller_kind
 from tasks.simulate.host.policy_check import check_policy
 from tasks.simulate.plan.batch_plan import BatchPlan

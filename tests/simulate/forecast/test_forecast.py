@@ -10,7 +10,7 @@ from specs.data.episode import ApplicationLaunch
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.engines.engine_table import EngineChoice
 from tasks.simulate.forecast import forecast
-from tasks.simulate.forecast.batch_timing import BatchTiming, remember_batch
+from tasks.simulate.forecast.batch_times import BatchTiming, remember_batch
 from tasks.simulate.forecast.forecast import EngineAnswer, engine_plan, recall_choice
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.episode_layout import Layout

@@ -12,7 +12,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.simulate.application.contract import HostMap, Placement
 from tasks.simulate.application.robot_model import Hull
-from tasks.simulate.chunk.placing import alike
+from tasks.simulate.chunk.chunk_placement import alike
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.staging import Lane

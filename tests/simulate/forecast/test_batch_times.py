@@ -9,8 +9,8 @@ import pytest
 from tasks.progress.log_lines import log_duration
 from tasks.simulate.batch.metrics import METRICS, metrics_of, work_of
 from tasks.simulate.chunk.byproducts import ChunkTiming
-from tasks.simulate.forecast import batch_timing
-from tasks.simulate.forecast.batch_timing import (
+from tasks.simulate.forecast import batch_times
+from tasks.simulate.forecast.batch_times import (
     BatchTiming,
     BatchWatch,
     process_age_s,
@@ -137,10 +137,10 @@ def test_the_last_batches_are_kept():
 
 
 def test_only_batches_that_were_remembered_last_are_kept(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(batch_timing, "_FILES_KEPT", 3)
+    monkeypatch.setattr(batch_times, "_FILES_KEPT", 3)
     for lanes in range(1, 6):
         remember_batch(plan(lanes=lanes), WARM)
-        os.utime(batch_timing._batches_file(plan(lanes=lanes)), ns=(lanes, lanes))
+        os.utime(batch_times._batches_file(plan(lanes=lanes)), ns=(lanes, lanes))
     assert [bool(recall_batches(plan(lanes=lanes))) for lanes in range(1, 6)] == [False, False, True, True, True]
 
 
@@ -158,10 +158,10 @@ def test_a_process_knows_its_age():
 
 
 def test_what_more_cores_took_says_nothing_of_fewer(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(batch_timing, "device_count", lambda: 2)
+    monkeypatch.setattr(batch_times, "device_count", lambda: 2)
     remember_batch(plan(), WARM)
     assert recall_batches(plan()) == [WARM]
-    monkeypatch.setattr(batch_timing, "device_count", lambda: 1)
+    monkeypatch.setattr(batch_times, "device_count", lambda: 1)
     assert recall_batches(plan()) == []
 
 
@@ -174,7 +174,7 @@ def clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now_s = [100.0]
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(
-        batch_timing,
+        batch_times,
         "time",
         SimpleNamespace(monotonic=lambda: now_s[0]),
     )
