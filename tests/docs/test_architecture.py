@@ -22,7 +22,10 @@ ADDED = (
     "sensor",
 )
 HOUSES = ("specs", "tasks", "flows", "simyard", "tests", "benchmarks")
-MOST_MODULES = 12
+PRODUCT = ("specs", "tasks", "flows", "simyard")
+MOST_LINES = 600
+MOST_FOLDERS = 4  # tasks/simulate/engines/planar
+EVERY_CAPABILITY_HAS = frozenset({"step", "task"})
 # The field's own words, and things rather than deeds.
 # `reaping` is the name under which people deploy the flow.
 ING = frozenset({"scoring", "slicing", "staging", "recording", "encoding", "keyring", "delta_debugging", "reaping"})
@@ -38,6 +41,11 @@ def modules() -> list[Path]:
     """Every module that is no ``__init__``, relative to the root; not those of bundles that tests drive."""
     found = (path.relative_to(ROOT) for house in HOUSES for path in sorted((ROOT / house).rglob("*.py")))
     return [path for path in found if path.name != "__init__.py" and "bundles" not in path.parts]
+
+
+def product_modules() -> list[Path]:
+    """Those that are neither tests nor benchmarks."""
+    return [path for path in modules() if path.parts[0] in PRODUCT]
 
 
 def section(heading: str) -> str:
@@ -74,7 +82,7 @@ def test_the_steps_of_a_life_are_counted_and_name_modules(heading: str):
     assert [text for _, text in steps if not re.match(r"`[\w/]+\.py`", text)] == []
 
 
-@pytest.mark.parametrize("name", ["tree", "layers", "keys"])
+@pytest.mark.parametrize("name", ["tree", "layers", "keys", "house"])
 def test_the_page_has_the_folders_layers_and_keys_that_the_code_has(name: str):
     assert between(ARCHITECTURE, name) == lists()[name], "python -m tests.docs.tree writes it anew"
 
@@ -90,9 +98,18 @@ def test_each_folder_says_in_one_line_what_lives_there_and_who_may_import_it():
     assert [str(path) for path, line in lines.items() if not re.search(r"\S\. .+ imports? it\.$", line)] == []
 
 
-def test_no_folder_has_more_modules_than_one_can_take_in():
-    sizes = Counter(str(path.parent) for path in modules())
-    assert {folder: size for folder, size in sizes.items() if size > MOST_MODULES} == {}
+def test_a_module_is_one_topic_that_is_read_in_one_go():
+    sizes = {str(path): len((ROOT / path).read_text().splitlines()) for path in product_modules()}
+    assert {path: size for path, size in sizes.items() if size > MOST_LINES} == {}
+
+
+def test_no_folder_lies_deeper_than_two_below_a_capability():
+    assert [str(path) for path in packages() if len(path.parts) > MOST_FOLDERS] == []
+
+
+def test_a_name_is_one_module_s():
+    stems = Counter(path.stem for path in product_modules() if path.stem not in EVERY_CAPABILITY_HAS)
+    assert {stem: count for stem, count in stems.items() if count > 1} == {}
 
 
 def test_modules_are_named_with_nouns_and_verbs():

@@ -1,4 +1,5 @@
-"""The lists of docs/architecture.md that the code decides: its folders, their layers, and the keys of the store.
+"""The lists of docs/architecture.md that the code decides: its folders, their layers, its size, and the keys of
+the store.
 
 ``python -m tests.docs.tree`` writes them into the page.
 """
@@ -11,6 +12,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+from benchmarks.house.house import house
 from specs.job_kinds import JOB_KINDS
 from tests.repository import ROOT
 
@@ -38,6 +40,7 @@ def lists() -> Mapping[str, str]:
         "tree": _block(map(_line, packages())),
         "layers": _block(_layers()),
         "keys": _block(sorted(keys.values())),
+        "house": _block(_size()),
     }
 
 
@@ -70,6 +73,15 @@ def _layers() -> Iterator[str]:
         if package:
             below = (" | ".join(path.removeprefix(f"{package}/") for path in paths) for paths in inside)
             yield f"{package:<21} {' > '.join(below)}"
+
+
+def _size() -> Iterator[str]:
+    """Yields how large the house is, rounded, so that not every change writes the page anew."""
+    found = house(ROOT)
+    yield f"{'modules':<27} {round(found.modules, -1)}"
+    yield f"{'median lines of a module':<27} {round(found.median_lines, -1):.0f}"
+    yield f"{'modules with one importer':<27} {round(found.one_importer * 20) * 5} %"
+    yield f"{'names that stand twice':<27} {found.names_twice}"
 
 
 def _described_keys() -> dict[str, str]:
