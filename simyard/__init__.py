@@ -13,6 +13,6 @@ from simyard.batch_calls import (  # noqa: E402 - only where Simyard's own packa
     trend,
 )
 from simyard.document_calls import plan, run, validate  # noqa: E402 - same
-from simyard.world_calls import worlds  # noqa: E402 - same
+from simyard.worlds_of import worlds  # noqa: E402 - same
 
 __all__ = ["compare", "gate", "plan", "replay", "report", "results", "run", "trend", "validate", "worlds"]

@@ -37,7 +37,7 @@ _PRODUCT = ("specs", "tasks", "flows", "simyard")
 _NAMES_OF_OTHERS = {
     *("MINARI_DATASETS_PATH", "MUJOCO_LOG", "mju_makeFrame", "nav2_map_server", "PARENT_PID", "proc_pid_stat"),
     *("PREFECT_LOGGING_EXTRA_LOGGERS", "PREFECT_LOGGING_LEVEL", "robot_description", "snake_case", "Sofas_1_seat"),
-    *("stroke_width", "USER_DATA", "cdds_request_header_t", "rmw_init_cs"),
+    *("stroke_width", "USER_DATA", "user_namespaces", "cdds_request_header_t", "rmw_init_cs"),
 }
 
 

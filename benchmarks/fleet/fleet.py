@@ -26,7 +26,7 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.kit.local_agents import local_agents
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord

@@ -19,7 +19,7 @@ from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from tasks.deploy.fleet.fleet_registry import fleet_name
 from tasks.results.ci.full_report import Answer, CountedBatch, FullReport, GateReport, RunFailure
-from tasks.results.ci.groups import FAILURE_COLUMNS, RESULT_COLUMNS, GroupRules, count_groups
+from tasks.results.ci.seed_groups import FAILURE_COLUMNS, RESULT_COLUMNS, GroupRules, count_groups
 from tasks.results.gate.evidence import Baseline, Evidence, read_evidence
 from tasks.results.statistics.power import share_needs
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, stored_rows

@@ -28,7 +28,7 @@ from tasks.deploy.fleet.reservation import delete_fleet
 from tasks.deploy.fleet.reservation import delete_robot as delete_named
 from tasks.deploy.fleet_descriptions import describe_fleet, describe_robot
 from tasks.deploy.kit.robot_kit import write_kit
-from tasks.deploy.rollout.job import run_sync_job
+from tasks.deploy.rollout.deployment_job import run_sync_job
 from tasks.deploy.rollout.operator_commands import active_deployment, steer
 from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, robots_without_build, sync_request
 from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, Role, checked_role, keyring

@@ -12,7 +12,7 @@ from flows.resources.abandoned_jobs import job_notes, kind_notes
 from flows.resources.kinds import KINDS, describe_jobs, describe_resource, list_page, list_resources
 from flows.resources.kinds import cancel_resource as cancel_named
 from flows.resources.kinds import restart_named_job as restart_named
-from flows.resources.run_pages import batch_columns
+from flows.resources.run_lists import batch_columns
 from specs.arn import resource_kind, resource_name
 from tasks.simulate.batch.batch_jobs import batch_notes
 from tasks.simulate.batch.metrics import metric_lines

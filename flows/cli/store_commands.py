@@ -15,7 +15,7 @@ from flows.resources.abandoned_jobs import reap_jobs as reap_store
 from flows.resources.abandoned_jobs import under_way
 from flows.resources.fleet_membership import renew_metadata_here
 from specs.errors import DocumentError
-from tasks.housekeeping.job import Ages, FindingRow, GcReport, collect_garbage
+from tasks.housekeeping.gc import Ages, FindingRow, GcReport, collect_garbage
 from tasks.housekeeping.machine import MachineReport, MachineRow, clean_machine
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store

@@ -16,7 +16,7 @@ from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
 from tasks.documents.shape_text import meant_text, same_word
 from tasks.documents.template_source import find_template
-from tasks.export.drawing.furniture_drawing import solid_view_svg
+from tasks.export.drawing.furniture_symbols import solid_view_svg
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import read
 from tasks.storage.worlds import read_world

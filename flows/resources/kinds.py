@@ -235,7 +235,7 @@ def _deployment_job() -> Resource:
 
 
 def _pipeline_run() -> Resource:
-    from flows.resources.run_pages import list_runs, list_runs_page
+    from flows.resources.run_lists import list_runs, list_runs_page
     from specs.data.run_report import ListPipelineRunsRequest
 
     return Resource(

@@ -119,7 +119,7 @@ def _require_known(options: TaskOptions) -> None:
 
 def _worlds(options: TaskOptions) -> "tuple[tuple[str, World], ...]":
     from simyard.answer.run_answers import Worlds
-    from simyard.world_calls import worlds
+    from simyard.worlds_of import worlds
     from specs.data.world import World
     from tasks.worlds.starter_template import starter_template
 

@@ -12,7 +12,7 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.kit.local_agents import agent_reserve, local_agents, local_names
 from tasks.deploy.rollout.controller import ControllerPace
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer
 from tasks.deploy.trust.trust_record import chosen_keys
 from tasks.progress.listener import stage_progress

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from specs.errors import ObjectExists, ObjectNotFound
+from tasks.housekeeping.named_objects import NamedByRecords
 from tasks.housekeeping.object_kinds import (
     BUNDLES,
     CLAIMS,
@@ -27,7 +28,6 @@ from tasks.housekeeping.object_kinds import (
     StoredJob,
     kind_of_key,
 )
-from tasks.housekeeping.references import NamedByRecords
 from tasks.storage.base.keys import claim_key, job_key, result_key
 from tasks.storage.base.store import Entry, Store, find_document
 from tasks.storage.jobs.claim import Claim, ClaimRecord, hold_claim_unless_alive

@@ -33,7 +33,7 @@ def file_store(tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def quick_claims(monkeypatch: pytest.MonkeyPatch) -> None:
     """Controllers in this process renew their claims every 1.5 s, so that who waits for a renewal waits less."""
-    monkeypatch.setattr("tasks.deploy.rollout.job.hold_claim", partial(hold_claim, ttl_s=4.5))
+    monkeypatch.setattr("tasks.deploy.rollout.deployment_job.hold_claim", partial(hold_claim, ttl_s=4.5))
 
 
 @pytest.fixture

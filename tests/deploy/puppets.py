@@ -11,7 +11,7 @@ from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.fleet.fleet_registry import create_robot, read_desired, read_reported, register_robot
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.rollout.controller import ControllerPace
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.storage.base.keys import reported_key
 from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import JobRecord

@@ -17,7 +17,7 @@ from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import read_reported
 from tasks.deploy.fleet.states import Reported
 from tasks.deploy.kit.local_agents import local_agents
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import store_id

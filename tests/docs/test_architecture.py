@@ -23,7 +23,7 @@ ADDED = (
 )
 HOUSES = ("specs", "tasks", "flows", "simyard", "tests", "benchmarks")
 PRODUCT = ("specs", "tasks", "flows", "simyard")
-MOST_LINES = 600
+MOST_LINES = 620
 MOST_FOLDERS = 4  # tasks/simulate/engines/planar
 EVERY_CAPABILITY_HAS = frozenset({"step", "task"})
 # The field's own words, and things rather than deeds.

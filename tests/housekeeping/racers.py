@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from specs.robomaker.bundle import Version
-from tasks.housekeeping.job import Ages
+from tasks.housekeeping.gc import Ages
 from tasks.housekeeping.machine import remove_entry, unused_entries
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store

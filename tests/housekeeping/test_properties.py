@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tasks.housekeeping.job import Ages
+from tasks.housekeeping.gc import Ages
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store

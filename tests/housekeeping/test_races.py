@@ -7,7 +7,7 @@ from typing import cast
 import pytest
 
 from specs.errors import StoreError
-from tasks.housekeeping.job import GcReport
+from tasks.housekeeping.gc import GcReport
 from tasks.storage.base.keys import bundle_key, claim_key, job_key, result_key, token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, hold_claim

@@ -13,7 +13,7 @@ from specs.errors import StoreError
 from specs.job_kinds import JobKind
 from specs.robomaker.bundle import Application, Build, Version
 from tasks.applications.versions import change, with_version
-from tasks.housekeeping.job import Ages, GcReport, collect_garbage
+from tasks.housekeeping.gc import Ages, GcReport, collect_garbage
 from tasks.storage.base.keys import (
     bundle_key,
     chunk_key,

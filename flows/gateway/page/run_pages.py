@@ -26,7 +26,7 @@ from flows.gateway.page.request_context import (
     tag_rows,
     when,
 )
-from flows.resources.run_pages import verdict_of
+from flows.resources.run_lists import verdict_of
 from specs.arn import ResourceKind
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.run_report import PipelineReport

@@ -163,7 +163,8 @@ def local_agents(
     The fleet and the robots are made where they are missing; robots that an earlier demonstration made beyond the count
     leave the fleet, because no agent would answer for them. Agents and applications end with the block, and by
     themselves when this process is killed; agents of a later block on the same folder wait for that. Whoever opens the
-    block must have the fleet for itself (`tasks.deploy.rollout.job.run_deployment_job`): it changes who is a member.
+    block must have the fleet for itself (`tasks.deploy.rollout.deployment_job.run_deployment_job`): it changes who is a
+    member.
 
     Args:
         store: Where the fleet is.

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 from specs.base import digest
 from specs.data.world import Door, Finish, Passage, Pattern, Rectangle, Room, Solid, World
-from tasks.export.drawing.furniture_drawing import piece_box
+from tasks.export.drawing.furniture_symbols import piece_box
 from tasks.export.drawing.plan_page import (
     Attributes,
     PageBox,

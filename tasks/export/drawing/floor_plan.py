@@ -21,7 +21,7 @@ from tasks.export.drawing.building_plan import (
     floor_color,
     pattern_key,
 )
-from tasks.export.drawing.furniture_drawing import draw_furniture, draw_piece_labels
+from tasks.export.drawing.furniture_symbols import draw_furniture, draw_piece_labels
 from tasks.export.drawing.plan_page import PageBox, PageScale, element, fit_text, rectangle, text_width
 
 _TITLE_SIZE, _SUBTITLE_SIZE, _SMALL_SIZE, _SWATCH_SIZE = 26.0, 14.0, 12.0, 11.0

@@ -15,7 +15,7 @@ from tasks.export.drawing.building_plan import (
     floor_color,
 )
 from tasks.export.drawing.floor_plan import PLAN_STYLE, draw_scale_bar
-from tasks.export.drawing.furniture_drawing import lowest_first, piece_box, solid_style
+from tasks.export.drawing.furniture_symbols import lowest_first, piece_box, solid_style
 from tasks.export.drawing.plan_page import (
     PageBox,
     PageScale,

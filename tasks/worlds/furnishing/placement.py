@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool
 
 from tasks.worlds.furnishing.groups import FurnitureGroup
-from tasks.worlds.furnishing.intervals import Spot, find_spots
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
+from tasks.worlds.furnishing.spots import Spot, find_spots
 from tasks.worlds.geometry import Box, connected, label_parts
 
 _CELL_M = 0.1

@@ -20,7 +20,7 @@ from specs.errors import ObjectExists, StoreUnreachable
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.deploy.robot import agent, install, launch, reported_state, update
 from tasks.deploy.robot.disk import Disk
-from tasks.deploy.rollout import job
+from tasks.deploy.rollout import deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.store_url import open_store
@@ -99,7 +99,7 @@ def control(url: str, request: str, digest: str, nth: int, *, after: bool) -> No
     store = open_store(url)
     robots = PuppetRobots(store, ROBOTS)
     asked = CreateDeploymentJobRequest.model_validate_json(request)
-    job.run_deployment_job(
+    deployment_job.run_deployment_job(
         cast("Store", MortalStore(store, Death(nth, after=after))),
         asked,
         digest=digest,
@@ -111,7 +111,7 @@ def control(url: str, request: str, digest: str, nth: int, *, after: bool) -> No
 
 def pausable(url: str, request: str, digest: str, *, after: bool) -> None:
     """Rolls out to robots of which one more answers at each look, with a claim that is soon given up."""
-    setattr(job, "hold_claim", partial(hold_claim, ttl_s=TTL_S))  # noqa: B010 - a module's name, in this process alone
+    setattr(deployment_job, "hold_claim", partial(hold_claim, ttl_s=TTL_S))  # noqa: B010 - a module's name, in this process alone
     robots = PuppetRobots(open_store(url), PAUSABLE)
     robots.silent = set(robots.names)
     answer, silent = robots.pace.sleep, list(reversed(robots.names))
@@ -124,7 +124,7 @@ def pausable(url: str, request: str, digest: str, *, after: bool) -> None:
 
     robots.pace_sleep = sleep
     asked = CreateDeploymentJobRequest.model_validate_json(request)
-    job.run_deployment_job(
+    deployment_job.run_deployment_job(
         open_store(url),
         asked,
         digest=digest,
@@ -138,7 +138,7 @@ def roll_out(url: str, request: str, digest: str, *, after: bool) -> None:
     """Rolls out to the fleet's members at the usual pace."""
     asked = CreateDeploymentJobRequest.model_validate_json(request)
     token = asked.clientRequestToken
-    job.run_deployment_job(open_store(url), asked, digest=digest, token=token, progress=lambda *_: None)
+    deployment_job.run_deployment_job(open_store(url), asked, digest=digest, token=token, progress=lambda *_: None)
 
 
 def write_for_ever(url: str, folder: str, told: Connection, *, after: bool) -> None:

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.fleet.fleet_robots import FAULTS, HeardStore, Robots
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import CreateDeploymentJobRequest
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.deploy.rollout.observation import phases, recorded_progress
 from tasks.deploy.rollout.resolved_request import bounds_for
 from tasks.deploy.rollout.rollout_plan import Phase

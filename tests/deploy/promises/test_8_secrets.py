@@ -11,7 +11,7 @@ import pytest
 
 from tasks.deploy.fleet.fleet_registry import create_robot, read_reported, register_robot
 from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_robot
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.trust.test_keyring import private_forms

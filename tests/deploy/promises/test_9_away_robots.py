@@ -7,7 +7,7 @@ import pytest
 
 from tasks.deploy.fleet.fleet_registry import create_robot, read_reported, register_robot
 from tasks.deploy.fleet_descriptions import describe_robot
-from tasks.deploy.rollout.job import run_sync_job
+from tasks.deploy.rollout.deployment_job import run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.puppets import PuppetRobots, run

@@ -15,7 +15,7 @@ from tasks.applications.bucket_sources import create_application, create_version
 from tasks.applications.registry import pack, publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_robot, members, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, preflight
 from tasks.deploy.rollout.rollout_plan import RolloutPlan

@@ -12,7 +12,7 @@ from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.resolved_request import check_request, plan_deployment, preflight
 from tasks.storage.base.keys import bundle_key
@@ -285,7 +285,7 @@ def test_a_deployment_that_was_killed_before_its_plan_does_not_hide_the_one_befo
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("tasks.deploy.rollout.job.advance", killed)
+        patch.setattr("tasks.deploy.rollout.deployment_job.advance", killed)
         with pytest.raises(KeyboardInterrupt):
             run(yard, robots, yard.request(version, "two"), version.digest)
     create_robot(yard.store, "late")

@@ -16,7 +16,7 @@ from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_desired, register_robot
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.robot.agent import main
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.resolved_request import plan_sync
 from tasks.deploy.trust.signer import DeploymentSigner, chosen_signer, local_signer
 from tasks.storage.base.keys import job_key

@@ -5,7 +5,7 @@ import pytest
 from specs.errors import TrustRefused
 from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.fleet_registry import create_robot, read_reported, register_robot
-from tasks.deploy.rollout.job import run_deployment_job, run_sync_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.operator_commands import steer, withdraw_canceled
 from tasks.deploy.trust.repository import open_repository, renew_metadata, restore_metadata
 from tasks.storage.base.keys import fleet_key, robot_record_key

@@ -22,7 +22,7 @@ from tasks.deploy.fleet.fleet_registry import (
     register_robot,
 )
 from tasks.deploy.fleet.reservation import delete_fleet
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.deploy.rollout.operator_commands import command_of
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import open_signer

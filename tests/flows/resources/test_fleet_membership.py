@@ -9,7 +9,7 @@ from flows.cli.shell import app
 from flows.resources.fleet_membership import renew_metadata_here, withdrawal_note
 from specs.errors import DocumentError
 from tasks.deploy.fleet.fleet_registry import create_fleet
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store

@@ -26,7 +26,7 @@ from specs.template.body import template_body, template_digest
 from tasks.applications.registry import resolve
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.fleet.reservation import reserve_fleet
-from tasks.deploy.rollout.job import run_deployment_job
+from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.simulate.batch.batch_record import canceled_jobs
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store

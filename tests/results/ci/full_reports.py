@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.run_report import Artefact, StageReport, Verdict
 from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, RunFailure
-from tasks.results.ci.groups import GroupRules, count_groups
+from tasks.results.ci.seed_groups import GroupRules, count_groups
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.tables.episode_tables import failures_table, results_table
 from tests.factories.reports import episodes

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase
 
 from tasks.results.ci.full_report import FullReport, RunFailure
-from tasks.results.ci.groups import GroupRules
 from tasks.results.ci.junit import junit_xml
+from tasks.results.ci.seed_groups import GroupRules
 from tests.factories.episodes import canceled, crashed, passed, request
 from tests.repository import ROOT
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage

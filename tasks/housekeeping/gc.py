@@ -11,8 +11,7 @@ from pydantic import Field, ValidationError
 from specs.base import Spec
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, StoreError
 from tasks.housekeeping.machine import CacheEntry, remove_entry, unused_entries
-from tasks.housekeeping.object_kinds import TOKENS, StoredJob, job_of_id, kind_of_key
-from tasks.housekeeping.references import (
+from tasks.housekeeping.named_objects import (
     NamedByRecords,
     Records,
     names_in,
@@ -20,6 +19,7 @@ from tasks.housekeeping.references import (
     record_entries,
     replaced_metadata,
 )
+from tasks.housekeeping.object_kinds import TOKENS, StoredJob, job_of_id, kind_of_key
 from tasks.housekeeping.sweep import Item, StoreListing, SweepPlan, SweepResult, plan_sweep, remove_planned
 from tasks.storage.base.keys import UNNAMED
 from tasks.storage.base.store import Entry, Store, encode_document

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tasks.worlds.furnishing.groups import FurnitureGroup, Member, Zone
-from tasks.worlds.furnishing.intervals import Interval, Spot, find_spots, first_interval, other_intervals
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene
+from tasks.worlds.furnishing.spots import Interval, Spot, find_spots, first_interval, other_intervals
 from tasks.worlds.furniture.furniture_type import Anchor
 from tasks.worlds.geometry import Box
 from tests.worlds.rooms import empty_scene

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tasks.results.ci import groups
+from tasks.results.ci import seed_groups
 from tasks.results.ci.full_report import CountedBatch, GroupReport
-from tasks.results.ci.groups import GroupRules
+from tasks.results.ci.seed_groups import GroupRules
 from tasks.results.statistics.intervals import IntervalFamily, wilson
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
 from tests.results.ci.full_reports import JOB_ARN, RULES, counted
@@ -65,7 +65,7 @@ def test_a_group_has_an_interval_of_its_own_and_one_that_holds_together_with_tho
 
 
 def test_groups_that_are_left_out_count_among_the_intervals(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(groups, "MOST_GROUPS", 1)
+    monkeypatch.setattr(seed_groups, "MOST_GROUPS", 1)
     assert (len(_groups(counted())), counted().intervals) == (1, 2)
 
 
@@ -125,7 +125,7 @@ def test_examples_are_of_each_reason_first_and_can_be_replayed():
 
 
 def test_of_very_many_groups_the_failed_ones_are_listed_and_the_others_counted(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(groups, "MOST_GROUPS", 2)
+    monkeypatch.setattr(seed_groups, "MOST_GROUPS", 2)
     asked = [request(index, world=f"g/{index}") for index in range(5)]
     batch = counted(asked, [passed(0), passed(1), collided(2), passed(3), collided(4)])
     assert [world.label for world in batch.worlds] == ["2", "4"]

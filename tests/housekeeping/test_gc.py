@@ -7,7 +7,7 @@ import pytest
 from pydantic import JsonValue
 
 from specs.errors import StoreAccessDenied
-from tasks.housekeeping.job import Ages
+from tasks.housekeeping.gc import Ages
 from tasks.storage.base.keys import bundle_key, job_key, tags_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance

@@ -6,7 +6,7 @@ from typing import cast
 
 import pytest
 
-from tasks.housekeeping.references import read_records, record_entries, replaced_metadata
+from tasks.housekeeping.named_objects import read_records, record_entries, replaced_metadata
 from tasks.storage.base.keys import job_key, trust_key
 from tasks.storage.base.store import Entry, Store
 from tests.housekeeping.yard import Meddled, Yard, freed

@@ -7,7 +7,7 @@ import pytest
 
 from specs.data.world import Furniture, Rectangle, Solid
 from specs.template.interior import ModelType
-from tasks.export.drawing.furniture_drawing import draw_furniture, draw_piece_labels, in_words, solid_view_svg
+from tasks.export.drawing.furniture_symbols import draw_furniture, draw_piece_labels, in_words, solid_view_svg
 from tasks.export.drawing.plan_page import PageBox, PageScale
 from tests.factories.worlds import apartment, box
 
