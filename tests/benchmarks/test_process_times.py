@@ -15,8 +15,7 @@ STARTS = f"import subprocess, sys; subprocess.run([sys.executable, '-c', {HOLDS.
 
 def test_the_most_memory_of_each_kind_of_process_is_known(tmp_path: Path):
     ran = run_watched([sys.executable, "-c", STARTS], os.environ, tmp_path, look_s=0.05)
-    assert ran.held_mb["server"] > 120
-    assert ran.held_mb["run"] < 120
+    assert ran.held_mb["server"] > 2 * ran.held_mb["run"]
     assert ran.lines == ["told\n"]
 
 
