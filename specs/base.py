@@ -33,6 +33,11 @@ class _Told(Protocol):
     description: str | None
 
 
+# What a document may say stays the same. Every field gets a title in words and its description: that of its
+# ``Field``, or of the ``Attributes:`` in its class's docstring, which are read only when somebody asks for a schema.
+# The rest is what that form needs: it knows ``anyOf`` but not ``oneOf``, names the members of a choice by their
+# titles, and would offer "None" beside every text that may be left out. It must be told the order, too, which
+# PostgreSQL does not keep.
 def words(name: str) -> str:
     """Returns a field's or a class's name as words: ``worldCount`` is "World count", ``streamUI`` "Stream UI"."""
     found = [word.lower() for word in _WORD.findall(name)]

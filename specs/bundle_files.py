@@ -12,6 +12,7 @@ Place = Annotated[float, Field(ge=-1e4, le=1e4)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
+# The fields are those that a controller's own sensors have (docs/guide/applications.md).
 class LidarDeclaration(Spec):
     """A planar lidar; the defaults are those of a small indoor robot.
 
@@ -81,6 +82,8 @@ OWN_TOPICS = frozenset(
 Frame = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_/]*$", max_length=255)]
 
 
+# Nothing of it is needed for a differential base: each field has a default, and what a Twist does to the actuators
+# follows from ``robot.xml`` where it can.
 class RosTopics(Spec):
     """Names of the topics; None for one that the robot does not have.
 

@@ -26,6 +26,8 @@ RULE = "rule"
 Location = tuple[str | int, ...]
 
 
+# Pydantic skips a model's own validators as soon as one of its fields is wrong, so a person would fix one fault and
+# meet the next. A `Ruled` document looks at the raw data instead, and raises everything at once.
 class Finding(NamedTuple):
     """One broken rule.
 

@@ -35,7 +35,15 @@ _NAME = re.compile(r"(?<![\w./:<{$%-])_?[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)+(?
 _PRODUCT = ("specs", "tasks", "flows", "simyard")
 # What other programs and standards call something.
 _NAMES_OF_OTHERS = {
-    *("MINARI_DATASETS_PATH", "MUJOCO_LOG", "mju_makeFrame", "nav2_map_server", "PARENT_PID", "proc_pid_stat"),
+    *(
+        "MINARI_DATASETS_PATH",
+        "MUJOCO_LOG",
+        "mju_makeFrame",
+        "nav2_map_server",
+        "PARENT_PID",
+        "proc_pid_stat",
+    ),
+    "PR_SET_DUMPABLE",
     *("PREFECT_LOGGING_EXTRA_LOGGERS", "PREFECT_LOGGING_LEVEL", "robot_description", "snake_case", "Sofas_1_seat"),
     *("stroke_width", "USER_DATA", "user_namespaces", "cdds_request_header_t", "rmw_init_cs"),
 }

@@ -57,6 +57,7 @@ from tasks.storage.store_url import store_id
 BAGS_FOLDER = "bags"
 
 
+# Parquet is the record; a bag is made of the same samples.
 class RecordedEpisodes:
     """Writes what recorded episodes leave, before the chunk that names them is committed."""
 

@@ -46,6 +46,9 @@ T = TypeVar("T", bound=Spec)
 _REASON = "failureReason"
 
 
+# A call puts its job into the queue before it counts, and takes it out again if there are too many. Two gateways at
+# once therefore never admit one too many where the store's listings are current, as they are in a folder and on S3;
+# of two calls for the last place both may be refused. Jobs of `simyard run` are not in the queue and do not count.
 @contextmanager
 def require_place(
     store: Store, kind: JobKind, job: str, quota: CountSetting, options: dict[str, JsonValue]
@@ -133,6 +136,8 @@ def require_output(store: Store, bucket: str | None, member: str) -> None:
         raise DocumentError.of(member, repr(bucket), allowed, source="request") from exc
 
 
+# The entry of the queue is made before the record. A gateway that dies in between leaves an entry of no job, and the
+# same call again completes it.
 class Tokened(Protocol):
     """A request that may bring its token along."""
 

@@ -67,6 +67,10 @@ _LOG = logging.getLogger(__name__)
 _DEPLOYMENT: JobKind = "deployment-job"
 
 
+# The gateway has no keys of fleets and signs nothing. Where keys vouch for members, a robot that is registered here
+# is a member by the store's records alone: nothing is deployed to it until who has the keys vouches for it
+# (docs/operate/fleet-trust.md), as after a `simyard fleet register` without keys. So a key of this interface never
+# lets anybody bring a robot of their own into a signed fleet.
 def _create_fleet(gateway: Gateway, request: CreateFleetRequest) -> CreateFleetResponse:
     """Makes a fleet; a name that is taken has no error in RoboMaker's interface, so it answers with the one there."""
     require_free_keys(request.tags or {}, "tags")

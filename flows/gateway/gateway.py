@@ -57,6 +57,8 @@ def path_of(store: Store, text: str, kind: ResourceKind, member: str) -> str:
     return referenced(store, text, (kind,), member).path
 
 
+# What is no ARN of the kind is an invalid parameter; what is one, and names nothing that could be there, is not
+# found.
 def referenced(store: Store, text: str, kinds: Collection[ResourceKind], member: str) -> Reference:
     """Returns the kind and the path that an ARN names, whether or not the resource is there.
 
@@ -103,6 +105,8 @@ def _refused(text: str, member: str, allowed: str) -> DocumentError:
     return DocumentError.of(member, repr(text), allowed)
 
 
+# Calls of one gateway that make resources of a kind wait for each other between the count and the creation. So a
+# store exceeds a quota by at most one resource for each further gateway that serves it.
 @contextmanager
 def one_more(quota: CountSetting, count: Callable[[], int]) -> Generator[None]:
     """Allows one more resource to be made, and no other of its kind until it is.

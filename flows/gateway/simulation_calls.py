@@ -150,6 +150,7 @@ def _asked_in(record: JobRecord) -> Document:
     return cast("Document", record.request["request"])
 
 
+# A single job is a batch of one to Simyard, and none to RoboMaker.
 def _create_job(gateway: Gateway, request: CreateSimulationJobRequest) -> CreateSimulationJobResponse:
     """Answers CreateSimulationJob: the job waits for a worker."""
     require_own_tags(request.tags, "tags")

@@ -327,6 +327,7 @@ def world_export(
 # The third stage: the batch.
 
 
+# Under Prefect each is a flow run of its own; see `flows.pipeline.orchestrator`.
 def prepare_simulation(work: ParsedRun) -> None:
     """Begins the process that simulates, if the run is going to simulate here after other stages; returns at once."""
     before = work.spec.worldGeneration or work.spec.worldExport

@@ -399,6 +399,8 @@ _FOLDER = "file://"
 _NAMED_AT_MOST = 10
 
 
+# A misspelt bucket would take the results and say nothing. To refuse it would break the first steps, and old
+# documents whose buckets nobody makes on a new machine; so `plan` and `run` name what is new, and what is there.
 def new_bucket_lines(spec: PipelineSpec, store: Store) -> Iterator[str]:
     """Yields a line for each output bucket of a document that is a folder which is not there yet."""
     places = [spec.worldExport.outputLocation] if spec.worldExport else []

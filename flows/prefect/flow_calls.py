@@ -110,6 +110,8 @@ T = TypeVar("T")
 _SUCCESS = frozenset({"Completed", "Succeeded"})
 
 
+# A flow returns the state in the place of its result. Prefect makes the state's data the flow's result again: for who
+# calls the flow in Python, for who waits for its deployment's run, and for who reads the state later.
 def completed_job(record: JobRecord) -> JobRecord:
     """Returns the state of a flow run that ended a job; one that Prefect shall take as it is stays as it is.
 

@@ -55,6 +55,7 @@ PROCESS = "simyard.process"
 logger = logging.getLogger(__name__)
 
 
+# Prefect's `tags` reaches only the runs that begin inside its block.
 def tag_flow_run(tag: str) -> None:
     """Adds a tag to this flow run, if this is in one; a server that does not take it harms no run."""
     flow_run = _this_flow_run()
@@ -108,6 +109,11 @@ _FIRST_PAUSE_S = 30
 _LONGEST_PAUSE_S = 240
 
 
+# A flow run of a deployment holds a place: of its worker (``--limit``), of its deployment's limit. Where it only
+# waits, it is scheduled anew instead, and its process ends; a worker begins it again later, to look again. A label of
+# the flow run says for which run it waits, so that it tells that one's result, and does not begin the next. A plain
+# Python program, `simyard run` and a stage in the process of another flow hold no such place, and wait where they
+# are.
 def show_waiting(sentence: str) -> None:
     """Makes the state of this flow run Running (Waiting), with a sentence that names the other process."""
     flow_run = _this_flow_run()
@@ -325,6 +331,9 @@ _GRACE_S = 120.0
 _PAGE = 200
 
 
+# A worker tells Prefect when a process that it started is gone, and only of that flow run, not of the stages below
+# it. Of a `simyard run` or a plain Python program that was killed, nobody tells: its flow run stays Running. Whoever
+# holds the claim of Simyard's run knows that the process which held it before is dead, and says so here.
 def end_flow_run_before(run: JobRecord, own: str) -> None:
     """Ends the flow run that a run was worked on in before this process took it over, if it is another one.
 

@@ -166,6 +166,9 @@ _PLAIN = str.maketrans(dict.fromkeys(RESTRICTED_ASSET_CHARACTERS, "_"))
 _DIGEST_DIGITS = 16
 
 
+# Prefect's own `@materialize` names its assets before the task runs, and gives each event a new id, so that a run
+# that was killed and continued would say all twice. Here the keys are URLs of what was made, and ids are made of
+# them: the server drops what it has (docs/reference/prefect.md, section 9).
 def announce_asset(made: MadeAsset) -> None:
     """Sends the events of something that was made: one for each of its sources, and one for itself."""
     sources = [_prefect_asset(each) for each in made.sources]

@@ -102,6 +102,10 @@ def _code(kind: JobKind, cause: Exception | str) -> JobFailureCode:
     return codes.refused if isinstance(cause, DocumentError) else codes.inside
 
 
+# A worker holds a claim of its own on a job (`tasks.storage.jobs.queue.turn_key`), so that the others pass it by
+# without waiting, and take over when the worker is dead. Each attempt is counted in the job's entry before it begins:
+# a job that kills its worker is known by that. An attempt of which something came, a chunk or a world or a robot, is
+# forgotten. A store or a Prefect server that is away is waited for, however long.
 class ServerAway(Exception):  # noqa: N818 - a state
     """Prefect's server does not answer; no job is at fault."""
 

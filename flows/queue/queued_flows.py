@@ -57,6 +57,23 @@ JobFlow = Flow[..., Any]
 logger = logging.getLogger(__name__)
 
 
+# What the gateway writes, and a worker takes, is this. First the entry of the queue
+# (`tasks.storage.jobs.queue.enqueue`), then the record (`tasks.storage.jobs.records.submit`), Pending, under the
+# request's clientRequestToken, or one that the gateway has chosen. The record's ``request`` is
+#
+# - of a world-generation-job: RoboMaker's request as `specs.base.canonical_document` has it, its ``template`` an ARN,
+#   its ``clientRequestToken`` the token; and beside its fields ``seed`` and ``templateDigest``. The body lies
+#   under ``template_key(templateDigest)`` before the record does.
+# - of a world-export-job: likewise RoboMaker's request, and beside it ``formats``, sorted, each once.
+# - of a simulation-job-batch: ``{"request": ..., "plan": ...}``, as `tasks.simulate.batch.batch_record.open_batch`
+#   submits them: RoboMaker's request of a batch, or of a single job, and ``BatchPlan.model_dump(mode="json")``.
+# - of a deployment-job: RoboMaker's request as `canonical_document` has it, its ``clientRequestToken`` the token, and
+#   its ``applicationVersion`` a number, so that what was checked is what is deployed. The fleet's record names the job
+#   as its deployment. Of a sync, the entry's options are ``{"sync": true}``, and the request is what
+#   `tasks.deploy.rollout.resolved_request.sync_request` makes of the last deployment.
+#
+# A token stands for its record's digest. So what is submitted again here, by the functions that a document's stage
+# calls, must be what was recorded: `canonical_document` of the request that was read back is.
 def work_off(store: Store, record: JobRecord, options: Mapping[str, JsonValue]) -> JobRecord:
     """Returns the job's record in its terminal state; one that was begun and left is continued.
 
@@ -126,6 +143,7 @@ def _without(document: Mapping[str, JsonValue], *names: str) -> dict[str, JsonVa
     return {name: value for name, value in document.items() if name not in names}
 
 
+# A worker of Simyard's own calls a flow in its process (`call_flow`), and holds the job's turn meanwhile.
 def queued_flow(kind: JobKind, work: Callable[[Store, str], JobRecord], description: str) -> JobFlow:
     """Returns the flow of a kind's queued jobs, which takes a job's id and the store's URL.
 

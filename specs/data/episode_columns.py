@@ -235,6 +235,8 @@ def field_values(kind: CellKind, cells: Cells, size: int) -> Sequence[object]:
 _ENDING = ("status", "outcome", "failure_code", "outcome_reason")
 
 
+# A result's columns are the fields of ``EpisodeResult``; the kind of each follows from the field's type. Rows are
+# made only of those that somebody looks at.
 @dataclass(frozen=True, eq=False)
 class EpisodeColumns:
     """Results of some episodes.

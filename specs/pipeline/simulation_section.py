@@ -51,6 +51,8 @@ MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
 AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 
+# RoboMaker kept them apart, in containers of their own. Here one column, one sweep and one line of evidence stand for
+# a variable, so two values under one name are refused instead of one of them being dropped.
 def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
     """Yields the variables that a request's robot and scenario give different values.
 
@@ -124,6 +126,7 @@ def unjudged(deployment: object, gate: object) -> Iterator[Finding]:
             yield Finding(("deployment", name), part(deployment, name), allowed)
 
 
+# The deployment's fields include what RoboMaker's requests have no words for.
 class RollOutRules(Spec):
     """What a roll-out keeps to beyond RoboMaker's deploymentConfig."""
 

@@ -27,6 +27,8 @@ ErrorName = Literal[
 TAGS = "/tags/{resourceArn}"
 
 
+# The errors are those that the interface documents for an operation; each operation may answer
+# InvalidParameterException and InternalServerException besides.
 class Operation(NamedTuple):
     """An operation of the interface.
 

@@ -19,6 +19,8 @@ T = TypeVar("T")
 Place = tuple[int | str, ...]
 
 
+# A token holds the place of the last thing on its page in the order of the list, and nothing of who made it: it works
+# anywhere and at any time, whatever was made or removed since.
 def wanted_values(request: FilteredPage, names: Collection[str]) -> dict[str, frozenset[str]]:
     """Returns the name that a list request filters by, with its values, of which a thing must have one.
 

@@ -27,6 +27,7 @@ _VERSION_2_ROOM = {
 }
 
 
+# The rules look at raw data, which may be wrong in other ways too.
 def bare_body(data: object) -> tuple[object, Location]:
     """Returns the body in raw data and where in the data it lies.
 

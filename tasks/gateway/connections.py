@@ -37,6 +37,8 @@ _WAITING = 512
 """Connections that the kernel keeps while the gateway has no time for them."""
 
 
+# Whoever is one too many takes the place of the connection that has waited longest without a whole request: a
+# thousand half-open ones keep nobody out. Only if all of them are being answered is the new one turned away.
 class Bounds(NamedTuple):
     """What connections may take.
 

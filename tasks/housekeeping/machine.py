@@ -245,6 +245,9 @@ def _inside(path: Path) -> Iterator[os.stat_result]:
                 continue
 
 
+# Keys, robots' disks and Prefect's database lie in the same folder, and are never touched. An entry goes when nobody
+# has read or written anything in it for long, by the clock of the disk; it is moved aside before it is removed, and
+# looked at again there, so that who comes for it finds it whole or not at all.
 @dataclass(frozen=True)
 class CacheEntry:
     """Something in the cache.

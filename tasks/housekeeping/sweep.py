@@ -226,6 +226,9 @@ class _Planning:
 LookAgain = Callable[[], NamedByRecords]
 
 
+# What a job has left is removed under the job's own claim, so that nobody begins the job anew meanwhile and takes
+# what is about to go for what is there. After a gc was killed anywhere, the next one goes on: what shows whose a
+# thing is goes last.
 @dataclass
 class SweepResult:
     """What came of a plan.

@@ -36,6 +36,9 @@ _MOST_HEARD = 8
 _HERE = ("127.0.0.1", "localhost")
 
 
+# A page of any website may send requests to a server on this machine, and a name of an attacker's may lead to it (DNS
+# rebinding). A browser says which name it asked for (``Host``) and which page asks (``Origin``), on every request of
+# a page that could change or read anything, and on every WebSocket.
 class OwnOrigin:
     """An ASGI application around another, which sees no request by another name or of another page's."""
 
@@ -88,6 +91,13 @@ def _unframed(send: Send) -> Send:
     return sent
 
 
+# Prefect begins a transaction of SQLite as one that reads. Where another one writes before its own first write,
+# SQLite refuses that at once, and Prefect answers 503. Its client then waits for two seconds, although the database
+# is free again after a few milliseconds (docs/reference/prefect.md, section 3). What was refused is rolled back, so
+# that a second try does nothing twice.
+#
+# A WebSocket that tells of events looks once a second whether its reader is still there, and a server that ends waits
+# for that.
 class BusyDatabase:
     """An ASGI application around another, which tries again what that refuses as busy."""
 

@@ -35,6 +35,9 @@ _FILES = (tarfile.REGTYPE, tarfile.AREGTYPE)
 _CREATE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
+# ``tarfile`` reads as many bytes as a header says, which are all there are for a negative size; it follows a chain of
+# headers that only describe the next one until its stack is full; and it looks for numbers in a time that grows with
+# the square of their digits. What it raises then is not declared.
 class BoundedTar:
     """An archive whose headers are read one by one.
 

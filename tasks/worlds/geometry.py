@@ -186,6 +186,8 @@ def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.n
     return (labels == labels[cell]) & free
 
 
+# Everything is on the safe side: a cell that a solid touches is taken whole, and distances are shortened by what a
+# grid can hide, so a radius found here is one that really passes.
 @dataclass(frozen=True)
 class Clearance:
     """Where solids are on the grid, and where a robot can be between them.

@@ -232,6 +232,7 @@ _ROUTES = tuple((compile_path(path)[0], page) for path, page in _PAGES.items())
 _SECTIONS = frozenset(path.split("/")[1] for path in _PAGES)
 
 
+# Everything is GET but the two forms. Whoever may not see something is told the same as if it were not there.
 @dataclass(frozen=True)
 class Site:
     """What answers browsers.

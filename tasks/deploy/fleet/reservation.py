@@ -16,6 +16,8 @@ from tasks.storage.jobs.records import is_terminal, read
 _KIND: JobKind = "deployment-job"
 
 
+# The job is in the queue before its fleet is taken, and recorded after: a fleet whose job has no record yet is busy
+# while the job is queued, and free if its gateway died before it recorded anything and nobody queues it any more.
 def reserve_fleet(store: Store, reference: str, job: str) -> None:
     """Makes a job its fleet's one active deployment, without a look at who works on another.
 
@@ -57,6 +59,7 @@ def has_ended(store: Store, deployment: str) -> bool:
         return not is_queued(store, _KIND, deployment)
 
 
+# See docs/reference/robomaker.md, section 8.
 def delete_fleet(store: Store, reference: str) -> tuple[str, ...]:
     """Returns the names of the robots that are in no fleet now, because theirs was deleted.
 

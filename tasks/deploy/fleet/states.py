@@ -30,6 +30,8 @@ _LOG = logging.getLogger(__name__)
 _MOST_BYTES = 1 << 20
 
 
+# The controller of a deployment writes ``desired``, only the robot writes ``reported``, and everything else about a
+# roll-out is computed from the two.
 class FleetRecord(Spec):
     """A fleet.
 

@@ -39,6 +39,9 @@ _ARCHITECTURES: Mapping[str, Architecture] = {
 _POLL_S = _LONGEST_POLL_S = "0.05"
 
 
+# An agent takes half a second of the processor to import what it needs. In reserve it does that, and nothing else,
+# while the run does something else, such as auditing the batch. It ends when its input ends: with the block, or with
+# the process that began it, however that ends.
 @contextmanager
 def agent_reserve(
     store: Store, names: Sequence[str], folder: Path, *, signed: bool

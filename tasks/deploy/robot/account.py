@@ -25,6 +25,9 @@ _ANY = ".any"
 REMEDY = "docs/operate/robot.md says what an agent of another account needs"
 
 
+# An agent may hold the store's credentials in its environment, and a process may read that of another of the same
+# account (proc(5), /proc/pid/environ). So an agent of root runs programs under an account of their own. Any other
+# agent cannot do that; it makes itself undumpable instead (prctl(2), PR_SET_DUMPABLE), whereupon only root reads it.
 @dataclass(frozen=True)
 class Account:
     """An account other than the agent's.

@@ -38,6 +38,8 @@ _SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
 _SLICE_S = 0.5
 
 
+# The bytes that have arrived stay in the robot's folder, and the next attempt continues from them. The digest at the
+# end says whether the file is whole. If it is not, the file is removed and downloaded once more from its beginning.
 def download(
     store: Store,
     key: str,

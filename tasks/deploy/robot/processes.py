@@ -97,6 +97,17 @@ class Stop:
         self._told.set()
 
 
+# Every process that is started carries a mark in its environment, which its children inherit. A process that leaves
+# the group, as a daemon does, is found by the mark, also by the next agent after this one was killed.
+#
+# A daemon that cleared its environment carries no mark. But a process whose parent has ended belongs to the nearest
+# ancestor that asked for orphans (prctl(2), PR_SET_CHILD_SUBREAPER), and here that is the agent (Linux). So such a
+# daemon is found as long as this agent lives.
+#
+# A process may fork and exit faster than one looks at all processes. So what is found is stopped first: that ends its
+# chain, because the one that is stopped forks no more, and nothing is left to start again what is killed. Only when a
+# look finds nothing that runs, all that was stopped is killed. Between two looks at all processes, this process's own
+# children are looked at again and again, which takes less time than a process needs to fork.
 @dataclass(frozen=True)
 class Quarry:
     """What is to be ended.
@@ -278,6 +289,7 @@ def _variables(pid: int) -> list[bytes]:
         return []
 
 
+# What leaves the group is found by `tasks.deploy.robot.processes`.
 class RunningProgram:
     """A program that was started, and all that it started."""
 

@@ -62,6 +62,10 @@ def ask_condition(store: Store, place: LaunchPlace, desired: Desired, condition:
         script.unlink()
 
 
+# The robot's state is written before each thing that cannot be undone: what is accepted, then what runs. Whatever is
+# cut short is begun again from the first step at the next start; each step finds what the last attempt finished.
+# RoboMaker stops the old application before the download; here it runs until the first script, so that a slow network
+# costs no uptime.
 class RobotUpdater:
     """One robot: its folder, its application, and its reports to the store.
 

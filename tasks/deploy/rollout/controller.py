@@ -44,6 +44,12 @@ _SILENT_S, _NAMED_AT_MOST = 25.0, 5  # an agent looks after 19 s at the latest
 _PATIENCE_S = 900.0  # with a store that is away; robots go on meanwhile, and no other controller can take over
 
 
+# A robot takes a desired state if its sequence is higher than that of the last one. The sequence is the controller's
+# time in milliseconds since 1970, or one more than the desired state that lies there, if that is more. The latter
+# counts only if the owner's own key has signed it: whoever can write to the store could otherwise use up the numbers.
+# What the robot reports never counts. So without a previous state, as when somebody has deleted it, the sequence
+# grows with the clock; and with it, a controller whose clock is behind that of the one before it is heard all the
+# same.
 def ask_robot(
     store: Store,
     desired: Desired,
@@ -138,6 +144,14 @@ def withdrawn_sequence(store: Store, robot: str) -> int:
     return found.withdrawn if found else 0
 
 
+# At every tick the controller computes its view from the desired states and the reports of the robots; its memory
+# only saves requests. So it may be killed at any moment: the next controller finds which robots were asked, asks none
+# of them twice, and forgets none.
+#
+# Before robots are asked, the job's record announces them, with the epoch of the controller's claim. A controller
+# that takes over writes its own epoch into the record first. So a controller that was paused and wakes up can
+# announce no robot any more; and its successor has asked the robots that it had announced, so that its writes fail
+# because the objects have changed.
 def steady_clock() -> Callable[[], float]:
     """Returns a clock of seconds since 1970 that does not jump when the machine's clock is set."""
     ahead_s = time.time() - time.monotonic()

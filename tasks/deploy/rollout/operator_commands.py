@@ -25,6 +25,10 @@ from tasks.storage.jobs.records import JobRecord, advance, is_terminal, read
 _KIND = "deployment-job"
 
 
+# A controller announces in its job's record whom it asks before it asks them, under its claim's epoch. So the record
+# is closed to older epochs first; then the object of each robot that was announced, and not asked, is changed: a
+# write that was under way meets an object that is not the one it read. What was asked of the robot before stays
+# asked, byte for byte but for white space behind it.
 def close_abandoned_job(
     store: Store, record: JobRecord, claim: Claim, reason: str, failure_code: JobFailureCode = ""
 ) -> JobRecord:
@@ -78,6 +82,8 @@ def _change(store: Store, robot: str, job: str) -> None:
         return
 
 
+# The wish stands in the job's record, where its controller looks before each step; so it reaches a controller on
+# another machine, and one that takes over.
 def steer(store: Store, job: str, command: Literal["go", "pause", "cancel"]) -> JobRecord:
     """Returns the record of a deployment job of which that is wanted now.
 

@@ -22,6 +22,13 @@ OperatorCommand = Literal["go", "pause", "cancel", "time out"]
 FLEET_TIMEOUT_S = 30 * 86_400.0  # docs/reference/robomaker.md, section 8
 
 
+# In flight at most ``max(1, floor(share x robots))``; ``ceil(threshold x robots)`` failures stop new starts, those in
+# flight finish, and the rest is aborted (docs/reference/robomaker.md, section 8). When every robot has ended, both
+# questions are always asked, so no roll-out can end without a verdict.
+#
+# Beyond RoboMaker: canaries go first, and one failure among them stops everything; failures may be made to count only
+# after so many robots have ended (Greengrass calls that the minimum number of executed things); an operator may pause
+# a roll-out, or cancel it.
 class Phase(Enum):
     """Where a robot is in a roll-out; FAILED also stands for a robot that does not answer."""
 

@@ -65,6 +65,8 @@ Clock = Callable[[], datetime]
 _TOP: tuple[Role, ...] = ("root", "targets", "snapshot", "timestamp")
 
 
+# A writer keeps the copy before the last of its writes. So whoever comes after one that was killed finishes its work,
+# and whoever finds an older state than the copy knows that somebody has put it back.
 def keep(ring: Keyring, version: int, parts: Mapping[str, bytes], *, settled: bool) -> None:
     """Keeps a state, by file name; ``settled`` says whether it is in the store already."""
     texts = {name: body.decode() for name, body in parts.items()}
@@ -139,6 +141,7 @@ def _version_in(store: Store, notes: SignerNotes) -> int:
         return 0
 
 
+# The owner keeps a copy of the new state before the last write makes it count (`tasks.deploy.trust.repository`).
 @dataclass(frozen=True)
 class MetadataWriter:
     """What a writer of metadata has.
@@ -233,6 +236,9 @@ def _signed(metadata: Part, signers: Sequence[CryptoSigner], expires: datetime) 
     return metadata.to_bytes()
 
 
+# One process at a time works on a repository: a lock on the folder of keys, and a claim in the store. Every change is
+# written so that robots can verify what is there at every moment, also when the writer is killed between any two
+# writes.
 def utc_now() -> datetime:
     """Returns the time."""
     return datetime.now(UTC)

@@ -73,6 +73,12 @@ class _Signed(Spec):
     model_config = ConfigDict(extra="ignore")
 
 
+# A desired state alone stays valid for weeks. So it counts only while the current metadata names its deployment as in
+# force for the fleet of its robot: what was withdrawn or superseded stays so for whoever has seen that, and for
+# everybody once the timestamp that was current before it has expired.
+#
+# There is one roll-out in force for a fleet: a deployment, and the syncs that brought it to more robots. Nothing here
+# grows with the number of deployments; the robots are as many as there are.
 class Withdrawal(_Signed):
     """A deployment that is not in force any more.
 

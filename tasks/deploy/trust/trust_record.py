@@ -88,6 +88,8 @@ class Admission:
     follows: str = ""
 
 
+# The plan is read again when a controller takes over, and when a fleet is synced. Whoever can write to the store
+# could change it between, and have the deployer's key sign the change.
 class Signer(Protocol):
     """Vouches for a deployment (`tasks.deploy.trust.signer.DeploymentSigner`)."""
 

@@ -31,6 +31,7 @@ GROUND_GROUP, WALL_GROUP, FURNITURE_GROUP, CEILING_GROUP = 0, 1, 2, 3
 GRID_SPACING_M = 0.5  # MuJoCo lights corners and interpolates: no corner is further than this from the next
 
 
+# Hinged doors of an MJCF: a leaf that a robot can push, standing as the world says.
 def add_solid_geom(
     body: mujoco.MjsBody, solid: Solid, group: int, *, origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> mujoco.MjsGeom:
@@ -110,6 +111,7 @@ TEXTURE_FOLDER = "textures"
 FLOOR_LIFT_M = 0.001
 
 
+# Everything here is seen by cameras and hit by rays, and touches nothing.
 def add_floor(spec: mujoco.MjSpec, room: Room) -> None:
     """Adds the sheet that shows a room's flooring, a millimetre above the ground."""
     geom = add_plane(spec, FLOOR_PREFIX + room.name, room.floor, FLOOR_LIFT_M)

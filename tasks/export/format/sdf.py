@@ -61,6 +61,7 @@ Pose = tuple[float, float, float, float]
 """Position (m) and turn about z (rad)."""
 
 
+# Furniture as SDF models that worlds share: pieces of one make are one model, wherever they stand.
 def document() -> ET.Element:
     """Returns an empty SDF document."""
     return ET.Element("sdf", version=SDF_VERSION)

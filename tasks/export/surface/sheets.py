@@ -19,6 +19,8 @@ SKIN_LIFT_M = 0.001
 _TOLERANCE_M = 0.002
 
 
+# Walls stay what the world says they are. A skin is a sheet just in front of a wall's face that is seen and not
+# touched.
 @dataclass(frozen=True)
 class Side:
     """One of the four sides of a room, seen from within.

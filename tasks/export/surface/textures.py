@@ -57,6 +57,7 @@ Draw = Callable[[np.random.Generator, tuple[int, int], tuple[int, int]], Shares]
 _SEAM = 1.25  # darker than the accent: a gap between boards lies in shadow
 
 
+# How the surfaces of finishes are divided, drawn by NumPy: planks, tiles, bricks and what else there is.
 @dataclass(frozen=True)
 class Tiling:
     """How a pattern is drawn.

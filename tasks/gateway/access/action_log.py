@@ -60,6 +60,9 @@ class Action(NamedTuple):
     outcome: str
 
 
+# A store cannot append, so a gateway writes its file of the hour whole each time, under a name that no other process
+# has, and begins another one before that gets dear. A line is in the store before its call is answered. Calls that
+# are answered at once share a write.
 class ActionLog:
     """Writes the lines of one gateway; several threads may.
 

@@ -99,6 +99,9 @@ def no_note(_call: Call) -> None:
     """Keeps nothing."""
 
 
+# A browser says which page asks (``Origin``, ``Sec-Fetch-Site``) and by which name it found this address (``Host``).
+# A name of an attacker's may lead here (DNS rebinding). Programs send neither Origin nor Sec-Fetch-Site. A browser
+# sends Origin with every POST and DELETE, forms among them, so the type of a body need not be looked at.
 def loopback_hosts(port: int) -> frozenset[str]:
     """Returns what programs of this machine call a port of it."""
     return frozenset({f"{name}:{port}" for name in _NAMES} | (_NAMES if port in {80, 443} else set()))

@@ -53,6 +53,10 @@ class Claim(NamedTuple):
     signature: str
 
 
+# Source: "AWS Signature Version 4 for API requests", AWS Identity and Access Management User Guide. The standard
+# library is enough, as botocore stays in tasks/storage; a test holds this module against botocore's own signer. Only
+# the form in the header Authorization is taken: who has a presigned address needs no key, and addresses end up in
+# logs.
 def claim_of(request: HttpRequest, now_s: float) -> Claim:
     """Returns what the head of a request says of its signature; its body is not needed.
 
@@ -207,6 +211,10 @@ def _incomplete(why: str) -> AccessRefused:
     return AccessRefused("IncompleteSignatureException", why, 400)
 
 
+# A signature is good for as long as the clocks may differ, before and after. So long this process remembers it. SDKs
+# sign each attempt anew, but nothing that they sign differs between two equal requests of one second: the id of an
+# attempt is not signed. Such a second one may be a retry. It is told to come later, which SDKs do by themselves,
+# signed anew.
 class UsedSignatures:
     """The signatures of the last minutes; several threads may ask."""
 

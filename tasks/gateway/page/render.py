@@ -28,6 +28,8 @@ _STORED_CONTENT = "sandbox allow-downloads; default-src 'none'; style-src 'unsaf
 _NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
 
 
+# The names, tags, reasons and documents in a store may be written by anybody. Each page has its style in itself, and
+# the policy that comes with it (`tasks.gateway.page.render`) allows that style by its digest, and no script.
 def page_html(page: Page, frame: Frame) -> bytes:
     """Returns a page as HTML."""
     return _render("page.html.j2", page=page, frame=frame, reload_s=RELOAD_S)

@@ -202,6 +202,7 @@ _MEANINGS: Mapping[ComparisonAnswer, str] = {
 Replay = Callable[[int], str]
 
 
+# What a stranger may have written stands in code, as in the summary of a run.
 def comparison_markdown(
     found: Comparison, notes: Sequence[str], replays: tuple[Replay, Replay], most: int = COMMENT_CHARACTERS
 ) -> str:

@@ -257,6 +257,7 @@ def _changed(answer: RuleVerdict, bound: Mapping[str, float], why: str, *, stand
 _PAIRED = "noWorseThan"
 
 
+# ``tasks.results.statistics.interim_analyses`` says why one may ask after each chunk.
 class InterimGate:
     """Counts a batch's episodes as they end, for the rules that can be sure early."""
 

@@ -212,6 +212,10 @@ def _score(gains: int, losses: int, n: int, difference: float) -> float:
     return above / math.sqrt(variance) if variance > 0.0 else math.copysign(math.inf, above)
 
 
+# Of forty intervals, each at 95 %, two miss by chance, and a reader looks at the worst group first. A family of
+# intervals shares what one may miss (Bonferroni): with any dependence between groups, all of them hold in at least as
+# many reports as the confidence says. The intervals are exact ones. Wilson's, at the confidence that each then needs,
+# miss too often near 1: docs/decisions/0032 has the figures.
 class IntervalFamily(Spec):
     """How many intervals a page shows or selects from, and how sure all of them together are.
 

@@ -194,6 +194,10 @@ _GAIN_LOSS_TIE = np.array([[1.0, 0.0, -1.0], [0.0, 1.0, -1.0]])
 _DISAGREEING = np.array([[0.5, 0.5, -1.0]])
 
 
+# A pair of episodes is a gain, a loss or a tie. Each world has chances of its own for the three, Dirichlet
+# distributed; the difference is that of the mean chances. The interval holds the differences whose profile
+# likelihood, with the share of ties and the spread between worlds at their best, is near the highest one, as
+# `rate_over_worlds` does for one rate.
 def difference_over_worlds(
     gains: Sequence[int], losses: Sequence[int], n: Sequence[int], confidence: float
 ) -> Interval:

@@ -238,6 +238,7 @@ METADATA_FILE = "metadata.yaml"
 _VERSION = 5
 
 
+# Later releases read earlier versions of the metadata; the earliest that is still supported reads this one.
 def write_rosbag2(folder: Path, log: MessageLog) -> list[Path]:
     """Writes a log as a folder of rosbag2, and returns the files in it.
 

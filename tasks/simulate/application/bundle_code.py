@@ -37,6 +37,9 @@ _HEAD = struct.Struct("<QdBBH")
 _TEXT_BYTES = 400
 
 
+# Who simulates may hang in an application's code and answer nothing any more. So each call is noted in a page of
+# memory that the process which started it shares: that process sees how long a call takes, and whom to blame when it
+# ends it.
 class RunningCall(NamedTuple):
     """A call that is under way.
 
@@ -131,6 +134,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 
+# A bundle is imported below a package named after its digest, so two versions of an application live side by side in
+# one process and neither can shadow a library. Modules of a bundle import each other relatively.
+#
+# What runs is what the sources say: bytecode (``__pycache__``, ``.pyc``) in a bundle is never read, since it may be
+# of other sources, and none is written.
 class BundleCrash(SimyardError):  # noqa: N818 - RoboMaker's name
     """An application's own code failed.
 

@@ -185,6 +185,8 @@ _BOUNDS: Mapping[tuple[str, str], _Bound] = {
 }
 
 
+# Only what is far from any robot is refused: the bounds keep the time until a file is refused, or compiled, near a
+# second.
 def check_numbers(element: Element) -> None:
     """Refuses an element with a number that is none, or far beyond what any robot needs.
 
@@ -292,6 +294,8 @@ _HEIGHTS = struct.Struct("<ii")
 _SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*:")
 
 
+# Where MuJoCo looks for a file depends on the folders of `compiler`, on the file that names it, and on `strippath`.
+# Here a name stands for every file of the bundle that it could be, so that none is forgotten.
 class BundleFiles:
     """The files of a bundle, looked up by the names that an MJCF gives them."""
 
@@ -379,6 +383,8 @@ _MOST_XML_BYTES = 16 << 20
 _MADE_OF_A_POINT = {"flexcomp": 5, "composite": 20}
 
 
+# Nothing is compiled here, so that a file which would keep MuJoCo busy for hours is refused in a fraction of a
+# second. What a file may hold is told in docs/guide/applications.md; it is far beyond any robot's.
 def check_mjcf(path: Path) -> None:
     """Refuses a file of MJCF that is none, or that holds what no robot needs, with all files that it names.
 

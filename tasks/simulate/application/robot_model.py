@@ -291,6 +291,7 @@ _PLACE = 3  # x, y and height come first in a free joint's coordinates, then its
 _POSE = 7
 
 
+# The functions take NumPy or ``jax.numpy``, as the arrays are; coordinates are in the last axis.
 def coordinates_at(base: Base, rest: Arrays, start: Arrays, numbers: ModuleType) -> Arrays:
     """Returns the coordinates of a robot at a start (x m, y m, yaw rad), as tall as it rests, turned about z.
 

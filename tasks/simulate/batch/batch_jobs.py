@@ -414,6 +414,7 @@ def _few(found: Iterable[T]) -> tuple[T, ...] | None:
     return tuple(itertools.islice(found, _MOST_SHOWN)) or None
 
 
+# See docs/reference/robomaker.md, sections 3 and 4, and docs/decisions/0008.
 def cancel_batch(store: Store, batch: str) -> JobRecord:
     """Returns the record of a batch that is being cancelled: who works on it stops within seconds.
 

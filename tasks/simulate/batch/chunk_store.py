@@ -76,6 +76,8 @@ def _columns_name(number: int) -> str:
     return f"columns of chunk {number}"
 
 
+# A chunk says what vouches for its results (``tasks.storage.jobs.authenticator``), so that nothing is counted that
+# somebody else has written there. One that this owner cannot vouch for is simulated anew and compared.
 class ChunkStart(Spec):
     """When a chunk was last begun; for telling people and for the batch's timeout, never for results.
 

@@ -158,6 +158,12 @@ _READ_ONLY_FILE, _READ_ONLY_FOLDER = 0o444, 0o555
 _FILES, _SEAL = "files", "seal"
 
 
+# objects/<sha256> a file, read-only seen/<digest>.json what an object of a bucket was when it was last fetched, by
+# the bucket's own mark mounts/<digest> files/, which a job sees of a data source, read-only; and a seal, by which a
+# change is noticed
+#
+# Who is root writes into read-only files too, so that a mount is used again only as long as its seal fits. It holds
+# what the file system notes of each file: a write changes that, whoever writes.
 class DataCache:
     """A folder of fetched files; several processes may use it at once."""
 
@@ -272,6 +278,7 @@ class _Unusable(Exception):  # noqa: N818 - a state
         super().__init__(why)
 
 
+# Nothing here refuses a document: a job whose file is missing is a row that says so, and the others run.
 def pin_source(store: Store, cache: Path, source: DataSourceConfig) -> PinnedSource:
     """Returns a data source with the digests of its files, which are in the cache then; a failed one says why.
 

@@ -61,6 +61,10 @@ Places = Int[jax.Array, "fresh"]
 Occupied = tuple[LaneInputs, LaneState]
 
 
+# A few lanes are begun together, in a program of as many, and written over what was in lanes that are free: the
+# others are not touched. What a lane begins with does not depend on how many begin beside it
+# (docs/decisions/0004-lanes-a-multiple-of-eight.md), so neither does its row
+# (docs/decisions/0038-lanes-that-are-refilled.md).
 class LaneRefill(NamedTuple):
     """How a program's lanes are filled.
 

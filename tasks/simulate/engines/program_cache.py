@@ -57,6 +57,8 @@ _folders: list[Path] = []
 _listeners: list[OnCompile] = []
 
 
+# An application is a function of its bundle, of its environment and of its data sources, so that these are enough.
+# What else it reads of this machine while it is traced is not looked for, but for modules.
 def applications_identity(
     launches: Iterable[ApplicationLaunch], folders: Iterable[Path], names: Sequence[str], texts: Mapping[str, str]
 ) -> str:
@@ -134,6 +136,7 @@ def _digest(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+# Nothing in a file is ever unpickled: the head is JSON, and the program is StableHLO, which JAX reads and compiles.
 class Dependency(Spec):
     """A file that a program follows from, and no key tells of.
 
@@ -221,6 +224,8 @@ def _thin_out(folder: Path, suffix: str) -> None:
         path.unlink(missing_ok=True)
 
 
+# An application may import one that a person works on, from a folder on PYTHONPATH: a program that was traced with it
+# is out of date when it changes, and no version says so.
 def module_dependencies() -> tuple[Dependency, ...]:
     """Returns the files of all modules that come neither from a bundle nor from a library nor from Simyard.
 
@@ -241,6 +246,10 @@ def _elsewhere() -> Iterator[Path]:
             yield path
 
 
+# A function is kept as StableHLO (``jax.export``): the machine code that XLA makes of it lies in JAX's own cache,
+# whose key follows from those bytes, so that a process that loads both neither traces, lowers nor compiles
+# (docs/decisions/0041-programs-without-tracing.md). The process that traces runs what it kept, so that all run the
+# same.
 def use_cache_folder(folder: Path, on_compile: OnCompile = lambda: None) -> None:
     """Caches programs in a folder from now on.
 

@@ -165,6 +165,8 @@ _MANY = (np.arange(30) + 0.5) / 30
 Lines = Bool[np.ndarray, "lines"]
 
 
+# A cell says of all places in it at once that they have room, or that they have none, or that they must be measured.
+# What the cells do not settle is measured exactly: the answers are those of ``visibility``, and only come sooner.
 class OpenFloor(NamedTuple):
     """A world's floor, for a disc.
 

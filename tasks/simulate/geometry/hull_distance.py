@@ -34,6 +34,9 @@ _TINY_M2 = 1e-12
 Points = Float[Array, "obstacles points 2"]
 
 
+# A part is an outline (one corner for a disc, two for a rod, more for a polygon) and a radius around it. Two convex
+# outlines that overlap are as deep in each other as the least gap along any of their edges' normals says; two that do
+# not are as far apart as the nearest corner of one and edge of the other.
 def hull_distance_m(
     parts: Sequence[HullPart], boxes: Boxes, cylinders: Cylinders, pose: Float[jax.Array, "3"]
 ) -> Float[jax.Array, ""]:

@@ -27,6 +27,9 @@ _TOLERANCE_M = 1e-4
 _TOUCHING = np.sin(_TURN_RAD / 2) + 1e-6
 
 
+# A shortest way of a disc among solids is made of straight lines that touch the rounded corners of the solids, grown
+# by the disc's radius, and of arcs around these corners (T. Lozano-Perez and M. Wesley, 1979; the reduced visibility
+# graph of J.-C. Latombe, Robot Motion Planning, 1991, chapter 4). Each arc is replaced by the corners of a polygon.
 class TangentGraph(NamedTuple):
     """Corners that ways bend at, and the straight ways between them.
 
@@ -241,6 +244,8 @@ _NOWHERE = -9999  # SciPy's word for a node without predecessor
 _numbers = itertools.count()
 
 
+# Ways go at any angle and are exact but for the polygons that stand for arcs. A goal is a disc, too: where the robot
+# has arrived.
 class Ways:
     """The ways of a disc about a world.
 

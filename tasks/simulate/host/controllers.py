@@ -149,6 +149,7 @@ def real_control(doing: str, control: object, shape: tuple[int, ...]) -> Float32
     return array.astype(np.float32)
 
 
+# A module that says ``jax = False`` may do in its controller whatever Python can: branch, keep lists, look things up.
 def plain_application(bundle: HostBundle) -> HostApplication:
     """Returns the application of a module that says ``jax = False``.
 
@@ -224,6 +225,8 @@ def _require_same(program: Sensors, episode: Sensors) -> None:
         raise BundleCrash(_ROBOT, "the sensors of a plain Python controller must not follow from a numeric variable")
 
 
+# A module that says ``jax = False`` and defines ``controllers(environments)`` is asked once a control step, with the
+# observations of all lanes, and keeps the state of all of them itself.
 def batched_application(bundle: HostBundle) -> HostApplication:
     """Returns the application of a module that defines ``controllers(environments)``.
 

@@ -81,6 +81,9 @@ _FATAL = 4
 _VECTOR = 8
 
 
+# One thread runs it: the same sums in the same order on any number of cores. What an operator does to a row may
+# follow from how many rows there are; whether it does is tried once, and such a network runs a vector of lanes at a
+# time.
 class Answers(NamedTuple):
     """What a network gives for all lanes.
 

@@ -31,6 +31,9 @@ _TENSOR_NAME, _TENSOR_EXTERNAL, _TENSOR_PLACE = 8, 13, 14
 Dimension = int | str | None
 
 
+# The format is that of Protocol Buffers: https://protobuf.dev/programming-guides/encoding; the numbers of the fields
+# are those of https://github.com/onnx/onnx/blob/main/onnx/onnx.proto3. Only what decides is looked at: the shapes of
+# inputs and outputs, the operators, and tensors whose numbers lie in another file.
 class NetworkValue(NamedTuple):
     """An input or output of a network.
 
@@ -44,6 +47,10 @@ class NetworkValue(NamedTuple):
     shape: tuple[Dimension, ...] | None
 
 
+# A small process, the keeper, lives in a user namespace of its own, so that it may make networks
+# (user_namespaces(7)). It makes sockets in them for this process, and nodes are started in them by nsenter(1). Where
+# the kernel refuses user namespaces, all episodes share one network. Should this process be killed, the keeper ends
+# what is left of its episodes.
 @dataclass
 class Network:
     """What is known of a network before it runs.

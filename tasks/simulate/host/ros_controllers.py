@@ -52,6 +52,8 @@ _YOUNG_S = 60.0
 _PRINTED_BYTES = 2000
 
 
+# A process that is killed cannot remove its folder. The next one that makes such a folder does: whose lock nobody
+# holds is nobody's.
 class RosHome:
     """A folder for the nodes of a chunk, locked as long as this process lives.
 
@@ -406,6 +408,7 @@ def _shown(command: TwistCommand) -> str:
     return f"linear.x {command.ahead_m_s}, linear.y {command.left_m_s}, angular.z {command.turn_rad_s}"
 
 
+# What the robot has follows from ``ros.yaml`` and ``robot.xml`` at the bundle's root, before anything is started.
 class DeclaredSensors(NamedTuple):
     """A ROS robot's sensors, as a controller object has them."""
 

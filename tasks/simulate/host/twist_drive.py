@@ -45,6 +45,7 @@ class _TwistRows(NamedTuple):
     world: Float64[np.ndarray, "actuators 3"]
 
 
+# It follows from ``robot.xml`` where it can be seen there, and from the declaration in ``ros.yaml`` where it cannot.
 @dataclass(frozen=True, eq=False)
 class TwistMap:
     """How Twists become controls.

@@ -288,6 +288,7 @@ def _nothing(_inputs: LaneInputs, _body: Body) -> None:
     """Returns nothing: most engines look at all obstacles in each step."""
 
 
+# ``Mechanics`` is the socket that an engine fits in which is a JAX function.
 @dataclass(frozen=True, eq=False)
 class Mechanics:
     """A robot as an engine steps it, for one lane; the program maps it over lanes.

@@ -228,6 +228,9 @@ _MEMORY_BYTES = 256 << 20
 _PART_BYTES = 32 << 20
 
 
+# A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it
+# moved, the scan it saw then, the control that was decided on it, and what contacts pushed the robot with until the
+# next sample. The last sample of an episode is the state in which it ended.
 class LaneRecorder(Protocol):
     """Whoever is told what lanes do: a recorder, or what tells a recorder in another process."""
 

@@ -19,6 +19,9 @@ RUN_ID = "AWS_ROBOMAKER_SIMULATION_RUN_ID"
 _NAMES = frozenset({JOB_ID, JOB_ARN, RUN_ID})
 
 
+# They follow from the batch and the episode's place in it, so that a chunk that is simulated again, a replay and an
+# audit see the same ones. They are no part of a plan, and decide no program: the lanes of a program are different
+# jobs.
 def job_variables(form: ArnForm, batch: str, index: int) -> dict[str, str]:
     """Returns the variables of one job.
 
@@ -45,6 +48,11 @@ SLICE_STEPS = 25
 _NUMBERS_KNOWN = 1024
 
 
+# A chunk is the unit of work, of resume and of progress. How requests fall into chunks depends on the requests and
+# the lane count alone, so that a resumed batch has the chunks of the unbroken one.
+#
+# A batch that may be ended early takes its episodes in a drawn order, so that any beginning of it stands for the
+# whole. The order follows from the batch's plan alone and from no library's release.
 class Chunk(Spec):
     """The lanes of one run of a compiled program.
 

@@ -208,6 +208,7 @@ Document = dict[str, JsonValue]
 _ENTRIES = "createSimulationJobRequests"
 
 
+# See docs/reference/robomaker.md, sections 3 and 4.
 def entries(record: JobRecord) -> list[Document]:
     """Returns the entries of a batch's request; a CreateSimulationJob is its own only entry."""
     request = _request(record)

@@ -19,6 +19,8 @@ Seed = UInt32[Array, "2"]
 _WORD = 32
 
 
+# Keys are counted, not carried: what a lane draws does not depend on the lanes beside it, on how it got to that step,
+# or on the engine.
 def seed_words(seed: int) -> UInt32[np.ndarray, "2"]:
     """Returns an episode's seed as the two words that ``step_key`` begins with; its lowest 64 bits count."""
     return np.array([(seed >> _WORD) & 0xFFFFFFFF, seed & 0xFFFFFFFF], np.uint32)
@@ -47,6 +49,8 @@ Memory = Any
 Fields = dict[str, Any]
 
 
+# The functions of a record are pure JAX for one lane, the same for every engine. They get the sensor as the program
+# has it, in plain numbers, and as the lane has it, whose numbers may be traced.
 class Situation(NamedTuple):
     """One lane before a control step.
 

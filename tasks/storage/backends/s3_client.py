@@ -59,6 +59,8 @@ class _Answered(Protocol):
     response: Mapping[str, Mapping[str, object]]
 
 
+# The status and code that the server sent decide, wherever they are in the chain of exceptions; botocore's own errors
+# are no OSErrors (docs/reference/store.md, section 5). Messages carry neither the server's text nor credentials.
 def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
     """Returns the store's error for one of FAULTS that came up while working on the key.
 
@@ -136,6 +138,13 @@ class _Body(Protocol):
     def close(self) -> None: ...
 
 
+# Endpoint, region and credentials come from the usual AWS variables and profiles. Conditions on writes are no part of
+# fsspec's interface, so that objects go through botocore itself, and a robot's agent stays below 80 MB; what is big
+# goes through fsspec's s3fs (tasks.storage.backends.s3_upload).
+#
+# What S3 calls an object's etag: MD5 of its bytes, or of the MD5s of the parts it was sent in.
+#
+# Amazon S3 user guide, "Checking object integrity"; objects under a key of KMS have etags of another kind.
 class S3Client:
     """Calls to one server, from any thread."""
 

@@ -41,6 +41,9 @@ def chosen_folder(environment: Mapping[str, str]) -> Path:
     return Path(environment.get("XDG_CACHE_HOME") or Path(home) / ".cache") / "simyard"
 
 
+# docs/operate/robot.md says which rights an agent of another account needs. A folder whose group may write to it, and
+# hands itself on (setgid), is meant to be shared: what is made in it is its group's, whatever the umask of who makes
+# it.
 def missing_right(path: Path, *, replaced: bool = True) -> str:
     """Returns which right this account lacks to read a file, and to replace it, and the command that gives it.
 
@@ -117,6 +120,8 @@ def _group(number: int) -> str:
         return str(number)
 
 
+# A file is written under a hidden name in the folder where it will stand, flushed to the disk, and only then given
+# its name by one link or rename, which is flushed in turn.
 @contextmanager
 def hidden_file(folder: Path, mark: str = "", mode: int = _EVERYBODYS) -> Generator[tuple[BinaryIO, Path]]:
     """Makes a file under a hidden name, which begins with ``HIDDEN`` and the mark, and removes that name at the end.

@@ -48,6 +48,7 @@ LAST = 99
 """The place of what comes after everything that has a place of its own."""
 
 
+# x runs along the piece's back, y from its back (-depth / 2) to its front, z up from the floor.
 class Paint(NamedTuple):
     """What a part is coloured with: a colour of its own, or one that the room's palette decides.
 

@@ -59,6 +59,9 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
         yield f"option cone elliptic: MJX has no frictionless contacts then, as of {name}: set pyramidal"
 
 
+# A wheel gets the speed with which it rolls without slipping (Siegwart, Nourbakhsh, Scaramuzza: Introduction to
+# Autonomous Mobile Robots, 2nd edition, section 3.2). Wheels that do not stand on one axle slip sideways when the
+# robot turns, and turn it less: how much less is measured, in a turn on the spot.
 def _geoms(model: mujoco.MjModel) -> Iterator[str]:
     for geom in _colliding(model):
         kind, name = mujoco.mjtGeom(model.geom_type[geom]), geom_label(model, geom)
@@ -79,6 +82,10 @@ _HIGHER_M = 1e-6
 _COPIED = ("contype", "conaffinity", "condim", "friction", "solref", "solimp", "solmix", "margin", "gap", "priority")
 
 
+# A planar base neither tips nor rises. So an upright cylinder that is as tall as the whole hull meets every obstacle
+# with its side, as a capsule does; and a cylinder that lies, such as a wheel that does not turn, meets what is as
+# tall as its axis with what it looks like from above, as a box does. An obstacle that ends below the axis meets the
+# box earlier.
 def with_stand_ins(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Returns a robot's model, in whose specification a planar base's cylinders have got shapes in their place.
 
@@ -132,6 +139,10 @@ _TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT, 
 _SHAPES = (mujoco.mjtGeom.mjGEOM_SPHERE, mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX)
 
 
+# On a CPU, MJX's smooth dynamics are faster than C's, all lanes at once, and its constraints are slower. So it wins
+# where only obstacles can hold a robot, which most robots are away from in most control steps, and loses where the
+# floor, joints' limits or the robot itself hold it in each of them
+# (docs/decisions/0037-mjx-where-only-obstacles-hold.md).
 def why_slower_on_a_cpu(path: Path) -> str:
     """Returns why C MuJoCo is faster with a ``robot.xml`` on a CPU; nothing where MJX is.
 

@@ -196,6 +196,8 @@ def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
         spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_EULERDAMP)
 
 
+# MJX pays for every geom pair at every step, near or far. Of an apartment's hundred solids only those within reach of
+# the next control step can matter, so each lane's model holds slots for those, refilled at each control step.
 class ObstacleWindow(NamedTuple):
     """The nearest obstacles of one lane."""
 

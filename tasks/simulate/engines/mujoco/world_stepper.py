@@ -161,6 +161,8 @@ _PUSH_NUMBERS = 3
 _MOST = 1e10
 
 
+# ``mujoco.rollout`` steps them: measured against a thread pool that calls ``mj_step``, it takes a tenth less time,
+# and gives each physics step's sensor values, of which impulse and energy are summed up (docs/reference/engines.md).
 class HostBody(NamedTuple):
     """The robots' mechanical states as the applications get them; fields as in ``application.motion.Body``."""
 

@@ -15,6 +15,8 @@ from tasks.simulate.engines.planar.planar_robot import Disc, Softness
 from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
 
 
+# One lane's scalars become vectors over lanes when the program maps it, so that everything downstream is elementwise
+# and vectorises; arrays of one lane's obstacles would put eight numbers, not all lanes, into the innermost loop.
 class Obstacle(NamedTuple):
     """A box or an upright cylinder: a rectangle grown by a radius, seen from above.
 
@@ -88,6 +90,11 @@ _TINY_M = 1e-9
 _MUCH = 0.5
 
 
+# Geometry: MuJoCo's sphere-box, sphere-cylinder, capsule-box and capsule-cylinder contacts, for spheres and upright
+# capsules among boxes and cylinders that stand upright. An upright cylinder touches them where its disc does, which
+# is what MuJoCo finds at flat sides; at corners its convex collider turns the normal by up to a right angle. Rows:
+# MuJoCo documentation, chapter Computation, "Contact" and "Constraint model", with frictionless contacts (condim 1)
+# and pyramidal cones (condim 3).
 class Row(NamedTuple):
     """A direction in which a constraint acts: it asks that ``x ax + y ay + turn aw`` be ``target``.
 

@@ -322,6 +322,9 @@ _PROBE_DEPTH = 0.01
 _LEAST_IMPEDANCE, _MOST_IMPEDANCE = 1e-4, 0.9999
 
 
+# Numbers that MuJoCo derives (mass matrix, mixed contact parameters, stiffness, regularizers, transmissions) are not
+# derived again: the robot is compiled with an obstacle pressed into each of its hull's geoms, and MuJoCo's own
+# constraint rows are read (MuJoCo documentation, chapter Computation, "Constraint model").
 def planar_robot(path: Path) -> PlanarRobot:
     """Returns the robot of a ``robot.xml`` as the planar engine steps it.
 
