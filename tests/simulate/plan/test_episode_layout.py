@@ -43,7 +43,7 @@ def plans(draw: st.DrawFn) -> BatchPlan:
         timeout_s=1.0,
         world_digests={},
         engine="auto",
-        shuffled=draw(st.sampled_from([False, True, "episodes"])),
+        shuffled=draw(st.sampled_from([False, "episodes"])),
     )
 
 
@@ -84,7 +84,7 @@ def test_chunks_are_those_of_the_list_of_all_episodes(plan: BatchPlan):
 
 @given(plans())
 def test_shuffled_chunks_have_the_same_programs_and_sizes_and_each_episode_once(plan: BatchPlan):
-    ordered, layout = (Layout(plan.model_copy(update={"shuffled": shuffled})) for shuffled in (False, True))
+    ordered, layout = (Layout(plan.model_copy(update={"shuffled": shuffled})) for shuffled in (False, "episodes"))
     chunks = [layout.chunk(number).requests for number in range(layout.chunks)]
     plain = [ordered.chunk(number).requests for number in range(ordered.chunks)]
     assert [len(chunk) for chunk in chunks] == [len(chunk) for chunk in plain]
