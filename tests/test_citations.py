@@ -5,10 +5,8 @@ comma where the page numbers its headings, or ``docs/decisions/0008`` for a deci
 """
 
 import ast
-import io
 import re
 import subprocess
-import tokenize
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
@@ -32,6 +30,7 @@ _ELSEWHERE = re.compile(
 
 # A name as code has it: with an underscore, and not part of a path, a pattern or a command.
 _NAME = re.compile(r"(?<![\w./:<{$%-])_?[A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)+(?![\w>}]|-\w|://)")
+_WORD = re.compile(r"\w+")
 _PRODUCT = ("specs", "tasks", "flows", "simyard")
 # What other programs and standards call something.
 _NAMES_OF_OTHERS = {
@@ -44,6 +43,7 @@ _NAMES_OF_OTHERS = {
         "proc_pid_stat",
     ),
     "PR_SET_DUMPABLE",
+    "load_config_default",
     *("PREFECT_LOGGING_EXTRA_LOGGERS", "PREFECT_LOGGING_LEVEL", "robot_description", "snake_case", "Sofas_1_seat"),
     *("stroke_width", "USER_DATA", "user_namespaces", "cdds_request_header_t", "rmw_init_cs"),
 }
@@ -123,13 +123,14 @@ def prose_and_code(text: str) -> tuple[str, frozenset[str]]:
     """A module's comments and docstrings, and the words of its code, those in texts as well."""
     holders = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     documented = [node for node in ast.walk(ast.parse(text)) if isinstance(node, holders) and ast.get_docstring(node)]
-    begins = {node.body[0].lineno for node in documented}
+    docstrings = {
+        number for node in documented for number in range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
+    }
     prose, code = list[str](), set[str]()
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type == tokenize.COMMENT or (token.type == tokenize.STRING and token.start[0] in begins):
-            prose.append(token.string)
-        elif token.type in (tokenize.NAME, tokenize.STRING):
-            code.update(re.findall(r"\w+", token.string))
+    for number, line in enumerate(text.split("\n"), 1):
+        code_of_line, _, comment = ("", "", line) if number in docstrings else line.partition("# ")
+        prose.append(comment)
+        code.update(_WORD.findall(code_of_line))
     return "\n".join(prose), frozenset(code)
 
 
@@ -139,10 +140,10 @@ def known_names() -> frozenset[str]:
     known: set[str] = set()
     for path, text in files().items():
         known.update((path.stem, *path.parts))
-        if path.suffix == ".py":
+        if _is_of_product(path):
             known |= prose_and_code(text)[1]
         elif path.suffix != ".md":
-            known.update(re.findall(r"\w+", text))
+            known.update(_WORD.findall(text))
     return frozenset(name.lstrip("_") for name in known) | _NAMES_OF_OTHERS
 
 

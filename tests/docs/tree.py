@@ -10,6 +10,7 @@ import os
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 from benchmarks.house.house import house
@@ -33,6 +34,7 @@ def first_line(package: Path) -> str:
     return text.partition("\n")[0]
 
 
+@cache
 def lists() -> Mapping[str, str]:
     """Returns what stands in the page between ``<!-- name -->`` and ``<!-- end of name -->``, by name."""
     keys = {**_described_keys(), **_job_keys()}

@@ -56,6 +56,7 @@ def elsewhere(monkeypatch: pytest.MonkeyPatch, folder: Path) -> None:
     monkeypatch.setenv("SIMYARD_OWNER_KEY", str(folder / "elsewhere"))
 
 
+@pytest.mark.long
 def test_what_the_owner_sealed_is_believed_and_what_was_added_is_not(closed: OpenBatch):
     assert is_sealed(closed.record(), closed.authenticator)
     record = edited(closed, lambda detail: detail.update(passed=999))
@@ -86,6 +87,7 @@ def test_without_the_key_all_is_simulated_anew_and_vouched_for_from_then_on(
         assert chunk.authentic
 
 
+@pytest.mark.long
 def test_without_the_key_a_forged_row_is_named(closed: OpenBatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     elsewhere(monkeypatch, tmp_path)
     rows = committed_chunk(closed.store, closed.id, 1) or []

@@ -339,6 +339,7 @@ def sound(bundles: dict[str, Path], pens: dict[str, World]) -> list[EpisodeResul
     return simulate_lanes(chunk_of([SOUND] * LANES), pens, bundles, lanes=LANES, should_stop=lambda: False)
 
 
+@pytest.mark.long
 def test_rows_and_recordings_are_those_of_a_run_in_this_process(
     run: Run, bundles: dict[str, Path], pens: dict[str, World], sound: list[EpisodeResult]
 ):

@@ -41,6 +41,7 @@ def stepped(env: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a class that is impo
     return env.step_wait()
 
 
+@pytest.mark.long
 def test_an_episode_that_ends_is_followed_by_the_next_and_keeps_its_last_observation(
     options: dict[str, Any], adapter: Callable[..., Any]
 ):

@@ -175,6 +175,7 @@ def test_specks_that_fill_a_world_up_change_no_order():
     assert_equal(found[0], found[1])
 
 
+@pytest.mark.long
 def test_episodes_have_the_same_bits_as_when_all_obstacles_are_looked_at(pens: dict[str, World]):
     requests = [pushing(k, world=f"hand/pen-{k % 2}", seed=k, duration_s=10.0) for k in range(PUSHER_LANES)]
     run = ready_chunk(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine="planar").run
