@@ -18,7 +18,9 @@ IDENTITY: dict[str, JsonValue] = {"flow": "world-export", "spec": {}}
 class Cancelling(Orchestrator):
     """An orchestrator whose flow run somebody cancels."""
 
-    flow_run_id = "prefects"
+    @property
+    def flow_run_id(self) -> str:
+        return "prefects"
 
     def is_cancelling(self, flow_run_id: str) -> bool:
         return flow_run_id == "prefects"

@@ -20,7 +20,9 @@ IDENTITY: dict[str, JsonValue] = {"flow": "world-export", "spec": {}}
 class Seen(Orchestrator):
     """An orchestrator that notes what is shown; its flow run is cancelled when it is told to."""
 
-    flow_run_id = "waits"
+    @property
+    def flow_run_id(self) -> str:
+        return "waits"
 
     def __init__(self, on_wait: Event | None = None, *, canceled: bool = False) -> None:
         self.shown: list[str] = []

@@ -38,7 +38,7 @@ def seen(*boxes: tuple[float, ...]) -> Obstacles:
 )
 def test_a_quarter_turn_leaves_a_box_upright(yaw_rad: float, half: tuple[float, float]):
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, yaw_rad)))
-    np.testing.assert_allclose(found.upright, [(1.0, 0.0, *half)], atol=1e-6)
+    np.testing.assert_allclose(found.upright, np.array([(1.0, 0.0, *half)]), atol=1e-6)
     assert found.counts.tolist() == [1, 0, 1]
 
 
@@ -49,7 +49,7 @@ def test_a_little_turn_does_not():
 
 
 def test_circles_keep_place_and_radius():
-    np.testing.assert_allclose(lidar_outlines(seen(box(1.0, 0.4, 0.1, 0.0))).circles, [(7.0, 8.0, 0.3)])
+    np.testing.assert_allclose(lidar_outlines(seen(box(1.0, 0.4, 0.1, 0.0))).circles, np.array([(7.0, 8.0, 0.3)]))
 
 
 def test_worlds_are_padded_to_the_same_sizes_with_what_nobody_sees():
