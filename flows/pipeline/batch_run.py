@@ -5,8 +5,8 @@ A batch that was killed is continued: chunks that are committed are not simulate
 
 import logging
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager, nullcontext, suppress
 from importlib import import_module
 from threading import Thread
 
@@ -22,12 +22,16 @@ from flows.batch.batch_steps import (
     write_tables,
 )
 from flows.pipeline.orchestrator import orchestrator, run_step
-from specs.errors import DocumentError, SimyardError, StageFailed
+from flows.pipeline.references import ParsedRun
+from specs.errors import DocumentError, ResourceNotFound, SimyardError, StageFailed
 from specs.field_types import OutputLocation
+from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from specs.settings import Workers
 from tasks.applications.registry import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
+from tasks.deploy.step import robot_reserve
+from tasks.progress.listener import current_listener, listen_to_progress
 from tasks.simulate.batch.batch_record import GOING, KIND, OpenBatch, close_refused, complete, load_batch, time_out
 from tasks.simulate.batch.chunk_run import chunks_ahead, forget_chunks
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
@@ -39,11 +43,19 @@ from tasks.simulate.sandbox.process_pool import prepare_simulator
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
-from tasks.storage.jobs.records import JobRecord, is_terminal
+from tasks.storage.jobs.records import JobRecord, is_terminal, job_id, read
+from tasks.storage.jobs.runs import stage_token
 
 # PyArrow looks for pandas when it makes its first column; reports work out intervals.
 _NEEDED_AT_THE_END = ("pandas", "scipy.optimize")
 logger = logging.getLogger(__name__)
+
+
+def prepare_simulation(work: ParsedRun) -> None:
+    """Begins the process that simulates, if the run is going to simulate here after other stages; returns at once."""
+    before = work.spec.worldGeneration or work.spec.worldExport
+    if work.found.batch and before and not orchestrator().wanted_workers() and ended_batch(work) is None:
+        begin_simulation_process(work.store, [*work.found.batch.digests()])
 
 
 def begin_simulation_process(store: Store, digests: Sequence[str]) -> None:
@@ -63,6 +75,38 @@ def _begin_process(store: Store, digests: Sequence[str]) -> None:
         prepare_simulator({digest: unpack_application(store.url, digest) for digest in digests})
     except (SimyardError, OSError) as exc:
         logger.debug("no process simulates before it is asked: %s", exc)
+
+
+def ended_batch(work: ParsedRun) -> JobRecord | None:
+    """Returns the batch of a run that goes on after it, or None."""
+    try:
+        record = read(work.store, KIND, job_id(KIND, stage_token(work.run, "batch")))
+    except ResourceNotFound:
+        return None
+    return record if record.status == "Completed" else None
+
+
+@contextmanager
+def robots_in_reserve(spec: PipelineSpec, store: Store) -> Generator[Callable[[], None], None, None]:
+    """Yields what begins a demonstration's agents: it is called when the batch's last episode ends, or by the block.
+
+    They import what they need while the batch is audited and judged. The roll-out alone tells them what to do, which
+    there is only after the gate has passed.
+
+    Args:
+        spec: The document.
+        store: The run's store.
+    """
+    section, listener = spec.deployment, current_listener()
+    with robot_reserve(store, section) if section else nullcontext(lambda: None) as begin:
+
+        def hear(stage: str, done: int, total: int) -> None:
+            listener(stage, done, total)
+            if stage == EPISODES and done >= total:
+                begin()
+
+        with listen_to_progress(hear):
+            yield begin
 
 
 def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:

@@ -5,15 +5,18 @@ run, a page shows artifacts, and a button cancels. A process alone calls the ste
 in the store are the same.
 """
 
+import logging
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
+from functools import reduce
 from typing import ParamSpec, TypeVar
 
-from flows.batch.batch_end import WrittenReport
+from flows.batch.batch_end import WrittenReport, write_report
+from flows.batch.trend_history import write_trend_of_run
 from flows.pipeline.run_gate import GateAnswer
-from flows.pipeline.stage_report import MadeAsset
-from specs.data.run_report import PipelineReport
+from flows.pipeline.stage_report import MadeAsset, with_alarm
+from specs.data.run_report import Artefact, PipelineReport, StageReport
 from specs.errors import DocumentError
 from specs.field_types import OutputLocation
 from specs.settings import WORKERS, Workers, chosen_workers
@@ -29,6 +32,8 @@ from tasks.worlds.job.generation_job import RemoteWorldMaker
 
 P = ParamSpec("P")
 R = TypeVar("R")
+Reports = tuple[StageReport, ...]
+logger = logging.getLogger(__name__)
 
 
 class Orchestrator:
@@ -42,9 +47,9 @@ class Orchestrator:
         """The flow run that this is in; empty if there is none."""
         return ""
 
-    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Returns what a step, or a stage of a pipeline, returns; its arguments are data that can be sent."""
-        return step(*args, **kwargs)
+    def as_run(self, step: Callable[P, R]) -> Callable[P, R]:
+        """Returns what runs a step, or a stage of a pipeline; its arguments are data that can be sent."""
+        return step
 
     def is_cancelling(self, flow_run_id: str) -> bool:  # noqa: ARG002 - of Prefect's
         """Returns whether somebody cancels a flow run; `simyard cancel` reaches this process through the store."""
@@ -136,7 +141,7 @@ def orchestrator() -> Orchestrator:
 def run_step(step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
     """Returns what a step returns that the orchestrator of this context runs; the log says how long it took."""
     with log_duration(step.__name__):
-        return orchestrator().run_step(step, *args, **kwargs)
+        return orchestrator().as_run(step)(*args, **kwargs)
 
 
 @contextmanager
@@ -147,3 +152,42 @@ def orchestrated_by(chosen: Orchestrator) -> Generator[None, None, None]:
         yield
     finally:
         _orchestrator.reset(token)
+
+
+def try_to_show(stages: Reports, show: Callable[[], Reports]) -> Reports:
+    """Returns the reports that showing them returns; if it fails, with an alarm that says so.
+
+    The verdict and its evidence are in the store before anything is shown, and whether a version is rolled out follows
+    from them alone. What fails here must neither pass for the deployment's failure nor hide it, nor leave the run open
+    whose robots have a new version.
+    """
+    try:
+        return show()
+    except Exception as exc:
+        logger.exception("what came of a run could not be shown")
+        why = " ".join(f"{type(exc).__name__}: {exc}".split())
+        return tuple(with_alarm(stage, f"What came of it could not be shown: {why}") for stage in stages)
+
+
+def show_trend(simulated: Reports, store: Store, run: JobRecord, batch: JobRecord) -> Reports:
+    """Returns the batch's report, the trend of the document being written; with an alarm for each rate that fell."""
+    written = write_trend_of_run(store, run, batch)
+    if written is None:
+        return simulated
+    for alarm in written.alarms:
+        orchestrator().announce_alarm(alarm, written.url)
+    falls = [f"{alarm.sentence} See {written.url}" for alarm in written.alarms if alarm.fell]
+    page = Artefact(label="trend", url=written.url)
+    return tuple(
+        reduce(with_alarm, falls, stage.model_copy(update={"artefacts": (*stage.artefacts, page)}))
+        for stage in simulated
+    )
+
+
+def show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:
+    """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
+    written = write_report(store, batch)
+    if isinstance(written, WrittenReport):
+        orchestrator().show_batch_report(written)
+        return judged
+    return tuple(with_alarm(stage, written.alarm()) for stage in judged)

@@ -8,20 +8,17 @@ anywhere else, so that a run without a server is the same lines.
 
 import logging
 import time
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial, reduce
+from functools import partial
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import cast
 
 from pydantic import JsonValue
 
-from flows.batch.batch_end import MissingReport, WrittenReport, write_report, write_report_of_run
-from flows.batch.batch_steps import EPISODES
-from flows.batch.trend_history import write_trend_of_run
-from flows.pipeline.batch_run import begin_simulation_process, run_batch
-from flows.pipeline.orchestrator import orchestrator, run_step
+from flows.batch.batch_end import MissingReport, write_report_of_run
+from flows.pipeline.batch_run import ended_batch, prepare_simulation, robots_in_reserve, run_batch
+from flows.pipeline.orchestrator import Reports, orchestrator, run_step, show_trend, show_verdict, try_to_show
 from flows.pipeline.recount import authenticated_record, planned_run, recount_changes
 from flows.pipeline.references import ParsedRun, deployed_version, numbered_finder, resolve_references
 from flows.pipeline.run_gate import (
@@ -44,19 +41,17 @@ from flows.pipeline.stage_report import (
     recorded_report,
     run_with_alarm,
     texts,
-    with_alarm,
 )
 from flows.pipeline.tested_batch import batch_plan
 from flows.resources.fleet_membership import renew_metadata_here
 from flows.resources.kinds import require_not_canceled
 from specs.arn import arn
 from specs.base import canonical_document
-from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport
-from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, ResourceNotFound, StageFailed
+from specs.data.run_report import PipelineReport, StageName, StageReport
+from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
 from specs.field_types import Architecture
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, stops_early
-from specs.pipeline.generation_parts import GenerationPart
 from specs.pipeline.section_requests import (
     deployment_request,
     export_request,
@@ -69,21 +64,18 @@ from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from specs.pipeline.world_sections import WorldExport, WorldGeneration
 from specs.robomaker.failure_codes import JobFailureCode
 from specs.template.body import template_digest
-from tasks.deploy.step import robot_reserve, roll_out, section_signer
+from tasks.deploy.step import roll_out, section_signer
 from tasks.documents.template_source import find_template
 from tasks.export.step import draw_worlds, export_elsewhere, export_worlds
-from tasks.progress.listener import at_a_time, current_listener, listen_to_progress
+from tasks.progress.listener import at_a_time
 from tasks.results.gate.shipped_builds import shipment_of, version_changes
-from tasks.simulate.batch.batch_record import KIND, open_batch, require_plan
+from tasks.simulate.batch.batch_record import open_batch, require_plan
 from tasks.simulate.plan.plan_batch import output_location
-from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import JobRecord, advance, is_terminal, job_id, read
+from tasks.storage.jobs.records import JobRecord, advance, is_terminal
 from tasks.storage.jobs.runs import stage_token, worlds_of_job
 from tasks.storage.store_url import open_store, store_id
 from tasks.worlds.step import generate_worlds
 
-T = TypeVar("T")
-Reports = tuple[StageReport, ...]
 # What the log calls each stage.
 _WORDS: Mapping[StageName, str] = {
     "worldGeneration": "world generation",
@@ -194,8 +186,8 @@ def _judge_and_deploy(work: ParsedRun, batch: JobRecord | None, simulated: Repor
         # With the verdict; and now, because the deployment may take long, or fail.
         if tested is None:
             return simulated, judged
-        shown = _shown(judged, partial(_show_verdict, judged, work.store, tested)) if judged else judged
-        return _shown(simulated, partial(_show_trend, simulated, work, tested)), shown
+        shown = try_to_show(judged, partial(show_verdict, judged, work.store, tested)) if judged else judged
+        return try_to_show(simulated, partial(show_trend, simulated, work.store, work.run, tested)), shown
 
     def go_on() -> Reports:
         require_not_canceled(work.store, work.run)
@@ -210,7 +202,7 @@ def _passed(spec: PipelineSpec, verdict: str | None) -> bool:
     return verdict == "PASS" or spec.gate is None
 
 
-# The first stage: worlds.
+# The first stage: worlds. Under Prefect each is a flow run of its own; see `flows.pipeline.orchestrator`.
 
 
 def generate(work: ParsedRun) -> tuple[list[str], Reports]:
@@ -218,13 +210,9 @@ def generate(work: ParsedRun) -> tuple[list[str], Reports]:
     section = work.spec.worldGeneration
     if section is None:
         return [], ()
-    token = stage_token(work.run, "worlds")
-    record, reports = _reported(
-        "worldGeneration",
-        lambda: run_step(world_generation, section, work.store.url, work.base, token),
-        lambda record, seconds: generation_report(record, work.store, seconds),
-    )
-    return texts(record.detail, "worlds"), reports
+    start_s = _begin("worldGeneration")
+    record = run_step(world_generation, section, work.store.url, work.base, stage_token(work.run, "worlds"))
+    return texts(record.detail, "worlds"), _logged(generation_report(record, work.store, _since(start_s)))
 
 
 def world_generation(
@@ -251,24 +239,24 @@ def world_generation(
     if makers:  # they show a task run for each piece; one around them would hold what cannot be sent
         make = partial(generate_worlds, remote=makers)
 
-    def work_part(given: str, part: GenerationPart, most: int) -> JobRecord:
-        request = generation_request(spec, part, template=arn("world-template", store_id(opened), digest), token=given)
-        record = make(
-            opened.url,
-            request,
-            template,
-            seed=spec.seed,
-            token=request.clientRequestToken or given,
-            robot_radius_m=spec.robotRadius,
-            first=part.first,
-            most=most,
-        )
-        run_step(draw_worlds, opened.url, require_success(record))
-        return record
-
     def work(given: str) -> JobRecord:
-        most = worlds_of_job(opened, given)
-        return joined([work_part(given, part, most) for part in section_parts(spec, most)])
+        most, name = worlds_of_job(opened, given), arn("world-template", store_id(opened), digest)
+        jobs: list[JobRecord] = []
+        for part in section_parts(spec, most):
+            request = generation_request(spec, part, template=name, token=given)
+            record = make(
+                opened.url,
+                request,
+                template,
+                seed=spec.seed,
+                token=request.clientRequestToken or given,
+                robot_radius_m=spec.robotRadius,
+                first=part.first,
+                most=most,
+            )
+            run_step(draw_worlds, opened.url, require_success(record))
+            jobs.append(record)
+        return joined(jobs)
 
     identity = {"spec": canonical_document(spec), "template": digest}
     return run_stage(opened, "world-generation", identity, token, work)
@@ -282,10 +270,9 @@ def export(work: ParsedRun) -> Reports:
     section = work.spec.worldExport
     if section is None:
         return ()
-    worlds, token = [*work.worlds], stage_token(work.run, "export")
-    return _reported(
-        "worldExport", lambda: run_step(world_export, section, worlds, work.store.url, token), export_report
-    )[1]
+    start_s = _begin("worldExport")
+    record = run_step(world_export, section, [*work.worlds], work.store.url, stage_token(work.run, "export"))
+    return _logged(export_report(record, _since(start_s)))
 
 
 def world_export(
@@ -306,9 +293,7 @@ def world_export(
     writers = orchestrator().world_writers(opened)  # refuses workers that are not installed, before anything begins
     chosen = tuple(worlds or ()) if spec.worlds == "all" else spec.worlds
     if not chosen:
-        allowed = (
-            "<generation>/<world> of each world, in this parameter or in spec.worlds; a run of this flow alone has none"
-        )
+        allowed = "<generation>/<world> of each, in this parameter or in spec.worlds; a run of this flow alone has none"
         raise DocumentError.of("worlds", "none", allowed, source="parameters")
     references = [reference_arn("world", world, store_id(opened)) for world in chosen]
 
@@ -327,14 +312,6 @@ def world_export(
 # The third stage: the batch.
 
 
-# Under Prefect each is a flow run of its own; see `flows.pipeline.orchestrator`.
-def prepare_simulation(work: ParsedRun) -> None:
-    """Begins the process that simulates, if the run is going to simulate here after other stages; returns at once."""
-    before = work.spec.worldGeneration or work.spec.worldExport
-    if work.found.batch and before and not orchestrator().wanted_workers() and _ended_batch(work) is None:
-        begin_simulation_process(work.store, [*work.found.batch.digests()])
-
-
 def simulate(work: ParsedRun) -> tuple[JobRecord | None, Reports]:
     """Returns the batch, and the stage's report.
 
@@ -343,16 +320,14 @@ def simulate(work: ParsedRun) -> tuple[JobRecord | None, Reports]:
     section = work.spec.simulationBatch
     if section is None:
         return None, ()
-    ended = _ended_batch(work)
+    ended = ended_batch(work)
     if ended is not None:
         return ended, _logged(batch_report(ended, 0.0))
+    start_s = _begin("simulationBatch")
     worlds, numbers, token = [*work.worlds], work.found.numbers(), stage_token(work.run, "batch")
     gate = work.spec.gate if stops_early(work.spec.gate) else None
-    return _reported(
-        "simulationBatch",
-        lambda: run_step(simulation_batch, section, worlds, work.store.url, numbers, token, gate=gate),
-        batch_report,
-    )
+    record = run_step(simulation_batch, section, worlds, work.store.url, numbers, token, gate=gate)
+    return record, _logged(batch_report(record, _since(start_s)))
 
 
 def simulation_batch(
@@ -394,24 +369,11 @@ def simulation_batch(
     return run_stage(at, "simulation-batch", identity, token, work)
 
 
-def _ended_batch(work: ParsedRun) -> JobRecord | None:
-    """Returns the batch of a run that goes on after it, or None."""
-    try:
-        record = read(work.store, KIND, job_id(KIND, stage_token(work.run, "batch")))
-    except ResourceNotFound:
-        return None
-    return record if record.status == "Completed" else None
-
-
 # The fourth stage: the gate, and the deployment that it lets pass.
 
 
 def authenticated_batch(work: ParsedRun, batch: JobRecord | None) -> JobRecord | None:
     """Returns the batch's record as its owner authenticates it, if a gate is to judge it.
-
-    Args:
-        work: The run.
-        batch: The batch's record, as the store has it, or None.
 
     Raises:
         StageFailed: The batch is not what its record says.
@@ -427,10 +389,9 @@ def judge(work: ParsedRun, batch: JobRecord | None) -> Reports:
     gate, store, run = work.spec.gate, work.store, work.run
     if gate is None or batch is None:
         return ()
-    logger.info("the %s begins", _WORDS["gate"])
-    answer, seconds = _measure(
-        lambda: gate_answer(gate, batch, store, run, work.found.ships, judged=partial(run_step, judge_batch))
-    )
+    start_s = _begin("gate")
+    answer = gate_answer(gate, batch, store, run, work.found.ships, judged=partial(run_step, judge_batch))
+    seconds = _since(start_s)
     fields = {"verdict": answer.verdict, "evidence": answer.evidence_url, "batch": batch.arn}
     logger.info("the gate of %s says %s", run.arn, answer.sentence, extra={"fields": fields})
     orchestrator().announce_asset(evidence_of(store, answer))
@@ -453,26 +414,20 @@ def deploy(work: ParsedRun, batch: JobRecord | None) -> Reports:
     section, gated = spec.deployment, spec.gate is not None
     if section is None:
         return ()
-    logger.info("the %s begins", _WORDS["deployment"])
+    start_s = _begin("deployment")
     token, numbers = stage_token(run, "deployment"), work.found.numbers()
     tested = shippable(batch, store, run) if batch else None
     version = deployed_version(section, store, work.find(), tested)
     settled = ships or shipment_of(section, version)
-
-    def changes() -> list[str]:
-        changed = [*version_changes(settled, version)] if gated else []
-        changed += evidence_changes(version.digest, store, run, gated=gated, ships=ships)
-        return changed or recount_changes(work, batch)
-
-    found, seconds = _measure(changes)
-    if found:
+    changed = [*version_changes(settled, version)] if gated else []
+    changed += evidence_changes(version.digest, store, run, gated=gated, ships=ships)
+    changed = changed or recount_changes(work, batch)
+    if changed:
         withdraw_deployment(store, section.clientRequestToken or token)
-        return _logged(refusal_report(found, seconds))
-    builds = settled.digests() if gated else None
-    record, seconds = _measure(
-        lambda: run_step(deployment_sync, section, store.url, tested, numbers, token, builds=builds)
-    )
-    return _logged(deployment_report(record, seconds))
+        return _logged(refusal_report(changed, _since(start_s)))
+    start_s, builds = time.perf_counter(), settled.digests() if gated else None
+    record = run_step(deployment_sync, section, store.url, tested, numbers, token, builds=builds)
+    return _logged(deployment_report(record, _since(start_s)))
 
 
 def deployment_sync(
@@ -520,37 +475,17 @@ def skip_deployment(spec: PipelineSpec) -> Reports:
     return _logged(StageReport(name="deployment", arn="", status="Skipped", summary=summary, seconds=0.0))
 
 
-@contextmanager
-def robots_in_reserve(spec: PipelineSpec, store: Store) -> Generator[Callable[[], None], None, None]:
-    """Yields what begins a demonstration's agents: it is called when the batch's last episode ends, or by the block.
-
-    They import what they need while the batch is audited and judged. The roll-out alone tells them what to do, which
-    there is only after the gate has passed.
-
-    Args:
-        spec: The document.
-        store: The run's store.
-    """
-    section, listener = spec.deployment, current_listener()
-    with robot_reserve(store, section) if section else nullcontext(lambda: None) as begin:
-
-        def hear(stage: str, done: int, total: int) -> None:
-            listener(stage, done, total)
-            if stage == EPISODES and done >= total:
-                begin()
-
-        with listen_to_progress(hear):
-            yield begin
+# What a stage came to, told to the log.
 
 
-# What a stage came to: told to the log, and shown.
-
-
-def _reported(stage: StageName, work: Callable[[], T], report: Callable[[T, float], StageReport]) -> tuple[T, Reports]:
-    """Returns what a stage's work returns, and the stage's report; the log is told of its begin and its end."""
+def _begin(stage: StageName) -> float:
+    """Returns when a stage begins, having told the log that it does."""
     logger.info("the %s begins", _WORDS[stage])
-    result, seconds = _measure(work)
-    return result, _logged(report(result, seconds))
+    return time.perf_counter()
+
+
+def _since(start_s: float) -> float:
+    return time.perf_counter() - start_s
 
 
 def _logged(report: StageReport) -> Reports:
@@ -561,47 +496,3 @@ def _logged(report: StageReport) -> Reports:
         "the %s is %s after %.1f s: %s", words, report.status, report.seconds, report.summary, extra={"fields": fields}
     )
     return (report,)
-
-
-def _measure(work: Callable[[], T]) -> tuple[T, float]:
-    start_s = time.perf_counter()
-    return work(), time.perf_counter() - start_s
-
-
-def _shown(stages: Reports, show: Callable[[], Reports]) -> Reports:
-    """Returns the reports that showing them returns; if it fails, with an alarm that says so.
-
-    The verdict and its evidence are in the store before anything is shown, and whether a version is rolled out follows
-    from them alone. What fails here must neither pass for the deployment's failure nor hide it, nor leave the run open
-    whose robots have a new version.
-    """
-    try:
-        return show()
-    except Exception as exc:
-        logger.exception("what came of a run could not be shown")
-        why = " ".join(f"{type(exc).__name__}: {exc}".split())
-        return tuple(with_alarm(stage, f"What came of it could not be shown: {why}") for stage in stages)
-
-
-def _show_trend(simulated: Reports, work: ParsedRun, batch: JobRecord) -> Reports:
-    """Returns the batch's report, the trend of the document being written; with an alarm for each rate that fell."""
-    written = write_trend_of_run(work.store, work.run, batch)
-    if written is None:
-        return simulated
-    for alarm in written.alarms:
-        orchestrator().announce_alarm(alarm, written.url)
-    falls = [f"{alarm.sentence} See {written.url}" for alarm in written.alarms if alarm.fell]
-    page = Artefact(label="trend", url=written.url)
-    return tuple(
-        reduce(with_alarm, falls, stage.model_copy(update={"artefacts": (*stage.artefacts, page)}))
-        for stage in simulated
-    )
-
-
-def _show_verdict(judged: Reports, store: Store, batch: JobRecord) -> Reports:
-    """Returns the gate's report, the batch's page being written; with an alarm where it could not be."""
-    written = write_report(store, batch)
-    if isinstance(written, WrittenReport):
-        orchestrator().show_batch_report(written)
-        return judged
-    return tuple(with_alarm(stage, written.alarm()) for stage in judged)

@@ -66,16 +66,20 @@ class PrefectOrchestrator(Orchestrator):
         """The flow run that this is in."""
         return str(flow_run.id or "")
 
-    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Returns what the stage's flow, or the step's task, returns."""
+    def as_run(self, step: Callable[P, R]) -> Callable[P, R]:
+        """Returns the stage's flow, or the step's task."""
         name = step.__name__
-        run: Callable[P, R] = self._stages[name] if name in self._stages else getattr(tasks, name)
-        try:
-            return run(*args, **kwargs)
-        except MissingResult:
-            # The server's answer to the last state of a stage was lost. Prefect then takes the state from the server,
-            # where a stage has no result. What was done is found by its token.
-            return step(*args, **kwargs)
+        flow_or_task: Callable[P, R] = self._stages[name] if name in self._stages else getattr(tasks, name)
+
+        def run(*args: P.args, **kwargs: P.kwargs) -> R:
+            try:
+                return flow_or_task(*args, **kwargs)
+            except MissingResult:
+                # The server's answer to the last state of a stage was lost. Prefect then takes the state from the
+                # server, where a stage has no result. What was done is found by its token.
+                return step(*args, **kwargs)
+
+        return run
 
     def is_cancelling(self, flow_run_id: str) -> bool:
         """Returns whether Prefect's server says that somebody cancels a flow run."""

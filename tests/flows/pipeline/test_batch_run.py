@@ -8,9 +8,8 @@ from threading import enumerate as all_threads
 
 import pytest
 
-from flows.pipeline import batch_run, pipeline
-from flows.pipeline.batch_run import run_batch
-from flows.pipeline.pipeline import prepare_simulation
+from flows.pipeline import batch_run
+from flows.pipeline.batch_run import prepare_simulation, run_batch
 from flows.pipeline.references import ParsedRun, Resolved
 from flows.prefect import spread_work
 from specs.errors import StageFailed
@@ -71,7 +70,7 @@ def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """What processes were begun for."""
     found: list[Sequence[str]] = []
-    monkeypatch.setattr(pipeline, "begin_simulation_process", lambda _store, digests: found.append(digests))
+    monkeypatch.setattr(batch_run, "begin_simulation_process", lambda _store, digests: found.append(digests))
     return found
 
 
@@ -111,7 +110,7 @@ def test_it_does_not_begin_for_a_run_that_goes_on_after_its_batch(begun: list[Se
 def test_it_does_not_begin_where_workers_of_a_cluster_simulate(
     begun: list[Sequence[str]], work: ParsedRun, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(pipeline.orchestrator(), "wanted_workers", lambda: "dask:2")
+    monkeypatch.setattr(batch_run.orchestrator(), "wanted_workers", lambda: "dask:2")
     prepare_simulation(work)
     assert not begun
 

@@ -10,8 +10,10 @@ import pytest
 from pydantic import JsonValue
 
 from flows.batch.batch_steps import AUDIT, EPISODES
-from flows.pipeline import pipeline
-from flows.pipeline.pipeline import Reports, _judge_and_deploy, robots_in_reserve, world_export, world_generation
+from flows.pipeline import batch_run, pipeline
+from flows.pipeline.batch_run import robots_in_reserve
+from flows.pipeline.orchestrator import Reports
+from flows.pipeline.pipeline import _judge_and_deploy, world_export, world_generation
 from flows.pipeline.recount import section_world_changes
 from flows.pipeline.references import ParsedRun
 from flows.pipeline.stage_report import generation_report
@@ -41,7 +43,7 @@ def begun(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     def reserve(_store: Store, section: object) -> Generator[Callable[[], None], None, None]:
         yield lambda: found.append(section.fleet.name)  # type: ignore[attr-defined]
 
-    monkeypatch.setattr(pipeline, "robot_reserve", reserve)
+    monkeypatch.setattr(batch_run, "robot_reserve", reserve)
     return found
 
 
@@ -106,8 +108,8 @@ def fails(monkeypatch: pytest.MonkeyPatch) -> Fails:
         "judge": lambda *_: (JUDGED,),
         "require_not_canceled": lambda *_: None,
         "deploy": lambda *_: (DEPLOYED,),
-        "_show_trend": lambda stages, *_: stages,
-        "_show_verdict": lambda stages, *_: stages,
+        "show_trend": lambda stages, *_: stages,
+        "show_verdict": lambda stages, *_: stages,
     }
     for name, answer in answers.items():
         monkeypatch.setattr(pipeline, name, answer)
@@ -119,7 +121,7 @@ def came_of(store: Store) -> tuple[Reports, Reports, Reports]:
     return _judge_and_deploy(ParsedRun(spec, ".", store, record), record, (SIMULATED,))
 
 
-@pytest.mark.parametrize(("shows", "stage"), [("_show_verdict", 1), ("_show_trend", 0)])
+@pytest.mark.parametrize(("shows", "stage"), [("show_verdict", 1), ("show_trend", 0)])
 def test_a_page_that_prefect_does_not_take_is_an_alarm_and_the_deployment_is_told_as_it_ended(
     file_store: Store, fails: Fails, shows: str, stage: int
 ):
@@ -133,7 +135,7 @@ def test_a_page_that_prefect_does_not_take_is_an_alarm_and_the_deployment_is_tol
 
 
 def test_a_deployment_that_fails_is_told_though_the_verdict_could_not_be_shown(file_store: Store, fails: Fails):
-    fails("_show_verdict", RuntimeError("the server says 500"))
+    fails("show_verdict", RuntimeError("the server says 500"))
     fails("deploy", StageFailed("DeploymentFailed", "a robot was lost"))
     with pytest.raises(StageFailed, match="a robot was lost"):
         came_of(file_store)

@@ -31,11 +31,15 @@ class OtherProcess(Orchestrator):
         self.steps: set[str] = set()
         self._pool = pool
 
-    def run_step(self, step: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    def as_run(self, step: Callable[P, R]) -> Callable[P, R]:
         if step.__name__ not in TASKS:  # a stage, which runs steps itself
-            return step(*args, **kwargs)
+            return step
         self.steps.add(step.__name__)
-        return cloudpickle.loads(self._pool.submit(_run, cloudpickle.dumps((step, args, kwargs))).result())
+
+        def run(*args: P.args, **kwargs: P.kwargs) -> R:
+            return cloudpickle.loads(self._pool.submit(_run, cloudpickle.dumps((step, args, kwargs))).result())
+
+        return run
 
 
 def _run(call: bytes) -> bytes:
@@ -84,4 +88,4 @@ def test_a_stage_whose_last_answer_was_lost_is_asked_again_for_what_it_did():
         return f"{worlds} worlds, found by the token"
 
     stages: Any = [LostFlow(stage)]
-    assert PrefectOrchestrator(stages).run_step(stage, 8) == "8 worlds, found by the token"
+    assert PrefectOrchestrator(stages).as_run(stage)(8) == "8 worlds, found by the token"
