@@ -29,12 +29,13 @@ SimyardError
 │   ├── ObjectTooBig                  more bytes than whoever reads it reckons with
 │   ├── ObjectExists                  create: somebody else was first
 │   └── ObjectConflict                compare-and-swap: the object has changed
-├── WorldRejected                     a world cannot be generated; its job goes on      (these eight are declared
+├── WorldRejected                     a world cannot be generated; its job goes on      (these nine are declared
 ├── WorkerDied                        a process that makes worlds ended                  where they are raised)
 ├── RobotRefused                      a robot.xml does not load, or no engine can represent it
 │   └── MjcfRefused                   a robot.xml leads out of its bundle, or grows beyond any robot
 ├── BundleCrash                       an application's own code failed
 ├── SimulatorEnded                    the process that simulates ended before it answered
+├── SimulatorNotStarted               it ended before it could import an application: this machine is to blame
 ├── MessageRefused                    that process sent a message of no known form
 └── JaxAlreadyImported                JAX was imported before its devices were set
 

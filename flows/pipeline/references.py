@@ -4,6 +4,7 @@ What the document ships is held against what its batch drives. An output bucket 
 written: to refuse a new one would break the first steps, so `plan` and `run` name what is new, and what is there.
 """
 
+import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -51,6 +52,7 @@ from tasks.results.playback.replay_formats import require_bag_writers
 from tasks.simulate.data.data_sources import DATA_PREFIX
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, output_location
+from tasks.simulate.sandbox.process_environment import require_environment
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import bucket_url, open_bucket, source_faults
 from tasks.storage.jobs.records import JobRecord
@@ -217,6 +219,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         worlds = () if export.worlds == "all" else export.worlds
         found = replace(found, exported=_keep(faults, lambda: world_digests(worlds, store)))
     if batch := spec.simulationBatch:
+        _keep(faults, lambda: require_environment(os.environ))
         plan = _keep(faults, lambda: _checked_plan(batch, store, find))
         _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         compared = _keep(faults, lambda: compared_digest(spec.gate, batch, find))

@@ -1,6 +1,7 @@
 """`simyard plan`: what a run would do, without doing it."""
 
 import math
+import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
@@ -35,6 +36,7 @@ from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
 from tasks.simulate.sandbox.confinement import confinement
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
+from tasks.simulate.sandbox.process_environment import left_out
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.keys import jobs_prefix
 from tasks.storage.base.local_files import cache_folder
@@ -245,6 +247,8 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield from (f"{'' if number else 'deployment':<18}{line}" for number, line in enumerate(lines))
     for field in (*inert_fields(spec), *_unused_in_template(spec.worldGeneration, base)):
         yield f"no effect         {field}"
+    if spec.simulationBatch and (names := left_out(os.environ)):
+        yield f"no effect         {', '.join(names)}: what simulates has variables of its own"
 
 
 def _gate_lines(

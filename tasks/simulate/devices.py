@@ -13,7 +13,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -33,7 +33,8 @@ _CACHE_SETTINGS = {
 }
 # What brings JAX to a GPU, and what a machine with one has.
 _GPU_PLUGINS = ("jax_cuda13_plugin", "jax_cuda12_plugin", "jax_rocm7_plugin", "jax_rocm60_plugin")
-_GPU_FILES = (Path("/dev/nvidiactl"), Path("/dev/kfd"))
+_GPU_FILES = {"CUDA_VISIBLE_DEVICES": Path("/dev/nvidiactl"), "ROCR_VISIBLE_DEVICES": Path("/dev/kfd")}
+_NO_GPU = ("", "-1", "none", "NoDevFiles")  # values of these variables that hide all of them
 DeviceKind = Literal["cpu", "gpu"]
 
 
@@ -51,9 +52,14 @@ def device_kind() -> DeviceKind:
     asked = os.environ.get("JAX_PLATFORMS", "").split(",")[0].strip()
     if asked:
         return "cpu" if asked == "cpu" else "gpu"
+    return "gpu" if gpu_here(os.environ) else "cpu"
+
+
+def gpu_here(environment: Mapping[str, str]) -> bool:
+    """Returns whether there is a GPU that these variables do not hide, and a plugin that brings JAX to it."""
     # It is asked for each row: to look for a file takes far less than to look for a module that is not there.
-    found = any(path.exists() for path in _GPU_FILES)
-    return "gpu" if found and any(importlib.util.find_spec(plugin) for plugin in _GPU_PLUGINS) else "cpu"
+    found = any(path.exists() for name, path in _GPU_FILES.items() if environment.get(name) not in _NO_GPU)
+    return found and any(importlib.util.find_spec(plugin) for plugin in _GPU_PLUGINS)
 
 
 def rounds_each_operation() -> bool:

@@ -79,6 +79,7 @@ def main(connection: socket.socket, calls: int) -> None:
         importlib.import_module(
             "tasks.simulate.chunk.chunk_simulation"
         )  # which imports JAX, which reads its settings then
+    _find_devices()
     service = Service(connection)
     _keep_programs(service.compiles)
     service.say(Ready())
@@ -91,6 +92,13 @@ def main(connection: socket.socket, calls: int) -> None:
             return
         if "work" in document:  # else it is told to stop what it has ended already
             service.answer(WORK.validate_json(str(document["work"])))
+
+
+def _find_devices() -> None:
+    """Has JAX find its devices, before there is an application that could be blamed if it cannot."""
+    import jax  # noqa: PLC0415 - after its settings
+
+    jax.devices()
 
 
 def _keep_programs(on_compile: Callable[[], None]) -> None:

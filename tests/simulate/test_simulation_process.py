@@ -15,7 +15,7 @@ from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.sandbox.confinement import confined_environment
+from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.simulate.sandbox.protocol import AuditWork, LanesWork, SentWorlds, receive
 from tasks.simulate.simulation_process import Service
 from tests.factories.simulations import delivery
@@ -36,7 +36,7 @@ print(*(name for name in sys.modules if name.startswith("specs.pipeline.") or na
 
 
 def test_it_imports_no_forms_of_documents_and_nothing_to_draw_with():
-    environment = confined_environment(os.environ, Path("/programs"))
+    environment = process_environment(os.environ, Path("/programs"))
     done = subprocess.run([sys.executable, "-c", ASK], env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.split() == []
 

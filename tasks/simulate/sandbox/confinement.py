@@ -13,7 +13,7 @@ import site
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -32,12 +32,8 @@ _ETC = (
     "ros"
 )
 _GPU_DEVICES = ("nvidia*", "kfd", "dri")
-# What decides how a simulation runs, and what finds programs, libraries and this machine's language.
-_KEPT = frozenset({"PATH", "LANG", "LANGUAGE", "TZ", "VIRTUAL_ENV", "LD_LIBRARY_PATH", "PYTHONHASHSEED", "PYTHONUTF8"})
-_KEPT_BEGINNINGS = ("LC_", "JAX_", "XLA_", "MUJOCO_", "CUDA_", "NVIDIA_", "TF_", "OMP_", "OPENBLAS_", "MKL_", "ROCR_")
 # Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
 _ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
-_OWN_SETTINGS = ("SIMYARD_IMPORT_LIMIT_S", "SIMYARD_STEP_LIMIT_S", "SIMYARD_PROGRAMS", _ROS_PYTHON, _ROS_ROOT)
 # Of memory, what /tmp may take: nodes of ROS have their home folders there.
 _TMP_SHARE = 0.25
 
@@ -91,30 +87,6 @@ def confined_command(arguments: Sequence[str], programs: Path, folders: Iterable
         return [sys.executable, *arguments]
     program = shutil.which("bwrap") or "bwrap"
     return [program, *_shut_in(programs, folders), "--", sys.executable, *arguments]
-
-
-def confined_environment(own: Mapping[str, str], programs: Path) -> dict[str, str]:
-    """Returns the environment of the process: settings of simulations, and neither keys nor credentials nor addresses.
-
-    Args:
-        own: What the run's environment has.
-        programs: Folder of its compiled programs.
-    """
-    kept = {name: value for name, value in own.items() if name in _KEPT or name.startswith(_KEPT_BEGINNINGS)}
-    settings = {name: own[name] for name in _OWN_SETTINGS if name in own}
-    return {
-        "TF_CPP_MIN_LOG_LEVEL": "3",
-        # It draws nothing: MuJoCo would load GLFW, for a display that is not told to it. Who sets this gets it.
-        "MUJOCO_GL": "disable",
-        **kept,
-        **settings,
-        # Also where the run's environment names another folder: no application writes what another one loads.
-        "JAX_COMPILATION_CACHE_DIR": str(programs),
-        "HOME": "/tmp",  # noqa: S108 - of the process alone in bubblewrap; else nothing is looked for there
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-        "PYTHONDONTWRITEBYTECODE": "1",
-        "SIMYARD_CACHE": str(cache_folder()),
-    }
 
 
 def programs_folder(digests: Iterable[str]) -> Path:

@@ -22,7 +22,8 @@ from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
-from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
+from tasks.simulate.sandbox.confinement import confined_command, confinement
+from tasks.simulate.sandbox.process_environment import process_environment
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
 _LIMIT_S = 90.0
@@ -122,7 +123,7 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
         arguments = ["-m", _MODULE, str(source.bundle), source.package, source.launch_file]
         try:
             command = confined_command(arguments, programs, [source.bundle])
-            said = run_launch_program(command, confined_environment(os.environ, programs), programs, asked, _LIMIT_S)
+            said = run_launch_program(command, process_environment(os.environ, programs), programs, asked, _LIMIT_S)
             answer = LaunchReport.model_validate_json(said)
         except LaunchRefused as exc:
             return {"unread": f"the process that reads it: {exc}"}

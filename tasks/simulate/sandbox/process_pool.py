@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from specs.errors import BundleRefused
+from tasks.simulate.sandbox.process_environment import passed_variable
 from tasks.simulate.sandbox.protocol import AuditWork, ReplayWork
 from tasks.simulate.sandbox.simulator import OnAnswer, Simulator, SimulatorEnded, Told
 from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
@@ -153,7 +154,7 @@ def prepare_simulator(bundles: Mapping[str, Path]) -> None:
 def _key(bundles: Mapping[str, Path]) -> _Key:
     """Returns what a process has to have in common with who asks for it: its bundles, and how it simulates."""
     settings = sorted(
-        (name, value) for name, value in os.environ.items() if name.startswith(("SIMYARD_", "JAX_", "XLA_"))
+        (name, value) for name, value in os.environ.items() if name.startswith("SIMYARD_") or passed_variable(name)
     )
     return tuple(sorted((digest, str(folder)) for digest, folder in bundles.items())), tuple(settings)
 

@@ -30,7 +30,8 @@ from tasks.progress.listener import report_progress
 from tasks.simulate.application.bundle_code import CLOCK_BYTES, CallKind, RunningCall, running_call
 from tasks.simulate.chunk.byproducts import note_timing
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.sandbox.confinement import confined_command, confined_environment, programs_folder
+from tasks.simulate.sandbox.confinement import confined_command, programs_folder
+from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.simulate.sandbox.protocol import (
     ANSWER,
     Answer,
@@ -319,6 +320,20 @@ class Simulator:
                 raise self._ended_for(why, "limit", call)
 
     def _await_ready(self) -> None:
+        """Waits until the process has imported all that is Simyard's.
+
+        Raises:
+            SimulatorNotStarted: It ended before: no application was imported, so none is to blame.
+            SimulatorEnded: It ended for want of memory.
+        """
+        try:
+            self._await_first_answer()
+        except SimulatorEnded as ended:
+            if ended.out_of_memory:
+                raise
+            raise SimulatorNotStarted(ended.reason) from ended
+
+    def _await_first_answer(self) -> None:
         end_s = time.monotonic() + _START_S
         while not self._ready:
             answer, _ = self._next_answer(end_s)
@@ -361,6 +376,16 @@ class Simulator:
         return SimulatorEnded(why, call or running_call(self._calls), self.output.last_lines(), killed=killed)
 
 
+class SimulatorNotStarted(SimyardError):  # noqa: N818 - a state
+    """The process that simulates ended before it could import an application: this machine is to blame."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"the process that simulates does not start on this machine: {reason}; no application ran, so nothing was "
+            "judged: look at what is installed here and at the variables of docs/operate/operations.md, Environment"
+        )
+
+
 class SimulatorDefect(RuntimeError):  # noqa: N818 - what it is
     """The process met an exception that no application caused: a defect of Simyard's, with its traceback as a note."""
 
@@ -375,7 +400,7 @@ def _started(bundles: Mapping[str, Path], connection: socket.socket, calls: IO[b
     command = confined_command(["-m", _MODULE, *map(str, handles)], programs, bundles.values())
     return subprocess.Popen(  # noqa: S603 - of this package's making
         command,
-        env=confined_environment(os.environ, programs),
+        env=process_environment(os.environ, programs),
         cwd=tempfile.gettempdir(),
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,

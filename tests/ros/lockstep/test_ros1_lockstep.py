@@ -13,7 +13,8 @@ from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.process.application_processes import ApplicationProcesses
-from tasks.simulate.sandbox.confinement import confined_command, confined_environment, confinement
+from tasks.simulate.sandbox.confinement import confined_command, confinement
+from tasks.simulate.sandbox.process_environment import process_environment
 from tests.repository import ROOT
 from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
 
@@ -79,6 +80,6 @@ def test_lanes_are_driven_in_bubblewrap_each_in_a_network_of_its_own(courier: Pa
     programs.mkdir()
     arguments = ["-c", PROGRAM, str(courier), str(ROOT)]
     command = confined_command(arguments, programs, [courier, ROOT / "tests", ROOT / "tasks", ROOT / "specs"])
-    environment = confined_environment(os.environ, programs)
+    environment = process_environment(os.environ, programs)
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200, check=False)
     assert done.stdout == "[] 1 [(20, 0, 0), (20, 0, 0), (20, 0, 0)] False\n", done.stderr[-2000:]

@@ -1,8 +1,11 @@
-"""Whoever listens to progress hears of each program that is compiled, and of no more than a process can have."""
+"""Processes that simulate: whose fault it is that one ends, and which compilations its listener hears of."""
+
+import pytest
 
 from tasks.progress.listener import listen_to_progress
-from tasks.simulate.sandbox.protocol import Answer, Compiles, Progress
-from tasks.simulate.sandbox.simulator import Compilations
+from tasks.simulate.sandbox import simulator
+from tasks.simulate.sandbox.protocol import Answer, AuditWork, Compiles, Progress, SentWorlds
+from tasks.simulate.sandbox.simulator import Compilations, Simulator, SimulatorNotStarted
 
 
 def heard(*answers: Answer) -> list[tuple[str, int, int]]:
@@ -27,3 +30,14 @@ def test_the_next_program_is_counted_on():
 
 def test_an_application_cannot_fill_a_log_with_them():
     assert len(heard(*[Compiles()] * 10_000)) < 200
+
+
+def test_a_process_that_ends_before_any_application_blames_the_machine(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(simulator, "_MODULE", "tasks.simulate.of_no_such_name")
+    process = Simulator({})
+    work = AuditWork(sample=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto", drawn=0)
+    try:
+        with pytest.raises(SimulatorNotStarted, match=r"exit code 1; it printed last: .*of_no_such_name"):
+            process.ask(work)
+    finally:
+        process.end()
