@@ -36,25 +36,25 @@ def run(
     """Run a document from its first section to its last; continues a run that was killed."""
     from flows.prefect.prefect_server import server_in_reserve
 
-    with nullcontext() if direct else server_in_reserve():
-        _run_and_show(file, store, junit, as_json=as_json, direct=direct)
+    with nullcontext() if direct else server_in_reserve():  # which starts while the rest is imported
+        from flows.cli.run_command import AskedRun, CiWishes, run_directly, run_document, tell_ci
+        from tasks.storage.store_url import chosen_url
 
-
-def _run_and_show(file: Path, store: str | None, junit: Path | None, *, as_json: bool, direct: bool) -> None:
-    from flows.cli.run_command import AskedRun, CiWishes, run_for_ci
-    from tasks.storage.store_url import chosen_url
-
-    console = TerminalConsole(stderr=as_json)
-    document = _read(file)
-    name = file.stem if isinstance(document, DocumentError) else document.name
-    wishes = CiWishes(file, AskedRun(name, chosen_url(store)), junit, as_json)
-    try:
-        report = run_for_ci(wishes, lambda: _run(document, file, store, console, direct=direct))
-    except PipelineNotPassed as exc:
-        show_report(exc.report, console)
-        _show_next_steps(exc.report, store, console)
-        raise typer.Exit(exit_code_of(exc)) from exc
-    show_report(report, console)
+        console, document = TerminalConsole(stderr=as_json), _read(file)
+        name = file.stem if isinstance(document, DocumentError) else document.name
+        try:
+            with tell_ci(CiWishes(file, AskedRun(name, chosen_url(store)), junit, as_json)) as tell:
+                if isinstance(document, DocumentError):
+                    raise document
+                with _name_file(file):
+                    begin = run_directly if direct else run_document
+                    report = begin(document, file.resolve().parent, store, console)
+                tell(report)
+        except PipelineNotPassed as exc:
+            show_report(exc.report, console)
+            _show_next_steps(exc.report, store, console)
+            raise typer.Exit(exit_code_of(exc)) from exc
+        show_report(report, console)
 
 
 def _show_next_steps(report: PipelineReport, store: str | None, console: Console) -> None:
@@ -77,18 +77,6 @@ def _read(file: Path) -> "PipelineSpec | DocumentError":
         return read_pipeline(file)
     except DocumentError as exc:
         return exc
-
-
-def _run(
-    document: "PipelineSpec | DocumentError", file: Path, store: str | None, console: Console, *, direct: bool
-) -> PipelineReport:
-    from flows.cli.run_command import run_directly, run_document
-
-    if isinstance(document, DocumentError):
-        raise document
-    with _name_file(file):
-        begin = run_directly if direct else run_document
-        return begin(document, file.resolve().parent, store, console)
 
 
 def plan(file: Document, store: StoreUrl = None) -> None:

@@ -220,29 +220,29 @@ class CiWishes(NamedTuple):
     as_json: bool
 
 
-def run_for_ci(wishes: CiWishes, run: Callable[[], PipelineReport]) -> PipelineReport:
-    """Returns the report of a run, having told CI of it; raises what the run raises, having told CI of that, too.
+@contextmanager
+def tell_ci(wishes: CiWishes) -> Generator[Callable[[PipelineReport], None], None, None]:
+    """Tells CI of the run in the block, after it: of the report that what is yielded gets, or of what is raised.
 
     Args:
         wishes: What is to be left.
-        run: Runs the document.
     """
-    step = github_step()
+    step, reports = github_step(), list[PipelineReport]()
     _prepare(wishes)
     # What libraries print must not end up in the JSON document, nor reach the runner after it obeys again, as it may
     # from another stream.
     aside = redirect_stdout(sys.stderr) if wishes.as_json or step.annotated else nullcontext()
     try:
         with unheard_commands(step, echo_commands), aside:
-            report = run()
+            yield reports.append
     except Exception as exc:
         try:
             _tell(wishes, exc)
         except SimyardError as problem:  # the command ends with what came of the run
             echo(problem, err=True)
         raise
-    _tell(wishes, report)
-    return report
+    for report in reports:
+        _tell(wishes, report)
 
 
 def _prepare(wishes: CiWishes) -> None:

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from flows.cli.terminal import echo, run_and_end_process
+from flows.cli.terminal import echo, end_process
 from tasks.progress.log_lines import log_in_chosen_format
 
 
@@ -204,11 +204,7 @@ def agent(context: typer.Context) -> None:
 
 def main() -> None:
     """Runs the command line and exits with Simyard's codes."""
-    run_and_end_process(_run_app)
-
-
-def _run_app() -> None:
-    with log_in_chosen_format():
+    with end_process(), log_in_chosen_format():
         app()
 
 

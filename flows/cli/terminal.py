@@ -205,27 +205,45 @@ def exit_code_of(failure: Exception) -> int:
     return REFUSED if isinstance(failure, DocumentError) else FAILED
 
 
-def run_and_exit(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
-    """Runs a command and ends the process with Simyard's exit code; writes one message to stderr if it fails.
+@contextmanager
+def exit_with_code(grace_s: float = _GRACE_S) -> Generator[None, None, None]:
+    """Ends the process with Simyard's exit code after a command, the block; says on stderr why it failed, if it did.
+
+    The command may end the process itself, as the parser does after a usage error.
 
     Args:
-        command: May end the process itself, as the parser does after a usage error.
         grace_s: How long an interrupted command may take to leave before the process is ended under it.
     """
+    code = 0
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as in `nohup` and for jobs in a script's background
             signal.signal(number, _on_signal)
     with _watch_signals(grace_s) as heard:
-        code = _exit_code(command, heard)
+        try:
+            yield
+        except SimyardError as exc:
+            _complain(_complaint(exc))
+            code = exit_code_of(exc)
+        except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
+            if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
+                raise
+            number = heard()
+            if number is None and not isinstance(exc, Exception):
+                raise
+            # Prefect answers signals with exceptions of its own.
+            _complain(_GO_ON if number is not None else _accident(exc))
+            code = FAILED if number is None else 128 + number
     sys.exit(code)
 
 
-def run_and_end_process(command: Callable[[], object], grace_s: float = _GRACE_S) -> NoReturn:
-    """Does what ``run_and_exit`` does, and ends the process soon after, for its outermost frame."""
+@contextmanager
+def end_process(grace_s: float = _GRACE_S) -> Generator[None, None, None]:
+    """Does what ``exit_with_code`` does, and ends the process soon after, for its outermost frame."""
     codes: list[int] = []
     atexit.register(_end_unfreed, codes)  # before any library registers what it does at the exit, so that this is last
     try:
-        run_and_exit(command, grace_s)
+        with exit_with_code(grace_s):
+            yield
     except SystemExit as exc:
         codes.append(exc.code if isinstance(exc.code, int) else int(exc.code is not None))
         _guard_shutdown(codes[0], grace_s)
@@ -254,23 +272,6 @@ def _guard_shutdown(code: int, grace_s: float) -> None:
     Thread(target=end, name="simyard shutdown", daemon=True).start()
 
 
-def _exit_code(command: Callable[[], object], heard: Callable[[], int | None]) -> int:
-    try:
-        command()
-    except SimyardError as exc:
-        return _fail(_complaint(exc), exit_code_of(exc))
-    except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
-        if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
-            raise
-        number = heard()
-        if number is not None:  # Prefect answers signals with exceptions of its own
-            return _fail(_GO_ON, 128 + number)
-        if not isinstance(exc, Exception):
-            raise
-        return _fail(_accident(exc), FAILED)
-    return 0
-
-
 def _complaint(exc: SimyardError) -> str:
     """Returns the error; faults of no document without the heading of one."""
     if isinstance(exc, DocumentError) and exc.source == NO_SOURCE:
@@ -278,13 +279,9 @@ def _complaint(exc: SimyardError) -> str:
     return str(exc)
 
 
-def _accident(exc: Exception) -> str:
+def _accident(exc: BaseException) -> str:
     if isinstance(exc, OSError) and exc.errno in NO_ROOM:
         return full_machine_message(exc)
-    return _defect(exc)
-
-
-def _defect(exc: Exception) -> str:
     if os.environ.get("SIMYARD_DEBUG") == "1":
         TerminalConsole(stderr=True).print_exception()
     what = " ".join(f"{type(exc).__name__}: {exc}".split())
@@ -356,11 +353,6 @@ def _end_now(number: int) -> None:
     sys.stderr.write(f"\n{_GO_ON}\n")
     sys.stderr.flush()
     os._exit(128 + number)
-
-
-def _fail(about: object, code: int) -> int:
-    _complain(about)
-    return code
 
 
 def _complain(about: object) -> None:

@@ -94,7 +94,8 @@ def produce(
     if workers is None:
         workers = min(len(os.sched_getaffinity(0)), len(indices) // _WORLDS_A_WORKER)
     if workers < 2:
-        yield from (make(order, each) for each in indices)
+        for each in indices:
+            yield make(order, each)
         return
     chunks = [list(indices[n : n + _CHUNK]) for n in range(0, len(indices), _CHUNK)]
     with _worker_pool(workers) as pool:

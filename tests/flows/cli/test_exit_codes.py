@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 import pytest
 
 from flows.cli.shell import app
-from flows.cli.terminal import run_and_exit
+from flows.cli.terminal import exit_with_code
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
@@ -30,8 +30,8 @@ def _raises(exc: BaseException) -> Callable[[], None]:
 
 
 def _code(command: Callable[[], object]) -> object:
-    with pytest.raises(SystemExit) as left:
-        run_and_exit(command)
+    with pytest.raises(SystemExit) as left, exit_with_code():
+        command()
     return left.value.code
 
 
@@ -89,7 +89,7 @@ def test_an_interrupt_that_became_another_exception_is_still_one(capsys: pytest.
 def test_an_interrupt_that_is_swallowed_ends_the_process_later():
     script = """
 import signal, threading
-from flows.cli.terminal import run_and_exit
+from flows.cli.terminal import exit_with_code
 
 def command():
     try:
@@ -97,7 +97,8 @@ def command():
     except SystemExit:
         threading.Event().wait(250)
 
-run_and_exit(command, grace_s=0.0)
+with exit_with_code(grace_s=0.0):
+    command()
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == 143
@@ -124,7 +125,8 @@ def slow_to_leave():
         threading.Event().wait(250 if "{second}" == "SIGINT" else 2)
         raise SystemExit(5)
 
-terminal.run_and_exit(slow_to_leave, grace_s=240.0)
+with terminal.exit_with_code(grace_s=240.0):
+    slow_to_leave()
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert ended.returncode == code, ended.stderr
@@ -133,9 +135,10 @@ terminal.run_and_exit(slow_to_leave, grace_s=240.0)
 def test_a_thread_that_never_ends_keeps_no_process_alive():
     script = """
 import threading
-from flows.cli.terminal import run_and_end_process
+from flows.cli.terminal import end_process
 
-run_and_end_process(lambda: threading.Thread(target=threading.Event().wait).start(), grace_s=0.1)
+with end_process(grace_s=0.1):
+    threading.Thread(target=threading.Event().wait).start()
 """
     ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
     assert (ended.returncode, ended.stderr) == (0, "")

@@ -5,7 +5,6 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,7 +21,7 @@ from flows.cli.run_command import (
     github_step,
     prepare_junit,
     progress_bars,
-    run_for_ci,
+    tell_ci,
     unheard_commands,
     write_junit,
 )
@@ -178,12 +177,10 @@ def _wishes(folder: Path) -> CiWishes:
     return CiWishes(folder / "nightly.yaml", asked, folder / "junit.xml", as_json=True)
 
 
-def _raises(exc: BaseException) -> Callable[[], PipelineReport]:
-    def run() -> PipelineReport:
+def _end_by(exc: BaseException, wishes: CiWishes) -> None:
+    with tell_ci(wishes):
         print("::set-output name=a::b")  # noqa: T201 - as a library may
         raise exc
-
-    return run
 
 
 @pytest.mark.parametrize(
@@ -201,10 +198,11 @@ def test_every_end_leaves_a_document_and_a_file(
     end: Exception | None, told: tuple[str, int, int], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     if end is None:
-        assert run_for_ci(_wishes(tmp_path), lambda: PASSED) == PASSED
+        with tell_ci(_wishes(tmp_path)) as tell:
+            tell(PASSED)
     else:
         with pytest.raises(type(end)):
-            run_for_ci(_wishes(tmp_path), _raises(end))
+            _end_by(end, _wishes(tmp_path))
     found = FullReport.model_validate_json(capsys.readouterr().out)  # nothing else is on stdout
     assert found.document == "nightly"
     assert (found.answer, found.exit_code, JUnitXml.fromfile(str(tmp_path / "junit.xml")).errors) == told
@@ -212,8 +210,8 @@ def test_every_end_leaves_a_document_and_a_file(
 
 def test_a_file_that_cannot_be_written_is_refused_with_a_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     wishes = _wishes(tmp_path)._replace(junit=tmp_path)
-    with pytest.raises(DocumentError, match="--junit"):
-        run_for_ci(wishes, lambda: PASSED)
+    with pytest.raises(DocumentError, match="--junit"), tell_ci(wishes):
+        pytest.fail("it has begun")
     found = FullReport.model_validate_json(capsys.readouterr().out)
     assert (found.answer, found.exit_code) == ("REFUSED", 2)
 
@@ -224,19 +222,20 @@ def test_a_file_that_cannot_be_written_is_refused_with_a_document(tmp_path: Path
 def test_a_file_that_cannot_be_written_any_more_hides_no_failure(
     end: Exception, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
-    def run() -> PipelineReport:
-        (tmp_path / "junit.xml").unlink()
-        (tmp_path / "junit.xml").mkdir()
-        raise end
+    def run() -> None:
+        with tell_ci(_wishes(tmp_path)):
+            (tmp_path / "junit.xml").unlink()
+            (tmp_path / "junit.xml").mkdir()
+            raise end
 
     with pytest.raises(type(end)):
-        run_for_ci(_wishes(tmp_path), run)
+        run()
     assert "junit.xml cannot be written" in capsys.readouterr().err
 
 
 def test_an_interrupted_run_leaves_a_file_that_says_that_it_has_not_ended(tmp_path: Path):
     with pytest.raises(SystemExit):
-        run_for_ci(_wishes(tmp_path), _raises(SystemExit(143)))
+        _end_by(SystemExit(143), _wishes(tmp_path))
     assert "the run has not ended" in (tmp_path / "junit.xml").read_text()
 
 
@@ -246,7 +245,7 @@ def test_in_github_actions_there_are_a_summary_and_annotations(
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
     with pytest.raises(StageFailed):
-        run_for_ci(_wishes(tmp_path), _raises(StageFailed("InternalServiceError", "no answer")))
+        _end_by(StageFailed("InternalServiceError", "no answer"), _wishes(tmp_path))
     told = capsys.readouterr().err.splitlines()
     word = told[0].removeprefix("::stop-commands::")
     assert told[1:3] == ["::set-output name=a::b", f"::{word}::"]
@@ -259,7 +258,7 @@ def test_what_libraries_print_is_in_the_stream_in_which_the_runner_is_told_to_ob
 ):
     monkeypatch.setenv("GITHUB_ACTIONS", "true")
     with pytest.raises(StageFailed):
-        run_for_ci(_wishes(tmp_path)._replace(as_json=False), _raises(StageFailed("InternalServiceError", "no answer")))
+        _end_by(StageFailed("InternalServiceError", "no answer"), _wishes(tmp_path)._replace(as_json=False))
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.splitlines()[1] == "::set-output name=a::b"
@@ -269,7 +268,8 @@ def test_a_summary_that_cannot_be_written_changes_no_answer(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "no" / "summary.md"))
-    assert run_for_ci(_wishes(tmp_path), lambda: PASSED) == PASSED
+    with tell_ci(_wishes(tmp_path)) as tell:
+        tell(PASSED)
     assert "cannot be written" in capsys.readouterr().err
 
 

@@ -7,7 +7,7 @@ import sys
 from functools import partial
 
 from flows.batch.batch_end import close_with_tables
-from flows.cli.terminal import run_and_exit
+from flows.cli.terminal import exit_with_code
 from specs.data.episode import EpisodeResult
 from specs.field_types import OutputLocation
 from tasks.results.tables.recordings import write_recordings
@@ -41,4 +41,5 @@ def _simulate(part: ChunkPart) -> list[EpisodeResult]:
 
 
 if __name__ == "__main__":
-    run_and_exit(lambda: work(load_batch(open_store(sys.argv[1]), sys.argv[2])))
+    with exit_with_code():
+        work(load_batch(open_store(sys.argv[1]), sys.argv[2]))
