@@ -41,7 +41,7 @@ def open_bucket(store: Store, bucket: str) -> Store:
     """
     url = bucket_url(store, bucket)
     share_access(store.url, url)
-    opened = connect(url)
+    opened = connect(url, store.url if url.startswith(f"{store.url}/") else url.rpartition("/")[0])
     try:
         # Only the answer to a read tells a missing bucket from a missing object; what is there does not matter.
         opened.get(STORE, 0)

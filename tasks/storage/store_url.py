@@ -80,8 +80,12 @@ def store_id(store: Store) -> str:
     return (record or _introduce(store)).id
 
 
-def connect(url: str) -> Store:
+def connect(url: str, top: str | None = None) -> Store:
     """Returns the store at the URL without asking it anything.
+
+    Args:
+        url: Where it is.
+        top: The URL of a folder that it is in, below which no link is followed: where others may write.
 
     Raises:
         DocumentError: The URL is not one of a store.
@@ -90,7 +94,7 @@ def connect(url: str) -> Store:
     if "::" in url or _CREDENTIALS.search(url) or scheme not in {"file", "s3"}:
         raise _not_a_store(url)
     if scheme == "file":
-        return LocalStore(_folder(url))
+        return LocalStore(_folder(url), _folder(f"{top}/") if top else None)
     bucket, _, prefix = rest.rstrip("/").partition("/")
     from tasks.storage.backends.s3 import S3Store  # noqa: PLC0415 - a folder must not pay for importing an S3 client
 

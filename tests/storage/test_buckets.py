@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.errors import DocumentError, StoreUnreachable
+from specs.errors import DocumentError, StoreError, StoreUnreachable
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import bucket_url, open_bucket
 
@@ -24,6 +24,29 @@ def test_a_folder_for_buckets_can_be_named(file_store: Store, tmp_path: Path, mo
     monkeypatch.setenv("SIMYARD_BUCKETS", (tmp_path / "data").as_uri())
     open_bucket(file_store, "results").put("a.json", b"1")
     assert (tmp_path / "data" / "results" / "a.json").read_bytes() == b"1"
+
+
+@pytest.mark.parametrize("link", ["store/buckets", "store/buckets/results", "data/results"])
+def test_a_bucket_is_no_link_that_a_stranger_put_there(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, link: str
+) -> None:
+    if link.startswith("data"):
+        monkeypatch.setenv("SIMYARD_BUCKETS", (tmp_path / "data").as_uri())
+    (tmp_path / "home" / "results").mkdir(parents=True)
+    (tmp_path / link).parent.mkdir(exist_ok=True)
+    (tmp_path / link).symlink_to(tmp_path / "home")
+    with pytest.raises(StoreError, match="is a link"):
+        open_bucket(file_store, "results")
+
+
+def test_the_folder_that_is_named_for_buckets_may_be_a_link(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "data").symlink_to(tmp_path / "disk")
+    monkeypatch.setenv("SIMYARD_BUCKETS", (tmp_path / "data").as_uri())
+    open_bucket(file_store, "results").put("a.json", b"1")
+    assert (tmp_path / "disk" / "results" / "a.json").read_bytes() == b"1"
 
 
 @pytest.mark.parametrize(

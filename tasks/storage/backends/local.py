@@ -2,7 +2,8 @@
 
 What the plain file calls do not give (docs/reference/store.md, sections 1 and 8) comes from links and locks: a creation
 is a link, which the kernel refuses when the name is taken; an overwrite is a rename; a compare-and-swap compares under
-a lock that the kernel frees when its holder dies. Ages of files are told by the disk's clock.
+a lock that the kernel frees when its holder dies. Ages of files are told by the disk's clock. Links lead nowhere: who
+writes into the folder could lead out of it by one (section 13).
 """
 
 import errno
@@ -12,8 +13,8 @@ import os
 import shutil
 import stat
 import time
-from collections.abc import Generator, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -30,14 +31,14 @@ from specs.errors import (
     StoreUnreachable,
     StoreUnsafe,
 )
-from tasks.storage.base.keys import checked_key
+from tasks.storage.base.keys import MOST_KEY_BYTES, checked_key
 from tasks.storage.base.local_files import (
     HIDDEN,
     NO_ROOM,
     flush_to_disk,
     full_disk_message,
+    held_folder,
     hidden_file,
-    make_folder,
     missing_right,
     room_in,
     settle_names,
@@ -50,11 +51,12 @@ _SCANS_AT_MOST, _TICK_NS = 5, 20_000_000
 _REFUSED = (errno.EACCES, errno.EPERM, errno.EROFS)
 # Whoever can write to the folder may leave a named pipe, a device or a link there: nobody waits for the one, reads from
 # the other without end, or is led out of the folder by the third.
-_READ = os.O_RDONLY | os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
+_NO_WAY_OUT = os.O_NONBLOCK | os.O_NOFOLLOW | os.O_CLOEXEC
 _ETAG_BYTES, _BLOCK_BYTES = 16, 1 << 18
 LOCKS = ".locks"
 """The folder of a store in which whoever writes takes a lock."""
 _LONGEST_WAIT_S, _LOCK_POLL_S = 10.0, 0.001
+_NO_LINK = "put in its place what it leads to, or mount that there"
 _NO_LINKS = (errno.EPERM, errno.ENOTSUP, errno.ENOSYS)
 
 
@@ -75,6 +77,8 @@ def disk_error(exc: OSError, url: str, root: Path, key: str) -> StoreError:
         return StoreUnreachable(f"{url}: {key}: {exc.strerror}; the store must be a folder that can be made")
     if exc.errno in NO_ROOM:
         return StoreFull(f"{url}: {key}: {full_disk_message(exc, root)}")
+    if exc.errno == errno.ELOOP:
+        return StoreError(f"{url}: {key}: {exc.filename} is a link, which could lead out of the store; {_NO_LINK}")
     return StoreError(f"{url}: {key}: {exc.strerror}")
 
 
@@ -96,7 +100,7 @@ def open_object(path: Path) -> BinaryIO:
         OSError: There is none; EISDIR, as for a directory, for whatever else is no regular file.
     """
     try:
-        descriptor = os.open(path, _READ)
+        descriptor = os.open(path, os.O_RDONLY | _NO_WAY_OUT)
     except OSError as exc:
         if exc.errno in (errno.ELOOP, errno.ENXIO):  # a link; a socket, or a device that nothing drives
             raise _not_regular(path) from exc
@@ -125,34 +129,18 @@ def _not_regular(path: Path) -> OSError:
     return OSError(errno.EISDIR, "no regular file", str(path))
 
 
-def shown_files(root: Path, top: Path) -> Iterator[str]:
-    """Yields the keys of the objects at ``top`` and below, in no order; hidden files are none."""
-    for base, names in _walked(top):
-        folder = "" if base == root else f"{base.relative_to(root).as_posix()}/"
-        yield from (folder + name for name in names if not name.startswith("."))
-
-
 def file_entry(key: str, path: Path | str) -> Entry | None:
-    """Returns a file as a listing shows it, or None if it is gone."""
+    """Returns a file as a listing shows it, or None if it is gone, or no regular file."""
     try:
-        found = os.stat(path)  # noqa: PTH116 - a list of ten thousand makes no Path of each
+        found = os.stat(path, follow_symlinks=False)  # noqa: PTH116 - a list of ten thousand makes no Path of each
     except FileNotFoundError:
         return None
-    return Entry(key, found.st_size, found.st_mtime, file_mark(found))
+    return Entry(key, found.st_size, found.st_mtime, file_mark(found)) if stat.S_ISREG(found.st_mode) else None
 
 
 def file_mark(found: os.stat_result) -> str:
     """Returns what changes whenever an object is written: its file's identity, size and time of the last change."""
     return f"{found.st_ino}-{found.st_size}-{found.st_mtime_ns}"
-
-
-def unfinished_files(root: Path, top: Path) -> Iterator[Entry]:
-    """Yields the files whose writers have not given them their names, or died before."""
-    for base, names in _walked(top):
-        for name in names:
-            path = base / name
-            if name.startswith(HIDDEN) and (entry := file_entry(path.relative_to(root).as_posix(), path)):
-                yield entry
 
 
 def disk_now_s(folder: Path) -> float:
@@ -163,18 +151,8 @@ def disk_now_s(folder: Path) -> float:
         return path.stat().st_mtime
 
 
-def _walked(top: Path) -> Iterator[tuple[Path, list[str]]]:
-    """Yields each folder, hidden ones left out, with the names of its files."""
-    left = [top]
-    while left:
-        folder = left.pop()
-        found = _scanned(folder)
-        left += [folder / name for name, is_folder in found.items() if is_folder and not name.startswith(".")]
-        yield folder, [name for name, is_folder in found.items() if not is_folder]
-
-
 def _scanned(folder: Path) -> dict[str, bool]:
-    """Returns the names in a folder, and whether each is a folder's.
+    """Returns the names of the folders and regular files in a folder, and whether each is a folder's.
 
     A name that is given to another file meanwhile may be left out, though it is there all along: so it is read again
     until nobody has changed it, and all that was found counts (docs/reference/store.md, section 11).
@@ -185,7 +163,7 @@ def _scanned(folder: Path) -> dict[str, bool]:
             before_ns = folder.stat().st_mtime_ns
             with os.scandir(folder) as names:
                 entries = list(names)  # at once: what takes time between two of them lets more be missed
-            found |= {each.name: each.is_dir() for each in entries if not (each.is_symlink() and each.is_dir())}
+            found |= {each.name: is_folder for each in entries if (is_folder := _is_folder(each)) is not None}
             after_ns = folder.stat().st_mtime_ns
             # A change within a tick of the disk's clock may leave no trace.
             if after_ns == before_ns and abs(time.time_ns() - after_ns) > _TICK_NS:
@@ -196,31 +174,42 @@ def _scanned(folder: Path) -> dict[str, bool]:
     return found
 
 
+def _is_folder(each: os.DirEntry[str]) -> bool | None:
+    """Returns whether a name is a folder's and not a regular file's; None for whatever else, such as a link."""
+    is_folder = each.is_dir(follow_symlinks=False)
+    return is_folder if is_folder or each.is_file(follow_symlinks=False) else None
+
+
 def open_lock(path: Path) -> int:
     """Returns a lock's file, opened, having made it if there was none.
 
     One that another account made can often only be read: that is enough to lock it, but for disks of other machines.
     """
-    if not path.exists():
+    if not os.path.lexists(path):
         with hidden_file(path.parent) as (_, hidden), suppress(FileExistsError):
             path.hardlink_to(hidden)
     try:
-        return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        return os.open(path, os.O_RDWR | _NO_WAY_OUT)
     except PermissionError:
-        return os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        return os.open(path, os.O_RDONLY | _NO_WAY_OUT)
 
 
 class LocalStore:
-    """Objects as files under ``root``; see ``tasks.storage.base.store.Store`` for what the methods promise."""
+    """Objects as files under ``root``; see ``tasks.storage.base.store.Store`` for what the methods promise.
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    Args:
+        root: The folder.
+        top: The folder above it, or itself, below which no link is followed: where others may write. Itself by default.
+    """
+
+    def __init__(self, root: Path, top: Path | None = None) -> None:
+        self.root, self._top = root, top or root
+        self._below = tuple(root.relative_to(self._top).parts)
         self.url = root.as_uri()
 
     def create(self, key: str, body: bytes) -> str:
         """Returns the etag of a new object, or raises ObjectExists."""
-        path = self._path(key)
-        with self._explained(key):
+        with self._explained(key), self._place(key, make=True) as path:
             if os.path.lexists(path):  # spares the loser the writing; the link decides
                 raise taken_error(path, self.url, key)
             with hidden_file(path.parent) as (file, hidden):
@@ -232,8 +221,7 @@ class LocalStore:
 
     def replace(self, key: str, body: bytes, etag: str) -> str:
         """Returns the new etag, or raises ObjectConflict when the object is not the one with ``etag``."""
-        path = self._path(key)
-        with self._explained(key):
+        with self._explained(key), self._place(key) as path:
             self._compare(path, key, etag)  # spares the loser the writing; the comparison under the lock decides
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
@@ -246,8 +234,7 @@ class LocalStore:
 
     def put(self, key: str, body: bytes) -> str:
         """Returns the etag of the object written over whatever was there."""
-        path = self._path(key)
-        with self._explained(key):
+        with self._explained(key), self._place(key, make=True) as path:
             with hidden_file(path.parent) as (file, hidden):
                 file.write(body)
                 flush_to_disk(file)
@@ -259,7 +246,7 @@ class LocalStore:
 
     def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns the object, or raises ObjectNotFound, or ObjectTooBig."""
-        with self._explained(key, reading=True), open_object(self._path(key)) as file:
+        with self._explained(key, reading=True), self._place(key) as path, open_object(path) as file:
             size = os.fstat(file.fileno()).st_size
             if size > most_bytes:
                 raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
@@ -268,18 +255,18 @@ class LocalStore:
 
     def size(self, key: str) -> int:
         """Returns how many bytes the object has, or raises ObjectNotFound."""
-        with self._explained(key, reading=True), open_object(self._path(key)) as file:
+        with self._explained(key, reading=True), self._place(key) as path, open_object(path) as file:
             return os.fstat(file.fileno()).st_size
 
     def etag(self, key: str) -> str:
         """Returns the object's etag, or raises ObjectNotFound; all of it is read."""
-        with self._explained(key, reading=True):
-            return file_etag(self._path(key))
+        with self._explained(key, reading=True), self._place(key) as path:
+            return file_etag(path)
 
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields the object's bytes from one of them on, or raises ObjectNotFound."""
-        with self._explained(key, reading=True):
-            file = open_object(self._path(key))
+        with self._explained(key, reading=True), self._place(key) as path:
+            file = open_object(path)
         with file:
             file.seek(first_byte)
             while block := self._block(file, key):
@@ -287,47 +274,44 @@ class LocalStore:
 
     def exists(self, key: str) -> bool:
         """Returns whether there is an object under the key."""
-        with self._explained(key):
-            return self._path(key).is_file()
+        try:
+            self.entry(key)
+        except ObjectNotFound:
+            return False
+        return True
 
     def mark(self, key: str) -> str:
         """Returns the file's identity, size and time of its last change, or raises ObjectNotFound."""
-        path = self._path(key)
-        with self._explained(key, reading=True):
-            found = path.stat()
-        if not path.is_file():
-            raise ObjectNotFound(f"{self.url}: no object {key}")
-        return file_mark(found)
+        return self.entry(key).mark
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden files."""
         with self._explained(prefix):
-            return sorted(shown_files(self.root, self._top(prefix)))
+            walked = self._walked(prefix)
+            return sorted(folder + name for folder, _, names in walked for name in names if not name.startswith("."))
 
     def entries(self, prefix: str) -> list[Entry]:
         """Returns the keys in the folder and below, sorted, each with its size and age."""
-        with self._explained(prefix):
-            found = (file_entry(key, f"{self.root}/{key}") for key in self.keys(prefix))
-            return [entry for entry in found if entry]
+        return self._found(prefix, lambda name: not name.startswith("."))
 
     def entry(self, key: str) -> Entry:
         """Returns one object with its size and age, or raises ObjectNotFound."""
-        path = self._path(key)
-        with self._explained(key, reading=True):
-            found = file_entry(key, path) if path.is_file() else None
+        with self._explained(key, reading=True), self._place(key) as path:
+            found = file_entry(key, path)
         if found is None:
             raise ObjectNotFound(f"{self.url}: no object {key}")
         return found
 
     def now_s(self) -> float:
         """Returns the time by the clock of the disk."""
-        with self._explained(LOCKS):
-            return disk_now_s(self.root / LOCKS)
+        with self._explained(LOCKS), self._held(LOCKS, make=True) as folder:
+            return disk_now_s(folder)
 
     def delete_unchanged(self, entry: Entry) -> bool:
         """Removes the object unless it was written since, in one step; returns whether it is gone now."""
-        path = self._path(entry.key)
-        with self._explained(entry.key), self._locked(entry.key):
+        if not self.exists(entry.key):
+            return True
+        with self._explained(entry.key), self._place(entry.key) as path, self._locked(entry.key):
             found = file_entry(entry.key, path)
             if found is not None and found.mark != entry.mark:
                 return False
@@ -336,28 +320,30 @@ class LocalStore:
 
     def unfinished(self, prefix: str) -> list[Entry]:
         """Returns the hidden files in the folder and below that writers have left, or are writing."""
-        with self._explained(prefix):
-            return sorted(unfinished_files(self.root, self._top(prefix)), key=lambda entry: entry.key)
+        return self._found(prefix, lambda name: name.startswith(HIDDEN))
 
     def discard(self, write: Entry) -> None:
         """Removes a hidden file that a writer has left."""
-        with self._explained(write.key):
-            (self.root / write.key).unlink(missing_ok=True)
+        folder, _, name = write.key.rpartition("/")
+        with suppress(ObjectNotFound), self._explained(write.key, reading=True), self._held(folder) as held:
+            (held / name).unlink(missing_ok=True)
 
     def delete(self, key: str) -> None:
         """Removes the object if it is there."""
-        path = self._path(key)
-        with self._explained(key):
-            if not path.is_file():
-                return
-            with self._locked(key):
-                path.unlink(missing_ok=True)
-                settle_names(path.parent)
+        if not self.exists(key):
+            return
+        with self._explained(key), self._place(key) as path, self._locked(key):
+            path.unlink(missing_ok=True)
+            settle_names(path.parent)
 
     def upload(self, key: str, source: Path) -> None:
         """Copies the file under the key; readers see the old object or the whole new one."""
-        path = self._path(key)
-        with source.open("rb") as reader, self._explained(key), hidden_file(path.parent, _mark(key)) as (file, hidden):
+        with (
+            source.open("rb") as reader,
+            self._explained(key),
+            self._place(key, make=True) as path,
+            hidden_file(path.parent, _mark(key)) as (file, hidden),
+        ):
             shutil.copyfileobj(reader, file, 1 << 20)
             flush_to_disk(file)
             if hidden.stat().st_size != reader.tell():
@@ -368,15 +354,14 @@ class LocalStore:
 
     def sweep(self, key: str) -> None:
         """Removes what uploads of the key that were killed have left."""
-        path = self._path(key)
-        with self._explained(key):
+        with suppress(ObjectNotFound), self._explained(key, reading=True), self._place(key) as path:
             for left in path.parent.glob(f"{HIDDEN}{_mark(key)}*"):
                 left.unlink(missing_ok=True)
 
     def download(self, key: str, target: Path) -> None:
         """Copies the object to the file, which appears whole or not at all."""
-        with self._explained(key, reading=True):
-            reader = open_object(self._path(key))
+        with self._explained(key, reading=True), self._place(key) as path:
+            reader = open_object(path)
         with reader, room_in(target.parent), whole_file(target) as file:
             shutil.copyfileobj(reader, file, 1 << 20)
 
@@ -384,11 +369,41 @@ class LocalStore:
         with self._explained(key):
             return file.read(1 << 18)
 
-    def _top(self, prefix: str) -> Path:
-        return self._path(prefix.rstrip("/")) if prefix else self.root
+    def _held(self, folder: str, *, make: bool = False) -> AbstractContextManager[Path]:
+        return held_folder(self._top, "/".join(filter(None, (*self._below, folder))), make=make)
 
-    def _path(self, key: str) -> Path:
-        return self.root / checked_key(key)
+    @contextmanager
+    def _place(self, key: str, *, make: bool = False) -> Generator[Path]:
+        """Yields where the key's file is, whatever the names of its folders lead to by then."""
+        folder, _, name = checked_key(key).rpartition("/")
+        with self._held(folder, make=make) as held:
+            yield held / name
+
+    def _found(self, prefix: str, is_wanted: Callable[[str], bool]) -> list[Entry]:
+        with self._explained(prefix):
+            found = (
+                file_entry(folder + name, f"{held}/{name}")
+                for folder, held, names in self._walked(prefix)
+                for name in names
+                if is_wanted(name)
+            )
+            return sorted((entry for entry in found if entry), key=lambda entry: entry.key)
+
+    def _walked(self, prefix: str) -> Iterator[tuple[str, Path, list[str]]]:
+        """Yields each folder, hidden ones left out: what its keys begin with, where it is now, its files' names."""
+        left = [checked_key(prefix.rstrip("/")) if prefix else ""]
+        while left:
+            folder = left.pop()
+            try:
+                with self._held(folder) as held:
+                    found, start = _scanned(held), f"{folder}/" if folder else ""
+                    yield start, held, [name for name, is_folder in found.items() if not is_folder]
+            except OSError as exc:
+                if exc.errno not in NOTHING_THERE:
+                    raise
+            else:
+                below = (start + name for name, is_folder in found.items() if is_folder and not name.startswith("."))
+                left += [each for each in below if len(os.fsencode(each)) < MOST_KEY_BYTES]
 
     def _link(self, hidden: Path, path: Path, key: str) -> None:
         try:
@@ -414,9 +429,8 @@ class LocalStore:
     def _locked(self, key: str) -> Generator[None]:
         # A few shared lock files instead of one beside every object; nothing takes two, so nothing deadlocks. Nobody
         # waits for a disk while it has one, so that hardly anybody is paused with it.
-        make_folder(self.root / LOCKS)
-        path = self.root / LOCKS / hashlib.blake2b(key.encode(), digest_size=1).hexdigest()
-        descriptor = open_lock(path)
+        with self._held(LOCKS, make=True) as folder:
+            descriptor = open_lock(folder / hashlib.blake2b(key.encode(), digest_size=1).hexdigest())
         try:
             self._lock(descriptor, key)
             yield

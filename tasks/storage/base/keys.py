@@ -12,7 +12,8 @@ from specs.errors import DocumentError
 from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
 
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
-KEY_RULE = "parts joined by /, none empty or beginning with a dot, at most 1024 bytes"
+MOST_KEY_BYTES = 1024
+KEY_RULE = f"parts joined by /, none empty or beginning with a dot, at most {MOST_KEY_BYTES} bytes"
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 _FILE = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,127}")
@@ -67,7 +68,11 @@ def checked_key(key: str) -> str:
         DocumentError: It could leave the store's folder, or collide with what the store hides there.
     """
     parts = key.split("/")
-    if len(key.encode()) > 1024 or _CONTROL.search(key) or any(not part or part.startswith(".") for part in parts):
+    if (
+        len(key.encode()) > MOST_KEY_BYTES
+        or _CONTROL.search(key)
+        or any(not part or part.startswith(".") for part in parts)
+    ):
         raise _refused("key", key, KEY_RULE)
     return key
 

@@ -25,6 +25,8 @@ NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 # What is no fault of what is written: the same bytes may be written when the disk is another.
 OF_THE_DISK = NO_ROOM | {errno.EROFS, errno.EIO}
 _MEBIBYTE = 1 << 20
+_HELD = "/proc/self/fd/"
+_PASSED = os.O_PATH | os.O_DIRECTORY | os.O_CLOEXEC
 
 
 def cache_folder() -> Path:
@@ -73,7 +75,12 @@ def share_file(descriptor: int, folder: Path) -> None:
 def share_folder(folder: Path) -> None:
     """Lets the group of a shared folder write to a new folder in it."""
     if is_shared(folder.parent):
-        folder.chmod(stat.S_IMODE(folder.stat().st_mode) | _FOLDER_OF_GROUP)
+        # Not by its name: another of the group may have put a link there meanwhile.
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            os.fchmod(descriptor, stat.S_IMODE(os.fstat(descriptor).st_mode) | _FOLDER_OF_GROUP)
+        finally:
+            os.close(descriptor)
 
 
 def is_shared(folder: Path) -> bool:
@@ -184,6 +191,52 @@ def make_folder(folder: Path) -> None:
     else:
         share_folder(folder)
     settle_names(folder.parent)
+
+
+# Whoever may write into a folder may put a link into it that leads elsewhere, also between a look and what follows. So
+# each folder on the way is opened from the one before, and what is done is done in what was opened: the kernel finds it
+# by its descriptor, whatever its names lead to by then.
+@contextmanager
+def held_folder(top: Path, below: str, *, make: bool = False) -> Generator[Path]:
+    """Yields a path that leads to this very folder inside the ``with`` block; no link below the top was followed.
+
+    Args:
+        top: A folder of the owner's: it and those above it may be links.
+        below: Where the folder is from there; empty for the top itself.
+        make: Whether to make what is not there.
+
+    Raises:
+        OSError: ELOOP if there is a link on the way.
+    """
+    if make:
+        make_folder(top)
+    held = os.open(top, _PASSED)
+    try:
+        for name in below.split("/") if below else ():
+            passed, held = held, _entered(f"{_HELD}{held}/{name}", make=make)
+            os.close(passed)
+        yield Path(f"{_HELD}{held}")
+    except OSError as exc:
+        if isinstance(exc.filename, str) and exc.filename.startswith(_HELD):
+            number, _, rest = exc.filename.removeprefix(_HELD).partition("/")
+            exc.filename = str(Path(f"{_HELD}{number}").readlink() / rest)
+        raise
+    finally:
+        os.close(held)
+
+
+def _entered(folder: str, *, make: bool) -> int:
+    try:
+        return os.open(folder, _PASSED | os.O_NOFOLLOW)
+    except FileNotFoundError:
+        if not make:
+            raise
+        make_folder(Path(folder))
+        return os.open(folder, _PASSED | os.O_NOFOLLOW)
+    except NotADirectoryError as exc:
+        if Path(folder).is_symlink():
+            raise OSError(errno.ELOOP, "a link where a folder belongs", folder) from exc
+        raise
 
 
 def full_disk_message(exc: OSError, folder: Path) -> str:

@@ -67,6 +67,28 @@ class Served:
         connection.close()
         return answer.status, answer.getheader("x-amzn-errortype", "")
 
+    def signed_in(self, key: AccessKey | None = None) -> str:
+        """Returns the cookie of a browser that the owner, or whoever has another key, has signed in with."""
+        by = key or self.owner
+        form = f"key={by.key_id}&secret={by.secret}&back=/"
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        kind = "application/x-www-form-urlencoded"
+        connection.request(
+            "POST", "/sign-in", form, {"host": self.host, "origin": f"http://{self.host}", "content-type": kind}
+        )
+        cookie = connection.getresponse().getheader("set-cookie", "").partition(";")[0]
+        connection.close()
+        return cookie
+
+    def page(self, target: str, cookie: str) -> tuple[int, str]:
+        """Returns status and text of a page of the browser."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
+        connection.request("GET", target, headers={"host": self.host, "cookie": cookie})
+        answer = connection.getresponse()
+        text = answer.read().decode()
+        connection.close()
+        return answer.status, text
+
     def answers(self) -> bool:
         """Returns whether a client of this very address is answered."""
         return self.send(self.signed("/describeFleet", NOBODY)) == (400, "ResourceNotFoundException")

@@ -2,23 +2,26 @@
 
 import errno
 import os
+import shutil
 import socket
 import stat
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
+from typing import BinaryIO
 
 import pytest
 
 from specs.errors import ObjectConflict, ObjectNotFound, StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage.backends import local
-from tasks.storage.backends.local import LocalStore
-from tasks.storage.base.store import Store
+from tasks.storage.backends.local import LocalStore, body_etag, file_mark
+from tasks.storage.base.store import Entry, Store
 from tasks.storage.store_url import open_store
 from tests.servers.racers import in_processes, missed_names
 
@@ -73,7 +76,12 @@ def test_a_folder_that_nobody_changes_is_read_once(folder: LocalStore, monkeypat
     folder.create("a/1", b"1")
     os.utime(folder.root / "a", (1.0, 1.0))
     real, readings = os.scandir, list[Path]()
-    monkeypatch.setattr("tasks.storage.backends.local.os.scandir", lambda path: [readings.append(path), real(path)][1])
+
+    def noted(path: Path) -> object:
+        readings.append(path.resolve())
+        return real(path)
+
+    monkeypatch.setattr("tasks.storage.backends.local.os.scandir", noted)
     assert folder.keys("a") == ["a/1"]
     assert readings == [folder.root / "a"]
 
@@ -288,3 +296,163 @@ def test_what_is_no_regular_file_is_no_object_and_keeps_nobody_waiting(
         folder.replace("a", b"new", "etag")
     with pytest.raises(StoreError, match="is no regular file"):
         folder.create("a", b"new")
+
+
+@dataclass(frozen=True)
+class _Elsewhere:
+    """A folder of the owner's outside the store, and two links to it that a stranger put into the store.
+
+    Attributes:
+        folder: With a file ``a.json``, a hidden one ``.tmp-a``, and a folder ``below`` with a file ``b.json``.
+        files: What lay there at first.
+    """
+
+    folder: Path
+    files: dict[Path, bytes]
+
+    def is_unchanged(self) -> bool:
+        return self.files == {path: path.read_bytes() for path in self.folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def elsewhere(folder: LocalStore, tmp_path: Path) -> _Elsewhere:
+    home = tmp_path / "home"
+    (home / "below").mkdir(parents=True)
+    for name in ("a.json", ".tmp-a", "below/b.json"):
+        (home / name).write_bytes(b"a secret")
+    folder.put("own/c.json", b"c")
+    (folder.root / "linked").symlink_to(home)
+    (folder.root / "own" / "linked").symlink_to(home)
+    return _Elsewhere(home, {path: path.read_bytes() for path in home.rglob("*") if path.is_file()})
+
+
+@pytest.mark.parametrize("key", ["linked/a.json", "own/linked/a.json", "linked/below/b.json"])
+def test_no_link_to_a_folder_leads_out_of_the_store(
+    folder: LocalStore, elsewhere: _Elsewhere, tmp_path: Path, key: str
+) -> None:
+    (tmp_path / "source").write_bytes(b"new")
+    entry = Entry(key, 8, 0.0, file_mark((folder.root / key).stat()))
+    attempts: list[Callable[[], object]] = [
+        lambda: folder.get(key),
+        lambda: folder.size(key),
+        lambda: folder.etag(key),
+        lambda: list(folder.blocks(key)),
+        lambda: folder.exists(key),
+        lambda: folder.mark(key),
+        lambda: folder.entry(key),
+        lambda: folder.download(key, tmp_path / "copy"),
+        lambda: folder.keys(key.rpartition("/")[0]),
+        lambda: folder.entries(key.rpartition("/")[0]),
+        lambda: folder.unfinished(key.rpartition("/")[0]),
+        lambda: folder.create(f"{key}.new", b"new"),
+        lambda: folder.create(f"{key}/deeper/new", b"new"),
+        lambda: folder.replace(key, b"new", body_etag(b"a secret")),
+        lambda: folder.put(key, b"new"),
+        lambda: folder.upload(key, tmp_path / "source"),
+        lambda: folder.sweep(key),
+        lambda: folder.delete(key),
+        lambda: folder.delete_unchanged(entry),
+        lambda: folder.discard(Entry("linked/.tmp-a", 8, 0.0, "")),
+    ]
+    for attempt in attempts:
+        with pytest.raises(StoreError, match=r"linked is a link, which could lead out of the store"):
+            attempt()
+    assert elsewhere.is_unchanged()
+    assert not (tmp_path / "copy").exists()
+
+
+def test_a_listing_goes_into_no_link_and_shows_none(folder: LocalStore, elsewhere: _Elsewhere) -> None:
+    (folder.root / "own" / "file.json").symlink_to(elsewhere.folder / "a.json")
+    assert folder.keys("") == ["own/c.json"]
+    assert [entry.key for entry in folder.entries("")] == ["own/c.json"]
+    assert folder.unfinished("") == []
+
+
+@pytest.mark.parametrize("key", ["own/file.json", "own/gone.json"])
+def test_a_link_where_an_object_belongs_tells_nothing_about_what_it_leads_to(
+    folder: LocalStore, elsewhere: _Elsewhere, key: str
+) -> None:
+    (folder.root / "own" / "file.json").symlink_to(elsewhere.folder / "a.json")
+    (folder.root / "own" / "gone.json").symlink_to(elsewhere.folder / "gone.json")
+    assert not folder.exists(key)
+    with pytest.raises(ObjectNotFound):
+        folder.entry(key)
+    folder.put(key, b"new")
+    assert folder.get(key).body == b"new"
+    assert elsewhere.is_unchanged()
+
+
+@pytest.mark.parametrize("name", [".locks", ".locks/0"])
+def test_a_link_in_place_of_the_locks_is_not_followed(folder: LocalStore, elsewhere: _Elsewhere, name: str) -> None:
+    shutil.rmtree(folder.root / ".locks")
+    if name == ".locks":
+        (folder.root / name).symlink_to(elsewhere.folder)
+    else:
+        (folder.root / ".locks").mkdir()
+        for number in range(256):
+            (folder.root / ".locks" / f"{number:02x}").symlink_to(elsewhere.folder / "a.json")
+    with pytest.raises(StoreError, match="is a link"):
+        folder.put("own/c.json", b"new")
+    assert elsewhere.is_unchanged()
+    assert folder.get("own/c.json").body == b"c"
+
+
+@pytest.mark.parametrize("method", ["create", "put", "replace", "upload"])
+def test_a_folder_that_becomes_a_link_during_a_write_leads_nowhere(
+    folder: LocalStore, elsewhere: _Elsewhere, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str
+) -> None:
+    (tmp_path / "source").write_bytes(b"new")
+    etag = folder.put("own/a.json", b"a secret")
+    arguments = {"create": ("own/d.json", b"new"), "put": ("own/a.json", b"new")}
+    arguments |= {"replace": ("own/a.json", b"new", etag), "upload": ("own/a.json", tmp_path / "source")}
+    real = local.hidden_file
+
+    def late(place: Path, mark: str = "") -> AbstractContextManager[tuple[BinaryIO, Path]]:
+        (folder.root / "own").rename(folder.root / "aside")
+        (folder.root / "own").symlink_to(elsewhere.folder)
+        return real(place, mark)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(local, "hidden_file", late)
+        getattr(folder, method)(*arguments[method])
+    assert elsewhere.is_unchanged()
+    assert (folder.root / "aside" / arguments[method][0].removeprefix("own/")).read_bytes() == b"new"
+
+
+def test_a_folder_that_becomes_a_link_during_a_listing_leads_nowhere(
+    folder: LocalStore, elsewhere: _Elsewhere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = os.scandir
+
+    def late(path: Path) -> object:
+        if path.resolve() == folder.root / "own":
+            (folder.root / "own").rename(folder.root / "aside")
+            (folder.root / "own").symlink_to(elsewhere.folder)
+        return real(path)
+
+    monkeypatch.setattr("tasks.storage.backends.local.os.scandir", late)
+    assert [(entry.key, entry.size_bytes) for entry in folder.entries("own")] == [("own/c.json", 1)]
+
+
+def test_the_folder_of_a_store_and_those_above_it_may_be_links(tmp_path: Path) -> None:
+    (tmp_path / "disk" / "yard").mkdir(parents=True)
+    (tmp_path / "disk" / "yard" / "store").mkdir()
+    (tmp_path / "here").symlink_to(tmp_path / "disk" / "yard")
+    (tmp_path / "linked").symlink_to(tmp_path / "here" / "store")
+    for root in (tmp_path / "here" / "store", tmp_path / "linked"):
+        store = LocalStore(root)
+        store.put("a/1", b"1")
+        assert store.keys("") == ["a/1"]
+        assert (tmp_path / "disk" / "yard" / "store" / "a" / "1").exists()
+
+
+def test_a_folder_deeper_than_any_key_is_listed_by_nobody(folder: LocalStore) -> None:
+    folder.put("a/1", b"1")
+    within = os.open(folder.root / "a", os.O_RDONLY)
+    for _ in range(600):
+        os.mkdir("deep", dir_fd=within)
+        below = os.open("deep", os.O_RDONLY, dir_fd=within)
+        os.close(within)
+        within = below
+    os.close(within)
+    assert folder.keys("") == ["a/1"]
