@@ -3,6 +3,7 @@
 `simyard serve` answers RoboMaker's HTTP API from a store, `worker` works off a queue, `access` says who may call.
 """
 
+import os
 import shlex
 import time
 from pathlib import Path
@@ -33,6 +34,7 @@ from tasks.gateway.connections import tls_context
 from tasks.gateway.service_model import write_model
 from tasks.server.health import password_file
 from tasks.server.resident import end_kept, keep_server
+from tasks.storage.base.proxies import exception_lines
 from tasks.storage.store_url import open_existing_store, open_store
 
 PoolOption = Annotated[
@@ -57,6 +59,8 @@ def up() -> None:
     echo(f"# its pages ask for the password in {password}")
     echo(f"export PREFECT_API_URL={server.api_url}")
     echo(f'export PREFECT_API_AUTH_STRING="$(cat {password})"')
+    for line in exception_lines(server.api_url, os.environ):
+        echo(line)
 
 
 def down() -> None:

@@ -3,28 +3,29 @@
 import logging
 import os
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from threading import Thread
 from typing import NamedTuple
 from urllib.parse import urlsplit
 
-from specs.errors import StageFailed
+from specs.base import Fault
+from specs.errors import DocumentError, StageFailed
 from specs.settings import SERVER_WAIT
 from tasks.progress.log_lines import log_duration
 from tasks.server import process
 from tasks.server.health import (
     is_answering,
     is_listening,
-    is_local,
-    proxy_exceptions,
     refuses,
+    speaks_prefect,
     succeeds_within,
     url_without_password,
 )
 from tasks.server.resident import checkout_home, is_kept_elsewhere, kept_password, kept_process, kept_server
 from tasks.storage.base.local_files import cache_folder
+from tasks.storage.base.proxies import is_local, proxy_exceptions, useless_proxies
 
 _DRAIN_S = 5.0
 _SENDERS = ("prefect.events.worker", "prefect.logging.handlers")
@@ -145,6 +146,13 @@ def _chosen(home: Path) -> dict[str, str]:
     chosen = process.configured(os.environ, "PREFECT_API_URL")
     if not chosen:
         return {}
+    if not is_local(chosen) and (useless := useless_proxies(os.environ)):
+        allowed = "a proxy that Prefect's client can use: http://host:port, or SOCKS with pip install 'httpx[socks]'"
+        named = [
+            Fault(path=f"environment variable {each}", value=repr(os.environ[each]), allowed=allowed)
+            for each in useless
+        ]
+        raise DocumentError(named)
     password = process.configured(os.environ, "PREFECT_API_AUTH_STRING") or kept_password(home, chosen)
     _require(chosen, password)
     return {"PREFECT_API_URL": chosen, **({"PREFECT_API_AUTH_STRING": password} if password else {})}
@@ -162,16 +170,25 @@ def _require(api_url: str, password: str) -> None:
             f"the Prefect server at {url_without_password(api_url)} refuses its password, or has been given none; set "
             "PREFECT_API_AUTH_STRING, as simyard up prints it",
         )
+    remedy = "unset it, or simyard up and export what that prints"
     if not succeeds_within(lambda: is_answering(api_url)):
-        remedy = "unset it, or simyard up and export what that prints"
         raise StageFailed(
             "InternalServiceError",
             f"no Prefect server answers at PREFECT_API_URL={url_without_password(api_url)}; {remedy}",
         )
+    if not speaks_prefect(api_url):
+        raise StageFailed(
+            "InternalServiceError",
+            f"what answers at PREFECT_API_URL={url_without_password(api_url)} is no API of Prefect's: its address ends "
+            f"with /api, as http://127.0.0.1:4200/api does; {remedy}",
+        )
 
 
-def _proxy_setting(api_url: str) -> dict[str, str]:
-    return proxy_exceptions(os.environ) if is_local(api_url) else {}
+def _proxy_setting(api_url: str) -> dict[str, str | None]:
+    """Returns the variables by which Prefect's client reaches a server past proxies; None for one that is unset."""
+    if not is_local(api_url):
+        return {}
+    return {**dict.fromkeys(useless_proxies(os.environ)), **proxy_exceptions(os.environ)}
 
 
 def _retry_setting(wait_s: int) -> dict[str, str]:
@@ -200,14 +217,18 @@ def _flushed(api_url: str) -> Generator[None, None, None]:
 
 
 @contextmanager
-def _environment(**values: str) -> Generator[None, None, None]:
+def _environment(**values: str | None) -> Generator[None, None, None]:
     before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
+    _set_variables(values)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        _set_variables(before)
+
+
+def _set_variables(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value

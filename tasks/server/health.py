@@ -16,11 +16,13 @@ from types import MappingProxyType
 from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
+from tasks.storage.base.proxies import is_local
 
 _USER = "simyard"
-_HERE = ("127.0.0.1", "localhost")
 _SILENT = 0
-_UNAUTHORIZED = 401
+_UNAUTHORIZED, _FORBIDDEN = 401, 403
+# Of what a server says of its health; Prefect's says ``true``.
+_BODY_BYTES = 64
 # What web servers say of a bad certificate; Prefect may well be configured to trust this one.
 _UNTRUSTED = 495
 
@@ -81,6 +83,17 @@ def is_answering(api_url: str, timeout_s: float = 5.0) -> bool:
     return _SILENT < _status(api_url, timeout_s) < 500
 
 
+def speaks_prefect(api_url: str, timeout_s: float = 5.0) -> bool:
+    """Returns False only of a server that answers as none of Prefect's does, such as its pages, or a web server.
+
+    One that wants a key first, or that is in trouble, may be one.
+    """
+    status, body = _answer(api_url, timeout_s)
+    if status == 200:
+        return body.strip() == b"true"
+    return status in {_SILENT, _UNAUTHORIZED, _FORBIDDEN, _UNTRUSTED} or status >= 500
+
+
 def refuses(api_url: str, password: str, timeout_s: float = 5.0) -> bool:
     """Returns whether a Prefect server asks for another password than this one; one that is silent does not."""
     return _status(api_url, timeout_s, "admin/version", authorization(password)) == _UNAUTHORIZED
@@ -107,19 +120,6 @@ def succeeds_within(question: Callable[[], bool], for_s: float = 3.0, pause_s: f
     return answer
 
 
-def is_local(api_url: str) -> bool:
-    """Returns whether the URL names this machine."""
-    host = urlsplit(api_url).hostname or ""
-    return host in {*_HERE, "::1"} or host.startswith("127.")
-
-
-def proxy_exceptions(environment: Mapping[str, str]) -> dict[str, str]:
-    """Returns the variables by which programs reach this machine's own servers past a configured proxy."""
-    kept = environment.get("no_proxy") or environment.get("NO_PROXY") or ""
-    hosts = ",".join(filter(None, [kept, *(host for host in _HERE if host not in kept.split(","))]))
-    return {"no_proxy": hosts, "NO_PROXY": hosts}
-
-
 def url_without_password(api_url: str) -> str:
     """Returns the URL as it may be printed: without a password."""
     return re.sub(r"//[^/]*@", "//***@", api_url)
@@ -129,17 +129,24 @@ def _status(
     api_url: str, timeout_s: float, path: str = "health", headers: Mapping[str, str] = MappingProxyType({})
 ) -> int:
     """Returns the HTTP status of what the server answers, by default of its health, or 0 when nothing answers."""
+    return _answer(api_url, timeout_s, path, headers)[0]
+
+
+def _answer(
+    api_url: str, timeout_s: float, path: str = "health", headers: Mapping[str, str] = MappingProxyType({})
+) -> tuple[int, bytes]:
+    """Returns the status as above, and how the body begins."""
     handlers = [urllib.request.ProxyHandler({})] if is_local(api_url) else []
     try:
         asked = urllib.request.Request(f"{api_url}/{path}", headers=dict(headers))  # noqa: S310 - the user's own URL
         with urllib.request.build_opener(*handlers).open(asked, timeout=timeout_s) as reply:
-            return int(reply.status)
+            return int(reply.status), bytes(reply.read(_BODY_BYTES))
     except urllib.error.HTTPError as exc:
-        return exc.code
+        return exc.code, b""
     except urllib.error.URLError as exc:
-        return _UNTRUSTED if isinstance(exc.reason, ssl.SSLError) else _SILENT
+        return _UNTRUSTED if isinstance(exc.reason, ssl.SSLError) else _SILENT, b""
     except (OSError, HTTPException, ValueError):
-        return _SILENT
+        return _SILENT, b""
 
 
 def is_port_free(port: int) -> bool:

@@ -18,7 +18,8 @@ from typing import IO
 from urllib.parse import urlsplit
 
 from specs.errors import StageFailed
-from tasks.server.health import is_healthy, is_port_free, new_password, private_file, proxy_exceptions
+from tasks.server.health import is_healthy, is_port_free, new_password, private_file
+from tasks.storage.base.proxies import proxy_exceptions, without_useless_proxies
 
 logger = logging.getLogger(__name__)
 
@@ -183,7 +184,7 @@ def launch(
         command = [sys.executable, "-m", "tasks.server.bound_child", str(os.getpid()), *command]
     url = f"http://127.0.0.1:{port}/api"
     environment = {
-        **os.environ,
+        **without_useless_proxies(os.environ),
         **SERVER_ENVIRONMENT,
         **proxy_exceptions(os.environ),
         **_own_settings(home, port),

@@ -1,7 +1,6 @@
 """Whether a Prefect server answers: past proxies, behind keys, and when it is busy."""
 
 import socket
-import urllib.request
 
 import pytest
 
@@ -9,8 +8,7 @@ from tasks.server.health import (
     is_answering,
     is_healthy,
     is_listening,
-    is_local,
-    proxy_exceptions,
+    speaks_prefect,
     succeeds_within,
     url_without_password,
 )
@@ -40,34 +38,6 @@ def test_a_server_that_wants_a_key_is_there_and_a_gateway_without_one_is_not(sta
         assert is_healthy(api_url) == (status == 200)
 
 
-def test_programs_are_told_to_reach_this_machine_past_the_proxy(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("http_proxy", "http://127.0.0.1:9")
-    for name, value in proxy_exceptions({"NO_PROXY": "example.org,localhost"}).items():
-        monkeypatch.setenv(name, value)
-    assert urllib.request.proxy_bypass("127.0.0.1:4200")
-    assert urllib.request.proxy_bypass("localhost:4200")
-    assert urllib.request.proxy_bypass("example.org")
-    assert not urllib.request.proxy_bypass("elsewhere.org")
-
-
-def test_exceptions_from_the_proxy_are_kept_once():
-    assert proxy_exceptions({"no_proxy": "a.org,127.0.0.1"})["no_proxy"] == "a.org,127.0.0.1,localhost"
-
-
-@pytest.mark.parametrize(
-    ("api_url", "local"),
-    [
-        ("http://127.0.0.1:4200/api", True),
-        ("http://localhost:4200/api", True),
-        ("http://[::1]:4200/api", True),
-        ("https://api.example.org/api", False),
-        ("http://10.0.0.1:4200/api", False),
-    ],
-)
-def test_only_this_machine_is_local(api_url: str, local: bool):  # noqa: FBT001
-    assert is_local(api_url) == local
-
-
 def test_a_busy_server_is_asked_again():
     answers = iter([False, False, True])
     assert succeeds_within(lambda: next(answers), for_s=60.0, pause_s=0.0)
@@ -89,3 +59,23 @@ def test_a_server_that_is_silent_is_still_listening_and_one_that_ended_is_not():
         assert is_listening(url)
         assert not is_answering(url, timeout_s=0.2)
     assert not is_listening(url)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "speaks"),
+    [
+        (200, b"true", True),
+        (200, b"<!doctype html>", False),
+        (404, b'{"detail":"Not Found"}', False),
+        (302, b"", False),
+        (401, b"", True),
+        (403, b"", True),
+        (503, b"", True),
+    ],
+)
+def test_what_answers_as_no_server_of_prefects_does_is_told_from_one_that_is_in_trouble(
+    status: int, body: bytes, *, speaks: bool
+):
+    with answering(status, body) as api_url:
+        assert speaks_prefect(api_url) is speaks
+    assert speaks_prefect(NOBODY)

@@ -23,6 +23,7 @@ from specs.errors import DocumentError, ResourceAlreadyExists, ResourceNotFound
 from specs.settings import region
 from tasks.storage.base.keys import checked_name
 from tasks.storage.base.local_files import whole_file
+from tasks.storage.base.proxies import exception_lines
 
 _SCOPES = "an ARN, or KIND/NAME such as deployment-fleet/home; a * at its end stands for every name that begins so"
 KeyRight = Literal["read", "simulate", "deploy"]
@@ -360,5 +361,6 @@ def export_lines(key: AccessKey, url: str, model: Path | None = None) -> Iterato
     for name, value in variables.items():
         yield f"export {name}={shlex.quote(value)}"
     yield "unset AWS_SESSION_TOKEN"
+    yield from exception_lines(url, os.environ)
     if model is None:
         yield "# SDKs that have no model of RoboMaker: simyard serve --model-only --model ~/.aws/models"

@@ -3,9 +3,12 @@
 A program that this process starts does not get them: an application, a robot of a demonstration, a worker of a cluster.
 """
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
+
+from tasks.storage.base.proxies import is_local
 
 CONFIG: Mapping[str, object] = {
     "connect_timeout": 2,
@@ -15,6 +18,7 @@ CONFIG: Mapping[str, object] = {
     "response_checksum_validation": "when_required",
 }
 """What botocore is told of every connection to a server."""
+_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 PART_BYTES = 16 << 20
 """A bigger file is sent in parts of so many."""
 
@@ -50,6 +54,16 @@ def give_access(bucket: str, access: S3Access) -> None:
 def access_to(bucket: str) -> S3Access:
     """Returns how to reach a bucket."""
     return _of_bucket.get(bucket, _ENVIRONMENT)
+
+
+def chosen_endpoint() -> tuple[str, str]:
+    """Returns the variable that names the server, and its URL; two empty texts where none does."""
+    return next(((name, os.environ[name]) for name in _ENDPOINTS if os.environ.get(name)), ("", ""))
+
+
+def past_proxies(endpoint: str) -> dict[str, object]:
+    """Returns what botocore is told so that no proxy stands before a server of this machine."""
+    return {"proxies": {}} if is_local(endpoint) else {}
 
 
 def share_access(store_url: str, bucket_url: str) -> None:

@@ -3,7 +3,6 @@
 import base64
 import functools
 import hashlib
-import os
 import threading
 from collections.abc import Generator, Mapping
 from pathlib import Path
@@ -13,12 +12,18 @@ from urllib.parse import urlsplit
 from botocore.config import Config
 from botocore.exceptions import (
     BotoCoreError,
+    CapacityNotAvailableError,
     ClientError,
     CredentialRetrievalError,
+    HTTPClientError,
+    IncompleteReadError,
+    InvalidConfigError,
     NoCredentialsError,
     PartialCredentialsError,
     ProfileNotFound,
+    ProxyConnectionError,
 )
+from botocore.exceptions import ConnectionError as NoConnection
 from botocore.loaders import Loader, create_loader
 from botocore.session import Session
 
@@ -33,12 +38,19 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access
+from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access, chosen_endpoint, past_proxies
 from tasks.storage.base.local_files import NO_ROOM
 
 FAULTS = (OSError, BotoCoreError, ClientError)
 _NO_CREDENTIALS = (NoCredentialsError, PartialCredentialsError, CredentialRetrievalError, ProfileNotFound)
-_NO_ANSWER = (TimeoutError, ConnectionError, BotoCoreError)
+_NO_ANSWER = (
+    TimeoutError,
+    ConnectionError,
+    HTTPClientError,
+    NoConnection,
+    IncompleteReadError,
+    CapacityNotAvailableError,
+)
 _DENIED_CODES = frozenset({"AccessDenied", "ExpiredToken", "InvalidToken", "InvalidAccessKeyId"})
 _SKEWED_CODES = frozenset({"RequestTimeTooSkewed", "RequestExpired", "RequestInTheFuture"})
 _THROTTLED_CODES = frozenset(
@@ -46,8 +58,8 @@ _THROTTLED_CODES = frozenset(
 )
 _FULL_CODES = frozenset({"EntityTooLarge", "QuotaExceeded", "XMinioStorageFull", "InsufficientCapacity"})
 _TOO_MANY_REQUESTS, _NO_ROOM = 429, 507
-_ENDPOINTS = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL")
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
+_SETTINGS = "look at the variables AWS_... and the files that AWS_CONFIG_FILE and AWS_SHARED_CREDENTIALS_FILE name"
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 8.0
 _ANSWER_S = 20.0
@@ -75,9 +87,15 @@ def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
         return _refusal(status, code, place)
     if isinstance(exc, _NO_CREDENTIALS):
         return StoreAccessDenied(f"{place}: no usable credentials ({type(exc).__name__}); {_CREDENTIALS}")
+    if isinstance(exc, ProxyConnectionError):
+        return StoreAway(
+            f"{place}: the proxy that HTTP_PROXY or HTTPS_PROXY names does not answer; NO_PROXY says for whom"
+        )
     if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
         kind = StoreFull if exc.errno in NO_ROOM else StoreError  # of this machine
-        return kind(f"{place}: {exc.strerror or exc}")
+        return kind(f"{place}: {exc.strerror or exc}{f': {exc.filename}' if exc.filename else ''}")
+    if isinstance(exc, BotoCoreError) and not isinstance(exc, _NO_ANSWER):
+        return StoreUnreachable(f"{place}: this machine's settings for AWS are wrong: {exc}; {_SETTINGS}")
     return StoreAway(f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?")
 
 
@@ -122,11 +140,21 @@ def _has_answer(exc: object) -> TypeGuard[_Answered]:
 
 
 def _endpoint() -> str:
-    for name in _ENDPOINTS:
-        if url := os.environ.get(name):
-            parts = urlsplit(url)
-            return f"{parts.hostname}:{parts.port} ({name})" if parts.port else f"{parts.hostname} ({name})"
-    return "Amazon S3"
+    name, url = chosen_endpoint()
+    host = urlsplit(url).netloc.rpartition("@")[2]
+    return f"{host} ({name})" if name else "Amazon S3"
+
+
+def _require_endpoint(url: str) -> None:
+    """Refuses a server's URL that leads nowhere; no URL means Amazon's."""
+    try:
+        parts = urlsplit(url)
+        leads = parts.scheme in {"http", "https"} and parts.hostname and parts.port != 0
+    except ValueError:  # a port that is no number, a bracket too many
+        leads = False
+    if url and not leads:
+        name = chosen_endpoint()[0] or "the endpoint"
+        raise InvalidConfigError(error_msg=f"{name} is {url!r}, and no URL such as http://127.0.0.1:9000")
 
 
 Answer = Mapping[str, object]
@@ -235,11 +263,13 @@ class S3Client:
                 self._has_answered, self._client = True, self._made(_ANSWER_S, attempts=3)
 
     def _made(self, answer_s: float, attempts: int) -> object:
+        endpoint = self._access.endpoint or chosen_endpoint()[1]
+        _require_endpoint(endpoint)
         if self._session is None:
             self._session = Session()
             self._session.register_component("data_loader", _service_models())
         retries = {"mode": "standard", "total_max_attempts": attempts}
-        config = Config(**CONFIG, read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
+        config = Config(**CONFIG, **past_proxies(endpoint), read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
         return cast(
             "object",
             self._session.create_client(

@@ -5,7 +5,7 @@ from pathlib import Path
 from aiohttp import ClientError
 from s3fs import S3FileSystem
 
-from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access
+from tasks.storage.backends.s3_access import CONFIG, PART_BYTES, S3Access, chosen_endpoint, past_proxies
 
 _READ_TIMEOUT_S = 30
 
@@ -37,7 +37,12 @@ def send_in_parts(source: Path, bucket: str, key: str, access: S3Access) -> None
         token=access.token or None,
         endpoint_url=access.endpoint or None,
         client_kwargs={"region_name": access.region} if access.region else {},
-        config_kwargs={**CONFIG, "read_timeout": _READ_TIMEOUT_S, "retries": retries},
+        config_kwargs={
+            **CONFIG,
+            **past_proxies(access.endpoint or chosen_endpoint()[1]),
+            "read_timeout": _READ_TIMEOUT_S,
+            "retries": retries,
+        },
     )
     files.retries = 1  # botocore retries already
     try:

@@ -7,13 +7,14 @@ from threading import Thread
 
 
 @contextmanager
-def answering(status: int = 200) -> Generator[str, None, None]:
-    """Yields the API URL of a server that answers every request with the status."""
+def answering(status: int = 200, body: bytes = b"true") -> Generator[str, None, None]:
+    """Yields the API URL of a server that answers every request with the status and the body."""
 
     class Answer(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
             self.send_response(status)
             self.end_headers()
+            self.wfile.write(body)
 
         def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - same
             """Says nothing."""

@@ -56,6 +56,31 @@ def test_a_local_server_is_reached_past_the_proxy(monkeypatch: pytest.MonkeyPatc
     assert "no_proxy" not in os.environ
 
 
+def test_a_proxy_that_prefects_client_cannot_use_does_not_stand_before_a_local_server(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("ALL_PROXY", "socks4://127.0.0.1:9")
+    with answering() as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server():
+            assert "ALL_PROXY" not in os.environ
+    assert os.environ["ALL_PROXY"] == "socks4://127.0.0.1:9"
+
+
+def test_a_proxy_that_prefects_client_cannot_use_is_refused_by_name_before_a_server_elsewhere(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    monkeypatch.setenv("ALL_PROXY", "socks4://127.0.0.1:9")
+    monkeypatch.setenv("PREFECT_API_URL", "https://prefect.example.org/api")
+    with pytest.raises(DocumentError, match=r"environment variable ALL_PROXY: 'socks4://127.0.0.1:9'"):
+        prefect_server().__enter__()
+
+
+def test_what_is_no_api_of_prefects_is_told_before_anything_runs(monkeypatch: pytest.MonkeyPatch):
+    with answering(body=b"<html>") as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url.removesuffix("/api"))
+        with pytest.raises(StageFailed, match="is no API of Prefect's: its address ends with /api"):
+            prefect_server().__enter__()
+
+
 def test_a_chosen_server_wins_over_the_kept_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
     monkeypatch.setattr(server_module, "kept_server", pytest.fail)

@@ -1,4 +1,5 @@
 import errno
+from pathlib import Path
 
 import pytest
 from botocore.exceptions import (
@@ -20,7 +21,9 @@ from specs.errors import (
     StoreThrottled,
     StoreUnreachable,
 )
-from tasks.storage.backends.s3_client import s3_error
+from tasks.storage.backends.s3_access import S3Access
+from tasks.storage.backends.s3_client import FAULTS, S3Client, s3_error
+from tests.factories.gateway.answering_server import answering
 
 
 def _refused(status: int, code: str) -> ClientError:
@@ -75,6 +78,47 @@ def test_no_answer_means_unreachable(exc: Exception, monkeypatch: pytest.MonkeyP
     assert isinstance(found, StoreUnreachable)
     assert "host:81" in str(found)
     assert "canary" not in str(found)
+
+
+@pytest.mark.parametrize(
+    "endpoint", ["localhost:9000", "http://", "ftp://host", "http://host:port", "http://[::1", "http://host:0"]
+)
+def test_a_server_whose_url_leads_nowhere_is_a_wrong_setting(monkeypatch: pytest.MonkeyPatch, endpoint: str) -> None:
+    monkeypatch.setenv("AWS_ENDPOINT_URL", endpoint)
+    monkeypatch.delenv("AWS_ENDPOINT_URL_S3", raising=False)
+    with pytest.raises(FAULTS) as raised:
+        S3Client().call("head_bucket", Bucket="bucket")
+    found = s3_error(raised.value, "s3://bucket", "key")
+    assert type(found) is StoreUnreachable
+    assert f"settings for AWS are wrong: AWS_ENDPOINT_URL is {endpoint!r}" in str(found)
+
+
+@pytest.mark.parametrize("name", ["AWS_DEFAULT_REGION", "AWS_CONFIG_FILE"])
+def test_a_wrong_setting_is_named_and_no_server_is_blamed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, name: str
+) -> None:
+    broken = tmp_path / "config [broken"
+    broken.write_text("[broken")
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    monkeypatch.delenv("AWS_REGION", raising=False)
+    monkeypatch.setenv(name, str(broken))
+    with pytest.raises(FAULTS) as raised:
+        S3Client(S3Access("id", "secret")).call("head_bucket", Bucket="bucket")
+    said = str(s3_error(raised.value, "s3://bucket", "key"))
+    assert "settings for AWS are wrong" in said
+    assert str(broken) in said
+
+
+@pytest.mark.parametrize("proxy", ["http://127.0.0.1:9", "socks5://127.0.0.1:9"])
+def test_no_proxy_stands_before_a_server_of_this_machine(monkeypatch: pytest.MonkeyPatch, proxy: str) -> None:
+    for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, proxy)
+    for name in ("NO_PROXY", "no_proxy"):
+        monkeypatch.delenv(name, raising=False)
+    with answering(404, b"") as url:
+        client = S3Client(S3Access("id", "secret", region="us-east-1", endpoint=url.removesuffix("/api")))
+        with pytest.raises(ClientError):
+            client.call("get_object", Bucket="bucket", Key="key")
 
 
 def test_no_credentials_is_denied() -> None:
