@@ -20,7 +20,8 @@ from benchmarks.simulation.engine_variants import PHYSICS_STEPS, WORLDS, slice_t
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT, bench_world, explorations  # noqa: E402
 from specs.data.episode import ApplicationLaunch  # noqa: E402
 from tasks.simulate.application.mjcf_check import RobotRefused  # noqa: E402
-from tasks.simulate.application.robot_model import compile_robot, read_robot_mjcf  # noqa: E402
+from tasks.simulate.application.robot_file import read_robot_mjcf  # noqa: E402
+from tasks.simulate.application.robot_model import compile_robot  # noqa: E402
 from tasks.simulate.engines.engine_table import choose_engine  # noqa: E402
 from tasks.simulate.plan.chunks import SLICE_STEPS  # noqa: E402
 

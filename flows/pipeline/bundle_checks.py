@@ -27,7 +27,7 @@ from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind
 from tasks.applications.registry import shipped_application, unpack
 from tasks.simulate.application.declared_metrics import declared_metrics
-from tasks.simulate.application.mjcf_check import MjcfRefused, check_mjcf
+from tasks.simulate.application.mjcf_check import RobotRefused, refusal_lines
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
@@ -158,23 +158,26 @@ def _launched(spec: PipelineSpec) -> Iterator[_Launch]:
 
 
 def check_robot_files(spec: PipelineSpec, base: Path) -> None:
-    """Refuses a document one of whose own bundles holds a robot that MuJoCo is not given.
+    """Refuses a document one of whose own bundles holds a robot that MuJoCo is not given, or that no engine takes.
 
     Args:
         spec: The document.
         base: Folder that relative paths start from.
 
     Raises:
-        DocumentError: With a fault for each such bundle.
+        DocumentError: With each fault of each such bundle.
     """
     faults: list[Fault] = []
     for number, source in enumerate(spec.applications):
         robot = base / source.source / "robot.xml"
         try:
             if source.kind == "robot" and robot.exists():
-                check_mjcf(robot)
-        except MjcfRefused as refused:
-            faults.append(Fault(path=f"applications[{number}].source", value=source.source, allowed=str(refused)))
+                from tasks.simulate.application.robot_file import read_robot_mjcf  # noqa: PLC0415 - it imports MuJoCo
+
+                read_robot_mjcf(robot)
+        except RobotRefused as refused:
+            path = f"applications[{number}].source"
+            faults += [Fault(path=path, value=source.source, allowed=why) for why in refusal_lines(str(refused))]
     if faults:
         raise DocumentError(faults)
 
@@ -208,7 +211,6 @@ def _policy_refusal(folder: Path, package: str, launch_file: str) -> str:
     name = policy_file(package, launch_file)
     if simulated_file(bundle_files(folder), package, launch_file) != name:
         return ""
-    from tasks.simulate.application.mjcf_check import RobotRefused  # noqa: PLC0415
     from tasks.simulate.host.policy_check import check_policy  # noqa: PLC0415 - few documents have a policy
 
     try:

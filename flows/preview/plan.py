@@ -29,6 +29,7 @@ from tasks.documents.source_text import read_document
 from tasks.results.playback.replay_formats import is_installed
 from tasks.results.statistics.power import effective_episodes
 from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.application.mjcf_check import refusal_lines
 from tasks.simulate.forecast.batch_times import Span
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.host.declaration import controller_kind
@@ -309,16 +310,11 @@ def _planned(
     faults = [
         Fault(path=_ROBOTS, value=robot.robot, allowed=f"a robot that an engine takes, and not this one: {fault}")
         for robot in plan.robots
-        for fault in _faults_of(robot.refusal)
+        for fault in refusal_lines(robot.refusal)
     ]
     if faults := [*faults, *host_faults(beside)]:
         raise DocumentError(list(dict.fromkeys(faults)))
     return batch, plan, beside
-
-
-def _faults_of(refusal: str) -> list[str]:
-    """Returns the faults in a refusal, one a line, without the headings above lists of them."""
-    return [" ".join(line.split()) for line in refusal.splitlines() if not line.endswith(" refuses the robot:")]
 
 
 def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
@@ -331,6 +327,7 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     for robot in plan.robots:
         if robot.choice:
             yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"
+            yield from (f"                  {robot.robot}: strange: {line}" for line in robot.choice.strange)
     chunks = f"{_count(plan.chunks, 'chunk')} of {_count(plan.lanes, 'lane')}"
     devices = _count(plan.devices, f"{plan.device} device")
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"

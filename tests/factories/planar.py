@@ -12,7 +12,8 @@ import numpy as np
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.contract import Body, Motion
-from tasks.simulate.application.robot_model import add_obstacle, collision_bits, read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import add_obstacle, collision_bits
 from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
 from tasks.simulate.engines.planar.planar_robot import PlanarRobot, planar_robot
 

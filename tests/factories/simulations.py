@@ -20,6 +20,8 @@ if TYPE_CHECKING:  # it imports JAX, whose settings a worker makes first
 P = ParamSpec("P")
 REPOSITORY = ROOT
 BUNDLES = ROOT / "tests" / "simulate" / "bundles"
+ROOT_ROBOTS = tuple(sorted([*ROOT.glob("applications/*/robot.xml"), *ROOT.glob("examples/*/*/robot.xml")]))
+"""The robots that Simyard brings along."""
 COURIER, DELIVERY, FAULTY, DRIFT, PLAIN = ("c" * 64, "d" * 64, "f" * 64, "e" * 64, "a" * 64)
 FOLDERS = {
     COURIER: REPOSITORY / "applications" / "courier",

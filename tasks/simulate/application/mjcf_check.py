@@ -23,6 +23,11 @@ class RobotRefused(SimyardError):  # noqa: N818 - a state
     """A robot.xml that does not load, or that an engine cannot represent; says which element, and the remedy."""
 
 
+def refusal_lines(refusal: str) -> list[str]:
+    """Returns the faults in a refusal, one a line, without the headings above lists of them."""
+    return [" ".join(line.split()) for line in refusal.splitlines() if not line.endswith(" refuses the robot:")]
+
+
 class MjcfRefused(RobotRefused):
     """A robot.xml that MuJoCo is not given: it leads out of its bundle, or grows beyond any robot."""
 

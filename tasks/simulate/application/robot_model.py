@@ -4,8 +4,7 @@ Also what messages call a robot's parts, and its pose and velocity in the plane 
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -13,8 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64
 
-from specs.data.episode import CONTROL_S
-from tasks.simulate.application.mjcf_check import RobotRefused, check_mjcf
+from tasks.simulate.application.mjcf_check import RobotRefused
 
 _ENDINGS = {1: "st", 2: "nd", 3: "rd"}
 _TEENS = (11, 12, 13)
@@ -64,13 +62,12 @@ def _place(siblings: Sequence[int], one: int) -> str:
     return f"{number}{'th' if number % 100 in _TEENS else _ENDINGS.get(number % 10, 'th')}"
 
 
-_JOINTS = (
+PLANAR_JOINTS = (
     (mujoco.mjtJoint.mjJNT_SLIDE, (1.0, 0.0, 0.0)),
     (mujoco.mjtJoint.mjJNT_SLIDE, (0.0, 1.0, 0.0)),
     (mujoco.mjtJoint.mjJNT_HINGE, (0.0, 0.0, 1.0)),
 )
-_FLOOR = "simyard/floor"
-_FLOOR_FIELDS = ("condim", "friction", "solref", "solimp", "solmix", "margin", "gap", "priority")
+FLOOR = "simyard/floor"
 _LEVEL = 0.999
 _RIM_POINTS = 64
 
@@ -95,31 +92,6 @@ class Base(NamedTuple):
     body: int
     free: bool
     articulated: bool
-
-
-def read_robot_mjcf(path: Path) -> mujoco.MjSpec:
-    """Returns a robot's specification without the scenery that its file may hold beside it.
-
-    A time step that does not divide a control step is shortened until it does. A robot with a free joint gets a level
-    floor at height 0: the one of its own file, if there is one, or one that is as rough as MuJoCo's default.
-
-    Raises:
-        RobotRefused: The file is missing, is not MJCF, holds what no robot needs, or its robot cannot be driven about.
-    """
-    check_mjcf(path)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        floor = next((geom for geom in spec.worldbody.geoms if _is_floor(geom)), None)
-        ground = {} if floor is None else {name: np.copy(getattr(floor, name)) for name in _FLOOR_FIELDS}
-        _delete_scenery(spec)
-        base = base_of(compile_robot(spec))
-        if base.free:
-            _add_floor(spec, ground)
-        _shorten_steps(spec)
-        compile_robot(spec)
-    except (ValueError, OSError) as exc:
-        raise RobotRefused(f"{path.name}: {' '.join(str(exc).split())}") from exc
-    return spec
 
 
 def compile_robot(spec: mujoco.MjSpec) -> mujoco.MjModel:
@@ -147,7 +119,7 @@ def base_of(model: mujoco.MjModel) -> Base:
     if joints and model.jnt_type[joints[0]] == mujoco.mjtJoint.mjJNT_FREE:
         return Base(body, free=True, articulated=True)
     _require_planar(model, body, joints)
-    return Base(body, free=False, articulated=model.njnt > len(_JOINTS))
+    return Base(body, free=False, articulated=model.njnt > len(PLANAR_JOINTS))
 
 
 def hull_of(model: mujoco.MjModel) -> Hull:
@@ -156,18 +128,38 @@ def hull_of(model: mujoco.MjModel) -> Hull:
     Raises:
         RobotRefused: Nothing of it collides.
     """
-    data = mujoco.MjData(model)
-    data.qpos[:] = rest_position(model)
-    mujoco.mj_forward(model, data)
-    base = base_of(model)
-    points = [_outline(model, data, geom) for geom in range(model.ngeom) if _collides(model, geom)]
-    if not points:
-        raise RobotRefused("robot.xml: no geom collides: give its hull a contype or a conaffinity")
-    outline = np.concatenate(points)
+    data, base = resting(model), base_of(model)
+    outline = outline_of(model, data, robot_geoms(model))
     reach = np.hypot(*(outline[:, :2] - data.xpos[base.body][:2]).T) + outline[:, 3]
     low_m, high_m = (outline[:, 2] - outline[:, 3]).min(), (outline[:, 2] + outline[:, 3]).max()
     # What walks may put any part of it on the floor.
     return Hull(float(reach.max()), min(float(low_m), 0.0) if base.free else float(low_m), float(high_m))
+
+
+def robot_geoms(model: mujoco.MjModel) -> list[int]:
+    """Returns the geoms of a robot that collide.
+
+    Raises:
+        RobotRefused: None does.
+    """
+    moving = model.body_weldid[model.geom_bodyid] != 0
+    found = np.flatnonzero(moving & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))).tolist()
+    if not found:
+        raise RobotRefused("robot.xml: no geom collides: give its hull a contype or a conaffinity")
+    return found
+
+
+def resting(model: mujoco.MjModel) -> mujoco.MjData:
+    """Returns where a robot's parts are at the start."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = rest_position(model)
+    mujoco.mj_kinematics(model, data)
+    return data
+
+
+def outline_of(model: mujoco.MjModel, data: mujoco.MjData, geoms: Sequence[int]) -> Float64[np.ndarray, "points 4"]:
+    """Returns points (x, y, z, radius) whose balls enclose geoms."""
+    return np.concatenate([_outline(model, data, geom) for geom in geoms])
 
 
 def rest_position(model: mujoco.MjModel) -> Float64[np.ndarray, "coordinates"]:
@@ -179,7 +171,7 @@ def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
     """Returns the contype and conaffinity with which an obstacle meets every colliding geom of the robot."""
     contype = conaffinity = 0
     for geom in spec.geoms:
-        if geom.name != _FLOOR:
+        if geom.name != FLOOR:
             contype |= geom.conaffinity
             conaffinity |= geom.contype
     return contype, conaffinity
@@ -197,48 +189,25 @@ def add_obstacle(
         bits: Its contype and conaffinity, from ``collision_bits``.
         body: Where it is added; the world, if left out.
     """
-    geom = (body or spec.worldbody).add_geom(name=name, type=kind)
+    geom = without_shape((body or spec.worldbody).add_geom(name=name, type=kind))
     geom.contype, geom.conaffinity = bits
     geom.condim = 1
     geom.friction = [0.0, 0.0, 0.0]
     return geom
 
 
-def _is_floor(geom: mujoco.MjsGeom) -> bool:
-    return geom.type == mujoco.mjtGeom.mjGEOM_PLANE and bool(geom.contype or geom.conaffinity)
-
-
-def _delete_scenery(spec: mujoco.MjSpec) -> None:
-    """Deletes what is fixed to the world, with everything in it: the worlds bring their own."""
-    for geom in list(spec.worldbody.geoms):
-        spec.delete(geom)
-    for body in list(spec.worldbody.bodies):
-        if not _moves(body):
-            spec.delete(body)
-
-
-def _moves(body: mujoco.MjsBody) -> bool:
-    return bool(body.joints) or any(_moves(child) for child in body.bodies)
-
-
-def _add_floor(spec: mujoco.MjSpec, ground: Mapping[str, object]) -> None:
-    bits = collision_bits(spec)
-    floor = spec.worldbody.add_geom(name=_FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[0.0, 0.0, 1.0])
-    floor.contype, floor.conaffinity = bits
-    for name, value in ground.items():
-        setattr(floor, name, value)
-
-
-def _shorten_steps(spec: mujoco.MjSpec) -> None:
-    if not spec.option.timestep > 0.0:
-        raise RobotRefused(f"robot.xml: option timestep {spec.option.timestep:g} s: must be above 0")
-    steps = int(np.ceil(CONTROL_S / spec.option.timestep - 1e-6))
-    spec.option.timestep = CONTROL_S / max(steps, 1)
+def without_shape(geom: mujoco.MjsGeom) -> mujoco.MjsGeom:
+    """Returns a new geom of ours without what a default of the robot's file makes of its shape and its orientation."""
+    geom.fromto[0] = np.nan
+    geom.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    geom.pos, geom.quat = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0]
+    geom.meshname = geom.hfieldname = ""
+    return geom
 
 
 def _require_planar(model: mujoco.MjModel, body: int, joints: list[int]) -> None:
     found = [(int(model.jnt_type[joint]), tuple(np.round(model.jnt_axis[joint], 6))) for joint in joints]
-    if found != [(int(kind), axis) for kind, axis in _JOINTS]:
+    if found != [(int(kind), axis) for kind, axis in PLANAR_JOINTS]:
         names = ", ".join(_described(model, joint) for joint in joints) or "none"
         raise RobotRefused(
             f"robot.xml: joints of {body_label(model, body)}: {names}: it could not be driven about a floor: a "
@@ -259,11 +228,6 @@ def _described(model: mujoco.MjModel, joint: int) -> str:
     way = {"slide": "slide along", "hinge": "hinge about"}.get(kind)
     moves = f"{way} {along[0]}" if way and along else kind
     return f"{model.joint(joint).name or 'one without a name'} ({moves})"
-
-
-def _collides(model: mujoco.MjModel, geom: int) -> bool:
-    robots = model.body_weldid[model.geom_bodyid[geom]] != 0
-    return bool(robots and (model.geom_contype[geom] or model.geom_conaffinity[geom]))
 
 
 def _outline(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> Float64[np.ndarray, "points 4"]:

@@ -180,12 +180,14 @@ class EngineChoice(Spec):
         device: What its controller, sensors and scenario run on, and its physics unless the engine runs on the host.
         why: For a person; names what stands in the way of faster engines.
         controller: How its controller is driven.
+        strange: What is strange in its ``robot.xml``, and drives all the same, for a person.
     """
 
     engine: EngineName
     device: DeviceKind
     why: str
     controller: ControllerKind = "jax"
+    strange: tuple[str, ...] = ()
 
 
 def choose_engine(asked: str, robot: Path, controller: ControllerKind, device: DeviceKind) -> EngineChoice:
@@ -200,6 +202,8 @@ def choose_engine(asked: str, robot: Path, controller: ControllerKind, device: D
     Raises:
         RobotRefused: The engine that it must be cannot run it, or none can; says what is in the way, and the remedy.
     """
+    from tasks.simulate.application.robot_file import strange_in_robot
+
     order = fastest_first(device) if asked == "auto" else (cast("EngineName", asked),)
     refusals: dict[EngineName, str] = {}
     hindered: list[str] = []
@@ -211,7 +215,8 @@ def choose_engine(asked: str, robot: Path, controller: ControllerKind, device: D
             hindered.append(f"{engine} cannot represent {_culprits(str(refused))}")
         else:
             if not slower:
-                return EngineChoice(engine=engine, device=device, why=_why(asked, hindered), controller=controller)
+                why, strange = _why(asked, hindered), strange_in_robot(robot)
+                return EngineChoice(engine=engine, device=device, why=why, controller=controller, strange=strange)
             hindered.append(f"{engine} is slower: {slower}")
     raise RobotRefused("\n".join(dict.fromkeys(refusals.values())))
 

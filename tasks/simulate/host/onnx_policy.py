@@ -17,7 +17,8 @@ from specs.bundle_files import ActionOutput, ChoiceOutput, PolicyPart
 from specs.launched_file import policy_file
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.application.robot_model import base_of, compile_robot, read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import base_of, compile_robot
 from tasks.simulate.host.policy_check import CheckedPolicy, RobotNumbers, check_policy
 
 if TYPE_CHECKING:

@@ -40,7 +40,8 @@ from tasks.ros.process.lane_limits import NO_ROOM
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, timed_call
 from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.application.robot_model import base_of, compile_robot, read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import base_of, compile_robot
 from tasks.simulate.host.controllers import HostApplication, HostBundle, HostStart
 from tasks.simulate.host.declaration import ControllerKind, read_ros_robot
 from tasks.simulate.host.twist_drive import TwistMap, twist_map

@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float, Float32, Float64
 from specs.bundle_files import ROS_FILE, DifferentialDrive, RosDrive, RosRobot, VelocityDrive
 from specs.errors import SimyardError
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.application.robot_model import Base, base_of, compile_robot, read_robot_mjcf, rest_position
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import Base, base_of, compile_robot, rest_position
 from tasks.simulate.host.declaration import read_ros_robot
 
 _DYNAMICS = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)

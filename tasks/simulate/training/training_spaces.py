@@ -17,7 +17,8 @@ from jaxtyping import Float, Float32, Int
 from specs.base import Fault
 from specs.errors import DocumentError
 from tasks.simulate.application.contract import TIMEOUT, Joints, Observation, Truth, Verdict
-from tasks.simulate.application.robot_model import compile_robot, read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import compile_robot
 from tasks.simulate.sensors.sensor_table import Sensors
 
 

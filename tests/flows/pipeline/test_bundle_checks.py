@@ -165,7 +165,7 @@ def _exploding_spec(folder: Path, robots: dict[str, str]) -> PipelineSpec:
     return PipelineSpec.model_validate({"name": "mine", "applications": sources, "worldGeneration": world})
 
 
-def test_each_robot_that_explodes_is_a_fault_of_its_application(tmp_path: Path):
+def test_each_robot_that_is_refused_is_a_fault_of_its_application(tmp_path: Path):
     spec = _exploding_spec(
         tmp_path, {"one": EXPLODES, "two": "<mujoco/>", "three": '<mujoco><include file="/etc/passwd"/></mujoco>'}
     )
@@ -173,8 +173,22 @@ def test_each_robot_that_explodes_is_a_fault_of_its_application(tmp_path: Path):
     with pytest.raises(DocumentError) as caught:
         check_robot_files(spec, tmp_path)
 
-    assert [fault.path for fault in caught.value.faults] == ["applications[0].source", "applications[2].source"]
-    assert "more than 5,000 elements" in caught.value.faults[0].allowed
+    assert [fault.path for fault in caught.value.faults] == [f"applications[{number}].source" for number in range(3)]
+    for fault, why in zip(
+        caught.value.faults, ("more than 5,000 elements", "bodies in the world: none", "`..`"), strict=True
+    ):
+        assert why in fault.allowed
+
+
+def test_each_thing_that_takes_away_what_a_robot_is_judged_by_is_a_fault(tmp_path: Path):
+    courier = (ROOT / "applications/courier/robot.xml").read_text()
+    blind = courier.replace('timestep="0.005"/>', 'timestep="0.005" wind="1 0 0"><flag contact="disable"/></option>')
+
+    with pytest.raises(DocumentError) as caught:
+        check_robot_files(_exploding_spec(tmp_path, {"one": blind}), tmp_path)
+
+    found = [fault.allowed.split(":")[1] for fault in caught.value.faults]
+    assert found == [" option flag contact disable", " option wind 1 0 0"]
 
 
 def test_a_run_or_a_plan_refuses_such_a_document(tmp_path: Path):

@@ -124,7 +124,7 @@ def test_all_robots_that_no_engine_takes_are_faults_before_the_first_line(
     spec = own_robots(tmp_path, one=UNDRIVEN, two=courier, three=UNDRIVEN)
     with pytest.raises(DocumentError) as caught:
         next(plan_lines(spec, tmp_path, file_store))
-    assert [fault.value for fault in caught.value.faults] == ["one", "three"]
+    assert [Path(fault.value).name for fault in caught.value.faults] == ["one", "three"]
     assert "no actuator: nothing could drive the robot" in caught.value.faults[0].allowed
 
 
@@ -134,17 +134,25 @@ def test_a_refusal_is_one_fault_without_its_heading_and_an_error_of_xml_is_one_l
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     driven = UNDRIVEN.replace("</worldbody>", '</worldbody><actuator><motor joint="x"/></actuator>')
     boxed = driven.replace('<geom size="0.2"', '<geom type="box" size="0.2 0.2 0.1"')
-    spec = own_robots(tmp_path, box=boxed, typo=UNDRIVEN.replace("<geom", "<sight"))
+    spec = own_robots(tmp_path, box=boxed)
     section = spec.simulationBatch
     assert section
     spec = spec.model_copy(update={"simulationBatch": section.model_copy(update={"engine": "planar"})})
     with pytest.raises(DocumentError) as caught:
         next(plan_lines(spec, tmp_path, file_store))
-    box, typo = caught.value.faults
+    (box,) = caught.value.faults
     assert box.allowed.startswith("a robot that an engine takes, and not this one: robot.xml: ")
-    assert typo.value == "typo"
-    assert "unrecognized element" in typo.allowed
-    assert "sight" in typo.allowed
+    with pytest.raises(DocumentError) as caught:
+        next(plan_lines(own_robots(tmp_path, typo=UNDRIVEN.replace("<geom", "<sight")), tmp_path, file_store))
+    (typo,) = caught.value.faults
+    assert re.fullmatch(r"robot\.xml: .*unrecognized element.*sight.*", typo.allowed)
+
+
+def test_what_is_strange_in_a_robot_and_drives_all_the_same_is_told(file_store: Store, tmp_path: Path):
+    courier = (ROOT / "applications/courier/robot.xml").read_text()
+    spec = own_robots(tmp_path, wide=courier.replace('pos="0.15 0 0.08"', 'pos="0.2 0 0.08"'))
+    told = "\n".join(plan_lines(spec, tmp_path, file_store))
+    assert "wide: strange: geom 'nose' reaches 0.25 m from its axis, and what collides 0.18 m" in told
 
 
 def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):

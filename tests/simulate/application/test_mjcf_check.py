@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tasks.simulate.application.mjcf_check import MjcfRefused, check_mjcf
-from tasks.simulate.application.robot_model import read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tests.repository import ROOT
 
 

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     actuator_label,
     base_of,
@@ -19,7 +20,6 @@ from tasks.simulate.application.robot_model import (
     hull_of,
     joint_label,
     pose_of,
-    read_robot_mjcf,
     velocity_of,
 )
 from tasks.simulate.engines.mjx.mjx_robot import load_robot
@@ -81,7 +81,7 @@ def robot(folder: Path, text: str) -> Path:
         ('<geom type="cylinder" size="0.2 0.15" mass="1"/>', 0.2, 0.15, 0.45),
         ('<geom type="cylinder" size="0.2 0.3" euler="90 0 0" mass="1"/>', 0.3606, 0.1, 0.5),
         ('<geom type="ellipsoid" size="0.1 0.2 0.1" mass="1"/>', 0.2236, 0.2, 0.4),
-        (BALL + '<geom type="box" size="1 1 1" mass="0" contype="0" conaffinity="0"/>', 0.2, 0.1, 0.5),
+        (BALL + '<geom type="box" size="0.25 0.25 1" mass="0" contype="0" conaffinity="0"/>', 0.2, 0.1, 0.5),
     ],
 )
 def test_the_hull_encloses_what_collides(tmp_path: Path, geom: str, radius_m: float, low_m: float, high_m: float):
@@ -140,6 +140,12 @@ def test_a_timestep_of_0_is_refused(tmp_path: Path):
     [
         ('integrator="implicit"', BALL, "option integrator implicit: MJX steps Euler"),
         ('cone="elliptic"', BALL.replace("mass", 'condim="1" mass'), "option cone elliptic: .* geom 'hull'"),
+        (
+            "",
+            f'{BALL}</body></worldbody><custom><numeric name="max_contact_points" data="0"/></custom><worldbody><body>'
+            '<geom size="1"/>',
+            "custom numeric max_contact_points: MJX would drop",
+        ),
         ("", BALL.replace("sphere", "ellipsoid").replace('"0.2"', '"0.2 0.1 0.2"'), "geom 'hull': .* an? ellipsoid"),
     ],
 )
@@ -174,10 +180,10 @@ def test_the_hull_of_what_walks_reaches_from_the_floor_around_its_base(tmp_path:
 
 
 def test_a_robot_rests_as_its_first_keyframe_says(tmp_path: Path):
-    text = FREE.replace("</mujoco>", '<keyframe><key qpos="0 0 0.6 1 0 0 0 1.2"/></keyframe></mujoco>')
+    text = FREE.replace("</mujoco>", '<keyframe><key qpos="0 0 0.4 1 0 0 0 1.2"/></keyframe></mujoco>')
     loaded = load_robot(robot(tmp_path, text))
-    assert loaded.rest == pytest.approx([0, 0, 0.6, 1, 0, 0, 0, 1.2])
-    assert loaded.hull.high_m == pytest.approx(0.8)
+    assert loaded.rest == pytest.approx([0, 0, 0.4, 1, 0, 0, 0, 1.2])
+    assert loaded.hull.high_m == pytest.approx(0.6)
 
 
 def test_two_robots_in_a_file_are_refused_by_name(tmp_path: Path):

@@ -11,12 +11,12 @@ from jaxtyping import Float64
 
 from specs.bundle_files import DifferentialDrive, RosRobot, VelocityDrive
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     base_of,
     compile_robot,
     coordinates_at,
     pose_of,
-    read_robot_mjcf,
     rest_position,
     velocity_of,
 )

@@ -11,13 +11,13 @@ import mujoco
 import numpy as np
 
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     base_of,
     compile_robot,
     geom_label,
     hull_of,
     joint_label,
-    read_robot_mjcf,
     rest_position,
     word_of,
 )
@@ -37,6 +37,8 @@ _INTEGRATORS = (
     mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 )
 
+_CONTACT_CAPS = ("max_contact_points", "max_geom_pairs")
+
 
 def refuse_what_mjx_lacks(model: mujoco.MjModel) -> None:
     """Accepts a robot that MJX can step, as far as can be said without asking MJX itself.
@@ -53,6 +55,9 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
     if model.opt.integrator not in _INTEGRATORS:
         found = word_of(mujoco.mjtIntegrator(model.opt.integrator), "mjINT_")
         yield f"option integrator {found}: MJX steps Euler, RK4 and implicitfast: set one of them"
+    for name in (model.numeric(number).name for number in range(model.nnumeric)):
+        if name in _CONTACT_CAPS:
+            yield f"custom numeric {name}: MJX would drop the contacts beyond it, with walls, too: remove it"
     frictionless = [geom for geom in _colliding(model) if model.geom_condim[geom] == 1]
     if model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and frictionless:
         name = geom_label(model, frictionless[0])

@@ -17,6 +17,7 @@ from jaxtyping import Float, Float32, Int
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     Base,
     Hull,
@@ -25,7 +26,6 @@ from tasks.simulate.application.robot_model import (
     collision_bits,
     compile_robot,
     hull_of,
-    read_robot_mjcf,
     rest_position,
 )
 from tasks.simulate.engines.mjx.mjx_limits import refuse_what_mjx_lacks, with_stand_ins

@@ -18,6 +18,7 @@ from mujoco.rollout import Rollout
 
 from specs.data.episode import CONTROL_S
 from specs.data.world import Solid, World, solids
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     Base,
     Hull,
@@ -28,7 +29,6 @@ from tasks.simulate.application.robot_model import (
     coordinates_at,
     hull_of,
     pose_of,
-    read_robot_mjcf,
     rest_position,
     velocity_of,
 )

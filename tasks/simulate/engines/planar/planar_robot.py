@@ -13,6 +13,7 @@ from jaxtyping import Float64
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     Hull,
     actuator_label,
@@ -22,7 +23,6 @@ from tasks.simulate.application.robot_model import (
     geom_label,
     hull_of,
     joint_label,
-    read_robot_mjcf,
     word_of,
 )
 
@@ -158,19 +158,8 @@ _ROUND = (mujoco.mjtGeom.mjGEOM_SPHERE, *_UPRIGHT)
 # Half a degree: what rounded angles, and fromto, lean by. The outline then is off by a hundredth of the height.
 _MOST_LEAN = 0.009
 _INTEGRATORS = (mujoco.mjtIntegrator.mjINT_EULER, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-_WITHOUT = (
-    mujoco.mjtDisableBit.mjDSBL_CONSTRAINT,
-    mujoco.mjtDisableBit.mjDSBL_CONTACT,
-    mujoco.mjtDisableBit.mjDSBL_DAMPER,
-    mujoco.mjtDisableBit.mjDSBL_ACTUATION,
-)
-# The others only watch: energy, comparison with inverse dynamics.
-_WITH = (
-    mujoco.mjtEnableBit.mjENBL_OVERRIDE,
-    mujoco.mjtEnableBit.mjENBL_SLEEP,
-    mujoco.mjtEnableBit.mjENBL_DIAGEXACT,
-    mujoco.mjtEnableBit.mjENBL_IPC,
-)
+# The others of these only watch, or are refused for all engines: energy, comparison with inverse dynamics.
+_WITH = (mujoco.mjtEnableBit.mjENBL_SLEEP, mujoco.mjtEnableBit.mjENBL_DIAGEXACT)
 _TRANSMISSIONS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT, mujoco.mjtTrn.mjTRN_SITE)
 _DYNAMICS = (
     mujoco.mjtDyn.mjDYN_NONE,
@@ -218,8 +207,6 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
         yield f"option integrator {found}: it steps Euler and implicitfast: set one of them"
     if option.cone == mujoco.mjtCone.mjCONE_ELLIPTIC and (model.geom_condim[colliding_geoms(model)] > 1).any():
         yield "option cone elliptic: its friction cones are pyramids: set pyramidal, or condim 1 on the hull"
-    if np.any(option.gravity[:2]):
-        yield f"option gravity {option.gravity.tolist()}: the floor is level: leave only its z"
     if option.density > 0 or option.viscosity > 0:
         yield f"option density {option.density:g}, viscosity {option.viscosity:g}: there is no air: set both to 0"
     if option.noslip_iterations > 0:
@@ -230,9 +217,8 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
 
 
 def _flags(option: mujoco.MjOption) -> Iterator[str]:
-    for bit in _WITHOUT:
-        if option.disableflags & bit:
-            yield f"option flag {word_of(bit, 'mjDSBL_')} disable: it is always on: leave it enabled"
+    if option.disableflags & mujoco.mjtDisableBit.mjDSBL_DAMPER:
+        yield "option flag damper disable: it is always on: leave it enabled"
     for bit in _WITH:
         if option.enableflags & bit:
             yield f"option flag {word_of(bit, 'mjENBL_')} enable: it is unknown here: leave it disabled"
@@ -249,10 +235,6 @@ def _joints(model: mujoco.MjModel) -> Iterator[str]:
     for joint in range(model.njnt):
         name = joint_label(model, joint)
         dof = model.jnt_dofadr[joint]
-        if model.jnt_limited[joint]:
-            yield f"{name}: range {model.jnt_range[joint].tolist()}: only walls stop the robot: remove the range"
-        if model.jnt_stiffness[joint] or model.jnt_stiffnesspoly[joint].any():
-            yield f"{name}: stiffness {model.jnt_stiffness[joint]:g}: nothing pulls the robot back: set 0"
         if model.dof_dampingpoly[dof].any():
             yield f"{name}: damping is not linear: give one number"
         if model.qpos0[joint]:

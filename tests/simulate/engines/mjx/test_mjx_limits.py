@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.application.robot_model import compile_robot, read_robot_mjcf
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import compile_robot
 from tasks.simulate.engines.mjx.mjx_limits import with_stand_ins
 
 ROBOT = """<mujoco><option timestep="0.005"/><worldbody><body name="b" pos="0 0 0.1">
