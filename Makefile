@@ -21,7 +21,8 @@ help:
 	@echo "make bench  print the benchmark tables"
 	@echo "make lock   pin every version in constraints.txt"
 
-# Compiled bytecode makes imports three times faster, also where PYTHONDONTWRITEBYTECODE is set.
+# Compiled bytecode makes imports three times faster: it is written also where the environment says that it is not.
+export PYTHONDONTWRITEBYTECODE :=
 $(READY): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt uv

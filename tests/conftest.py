@@ -1,5 +1,6 @@
 """Stores for every test: a folder, and a bucket on a real S3 server that is started when first asked for."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -30,6 +31,11 @@ CHECKED = [
     "sensors.odometry",
 ]
 install_import_hook([f"tasks.simulate.{module}" for module in CHECKED], "beartype.beartype")
+
+# What a collection makes stays until the end: to look for waste among ten thousand tests, again and again, was a tenth
+# of the tests' time.
+gc.disable()
+_OBJECTS_BETWEEN_LOOKS = 20_000
 
 _BUCKET = "tests"
 pytest_plugins = ["tests.servers.prefect", "tests.integration.prefect_features.team"]
@@ -95,6 +101,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if long:
         config.hook.pytest_deselected(items=long)
         items[:] = [item for item in items if item not in long]
+
+
+def pytest_collection_finish() -> None:
+    """Looks for waste from now on, but not among what is there."""
+    gc.freeze()
+    gc.set_threshold(_OBJECTS_BETWEEN_LOOKS)
+    gc.enable()
+
+
+def pytest_unconfigure() -> None:
+    """Lets everything be cleared away, as some libraries complain of what is left of theirs."""
+    gc.unfreeze()
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -8,7 +8,7 @@ import ast
 import re
 import subprocess
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -88,17 +88,21 @@ def anchors(page: Path) -> frozenset[str]:
     return frozenset(found)
 
 
+@cache
+def in_one_line(text: str) -> str:
+    """Returns a text of which every comment is one line."""
+    return _LINE_END.sub(" ", text)
+
+
 def pages_not_there(text: str) -> list[str]:
     return [
-        found.group()
-        for found in _PAGE.finditer(_LINE_END.sub(" ", text))
-        if not _exists(found.group().partition(",")[0])
+        found.group() for found in _PAGE.finditer(in_one_line(text)) if not _exists(found.group().partition(",")[0])
     ]
 
 
 def sections_not_there(text: str) -> list[str]:
     missing: list[str] = []
-    for found in _PAGE.finditer(_LINE_END.sub(" ", text)):
+    for found in _PAGE.finditer(in_one_line(text)):
         page = ROOT / found.group().partition(",")[0]
         numbers = _NUMBER.findall(found["numbers"] or "")
         if page.is_file() and not all(_has_section(page, number) for number in numbers):
@@ -113,16 +117,25 @@ def links_to_nowhere(text: str, page: Path) -> list[str]:
 
 
 def citations_of_elsewhere(text: str, path: Path) -> list[str]:
-    prose = _LINE_END.sub(" ", _LINK.sub("", text) if path.suffix == ".md" else text)
+    prose = in_one_line(_LINK.sub("", text) if path.suffix == ".md" else text)
     neighbours = {page.name for page in (*ROOT.glob("*.md"), *(ROOT / path).parent.glob("*.md"))}
     bare = [name for name in _BARE_PAGE.findall(prose) if name not in neighbours]
     return [*_ELSEWHERE.findall(prose), *bare]
 
 
+def statements(node: ast.AST) -> Iterator[ast.AST]:
+    """Yields the statements of a module, those within others as well; not what each is made of."""
+    yield node
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from statements(child)
+
+
+@cache
 def prose_and_code(text: str) -> tuple[str, frozenset[str]]:
     """A module's comments and docstrings, and the words of its code, those in texts as well."""
     holders = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-    documented = [node for node in ast.walk(ast.parse(text)) if isinstance(node, holders) and ast.get_docstring(node)]
+    documented = [node for node in statements(ast.parse(text)) if isinstance(node, holders) and ast.get_docstring(node)]
     docstrings = {
         number for node in documented for number in range(node.body[0].lineno, (node.body[0].end_lineno or 0) + 1)
     }

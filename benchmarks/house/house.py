@@ -83,9 +83,9 @@ def house(root: Path) -> House:
     """Returns what is counted of a checkout."""
     texts = {path: path.read_text() for top in TOPS for path in sorted((root / top).rglob("*.py"))}
     modules = {path: text for path, text in texts.items() if path.name != "__init__.py"}
-    trees = {path: ast.parse(text) for path, text in modules.items()}
+    nodes = {path: list(ast.walk(ast.parse(text))) for path, text in modules.items()}
     lines = [text.count("\n") for text in modules.values()]
-    importers = Counter(len(users) for users in _importers(root, trees).values())
+    importers = Counter(len(users) for users in _importers(root, nodes).values())
     stems = Counter(path.stem for path in modules)
     return House(
         modules=len(modules),
@@ -94,8 +94,8 @@ def house(root: Path) -> House:
         benchmark_lines=_lines(root / "benchmarks"),
         median_lines=median(lines),
         mean_lines=mean(lines),
-        mean_function=mean(size for tree in trees.values() for size in _function_sizes(tree)),
-        import_share=sum(map(_import_lines, trees.values())) / sum(lines),
+        mean_function=mean(size for each in nodes.values() for size in _function_sizes(each)),
+        import_share=sum(map(_import_lines, nodes.values())) / sum(lines),
         one_importer=importers[1] / len(modules),
         names_twice=sum(count > 1 for count in stems.values()),
     )
@@ -152,19 +152,19 @@ def _lines(folder: Path) -> int:
     return sum(path.read_text().count("\n") for path in folder.rglob("*.py"))
 
 
-def _importers(root: Path, trees: dict[Path, ast.Module]) -> dict[str, set[Path]]:
+def _importers(root: Path, modules: dict[Path, list[ast.AST]]) -> dict[str, set[Path]]:
     """Returns the modules that import each module."""
-    names = {".".join(path.relative_to(root).with_suffix("").parts): path for path in trees}
+    names = {".".join(path.relative_to(root).with_suffix("").parts): path for path in modules}
     users: defaultdict[str, set[Path]] = defaultdict(set, {name: set() for name in names})
-    for path, tree in trees.items():
-        for name in _imported(tree):
+    for path, nodes in modules.items():
+        for name in _imported(nodes):
             if name in names and names[name] != path:
                 users[name].add(path)
     return users
 
 
-def _imported(tree: ast.Module) -> Iterator[str]:
-    for node in ast.walk(tree):
+def _imported(nodes: list[ast.AST]) -> Iterator[str]:
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
@@ -172,15 +172,15 @@ def _imported(tree: ast.Module) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def _function_sizes(tree: ast.Module) -> Iterator[int]:
-    for node in ast.walk(tree):
+def _function_sizes(nodes: list[ast.AST]) -> Iterator[int]:
+    for node in nodes:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             body = node.body[1:] if ast.get_docstring(node) and len(node.body) > 1 else node.body
             yield (body[-1].end_lineno or body[-1].lineno) - body[0].lineno + 1
 
 
-def _import_lines(tree: ast.Module) -> int:
-    imports = (node for node in ast.walk(tree) if isinstance(node, ast.Import | ast.ImportFrom))
+def _import_lines(nodes: list[ast.AST]) -> int:
+    imports = (node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom))
     return sum((node.end_lineno or node.lineno) - node.lineno + 1 for node in imports)
 
 

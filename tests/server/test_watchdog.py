@@ -2,7 +2,6 @@
 
 import gc
 import threading
-from collections.abc import Generator
 from types import SimpleNamespace
 
 import pytest
@@ -10,13 +9,6 @@ import pytest
 from specs.errors import StageFailed
 from tasks.server import watchdog
 from tasks.server.watchdog import WatchdogPace, WatchdogState, guard_run, pause_collector
-
-
-@pytest.fixture(autouse=True)
-def _thaw() -> Generator[None, None, None]:  # pyright: ignore[reportUnusedFunction] - used by every test
-    """Lets this process collect at its end what other tests have made."""
-    yield
-    gc.unfreeze()
 
 
 def test_nothing_is_collected_in_a_pause_and_what_was_made_is_not_looked_at_again():

@@ -78,7 +78,7 @@ def test_every_class_of_the_tree_is_drawn_under_its_base() -> None:
     assert drawn_errors() == {name: base for name, (base, _) in declared_errors().items()}
 
 
-@pytest.mark.parametrize("name", list(declared_errors()))
+@pytest.mark.parametrize("name", list(drawn_errors()))
 def test_an_error_is_the_same_in_another_process(name: str) -> None:
     error = sample(name)
     error.add_note("of the fourth chunk")
