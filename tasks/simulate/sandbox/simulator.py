@@ -74,6 +74,7 @@ def timeout_of(call: RunningCall) -> str:
 
 
 _HEAD_BYTES, _TAIL_BYTES = 32 << 10, 32 << 10
+_PIPE_BYTES = 1 << 20  # more than any pipe holds (pipe(7), /proc/sys/fs/pipe-max-size)
 _LAST_LINES, _LAST_CHARACTERS = 3, 300
 
 
@@ -82,15 +83,20 @@ class CapturedOutput:
 
     def __init__(self, pipe: IO[bytes]) -> None:
         """Begins to read; ends with the pipe."""
-        self._pipe, self._lock = pipe, threading.Lock()
+        self._pipe, self._lock, self._ended = pipe, threading.Lock(), False
+        os.set_blocking(pipe.fileno(), False)
         self._head, self._tail, self._left_out = bytearray(), bytearray(), 0
         self._end = bytearray()
         self._thread = threading.Thread(target=self._read, name="simyard output", daemon=True)
         self._thread.start()
 
     def take(self) -> str:
-        """Returns what was printed since this was last asked, with a line where something is left out."""
+        """Returns what was printed since this was last asked, with a line where something is left out.
+
+        What the process printed before it answered is there, whether or not the thread has come to read it.
+        """
         with self._lock:
+            self._keep_waiting()
             head, tail, left_out = bytes(self._head), bytes(self._tail), self._left_out
             self._head.clear()
             self._tail.clear()
@@ -110,10 +116,24 @@ class CapturedOutput:
         self._thread.join(timeout_s)
 
     def _read(self) -> None:
+        poll = select.poll()
         with self._pipe:
-            while piece := self._pipe.read1(65536):  # pyright: ignore[reportAttributeAccessIssue] - a buffered reader
+            poll.register(self._pipe, select.POLLIN)
+            while not self._ended:
+                poll.poll()
                 with self._lock:
-                    self._keep(piece)
+                    self._keep_waiting()
+
+    def _keep_waiting(self) -> None:
+        """Keeps what waits in the pipe, at once and only once: who prints without end holds nobody up."""
+        if self._ended:
+            return
+        try:
+            piece = os.read(self._pipe.fileno(), _PIPE_BYTES)
+        except BlockingIOError:  # nothing, or the other of both who read has it
+            return
+        self._ended = not piece
+        self._keep(piece)
 
     def _keep(self, piece: bytes) -> None:
         room = _HEAD_BYTES - len(self._head) if not self._tail else 0

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import os
 import shutil
 import tarfile
 import threading
@@ -58,6 +59,11 @@ def edit(files: Path) -> None:
     (files / "courier/drive.py").write_bytes(b"SPEED = 9")
 
 
+def nobody() -> SimpleNamespace:
+    """Returns a process that prints nothing, beyond all numbers of processes."""
+    return SimpleNamespace(stdout=Path(os.devnull).open("rb"), pid=1 << 30, wait=lambda: 0)
+
+
 def test_a_process_is_used_again_while_its_bundles_are_what_they_were(bundles: dict[str, Path]):
     with simulator(bundles) as first:
         pass
@@ -99,8 +105,7 @@ def test_no_process_simulates_with_a_bundle_that_somebody_edited(bundles: dict[s
 def test_a_chunk_is_sent_once_while_questions_name_it_and_again_if_it_has_other_episodes(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    nobody = SimpleNamespace(stdout=io.BytesIO(), pid=1 << 30, wait=lambda: 0)  # beyond all numbers of processes
-    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody)
+    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody())
     process = Simulator({})
     first, second, third = plan_chunks([pushing(index, world="hand/pen-0") for index in range(6)], 2)
     assert process.new_chunks([first, second]) == (first, second)
@@ -115,8 +120,7 @@ def test_a_chunk_is_sent_once_while_questions_name_it_and_again_if_it_has_other_
 def test_chunks_ahead_may_be_to_blame_for_an_answer_that_is_refused_when_it_is_read(
     monkeypatch: pytest.MonkeyPatch, numbers: tuple[int, ...]
 ):
-    nobody = SimpleNamespace(stdout=io.BytesIO(), pid=1 << 30, wait=lambda: 0)
-    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody)
+    monkeypatch.setattr(simulator_module, "_started", lambda *_: nobody())
     monkeypatch.setattr(Simulator, "_asked", lambda *_: (Rows(), ()))
     process, worlds = Simulator({}), SentWorlds(new={})
     process.ask(LanesWork(numbers=numbers, new=(), worlds=worlds, bundles={}, lanes=8, engine="auto"))

@@ -1,11 +1,13 @@
 """Processes that simulate: whose fault it is that one ends, and which compilations its listener hears of."""
 
+import os
+
 import pytest
 
 from tasks.progress.listener import listen_to_progress
 from tasks.simulate.sandbox import simulator
 from tasks.simulate.sandbox.protocol import Answer, AuditWork, Compiles, Progress, SentWorlds
-from tasks.simulate.sandbox.simulator import Compilations, Simulator, SimulatorNotStarted
+from tasks.simulate.sandbox.simulator import CapturedOutput, Compilations, Simulator, SimulatorNotStarted
 
 
 def heard(*answers: Answer) -> list[tuple[str, int, int]]:
@@ -41,3 +43,14 @@ def test_a_process_that_ends_before_any_application_blames_the_machine(monkeypat
             process.ask(work)
     finally:
         process.end()
+
+
+def test_what_was_printed_before_it_is_asked_for_is_there_however_busy_the_machine_is():
+    read, write = os.pipe()
+    output = CapturedOutput(open(read, "rb"))  # noqa: SIM115, PTH123 - it closes it at the end
+    for number in range(100):
+        os.write(write, b"line %d\n" % number)
+        assert output.take() == f"line {number}\n"
+    os.close(write)
+    output.wait(60.0)
+    assert output.take() == ""
