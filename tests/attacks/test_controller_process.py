@@ -1,8 +1,11 @@
-"""Strangers' code in a run: a controller that ends its process judges no batch.
+"""Strangers' code in a run: a controller that ends its process judges no batch, and one that hangs can be interrupted.
 
-On commit d54b1a2 controllers ran in the process that holds keys and the exit code. One that raises, hangs, writes files
-or looks for keys: tests/simulate/sandbox/test_sandbox_client.py.
+On commit d54b1a2 controllers ran in the process that holds keys and the exit code. One that raises, writes files or
+looks for keys: tests/simulate/sandbox/test_sandbox_client.py.
 """
+
+import signal
+import time
 
 import pytest
 
@@ -11,7 +14,10 @@ from tests.integration.runs import write_document
 from tests.repository import ROOT
 
 pytestmark = pytest.mark.integration
-_INCONCLUSIVE = 4
+_INCONCLUSIVE, _INTERRUPTED = 4, 130
+# From the beginning of a chunk to a controller's third step. Nothing tells from outside that it sleeps; before it does,
+# the run can be interrupted anyway.
+_UNTIL_IT_HANGS_S = 10.0
 _CONTROLLER = """
 import os
 import sys
@@ -82,3 +88,16 @@ def test_a_controller_that_ends_its_process_turns_no_pipeline_green(owner: Owner
     assert "The gate says INCONCLUSIVE" in ended.stdout
     said = "exit code 0"
     assert said in ended.stdout or any(said.encode() in writer.get(key) for key in writer.keys("jobs/"))
+
+
+def test_a_run_whose_controller_hangs_can_be_interrupted(owner: Owner, writer: Writer):
+    """A controller sleeps for ever, so that the run can be neither ended nor cancelled; its process is killed."""
+    run = owner.start("run", _document(owner, "time.sleep(10_000)"))
+    while not any("/000000.started" in key for key in writer.keys("chunks/")):
+        assert run.poll() is None, run.communicate()[0]
+        time.sleep(0.1)
+    time.sleep(_UNTIL_IT_HANGS_S)
+    run.send_signal(signal.SIGINT)
+    told, _ = run.communicate(timeout=250)
+    assert run.returncode == _INTERRUPTED, told
+    assert "the same command continues this run" in told

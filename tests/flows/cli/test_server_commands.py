@@ -1,14 +1,25 @@
 """The commands of `simyard access`, and what `simyard serve` refuses before it listens."""
 
+import json
 import shlex
+import time
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner, Result
 
+from flows.cli import server_commands
 from flows.cli.shell import app
+from flows.gateway.application import Calls
+from flows.gateway.gateway import Gateway
+from flows.gateway.handlers import HANDLERS
+from flows.gateway.serve import Auth
 from specs.errors import DocumentError
+from tasks.deploy.fleet.fleet_registry import fleets
 from tasks.gateway.access.access_keys import read_keys
+from tasks.gateway.access.action_log import actions
+from tasks.storage.store_url import open_store
+from tests.gateway.signed_requests import changed, signed_request
 
 
 @pytest.fixture
@@ -88,3 +99,28 @@ def test_a_file_of_keys_that_others_can_read_is_refused_at_the_start(keys: Path)
 def test_a_model_without_a_folder_is_not_silently_nothing() -> None:
     with pytest.raises(DocumentError, match="with --model"):
         typed("serve", "--model-only")
+
+
+def test_what_it_serves_asks_for_signatures_and_rights_and_writes_down_who_came(
+    keys: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    met: list[Auth] = []
+    monkeypatch.setattr(server_commands, "serve_store", lambda _store, auth, *_: met.append(auth))
+    typed("access", "add", "ci", "--right", "read")
+    typed("access", "add", "all", "--right", "deploy")
+    typed("serve", "--workers", "0")
+    store = open_store((tmp_path / "store").as_uri())
+    calls = Calls(Gateway(store, lambda: None), HANDLERS, *met[0])
+    reads, deploys = (
+        signed_request(body=b'{"name": "aisle"}', secret=key.secret, key_id=key.key_id)
+        for key in read_keys(keys).values()
+    )
+
+    refused = (calls.answer(changed(deploys, authorization=None)), calls.answer(reads))
+    made, again = calls.answer(deploys), calls.answer(deploys)
+
+    assert [answer.error for answer in refused] == ["MissingAuthenticationTokenException", "AccessDeniedException"]
+    assert (made.status, again.status) == (200, 400)
+    assert [fleet.name for fleet in fleets(store)] == ["aisle"]
+    lines = [json.loads(line) for line in actions(store, 1, time.time())]
+    assert [line["name"] for line in lines] == ["", "ci", "all", ""]

@@ -13,7 +13,7 @@ from flows.batch.batch_steps import AUDIT, EPISODES
 from flows.pipeline import batch_run, pipeline
 from flows.pipeline.batch_run import robots_in_reserve
 from flows.pipeline.orchestrator import Reports
-from flows.pipeline.pipeline import _judge_and_deploy, world_export, world_generation
+from flows.pipeline.pipeline import _judge_and_deploy, simulation_batch, world_export, world_generation
 from flows.pipeline.recount import section_world_changes
 from flows.pipeline.references import ParsedRun
 from flows.pipeline.stage_report import generation_report
@@ -25,11 +25,12 @@ from specs.settings import MAX_WORLDS
 from tasks.documents.pipeline_file import read_pipeline
 from tasks.progress.listener import listen_to_progress, report_progress
 from tasks.storage.base.keys import job_key, world_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import Store, encode_document
 from tasks.storage.jobs.records import read, records, submit
 from tasks.storage.jobs.runs import jobs_of, stage_token, worlds_of_job
 from tasks.storage.store_url import open_store
 from tests.factories.planned_batches import begun as begun_batch
+from tests.factories.planned_batches import plan
 from tests.integration.runs import finished, small_document, tables, write_document
 from tests.repository import ROOT
 
@@ -121,6 +122,26 @@ def came_of(store: Store) -> tuple[Reports, Reports, Reports]:
     return _judge_and_deploy(ParsedRun(spec, ".", store, record), record, (SIMULATED,))
 
 
+def test_a_batch_whose_plan_was_edited_is_not_driven_on(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    def end(*_: object) -> None:
+        raise StageFailed("InternalServiceError", "killed")
+
+    monkeypatch.setattr(pipeline, "run_batch", end)
+    monkeypatch.setattr(pipeline, "batch_plan", lambda *_: plan(file_store))
+    section = read_pipeline(ROOT / "examples/quickstart.yaml").simulationBatch
+    assert section
+    with monkeypatch.context() as first:
+        first.setattr(pipeline, "require_plan", end)  # or this process would remember the plan
+        with pytest.raises(StageFailed, match="killed"):
+            simulation_batch(section, None, file_store.url, None, "run-batch")
+    (batch,) = records(file_store, "simulation-job-batch")
+    edited = batch.model_copy(deep=True)
+    cast("Any", edited.request)["plan"]["templates"][0]["duration_s"] = 600.0
+    file_store.put(job_key(batch.kind, batch.id), encode_document(edited))
+    with pytest.raises(StageFailed, match=r"says the plan \w+; the document's plan is"):
+        simulation_batch(section, None, file_store.url, None, "run-batch")
+
+
 @pytest.mark.parametrize(("shows", "stage"), [("show_verdict", 1), ("show_trend", 0)])
 def test_a_page_that_prefect_does_not_take_is_an_alarm_and_the_deployment_is_told_as_it_ended(
     file_store: Store, fails: Fails, shows: str, stage: int
@@ -187,6 +208,7 @@ def test_a_run_knows_all_its_generation_jobs_so_that_they_can_be_cancelled_and_k
     run = submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": spec}, "run")
     found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
     run = read(file_store, "pipeline-run", run.id)
+    monkeypatch.setenv(MAX_WORLDS.variable, "50")  # of the machine that asks
     assert [job for _, job in jobs_of(run)] == list(dict.fromkeys(world.split("/")[0] for world, _ in found))
 
 
@@ -216,6 +238,7 @@ def test_worlds_that_several_jobs_made_are_recounted_job_by_job(file_store: Stor
     found = made(file_store, monkeypatch, 2, stage_token(run, "worlds"))
     digests = {world: hashlib.sha256(body).hexdigest() for world, body in found}
     named = [world for world, _ in found]
+    monkeypatch.setenv(MAX_WORLDS.variable, "50")  # of the machine that counts
     assert section_world_changes(SECTION, named, digests, store=file_store, base=BASE, run=run) == []
     (line,) = section_world_changes(
         SECTION, named, digests | {named[2]: "0" * 64}, store=file_store, base=BASE, run=run

@@ -10,7 +10,7 @@ import pytest
 
 from flows.batch.batch_end import write_report_page
 from flows.pipeline import recount
-from flows.pipeline.pipeline import authenticated_batch, deploy, judge
+from flows.pipeline.pipeline import _judge_and_deploy, authenticated_batch, deploy, judge
 from flows.pipeline.recount import PlannedRun, authenticated_record, count_batch, recount_changes, sample_changes
 from flows.pipeline.references import ParsedRun
 from flows.pipeline.run_gate import gate_answer, read_baseline, read_gate_answer
@@ -273,10 +273,13 @@ def test_a_sample_that_breaks_hides_nothing_of_what_was_counted_otherwise(run: R
     assert "says counts" in line
 
 
-def test_counts_that_do_not_follow_are_named(run: Run):
+def test_counts_that_do_not_follow_are_named_and_nothing_is_shipped(run: Run):
     run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
     (line,) = run.changes()
     assert "says counts {'episodes': 80, 'successes': 1" in line
+    (report,) = deploy(run.work, run.batch)
+    assert report.status == "Refused"
+    assert line in report.summary
 
 
 def test_an_answer_that_nobody_vouches_for_is_given_again_or_refused(failed: Run):
@@ -308,5 +311,5 @@ def test_only_what_is_vouched_for_is_handed_to_the_gate(run: Run):
     run.edit(KIND, run.batch.id, lambda detail: detail["counts"].update(successes=1))
     read = run.batch.model_copy(update={"detail": {**run.batch.detail, "counts": {"successes": 1}}})
     with pytest.raises(StageFailed, match="says counts"):
-        authenticated_batch(run.work, read)
+        _judge_and_deploy(run.work, read, ())
     assert authenticated_batch(run.work, None) is None

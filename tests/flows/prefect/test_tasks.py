@@ -1,6 +1,7 @@
-"""What Prefect's pages call the task runs of a batch."""
+"""What Prefect's pages show of tasks: their names, how far they are, and what they left, in which no text is active."""
 
 import logging
+import re
 from collections.abc import Callable
 from uuid import UUID, uuid4
 
@@ -8,11 +9,25 @@ import httpx
 import pytest
 from prefect.exceptions import PrefectHTTPStatusError
 
-from flows.prefect import tasks
+from flows.batch.batch_steps import BatchTables
+from flows.pipeline.run_gate import BatchJudgement
+from flows.prefect import prefect_orchestrator, tasks
+from flows.prefect.prefect_orchestrator import PrefectOrchestrator
 from flows.prefect.tasks import chunk_name, show_progress
+from specs.data.parity_audit import AuditReport
+from specs.data.run_report import PipelineReport
 from specs.errors import StoreAway
+from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
 from tasks.progress import listener
 from tasks.progress.listener import listen_to_progress
+from tasks.results.gate.gate_verdict import GateVerdict
+from tasks.results.statistics.batch_summary import EpisodeCounts
+from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import submit
+from tests.results.ci.full_reports import rule, stage
+
+ACTIVE = "<img src=x onerror=alert(1)>|[click](javascript:alert(1))"
+"""What a stranger may write into a name, a variable or the reason of a failure."""
 
 
 def test_a_chunk_has_a_name_while_its_store_is_away(monkeypatch: pytest.MonkeyPatch):
@@ -116,3 +131,36 @@ def test_bars_move_once_a_second_at_most_and_at_the_end(server: Server, monkeypa
             progress(done, 39)
     assert server.updates == pytest.approx([100.0 * done / 39 for done in range(4, 40, 4)] + [100.0])
     assert in_terminal == [*range(0, 40, 4), 39]
+
+
+def test_text_of_strangers_is_neither_link_nor_html_in_what_is_left_on_pages(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    left: list[str] = []
+    for module in (tasks, prefect_orchestrator):
+        monkeypatch.setattr(module, "create_table_artifact", lambda table, **_: left.append(str(table[0])))
+    monkeypatch.setattr(tasks, "create_markdown_artifact", lambda page, **_: left.append(page))
+    robot = RobotDeployment(status="Failed", failureReason=ACTIVE)
+    job = DescribeDeploymentJobResponse(status="Failed", robotDeploymentSummary=(robot,))
+    monkeypatch.setattr(tasks, "describe_deployment_job", lambda *_: job)
+    audit = AuditReport(verdict="SUSPECT", sentence=ACTIVE).model_dump(mode="json")
+    verdict = GateVerdict(
+        verdict="FAIL",
+        sentence=ACTIVE,
+        counts=EpisodeCounts(episodes=0, successes=0, failed_jobs=0, canceled=0),
+        rules=(rule("FAIL", ACTIVE, ACTIVE),),
+    )
+    deployed = {"store_url": file_store.url}, submit(file_store, "deployment-job", {}, "token")
+    for shown, parameters, result in (
+        ("_show_tables", {"batch": "simb-1"}, BatchTables({}, [(ACTIVE,) * 5], "Wilson's")),
+        ("_show_audit", {}, {"audit": audit, "audit_url": "file:///audit.json"}),
+        ("_show_verdict", {}, BatchJudgement(verdict, "file:///evidence.json", "")),
+        ("_show_robots", *deployed),
+    ):
+        getattr(tasks, shown)(parameters, result)
+    PrefectOrchestrator().show_run_report(PipelineReport(run="run-1", name="n", stages=(stage(summary=ACTIVE),)))
+
+    assert len(left) == 5
+    assert all("onerror" in each for each in left)
+    # Of each `<` and `[`, what makes it text stands in front of it: a backslash.
+    assert [re.findall(r"(?<!\\)(?:<img|\[click\])", each) for each in left] == [[]] * 5
