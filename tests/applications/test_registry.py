@@ -292,7 +292,10 @@ def test_applications_are_listed_by_name(store: Store, tmp_path: Path) -> None:
 _LOG = logging.getLogger(__name__)
 
 
-@pytest.mark.parametrize(("processes", "seconds"), [(3, 1.0), pytest.param(8, 10.0, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    ("processes", "seconds"),
+    [pytest.param(3, 1.0, marks=pytest.mark.long), pytest.param(8, 10.0, marks=pytest.mark.soak)],
+)
 def test_every_version_that_was_acknowledged_has_a_number_of_its_own_and_none_is_left_out(
     store: Store, processes: int, seconds: float
 ) -> None:

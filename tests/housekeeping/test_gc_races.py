@@ -13,9 +13,10 @@ from tests.housekeeping.yard import Yard, freed
 from tests.servers.racers import in_processes
 
 _LOG = logging.getLogger(__name__)
+pytestmark = pytest.mark.long  # `test_races` steps from one write to the next whenever tests are run
 
 
-@pytest.mark.parametrize(("lives", "seconds"), [(2, 1.0), pytest.param(6, 20.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("lives", "seconds"), [(2, 1.0), pytest.param(6, 20.0, marks=pytest.mark.soak)])
 def test_nothing_goes_that_a_record_names_while_two_gcs_run_over_and_over(
     store: Store, tmp_path: Path, lives: int, seconds: float
 ) -> None:
@@ -38,7 +39,7 @@ def test_nothing_goes_that_a_record_names_while_two_gcs_run_over_and_over(
     assert freed(yard.gc(tmp_path)) == {}
 
 
-@pytest.mark.parametrize(("fillers", "seconds"), [(2, 0.8), pytest.param(4, 20.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("fillers", "seconds"), [(2, 0.8), pytest.param(4, 20.0, marks=pytest.mark.soak)])
 def test_two_gcs_clear_a_cache_at_once_while_others_fill_it(tmp_path: Path, fillers: int, seconds: float) -> None:
     for folder in ("bundles", "timings"):
         (tmp_path / folder).mkdir()

@@ -172,6 +172,7 @@ def test_a_checkout_that_has_a_home_keeps_it_when_the_first_one_is_gone(tmp_path
     assert checkout_home(tmp_path / "cache", second) == before
 
 
+@pytest.mark.long
 def test_of_checkouts_that_come_at_once_one_gets_the_first_home(tmp_path: Path):
     folders = [checkout(tmp_path, f"c{number}") for number in range(6)]
     code = "import sys; from pathlib import Path; from tasks.server.resident import checkout_home\n"

@@ -155,6 +155,7 @@ def test_the_same_seed_and_indices_give_the_same_bytes() -> None:
     assert encode_world(make(body, 5, 2, 3)) == first
 
 
+@pytest.mark.long
 def test_another_process_generates_the_same_bytes() -> None:
     program = (
         "import hashlib; from tests.worlds.templates import sample; from tests.worlds.test_generate import make;"

@@ -206,6 +206,7 @@ def test_an_agent_needs_none_of_the_heavy_packages(module: str) -> None:
     assert loaded.strip() == "[]"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("robots_packages")
 def test_an_agent_holds_no_bundle_in_memory(
     file_store: Store, tmp_path: Path, agents: list[subprocess.Popen[bytes]]

@@ -18,6 +18,7 @@ SECTION = (ROOT / "docs/operate/operations.md").read_text().split("## Housekeepi
 _LINES = [line for block in re.findall(r"```sh\n(.*?)```", SECTION, flags=re.DOTALL) for line in block.splitlines()]
 
 
+@pytest.mark.long
 def test_every_command_runs_and_only_yes_removes(
     file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -56,6 +56,7 @@ def test_each_thing_that_people_add_has_a_recipe_of_at_most_five_steps():
         assert 1 <= len([line for line in lines if line[:1].isdigit()]) <= 5, thing
 
 
+@pytest.mark.long
 def test_a_furniture_type_is_a_name_and_a_record(tree: TreeCopy):
     tree.replace("specs/template/interior.py", '    "Baths",\n', '    "Baths",\n    "TowelHeaters",\n')
     tree.add_before(
@@ -82,6 +83,7 @@ def test_a_furniture_type_is_a_name_and_a_record(tree: TreeCopy):
     tree.followed("a furniture type")
 
 
+@pytest.mark.long
 def test_a_results_column_is_one_record(tree: TreeCopy):
     tree.add_before(
         "specs/data/result_columns.py",
@@ -102,6 +104,7 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
     tree.followed("a results column")
 
 
+@pytest.mark.long
 def test_an_outcome_reason_is_one_record(tree: TreeCopy):
     path = "specs/data/outcomes.py"
     tree.replace(path, '"out of bounds", "crash"]', '"out of bounds", "crash", "overheated"]')
@@ -176,6 +179,7 @@ def test_a_failure_code_is_one_name(tree: TreeCopy):
     tree.followed("a failure code")
 
 
+@pytest.mark.long
 def test_a_gate_rule_is_a_section_and_a_module(tree: TreeCopy):
     section = "specs/pipeline/gate_section.py"
     tree.add_before(

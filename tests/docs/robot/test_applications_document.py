@@ -13,7 +13,10 @@ from tests.factories.worlds import apartment
 FILES = re.compile(r"<!-- file: (\S+) -->\n```\w+\n(.*?)```", re.DOTALL)
 
 
-@pytest.fixture(scope="module", params=["straight", "branching", "together"])
+@pytest.fixture(
+    scope="module",
+    params=["straight", *(pytest.param(name, marks=pytest.mark.long) for name in ("branching", "together"))],
+)
 def rows(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> list[EpisodeResult]:
     folder = tmp_path_factory.mktemp("documented")
     for name, text in FILES.findall((REPOSITORY / "docs/guide" / "applications.md").read_text()):

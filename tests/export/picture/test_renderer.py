@@ -187,6 +187,7 @@ def test_worlds_stand_side_by_side_with_something_to_see_in_each():
     assert sheet.shape[1] > sheet.shape[0]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("render")
 def test_no_more_worlds_are_read_than_asked_for():
     def one_more() -> Iterator[World]:
@@ -196,6 +197,7 @@ def test_no_more_worlds_are_read_than_asked_for():
     assert render_sheet_png(one_more(), most=1) is not None
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("render")
 def test_a_caption_is_written_below_its_picture():
     with open_renderer(200, 150, 1) as render:

@@ -109,6 +109,7 @@ def test_the_case_is_a_document_whose_batch_fails_in_the_same_way(batch: OpenBat
     assert row.model_copy(update={"index": 0, "recording": ""}) == found.small_row
 
 
+@pytest.mark.long
 def test_the_case_tells_another_version_apart(batch: OpenBatch, found: ShrunkJob, tmp_path: Path):
     files = write_case(found, tmp_path / "case")
     pushing_plan(batch.store, robot=slower_pusher(tmp_path))  # publishes the next version

@@ -69,7 +69,12 @@ def test_help_and_validate_import_little(command: tuple[str, ...]):
     assert_light(imported(*command))
 
 
-@pytest.mark.parametrize("kind", ["world-generation-jobs", "simulation-job-batches", "fleets", "pipeline-runs"])
+_OTHER_KINDS = ("world-generation-jobs", "fleets", "pipeline-runs")
+
+
+@pytest.mark.parametrize(
+    "kind", ["simulation-job-batches", *(pytest.param(kind, marks=pytest.mark.long) for kind in _OTHER_KINDS)]
+)
 def test_list_imports_little(store: str, kind: str):
     assert_light(imported("list", kind, "--store", store))
 
@@ -79,6 +84,7 @@ def test_describe_imports_little(store: str):
     assert_light(imported("describe", batch.arn, "--store", store))
 
 
+@pytest.mark.long
 def test_plan_imports_little_once_it_knows_the_robots(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     command = ("plan", QUICKSTART, "--store", (tmp_path / "store").as_uri())
@@ -89,6 +95,7 @@ def test_plan_imports_little_once_it_knows_the_robots(tmp_path: Path, monkeypatc
     assert sorted(HEAVY.intersection(modules) - {"numpy", "scipy", "asyncio"}) == []
 
 
+@pytest.mark.long
 def test_the_flows_do_not_import_what_only_some_documents_compute_with():
     code = "import json, sys, flows.prefect.flows; print(json.dumps(sorted(sys.modules)))"
     ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

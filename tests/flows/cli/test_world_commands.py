@@ -177,6 +177,7 @@ def test_a_template_that_gives_no_world_is_told_why(monkeypatch: pytest.MonkeyPa
         world("sheet", str(TEMPLATE), "--count", "2")
 
 
+@pytest.mark.long
 def test_looking_at_worlds_loads_neither_jax_nor_prefect_nor_mujoco():
     check = (
         "import sys; from typer.testing import CliRunner; from flows.cli.shell import app; "

@@ -43,7 +43,7 @@ def _run(requests: Sequence[EpisodeRequest], worlds: dict[str, World], engine: s
     return {row.index: row for row in rows}
 
 
-@pytest.mark.parametrize("engine", ["planar", pytest.param("mjx", marks=pytest.mark.long), "mujoco"])
+@pytest.mark.parametrize("engine", ["planar", pytest.param("mjx", marks=pytest.mark.soak), "mujoco"])
 def test_lanes_that_fail_each_in_its_own_way_leave_the_others_alone(pens: dict[str, World], engine: str):
     cursed = {**pens, "hand/cursed": pens["hand/pen-0"].model_copy(update={"name": "cursed"})}
     sound = _run(_requests({}, "hand/pen-0"), cursed, engine)

@@ -34,7 +34,9 @@ def run(requests: list[EpisodeRequest], worlds: dict[str, World], engine: str) -
     return simulate_lanes(chunk, worlds, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False)
 
 
-@pytest.fixture(params=["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
+@pytest.fixture(
+    params=["mujoco", pytest.param("planar", marks=pytest.mark.long), pytest.param("mjx", marks=pytest.mark.soak)]
+)
 def engine(request: pytest.FixtureRequest) -> str:
     """An engine that has simulated a chunk in one world."""
     run([delivery(k, world="hand/first", seed=k, duration_s=1.0) for k in range(LANES)], FIRST, request.param)
@@ -125,9 +127,9 @@ class Both(NamedTuple):
 @pytest.fixture(
     scope="module",
     params=[
-        ("planar", 24),
-        pytest.param(("planar", 8), marks=pytest.mark.long),
-        pytest.param(("mjx", 8), marks=pytest.mark.long),
+        ("planar", 8),
+        pytest.param(("planar", 24), marks=pytest.mark.long),
+        pytest.param(("mjx", 8), marks=pytest.mark.soak),
     ],
     ids=lambda param: f"{param[0]}-{param[1]}",
 )

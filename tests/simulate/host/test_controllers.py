@@ -71,7 +71,7 @@ def test_what_a_controller_raises_is_the_row_of_its_lane_alone(
     assert rows == [row for row in sound if row.index != 2]
 
 
-@pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.long)])
+@pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
 def test_every_engine_runs_it(sound: list[EpisodeResult], pens: dict[str, World], engine: str):
     rows = run([SOUND] * LANES, pens, engine)
     assert {(row.status, row.engine) for row in rows} == {("Completed", engine)}
@@ -101,6 +101,7 @@ def sound_together(pens: dict[str, World]) -> list[EpisodeResult]:
     return run_batched([ALL_SOUND] * BATCHED_LANES, pens)
 
 
+@pytest.mark.long
 def test_it_drives_on_the_fastest_engine(sound_together: list[EpisodeResult]):
     assert {(row.status, row.outcome_reason, row.engine) for row in sound_together} == {
         ("Completed", "timeout", "planar")

@@ -87,7 +87,9 @@ def test_a_folder_that_nobody_changes_is_read_once(folder: LocalStore, monkeypat
 
 
 @pytest.mark.skipif(not _MEMORY.is_dir(), reason="no disk in memory")
-@pytest.mark.parametrize("seconds", [1.0, pytest.param(15.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "seconds", [pytest.param(1.0, marks=pytest.mark.long), pytest.param(15.0, marks=pytest.mark.soak)]
+)
 def test_a_listing_has_every_name_though_others_write_over_them(seconds: float) -> None:
     with TemporaryDirectory(dir=_MEMORY) as path:
         store = open_store(Path(path).as_uri())

@@ -38,7 +38,9 @@ def done_by(told: Sequence[RaceNotes]) -> list[str]:
     return [done for each in told for done in each.done]
 
 
-lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 12.0, marks=pytest.mark.long)])
+# Threads of one process race in `test_store_contract` whenever tests are run.
+pytestmark = pytest.mark.long
+lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 12.0, marks=pytest.mark.soak)])
 
 
 @lasting
@@ -71,7 +73,7 @@ def test_no_reader_sees_bytes_of_two_writers(store: Store, processes: int, secon
 
 
 @pytest.mark.parametrize(
-    ("processes", "kills", "apart_s"), [(3, 3, 0.3), pytest.param(8, 30, 0.7, marks=pytest.mark.long)]
+    ("processes", "kills", "apart_s"), [(3, 3, 0.3), pytest.param(8, 30, 0.7, marks=pytest.mark.soak)]
 )
 def test_what_was_acknowledged_to_processes_that_are_killed_is_there_once(
     store: Store, tmp_path: Path, processes: int, kills: int, apart_s: float

@@ -17,7 +17,9 @@ from tests.servers.racers import in_processes
 from tests.servers.swap_racers import JOB, advance_for, claim_for, doubled
 
 _LOG = logging.getLogger(__name__)
-lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 10.0, marks=pytest.mark.long)])
+# Threads and two processes race in `test_records` and `test_claim` whenever tests are run.
+pytestmark = pytest.mark.long
+lasting = pytest.mark.parametrize(("processes", "seconds"), [(3, 0.4), pytest.param(8, 10.0, marks=pytest.mark.soak)])
 
 
 @lasting
@@ -49,7 +51,7 @@ def test_one_process_at_a_time_has_a_claim_and_no_epoch_comes_twice(
     assert {key: int(store.get(f"counts/{key}").body) for key in taken} == taken
 
 
-@pytest.mark.parametrize(("processes", "kills"), [(3, 3), pytest.param(8, 40, marks=pytest.mark.long)])
+@pytest.mark.parametrize(("processes", "kills"), [(3, 3), pytest.param(8, 40, marks=pytest.mark.soak)])
 def test_claims_of_killed_processes_are_taken_over_by_one_other_each(
     store: Store, tmp_path: Path, processes: int, kills: int
 ) -> None:
