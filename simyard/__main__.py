@@ -1,6 +1,29 @@
 """The command `simyard`, here so that it says what hides Simyard's packages, if anything does."""
 
-from flows.cli.shell import main
+import os
+import signal
+from types import FrameType
+
+# COLUMNS of programs that do not know how wide they are; rich would print nothing.
+_NO_WIDTH = ("0", "1")
+
+
+def main() -> None:
+    """Runs the command line; an interrupt while it is imported ends it as one later on does, without a traceback."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, _leave)
+    if os.environ.get("COLUMNS", "") in _NO_WIDTH:
+        os.environ.pop("COLUMNS", None)
+    from flows.cli.shell import main as run_shell  # noqa: PLC0415 - takes a third of a second
+
+    run_shell()
+
+
+def _leave(number: int, _frame: FrameType | None) -> None:
+    os.write(2, b"interrupted before anything began\n")
+    os._exit(128 + number)
+
 
 if __name__ == "__main__":
     main()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from flows.cli.terminal import StoreUrl, TerminalConsole, echo, exit_code_of, show_report
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, exit_code_of, go_on_unread, show_report
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
@@ -36,6 +36,7 @@ def run(
     """Run a document from its first section to its last; continues a run that was killed."""
     from flows.prefect.prefect_server import server_in_reserve
 
+    go_on_unread()
     with nullcontext() if direct else server_in_reserve():  # which starts while the rest is imported
         from flows.cli.run_command import AskedRun, CiWishes, run_directly, run_document, tell_ci
         from tasks.storage.store_url import chosen_url

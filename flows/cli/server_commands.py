@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from flows.cli.terminal import StoreUrl, echo, echo_json, show_rows
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json, show_rows
 from flows.gateway.serve import Listener, loopback_auth, signed_auth
 from flows.gateway.serve import serve as serve_store
 from flows.prefect.prefect_server import pages_url, prefect_home
@@ -253,7 +252,7 @@ def list_keys(file: _File = None) -> None:
         }
         for key in keys
     ]
-    show_rows(rows, Console())
+    show_rows(rows, TerminalConsole())
 
 
 @access_app.command("export")

@@ -5,8 +5,9 @@ the store, it neither steers the terminal nor is read as rich's markup.
 
 Exit codes: 0: done and passed. 1: not passed: the gate says FAIL, the deployment failed, a replay deviates, or a batch
 is worse than another. 2: a bad document or command. 3: a stage failed, or Simyard has a defect. 4: INCONCLUSIVE: a gate
-or a comparison has too few episodes to say. 130 and 143: interrupted. Nothing else ends with 1 or 4, so that a script
-can tell a verdict from an accident, and a bad robot from a small batch.
+or a comparison has too few episodes to say. 130 and 143: interrupted. 141: whoever read what was printed is gone, which
+ends any command but a run. Nothing else ends with 1 or 4, so that a script can tell a verdict from an accident, and a
+bad robot from a small batch.
 """
 
 import atexit
@@ -18,6 +19,7 @@ import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
+from pathlib import Path
 from select import select
 from threading import Event, Lock, Thread
 from types import FrameType
@@ -60,6 +62,10 @@ class TerminalConsole(Console):
         """
         super().__init__(stderr=stderr, file=file, width=width, markup=False, emoji=False)
 
+    def on_broken_pipe(self) -> None:
+        """Answers that whoever read the console is gone."""
+        _lose_reader(self.file)
+
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Yields what is printed; moving the cursor is no text, and stays."""
         before = ""
@@ -75,17 +81,43 @@ class TerminalConsole(Console):
 
 def echo(text: object, *, err: bool = False) -> None:
     """Prints a text to stdout or stderr, without what steers a terminal."""
-    typer.echo(_text(str(text)), err=err)
+    _write(_text(str(text)), err=err)
 
 
 def echo_commands(line: str) -> None:
     """Prints a line that GitHub's runner obeys, as it is, to stderr: stdout may be a document."""
-    typer.echo(line, err=True)
+    _write(line, err=True)
 
 
 def echo_json(text: str) -> None:
     """Prints JSON to stdout; what steers a terminal or a runner is escaped, so that programs read the same."""
-    typer.echo(terminal_json(text).replace("##[", "\\u0023#["))
+    _write(terminal_json(text).replace("##[", "\\u0023#["))
+
+
+def go_on_unread() -> None:
+    """Lets this process do all of its work even if whoever reads what it prints goes away, as `head -1` does."""
+    _goes_on.set()
+
+
+_goes_on = Event()
+
+
+def _write(text: str, *, err: bool = False) -> None:
+    try:
+        typer.echo(text, err=err)
+    except BrokenPipeError:
+        _lose_reader(sys.stderr if err else sys.stdout)
+
+
+def _lose_reader(stream: IO[str]) -> None:
+    """Prints nowhere from now on; ends the command if it is one that is there to be read."""
+    with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - a device
+        os.dup2(nowhere.fileno(), stream.fileno())
+    if stream.fileno() != sys.stdout.fileno():
+        return
+    if not _goes_on.is_set():
+        raise SystemExit(_UNREAD)
+    echo("whoever read what this prints is gone; the run goes on to its end", err=True)
 
 
 def show_report(report: PipelineReport, console: Console) -> None:
@@ -189,6 +221,8 @@ def _cell(column: str, value: JsonValue) -> Text:
 
 
 NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
+_OF_SHELLS = frozenset({"PWD", "OLDPWD", "_"})
+_UNREAD = 128 + signal.SIGPIPE
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _INTERRUPTED = tuple(128 + number for number in _SIGNALS)
 _GO_ON = "interrupted; the same command continues this run if the document is unchanged"
@@ -225,6 +259,8 @@ def exit_with_code(grace_s: float = _GRACE_S) -> Generator[None, None, None]:
             _complain(_complaint(exc))
             code = exit_code_of(exc)
         except BaseException as exc:  # the outermost frame: Python would exit with 1, which means a failed gate
+            if isinstance(exc, SystemExit) and isinstance(exc.__context__, BrokenPipeError):
+                sys.exit(_UNREAD)  # the parser's own answer to it is 1
             if isinstance(exc, SystemExit) and exc.code not in _INTERRUPTED:
                 raise
             number = heard()
@@ -282,10 +318,29 @@ def _complaint(exc: SimyardError) -> str:
 def _accident(exc: BaseException) -> str:
     if isinstance(exc, OSError) and exc.errno in NO_ROOM:
         return full_machine_message(exc)
+    if isinstance(exc, FileNotFoundError) and not _is_somewhere():
+        return "the folder that this command was called in is gone: cd to one that is there"
     if os.environ.get("SIMYARD_DEBUG") == "1":
         TerminalConsole(stderr=True).print_exception()
+    if isinstance(exc, OSError) and (names := _variables_of(exc)):
+        return f"{exc.filename}: {exc.strerror}; the environment variable {names[-1]} leads there"
     what = " ".join(f"{type(exc).__name__}: {exc}".split())
     return f"this is a defect of Simyard: {what} (SIMYARD_DEBUG=1 shows where)"
+
+
+def _variables_of(exc: OSError) -> list[str]:
+    """Returns the variables that name a file or a folder that this is about, that of the longest path last."""
+    place = Path(os.fsdecode(exc.filename)) if isinstance(exc.filename, str | bytes) else None
+    named = {name: Path(value) for name, value in os.environ.items() if os.path.isabs(value) and name not in _OF_SHELLS}  # noqa: PTH117 - no path, mostly
+    found = [name for name, folder in named.items() if place and place.is_relative_to(folder) and folder != Path("/")]
+    return sorted(found, key=lambda name: (len(str(named[name])), name))
+
+
+def _is_somewhere() -> bool:
+    try:
+        return bool(Path.cwd())
+    except FileNotFoundError:
+        return False
 
 
 def _on_signal(number: int, _frame: FrameType | None) -> NoReturn:

@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager, suppress
+from importlib import import_module
 from pathlib import Path
 from threading import Thread
 from typing import NamedTuple
@@ -55,6 +56,14 @@ def _drain() -> None:
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+_SAID_CHARACTERS = 300
+# Those that this process has set itself.
+_OWN_VARIABLES = (
+    "PREFECT_API_URL",
+    "PREFECT_API_AUTH_STRING",
+    "PREFECT_HOME",
+    "PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL",
+)
 _LOOK_S = 0.5
 logger = logging.getLogger(__name__)
 
@@ -82,6 +91,7 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
     if given := _chosen(home) or _kept(home):
         url = given["PREFECT_API_URL"]
         with _environment(**given, **_proxy_setting(url), **_retry_setting(wait_s)):
+            require_prefect_settings()
             prepare()
             with _flushed(url):
                 yield ServerChoice(url, wait_s)
@@ -92,11 +102,41 @@ def prefect_server(prepare: Callable[[], None] = lambda: None) -> Generator[Serv
         _environment(**server.environment(), PREFECT_HOME=str(home), **_proxy_setting(server.api_url)),
     ):
         with log_duration("prepare"):
+            require_prefect_settings()
             prepare()
         with log_duration(begins):
             process.wait_until_healthy(server, child)
         with _flushed(server.api_url):
             yield ServerChoice(server.api_url, min(wait_s, _OWN_WAIT_S))
+
+
+def require_prefect_settings() -> None:
+    """Has Prefect read its settings, and make a client and a serializer by them, before anything else can be at fault.
+
+    Raises:
+        DocumentError: It does not take one of them; all that are set are named.
+    """
+    try:
+        _read_settings()
+    except Exception as exc:  # pydantic's, OSErrors, TypeErrors of logging; nothing of Simyard's ran
+        own = (*process.SERVER_ENVIRONMENT, *_OWN_VARIABLES)
+        names = sorted(name for name in os.environ if name.startswith("PREFECT_") and name not in own)
+        said = " ".join(f"{type(exc).__name__}: {exc}".split())[:_SAID_CHARACTERS]
+        allowed = f"what this Prefect takes; it says: {said}"
+        raise DocumentError.of("environment", ", ".join(names) or "as Prefect is installed here", allowed) from exc
+
+
+def _read_settings() -> None:
+    import_module("prefect.main")  # it reads them when it is imported
+    from prefect.client.orchestration import get_client  # noqa: PLC0415 - same
+    from prefect.serializers import Serializer  # noqa: PLC0415 - same
+    from prefect.settings import get_current_settings  # noqa: PLC0415 - same
+
+    results = get_current_settings().results
+    Serializer(type=results.default_serializer)
+    if results.default_storage_block and results.default_storage_block.count("/") != 1:
+        raise ValueError(f"a block of results is KIND/NAME, and not {results.default_storage_block!r}")
+    get_client(sync_client=True)
 
 
 @contextmanager

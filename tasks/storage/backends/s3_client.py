@@ -191,6 +191,8 @@ class S3Client:
             if hasattr(exc, "response"):
                 self._answered()
             raise
+        except ValueError as exc:  # of botocore's, which reads numbers and addresses in variables
+            raise InvalidConfigError(error_msg=str(exc)) from exc
         self._answered()
         return answer
 

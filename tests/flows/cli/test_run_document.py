@@ -81,6 +81,28 @@ def test_what_is_no_api_of_prefects_is_told_before_anything_runs(monkeypatch: py
             prefect_server().__enter__()
 
 
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("PREFECT_LOGGING_LEVEL", "LOUD"),
+        ("PREFECT_LOGGING_SETTINGS_PATH", "/dev/null"),
+        ("PREFECT_RESULTS_DEFAULT_SERIALIZER", "odd"),
+        ("PREFECT_DEFAULT_RESULT_STORAGE_BLOCK", "x"),
+        ("PREFECT_API_SSL_CERT_FILE", "/nowhere"),
+    ],
+)
+def test_a_setting_that_prefect_does_not_take_is_a_fault_of_the_environment(name: str, value: str):
+    program = "from flows.prefect.prefect_server import require_prefect_settings as require; require()"
+    own = {"PREFECT_API_URL": "https://127.0.0.1:9/api", name: value}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env={**os.environ, **own}, capture_output=True, text=True, check=False
+    )
+    last = done.stderr.splitlines()[-1]
+    assert last.startswith("  environment: ")
+    assert f"{name}" in last.partition("what this Prefect takes")[0]
+
+
 def test_a_chosen_server_wins_over_the_kept_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path))
     monkeypatch.setattr(server_module, "kept_server", pytest.fail)

@@ -1,13 +1,22 @@
-"""What commands print neither steers the terminal nor is read as markup."""
+"""What commands print neither steers the terminal nor is read as markup; and what they do when nobody reads it."""
 
 import io
 import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event
 
 import pytest
 from rich.live import Live
 from rich.table import Table
 
-from flows.cli.terminal import TerminalConsole, echo, echo_json, show_rows
+from flows.cli import terminal
+from flows.cli.terminal import TerminalConsole, echo, echo_json, exit_with_code, go_on_unread, show_rows
+from tests.repository import ROOT
 
 HOSTILE = "\x1b[2J\x9b31mno camera at [/dev/video0] [bold]\u202e\r:boom:"
 SHOWN = "[2J31mno camera at [/dev/video0] [bold]:boom:"
@@ -49,3 +58,88 @@ def test_lines_and_json_are_printed_without_what_steers(capsys: pytest.CaptureFi
     echo_json(json.dumps({"reason": HOSTILE}, ensure_ascii=False))
     assert json.loads(printed := capsys.readouterr().out) == {"reason": HOSTILE}
     assert printed.rstrip("\n").isprintable()
+
+
+@contextmanager
+def _unread(monkeypatch: pytest.MonkeyPatch) -> Generator[None]:
+    """Has a stdout that nobody reads for the block."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    monkeypatch.setattr(terminal, "_goes_on", Event())
+    with os.fdopen(writing, "w") as out, monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", out)
+        yield
+
+
+@pytest.mark.parametrize("say", [echo, echo_json, lambda text: TerminalConsole().print(text)])
+def test_a_command_whose_reader_is_gone_ends_with_no_verdicts_code(
+    monkeypatch: pytest.MonkeyPatch, say: Callable[[str], None]
+):
+    with _unread(monkeypatch), pytest.raises(SystemExit) as ended:
+        say("{}")
+    assert ended.value.code == 141
+
+
+def test_a_run_whose_reader_is_gone_goes_on_and_says_so_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    with _unread(monkeypatch):
+        go_on_unread()
+        for _ in range(2):
+            echo("a stage")
+            TerminalConsole().print("a table")
+    assert capsys.readouterr().err.count("the run goes on to its end") == 1
+
+
+def test_the_parsers_answer_to_a_reader_that_is_gone_is_no_verdict():
+    answer = SystemExit(1)
+    answer.__context__ = BrokenPipeError()
+    with pytest.raises(SystemExit) as ended, exit_with_code():
+        raise answer
+    assert ended.value.code == 141
+
+
+def test_a_folder_that_is_gone_and_a_variable_that_leads_nowhere_are_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "file"))
+    with pytest.raises(SystemExit), exit_with_code():
+        raise NotADirectoryError(20, "Not a directory", str(tmp_path / "file/kept.json"))
+    assert "Not a directory; the environment variable PREFECT_HOME leads there" in capsys.readouterr().err
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(SystemExit), exit_with_code():
+        Path.cwd()
+    assert "the folder that this command was called in is gone" in capsys.readouterr().err
+
+
+INTERRUPTED = """
+import os, signal, sys
+sys.modules["flows.cli.shell"] = None  # whoever imports it meets the interrupt first
+from simyard.__main__ import main
+sys.meta_path.insert(0, type("Finder", (), {"find_spec": lambda *_: os.kill(os.getpid(), signal.SIGINT)})())
+del sys.modules["flows.cli.shell"]
+main()
+"""
+
+
+def test_an_interrupt_while_the_command_is_imported_shows_no_traceback():
+    ended = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stderr) == (130, "interrupted before anything began\n")
+
+
+def test_in_no_columns_help_is_printed():
+    done = subprocess.run(
+        [sys.executable, "-m", "simyard", "--help"],
+        env={**os.environ, "COLUMNS": "0"},
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert "validate" in done.stdout

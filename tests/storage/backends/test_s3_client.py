@@ -109,6 +109,18 @@ def test_a_wrong_setting_is_named_and_no_server_is_blamed(
     assert str(broken) in said
 
 
+def test_a_variable_that_botocore_cannot_read_is_a_wrong_setting(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("AWS_SHARED_CREDENTIALS_FILE", str(tmp_path / "none"))
+    monkeypatch.setenv("AWS_METADATA_SERVICE_TIMEOUT", "soon")
+    with pytest.raises(FAULTS) as raised:
+        S3Client().call("head_bucket", Bucket="bucket")
+    assert "settings for AWS are wrong: invalid literal" in str(s3_error(raised.value, "s3://bucket", "key"))
+
+
 @pytest.mark.parametrize("proxy", ["http://127.0.0.1:9", "socks5://127.0.0.1:9"])
 def test_no_proxy_stands_before_a_server_of_this_machine(monkeypatch: pytest.MonkeyPatch, proxy: str) -> None:
     for name in ("HTTP_PROXY", "http_proxy", "ALL_PROXY"):
