@@ -9,7 +9,9 @@ from pydantic import JsonValue
 
 from flows.batch.batch_end import close_with_tables
 from flows.batch.batch_steps import SequentialStop
+from flows.pipeline import recount
 from flows.pipeline.baselines import find_baseline
+from flows.pipeline.recount import PlannedRun, count_batch
 from flows.pipeline.run_gate import gate_material
 from flows.pipeline.stage_report import batch_report
 from flows.pipeline.tested_batch import shuffle_if_endable
@@ -19,6 +21,7 @@ from tasks.results.gate.gate_verdict import GateVerdict, judge
 from tasks.simulate.batch.batch_jobs import cancel_job
 from tasks.simulate.batch.batch_record import OpenBatch, complete
 from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, run_chunk
+from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance
 from tests.factories.episodes import collided, passed
@@ -140,6 +143,19 @@ def test_a_pass_that_stands_the_audit_ends_the_batch_with_it(file_store: Store):
         run_chunk(batch, number, all_pass, lanes=16, left_s=99.0)
     assert early.audit == audit_of(flips=0)
     assert early.detail["stopped_early"]
+
+
+def test_an_early_pass_that_nobody_vouches_for_is_audited_anew_when_it_is_counted(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    batch = started(file_store)
+    record = closed(batch, driven(batch))
+    unsealed = advance(file_store, record.kind, record.id, record.status, detail={"seal": "0" * 64})
+    monkeypatch.setattr(recount, "bundles", lambda _: {})  # nothing is simulated: all chunks are there
+    monkeypatch.setattr(recount, "audit_again", lambda *_: audit_of(flips=2))
+    planned = PlannedRun(batch.plan, recorded_location(record))
+    told = count_batch(unsealed, file_store, GATE, planned).changes
+    assert any("says stopped_early" in line for line in told)
 
 
 def test_a_batch_whose_pass_is_doubted_may_still_fail_early(file_store: Store):
