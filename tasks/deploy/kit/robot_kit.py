@@ -50,12 +50,6 @@ def agent_sources() -> dict[str, bytes]:
     return dict(sorted(found.items()))
 
 
-def third_party(sources: dict[str, bytes]) -> set[str]:
-    """Returns the top-level packages that sources import, the standard library's among them, Simyard's not."""
-    names = {name.partition(".")[0] for source in sources.values() for name in _imports(source)}
-    return names - _FIRST_PARTY
-
-
 def _imports(source: bytes) -> Iterator[str]:
     """Yields each module that a source names in an import, and the packages around it."""
     for node in ast.walk(ast.parse(source)):

@@ -79,54 +79,6 @@ def unseen(rule: Rule, counts: Mapping[Gap, int]) -> Unseen:
     return Unseen(blocks, sum(count for assumed, count in there if assumed.blame == "best"))
 
 
-_WORDS: Mapping[Rule, Mapping[Assumption, str]] = {
-    "successRate": {"best": "passed", "worst": "failed"},
-    "noWorseThan": {"best": "passed", "worst": "failed"},
-    "other version": {"best": "failed", "worst": "passed"},
-    "collisionRate": {"best": "no contact", "worst": "a contact", "seen": "what was seen"},
-    "quantiles": {"best": "the best value", "worst": "the worst value", "seen": "as measured"},
-    "failed: worst": {"best": "the best value", "worst": "the worst value"},
-}
-_HEADS: Mapping[Rule, str] = {
-    "noWorseThan": "`noWorseThan`, tested version",
-    "other version": "`noWorseThan`, other version",
-    "failed: worst": "`quantiles`, `failed: worst`",
-}
-_CASES: Mapping[Gap, str] = {
-    "robot": "Failed, the robot's own code",
-    "elsewhere": "Failed, any other code",
-    "canceled": "Canceled, with any code or none",
-    "no result": "no row: it never ran",
-    "left out": "left out by an early end",
-    "no value": "Completed, the column is empty or no number",
-    "not passed": "Completed, not passed",
-}
-
-
-def rows_of_guide() -> list[list[str]]:
-    """Returns the table as docs/guide/gate.md has it: a row for each case, in each cell what PASS and FAIL assume."""
-    rules = list(ASSUMED)
-    head = ["an episode that is", *(_HEADS.get(rule, f"`{rule}`") for rule in rules)]
-    return [head, *([_CASES[gap], *(_cell(rule, gap) for rule in rules)] for gap in get_args(Gap))]
-
-
-def codes_line() -> str:
-    """Returns which failure codes are the robot's own and which are not, as docs/guide/gate.md has it."""
-    own, others = (", ".join(f"`{code}`" for code in codes_of(gap)) for gap in ("robot", "elsewhere"))
-    return f"The robot's own codes are {own}. Any other code is one of {others}."
-
-
 def codes_of(gap: Gap) -> list[SimulationJobErrorCode]:
     """Returns the failure codes that a failed job of that kind has, in RoboMaker's order."""
     return [code for code in get_args(SimulationJobErrorCode) if gap_of("Failed", code) == gap]
-
-
-def _cell(rule: Rule, gap: Gap) -> str:
-    assumed = ASSUMED[rule].get(gap)
-    if assumed is None:
-        return "-"
-    if assumed == _NOTHING:
-        return "not counted"
-    words: Mapping[Assumption, str] = {"blocks": "no PASS", **_WORDS[rule]}
-    proof, blame = words[assumed.proof], words[assumed.blame]
-    return proof if proof == blame else f"{proof} / {blame}"

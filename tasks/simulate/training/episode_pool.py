@@ -265,8 +265,3 @@ def _reach_m(lanes: Sequence[Lane]) -> float:
     bounds = max(float(np.abs(lane.arrays.floor.bounds_m).max()) for lane in lanes)
     goals = max(float(np.abs(lane.placement.goals_m).max()) for lane in lanes)
     return float(np.ceil(max(bounds, goals) + _MARGIN_M))
-
-
-def pool_bytes(pool: EpisodePool) -> int:
-    """Returns how much memory a pool takes on each device."""
-    return sum(leaf.nbytes for leaf in jax.tree.leaves(pool))

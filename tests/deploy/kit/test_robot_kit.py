@@ -10,10 +10,10 @@ import pytest
 
 from specs.errors import DocumentError
 from tasks.deploy.kit.robot_kit import (
+    _imports,
     agent_requirements,
     agent_sources,
     agent_wheel,
-    third_party,
     wheel_name,
     write_kit,
 )
@@ -43,7 +43,8 @@ def test_it_holds_nothing_of_the_simulator_or_the_controller() -> None:
 
 def test_it_imports_only_what_it_asks_for() -> None:
     asked = {requirement.partition(">")[0].partition("[")[0].partition("<")[0] for requirement in agent_requirements()}
-    imported = third_party(agent_sources()) - set(sys.stdlib_module_names)
+    named = {name.partition(".")[0] for source in agent_sources().values() for name in _imports(source)}
+    imported = named - {"specs", "tasks", "flows"} - set(sys.stdlib_module_names)
 
     # Two come with another: pydantic_core with pydantic, aiohttp with s3fs.
     assert imported - {"pydantic_core", "aiohttp"} == asked

@@ -1,6 +1,8 @@
 """docs/guide/gate.md says what the code does: the document in it is one, its tables and its figures are right."""
 
 import re
+from collections.abc import Mapping
+from typing import get_args
 
 import pytest
 import yaml
@@ -11,7 +13,7 @@ from specs.data.result_columns import COURSES, MEASURES
 from specs.pipeline.gate_section import RULES, Gate
 from specs.pipeline.simulation_section import Deployment, SimulationBatch
 from tasks.results.gate.evidence import EVIDENCE_VERSION, Evidence
-from tasks.results.gate.missing_data import codes_line, rows_of_guide
+from tasks.results.gate.missing_data import ASSUMED, Assumption, Gap, Rule, codes_of
 from tasks.results.statistics.intervals import quantile_ranks
 from tasks.results.statistics.power import pair_needs, quantile_needs, share_needs
 from tests.repository import ROOT
@@ -54,6 +56,52 @@ def test_every_rule_is_explained():
 def test_every_field_of_the_evidence_is_explained():
     assert first_cells("field | says") == list(Evidence.model_fields)
     assert f"| `version` | Of this list: {EVIDENCE_VERSION}. |" in DOCUMENT
+
+
+WORDS: Mapping[Rule, Mapping[Assumption, str]] = {
+    "successRate": {"best": "passed", "worst": "failed"},
+    "noWorseThan": {"best": "passed", "worst": "failed"},
+    "other version": {"best": "failed", "worst": "passed"},
+    "collisionRate": {"best": "no contact", "worst": "a contact", "seen": "what was seen"},
+    "quantiles": {"best": "the best value", "worst": "the worst value", "seen": "as measured"},
+    "failed: worst": {"best": "the best value", "worst": "the worst value"},
+}
+HEADS: Mapping[Rule, str] = {
+    "noWorseThan": "`noWorseThan`, tested version",
+    "other version": "`noWorseThan`, other version",
+    "failed: worst": "`quantiles`, `failed: worst`",
+}
+CASES: Mapping[Gap, str] = {
+    "robot": "Failed, the robot's own code",
+    "elsewhere": "Failed, any other code",
+    "canceled": "Canceled, with any code or none",
+    "no result": "no row: it never ran",
+    "left out": "left out by an early end",
+    "no value": "Completed, the column is empty or no number",
+    "not passed": "Completed, not passed",
+}
+
+
+def rows_of_guide() -> list[list[str]]:
+    rules = list(ASSUMED)
+    head = ["an episode that is", *(HEADS.get(rule, f"`{rule}`") for rule in rules)]
+    return [head, *([CASES[gap], *(cell(rule, gap) for rule in rules)] for gap in get_args(Gap))]
+
+
+def codes_line() -> str:
+    own, others = (", ".join(f"`{code}`" for code in codes_of(gap)) for gap in ("robot", "elsewhere"))
+    return f"The robot's own codes are {own}. Any other code is one of {others}."
+
+
+def cell(rule: Rule, gap: Gap) -> str:
+    assumed = ASSUMED[rule].get(gap)
+    if assumed is None:
+        return "-"
+    if assumed.proof == "uncounted":
+        return "not counted"
+    words: Mapping[Assumption, str] = {"blocks": "no PASS", **WORDS[rule]}
+    proof, blame = words[assumed.proof], words[assumed.blame]
+    return proof if proof == blame else f"{proof} / {blame}"
 
 
 def test_what_is_assumed_of_missing_data_is_the_table_of_the_code():
