@@ -97,8 +97,6 @@ class Resource(NamedTuple):
     progress: Callable[[Store, JobRecord], StageProgress] | None = None
 
 
-# Each answers ``[code, message, value]``: 1 for done, 0 for failed, -1 for a fault of the caller
-# (wiki.ros.org/ROS/Master_API, wiki.ros.org/ROS/Slave_API).
 class Kind(NamedTuple):
     """A kind of resource.
 

@@ -12,9 +12,6 @@ if TYPE_CHECKING:
 OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash"]
 
 
-# A mark is an object whose key says all: when the job was made, and its id. It is written before the job's record, so
-# that no record is ever without one, and removed after the job's line was written. Where there is a mark, the record
-# is believed and no line.
 # The order is the code that scenarios return: 1 is the first (docs/guide/applications.md); 0 says that the robot did
 # its task. To add a reason, add its name to ``OutcomeReason`` and a record at the end of ``OUTCOME_REASONS``.
 class Mark(NamedTuple):

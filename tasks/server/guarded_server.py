@@ -95,9 +95,6 @@ def _unframed(send: Send) -> Send:
 # SQLite refuses that at once, and Prefect answers 503. Its client then waits for two seconds, although the database
 # is free again after a few milliseconds (docs/reference/prefect.md, section 3). What was refused is rolled back, so
 # that a second try does nothing twice.
-#
-# A WebSocket that tells of events looks once a second whether its reader is still there, and a server that ends waits
-# for that.
 class BusyDatabase:
     """An ASGI application around another, which tries again what that refuses as busy."""
 
@@ -130,6 +127,8 @@ class BusyDatabase:
         await self._application(scope, _again(kept, receive), send)
 
 
+# A WebSocket that tells of events looks once a second whether its reader is still there, and a server that ends waits
+# for that.
 class LeftReader:
     """An ASGI application around another, which stops telling a reader that has left."""
 

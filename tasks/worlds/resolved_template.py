@@ -49,9 +49,6 @@ FREE_FLOOR: dict[Density, tuple[float, float]] = {"Sparse": (0.82, 1.0), "Modera
 """Least and greatest share of a room's floor that is free when the wish counts as met."""
 
 
-# Which doors a template of version 2 wants in which doorways.
-#
-# What the three densities of furniture mean, in figures.
 @dataclass(frozen=True)
 class DoorWishes:
     """How far doors stand open.

@@ -289,7 +289,6 @@ def _variables(pid: int) -> list[bytes]:
         return []
 
 
-# What leaves the group is found by `tasks.deploy.robot.processes`.
 class RunningProgram:
     """A program that was started, and all that it started."""
 

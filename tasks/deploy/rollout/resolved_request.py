@@ -298,7 +298,6 @@ def _missing(field: str, value: str, allowed: str) -> ResourceNotFound:
     return ResourceNotFound.of(f"{_PATH}.{field}", repr(value), allowed, source="deployment")
 
 
-# They joined later, were away, or failed; with a failed one, a sync is how only the failed are tried again.
 def latest_deployment(store: Store, fleet: str) -> JobRecord:
     """Returns the fleet's last deployment job that was planned, however it ended; ``fleet`` is its name or ARN.
 

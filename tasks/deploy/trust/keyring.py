@@ -32,8 +32,7 @@ from tasks.storage.store_url import store_id
 _CLOUD = "boto3"
 
 
-# Both re-export them from private modules without saying so to type checkers; said once here, and nowhere else.
-# securesystemslib also imports the client of a cloud for keys that lie there, if that is installed, which takes
+# securesystemslib imports the client of a cloud for keys that lie there, if that is installed, which takes
 # longer than all else that an agent imports for signatures. Simyard has its keys in files, so it is imported without.
 class _NoCloud(MetaPathFinder):
     """Says to one thread that the client is not installed."""

@@ -124,9 +124,6 @@ def repository_of(root: Metadata[Root]) -> str:
     return found
 
 
-# One small object, the root, names the segments and says what is in each. It is written by compare-and-swap alone, so
-# that what it names at any moment is whole: whoever dies before leaves a segment that nothing names, which gc
-# removes.
 def read_root(body: bytes) -> Metadata[Root]:
     """Returns root metadata that is signed by its own keys.
 

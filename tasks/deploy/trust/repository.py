@@ -141,7 +141,7 @@ def _version_in(store: Store, notes: SignerNotes) -> int:
         return 0
 
 
-# The owner keeps a copy of the new state before the last write makes it count (`tasks.deploy.trust.repository`).
+# The owner keeps a copy of the new state (`keep`) before the last write makes it count.
 @dataclass(frozen=True)
 class MetadataWriter:
     """What a writer of metadata has.

@@ -31,7 +31,6 @@ GROUND_GROUP, WALL_GROUP, FURNITURE_GROUP, CEILING_GROUP = 0, 1, 2, 3
 GRID_SPACING_M = 0.5  # MuJoCo lights corners and interpolates: no corner is further than this from the next
 
 
-# Hinged doors of an MJCF: a leaf that a robot can push, standing as the world says.
 def add_solid_geom(
     body: mujoco.MjsBody, solid: Solid, group: int, *, origin_m: tuple[float, float] = (0.0, 0.0)
 ) -> mujoco.MjsGeom:

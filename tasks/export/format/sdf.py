@@ -61,7 +61,6 @@ Pose = tuple[float, float, float, float]
 """Position (m) and turn about z (rad)."""
 
 
-# Furniture as SDF models that worlds share: pieces of one make are one model, wherever they stand.
 def document() -> ET.Element:
     """Returns an empty SDF document."""
     return ET.Element("sdf", version=SDF_VERSION)
@@ -160,6 +159,7 @@ _MODELS_KEPT = 1024
 _NOT_IN_A_NAME = re.compile(r"[^a-z0-9]+")
 
 
+# Worlds share these models: pieces of one make are one model, wherever they stand.
 def furniture_model(piece: Furniture) -> tuple[str, dict[str, bytes]]:
     """Returns the name of a piece's model, and the model's files.
 

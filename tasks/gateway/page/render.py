@@ -29,7 +29,7 @@ _NOWHERE = "base-uri 'none'; frame-ancestors 'none'"
 
 
 # The names, tags, reasons and documents in a store may be written by anybody. Each page has its style in itself, and
-# the policy that comes with it (`tasks.gateway.page.render`) allows that style by its digest, and no script.
+# the policy that comes with it allows that style by its digest, and no script.
 def page_html(page: Page, frame: Frame) -> bytes:
     """Returns a page as HTML."""
     return _render("page.html.j2", page=page, frame=frame, reload_s=RELOAD_S)

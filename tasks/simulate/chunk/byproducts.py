@@ -20,8 +20,7 @@ from tasks.simulate.devices import compiled_s
 _PEAK_UNIT = 1 if sys.platform == "darwin" else 1024
 
 
-# Nothing of it is ever part of a result. A folder that cannot be written to, or a file of another version, is as good
-# as no memory at all.
+# Nothing of it is ever part of a result.
 class ChunkTiming(Spec):
     """What one chunk took that came to its end.
 

@@ -158,9 +158,9 @@ _READ_ONLY_FILE, _READ_ONLY_FOLDER = 0o444, 0o555
 _FILES, _SEAL = "files", "seal"
 
 
-# objects/<sha256> a file, read-only seen/<digest>.json what an object of a bucket was when it was last fetched, by
-# the bucket's own mark mounts/<digest> files/, which a job sees of a data source, read-only; and a seal, by which a
-# change is noticed
+# objects/<sha256>    a file, read-only
+# seen/<digest>.json  what an object of a bucket was when it was last fetched, by the bucket's own mark
+# mounts/<digest>     ``files/``, which a job sees of a data source, read-only; and a seal, by which a change is seen
 #
 # Who is root writes into read-only files too, so that a mount is used again only as long as its seal fits. It holds
 # what the file system notes of each file: a write changes that, whoever writes.

@@ -47,10 +47,6 @@ class NetworkValue(NamedTuple):
     shape: tuple[Dimension, ...] | None
 
 
-# A small process, the keeper, lives in a user namespace of its own, so that it may make networks
-# (user_namespaces(7)). It makes sockets in them for this process, and nodes are started in them by nsenter(1). Where
-# the kernel refuses user namespaces, all episodes share one network. Should this process be killed, the keeper ends
-# what is left of its episodes.
 @dataclass
 class Network:
     """What is known of a network before it runs.

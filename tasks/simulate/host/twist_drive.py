@@ -115,6 +115,9 @@ def twist_map(robot: Path, drive: RosDrive | None = None) -> TwistMap:
     return TwistMap(rows.own, rows.world, rest)
 
 
+# A wheel gets the speed with which it rolls without slipping (Siegwart, Nourbakhsh, Scaramuzza: Introduction to
+# Autonomous Mobile Robots, 2nd edition, section 3.2). Wheels that do not stand on one axle slip sideways when the
+# robot turns, and turn it less: how much less is measured, in a turn on the spot.
 def _rows_of_base(model: mujoco.MjModel, base: Base) -> _TwistRows:
     """Returns what the actuators of a planar base get of a Twist.
 

@@ -190,8 +190,6 @@ CONTACT_M_PER_NS, STEP_M = 1.0, 0.005
 _MOST_NS = 1.0
 
 
-# It hears of what is in the store already, from the process that changed it, so that a change is announced once at
-# most however often a job is killed and continued.
 class Transition(NamedTuple):
     """One control step of one lane, for its reward.
 

@@ -167,12 +167,8 @@ class _Body(Protocol):
 
 
 # Endpoint, region and credentials come from the usual AWS variables and profiles. Conditions on writes are no part of
-# fsspec's interface, so that objects go through botocore itself, and a robot's agent stays below 80 MB; what is big
-# goes through fsspec's s3fs (tasks.storage.backends.s3_upload).
-#
-# What S3 calls an object's etag: MD5 of its bytes, or of the MD5s of the parts it was sent in.
-#
-# Amazon S3 user guide, "Checking object integrity"; objects under a key of KMS have etags of another kind.
+# fsspec's interface, so that objects go through botocore itself, and a robot's agent stays small; what is big goes
+# through fsspec's s3fs (tasks.storage.backends.s3_upload).
 class S3Client:
     """Calls to one server, from any thread."""
 

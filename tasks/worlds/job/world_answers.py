@@ -62,7 +62,6 @@ class _Failure(Spec):
 _FAILURES = TypeAdapter(dict[str, _Failure])
 
 
-# What a store holds of templates and worlds, in RoboMaker's words.
 def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResponse:
     """Returns the answer of DescribeWorldGenerationJob; what is empty is left out."""
     fields: dict[str, JsonValue] = {

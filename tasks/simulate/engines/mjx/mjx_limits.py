@@ -64,9 +64,6 @@ def _options(model: mujoco.MjModel) -> Iterator[str]:
         yield f"option cone elliptic: MJX has no frictionless contacts then, as of {name}: set pyramidal"
 
 
-# A wheel gets the speed with which it rolls without slipping (Siegwart, Nourbakhsh, Scaramuzza: Introduction to
-# Autonomous Mobile Robots, 2nd edition, section 3.2). Wheels that do not stand on one axle slip sideways when the
-# robot turns, and turn it less: how much less is measured, in a turn on the spot.
 def _geoms(model: mujoco.MjModel) -> Iterator[str]:
     for geom in _colliding(model):
         kind, name = mujoco.mjtGeom(model.geom_type[geom]), geom_label(model, geom)
