@@ -40,7 +40,7 @@ class PowerNeeds(NamedTuple):
     Attributes:
         for_80: Episodes, pairs or worlds from which on the rule passes with a probability of 0.8 at least.
         for_90: Those for 0.9.
-        power: The probability, 0-1, with as many as there are.
+        power: The probability, 0-1, with as many as there are or more: the least of it, so that it never falls.
     """
 
     for_80: int
@@ -131,15 +131,22 @@ def _needs(fewest: Callable[[int], int], bad_rate: float, there: int) -> PowerNe
     if None in needed:
         return None
     tolerated = _last(lambda bad: fewest(bad) <= there)
-    power = 0.0 if tolerated is None else at_most(tolerated, there, bad_rate)
-    return PowerNeeds(needed[0] or 0, needed[1] or 0, power)
+    if tolerated is None:
+        return PowerNeeds(needed[0] or 0, needed[1] or 0, 0.0)
+    lows = [_low(fewest, bad, bad_rate) for bad in range(tolerated, tolerated + _RAGGED)]
+    return PowerNeeds(needed[0] or 0, needed[1] or 0, min(at_most(tolerated, there, bad_rate), *lows))
+
+
+def _low(fewest: Callable[[int], int], bad: int, bad_rate: float) -> float:
+    """Returns the power right before one more bad episode is tolerated."""
+    return at_most(bad, fewest(bad + 1) - 1, bad_rate)
 
 
 def _fewest_for(fewest: Callable[[int], int], bad_rate: float, power: float) -> int | None:
     """Returns from how many episodes on the power is never below; the lowest is right before the next jump."""
 
     def short(bad: int) -> bool:
-        return at_most(bad, fewest(bad + 1) - 1, bad_rate) < power
+        return _low(fewest, bad, bad_rate) < power
 
     last = _last(short)
     if last == _MOST_BAD:
@@ -217,7 +224,8 @@ def pair_needs(margin: float, confidence: float, disagreeing: float, there: int)
     needed = [_fewest_pairs(margin, z, disagreeing, power) for power in (0.8, 0.9)]
     if None in needed:
         return None
-    power = float(pair_power(np.array([there]), margin, z, disagreeing)[0]) if there else 0.0
+    tooth = math.ceil(_TEETH / margin) if there <= _SMOOTH else 0
+    power = float(pair_power(np.arange(there, there + tooth + 1), margin, z, disagreeing).min()) if there else 0.0
     return PowerNeeds(needed[0] or 0, needed[1] or 0, power)
 
 
@@ -343,7 +351,10 @@ def world_needs(
     if guess > _MOST_WORLDS:
         return None
     needed = [max(_fewest_worlds(), each) for each in _crossings(question, max(4, round(guess)))]
-    return PowerNeeds(needed[0], needed[1], _power(*question, there) if there >= _fewest_worlds() else 0.0)
+    power = _power(*question, there) if there >= _fewest_worlds() else 0.0
+    # The draws may say otherwise than the line through others, which the numbers come from.
+    low, high = (0.0, 0.799) if there < needed[0] else (0.8, 0.899) if there < needed[1] else (0.9, 1.0)
+    return PowerNeeds(needed[0], needed[1], min(max(power, low), high))
 
 
 def _fewest_worlds() -> int:

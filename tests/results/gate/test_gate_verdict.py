@@ -145,7 +145,18 @@ def test_values_that_are_not_known_speak_against_whoever_needs_them():
 def test_what_a_scenario_measures_by_itself_is_a_column_too():
     rule = gate(quantiles=[{"column": "metrics.parcels", "quantile": 0.5, "atLeast": 2}])
     assert judge(rule, rows(20, 0, metrics={"parcels": 3.0})).verdict == "PASS"
-    assert judge(rule, rows(20, 0, metrics={})).sentence == "INCONCLUSIVE: no episode has a value of metrics.parcels"
+    why = "nothing to tell metrics.parcels by: unknown in 20 (20 without a value) of 20 episodes"
+    assert judge(rule, rows(20, 0, metrics={})).sentence == f"INCONCLUSIVE: {why}"
+
+
+def test_a_value_of_an_episode_that_did_not_pass_is_not_said_to_be_missing():
+    rule = gate(quantiles=[{"column": "simulated_s", "quantile": 0.9, "atMost": 40}])
+    why = "nothing to tell simulated_s by: unknown in 48 (48 did not pass) of 48 episodes"
+    assert judge(rule, rows(0, 48)).sentence == f"INCONCLUSIVE: {why}"
+    some = judge(rule, rows(25, 70, 5)).sentence
+    assert (
+        "100 episodes in this one world, unknown in 75 (70 did not pass, 5 crashed by the robot's own code), is" in some
+    )
 
 
 @pytest.mark.parametrize(

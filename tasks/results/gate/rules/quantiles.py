@@ -1,6 +1,7 @@
 """The rule ``quantiles``: a quantile of a column of the results lies where it must."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -43,11 +44,27 @@ class _Values(NamedTuple):
         seen: The values of those that have one to rely on.
         proof: A value of each episode, with what a PASS takes it for where it is not known.
         blame: The same as a FAIL takes it.
+        gaps: Why others have none to rely on.
     """
 
     seen: list[float]
     proof: list[float]
     blame: list[float]
+    gaps: Counter[Gap]
+
+    def unknown_text(self) -> str:
+        """Returns of how many episodes no value counts, and why."""
+        said = ", ".join(f"{count} {_GAPS[gap]}" for gap, count in sorted(self.gaps.items()))
+        return f"unknown in {self.gaps.total()} ({said})"
+
+
+_GAPS: Mapping[Gap, str] = {
+    "robot": "crashed by the robot's own code",
+    "elsewhere": "failed otherwise",
+    "canceled": "canceled",
+    "no value": "without a value",
+    "not passed": "did not pass",
+}
 
 
 def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdict:
@@ -56,7 +73,8 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     found, facts = _values(ended, asked), {"column": asked.column}
     n, unknown = len(found.proof), len(found.proof) - len(found.seen)
     if not found.seen:
-        return nothing_counted(label, f"no episode has a value of {asked.column}", facts)
+        why = f"{found.unknown_text()} of {n} episodes" if n else "there is no episode"
+        return nothing_counted(label, f"nothing to tell {asked.column} by: {why}", facts)
     worlds = material.rows_by_world(ended)
     # The bound on the side of the bar needs two worlds' worth of its tail.
     tail = asked.quantile if asked.atLeast is not None else 1.0 - asked.quantile
@@ -68,7 +86,7 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     bar = asked.atLeast if asked.atLeast is not None else asked.atMost or 0.0
     answer = (answer_above if at_least else answer_below)(interval, bar, n, sound=not gone.blocks)
     of = f"the {asked.quantile:g} quantile of {asked.column} over {n} episodes{where_text(len(worlds), asked.over)}"
-    unseen_text = f", unknown in {unknown}" if unknown else ""
+    unseen_text = f", {found.unknown_text()}," if unknown else ""
     estimate = sorted(found.seen)[max(0, math.ceil(asked.quantile * len(found.seen)) - 1)]
     seen = f"{of}{unseen_text} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
     bar_text = f"at {'least' if at_least else 'most'} {bar:g} asked for"
@@ -88,7 +106,7 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
 def _values(rows: "pa.Table", asked: QuantileRule) -> _Values:
     """Returns what the episodes of a column measure, as the table of missing data has it."""
     worst = -math.inf if asked.atLeast is not None else math.inf
-    measured, found = _measured(rows, asked.column), _Values([], [], [])
+    measured, found = _measured(rows, asked.column), _Values([], [], [], Counter())
     ends = zip(*(rows.column(name).to_pylist() for name in _ENDS), strict=True)
     for value, (status, code, outcome) in zip(measured, ends, strict=True):
         gap = _gap(asked, value, gap_of(status, code), outcome)
@@ -96,6 +114,7 @@ def _values(rows: "pa.Table", asked: QuantileRule) -> _Values:
             taken = Assumed("seen", "seen")
             found.seen.append(value)
         else:
+            found.gaps[gap] += 1
             taken = ASSUMED["failed: worst" if asked.failed else "quantiles"][gap]
         values: Mapping[str, float] = {"seen": value, "worst": worst, "best": -worst, "blocks": worst}
         found.proof.append(values[taken.proof])
