@@ -38,6 +38,7 @@ from tasks.results.gate.evidence import (
     write_evidence,
 )
 from tasks.results.gate.gate_verdict import GateVerdict, columns_needed, count_rows, false_pass_chance, judge
+from tasks.results.gate.impossible_rows import IMPOSSIBLE_COLUMNS
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.gate.version_pairs import PairCounts, count_pairs
@@ -271,7 +272,9 @@ def gate_material(
     """
     plan = plan_of(batch)
     both = plan.shuffled == "pairs" and not (isinstance(other, Baseline) and other.batch == batch.id)
-    rows = _rows(store, batch, list(dict.fromkeys([*columns_needed(gate), *ROOM_COLUMNS, *_EPISODES])))
+    rows = _rows(
+        store, batch, list(dict.fromkeys([*columns_needed(gate), *IMPOSSIBLE_COLUMNS, *ROOM_COLUMNS, *_EPISODES]))
+    )
     if isinstance(other, Baseline):
         meant = candidates(plan, other.digest)
         rows = rows.filter(pc.field("robot_digest").isin(list(meant)))

@@ -60,6 +60,8 @@ class Verdict(NamedTuple):
 
 
 class AtOnce:
+    arrived_m = None
+
     def place(self, world, floor, hull_radius_m, rng):
         return Placement(np.zeros(3), np.ones((1, 2)))
 

@@ -20,6 +20,7 @@ from specs.data.episode import CANCELED, EpisodeResult, success
 from specs.data.parity_audit import AuditReport, FlipShare
 from specs.data.run_report import Verdict
 from specs.pipeline.gate_section import SEQUENTIAL_RULES, CollisionRate, Gate, SuccessRate
+from tasks.results.gate.impossible_rows import impossible_rows
 from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
@@ -33,6 +34,7 @@ from tasks.results.gate.rules.rule import (
     Share,
     WorldShare,
 )
+from tasks.results.gate.rules.rule_answers import nothing_counted
 from tasks.results.gate.rules.success_rate import SUCCESS_RATE
 from tasks.results.gate.version_pairs import Drive, PairCounts, count_pairs
 from tasks.results.statistics.batch_summary import Ending, EpisodeCounts, count_endings, ending_of
@@ -71,7 +73,9 @@ class GateVerdict(Spec):
 
 
 def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
-    """Returns the verdict on a batch."""
+    """Returns the verdict on a batch; none of one that has rows that cannot be."""
+    if material.rows is not None and (why := impossible_rows(material.rows)):
+        return _not_judged(gate, material, why)
     counted = _counted(gate, material)
     rules = tuple(
         with_engine_doubt(rule.judge(asked, counted, label), asked, material.audit)
@@ -85,6 +89,20 @@ def judge(gate: Gate, material: GateMaterial) -> GateVerdict:
         sentence=sentence,
         counts=material.counts,
         rules=rules,
+        rooms=material.rooms,
+        attempts=material.attempts,
+    )
+
+
+def _not_judged(gate: Gate, material: GateMaterial, why: str) -> GateVerdict:
+    """Returns that nothing was judged, since rows cannot be; no rule says anything of them then."""
+    said = f"NOT JUDGED: {why}: nothing ships by such rows; look at one of them with simyard replay"
+    rules = [nothing_counted(label, said) for rule in GATE_RULES for label, _ in rule.asked(gate)]
+    return GateVerdict(
+        verdict="INCONCLUSIVE",
+        sentence=f"INCONCLUSIVE: {said}",
+        counts=material.counts,
+        rules=tuple(rules),
         rooms=material.rooms,
         attempts=material.attempts,
     )

@@ -1,0 +1,108 @@
+"""Rows that cannot be: what no robot could have measured that met its world, by the columns that every batch has.
+
+A gate that counts such rows would judge something else than the robot: an engine that went wrong, a robot that its file
+lets through walls, tables that were written by hand. So it judges nothing then, and says which rows they are.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+Row = Mapping[str, Any]
+_ENDED = "Completed"
+_FASTEST_M_S = 20.0
+# A robot that is no disc cuts corners, and gets through gaps that a disc of its radius does not.
+_SHARE_OF_SHORTEST = 0.5
+_SHORTER_M = 1.0
+_HAIR = 1e-6
+# An episode may end in the very control step in which the hull comes to a wall, before that has pushed it.
+_LAST_STEPS = 1e-3
+_SHOWN = 3
+
+
+class Impossible(NamedTuple):
+    """What cannot be.
+
+    Attributes:
+        what: As a sentence has it.
+        columns: That it looks at.
+        found: Returns whether the row of an episode that came to its end shows it.
+        chance: The share of rows that chance alone may show it in.
+    """
+
+    what: str
+    columns: tuple[str, ...]
+    found: Callable[[Row], bool]
+    chance: float = 0.0
+
+
+def _shortcut(row: Row) -> bool:
+    shortest_m, driven_m = row["shortest_path_m"], row["path_length_m"]
+    if shortest_m is None or row["outcome"] != "Passed" or row["goals_reached"] < row["goals_total"]:
+        return False
+    return driven_m < _SHARE_OF_SHORTEST * shortest_m and driven_m < shortest_m - _SHORTER_M * row["goals_total"]
+
+
+def _unpushed(row: Row) -> bool:
+    contact = row["impulse_ns"] > 0 or row["collisions"] > 0
+    return row["simulated_s"] > 0 and row["min_clearance_m"] <= 0 and not contact
+
+
+def _pushes_disagree(row: Row) -> bool:
+    # Rows of older batches say collisions alone.
+    return (row["impulse_ns"] > 0 and not row["collisions"]) or row["max_impulse_ns"] > row["impulse_ns"] * (1 + _HAIR)
+
+
+def _leap(row: Row) -> bool:
+    return row["path_length_m"] > _FASTEST_M_S * row["simulated_s"] + _HAIR
+
+
+def _too_many_goals(row: Row) -> bool:
+    return row["goals_reached"] > row["goals_total"]
+
+
+IMPOSSIBLE: tuple[Impossible, ...] = (
+    Impossible(
+        "passed on less than half of the shortest way",
+        ("outcome", "goals_reached", "goals_total", "path_length_m", "shortest_path_m"),
+        _shortcut,
+    ),
+    Impossible(
+        "a clearance of 0 without a push",
+        ("simulated_s", "min_clearance_m", "impulse_ns", "collisions"),
+        _unpushed,
+        _LAST_STEPS,
+    ),
+    Impossible(
+        "a push without a collision, or one larger than all together",
+        ("collisions", "impulse_ns", "max_impulse_ns"),
+        _pushes_disagree,
+    ),
+    Impossible(f"more than {_FASTEST_M_S:g} m/s in the mean", ("path_length_m", "simulated_s"), _leap),
+    Impossible("more goals reached than there are", ("goals_reached", "goals_total"), _too_many_goals),
+)
+"""The list; docs/guide/gate.md says it in words."""
+
+IMPOSSIBLE_COLUMNS = tuple(
+    dict.fromkeys(["status", "index", "world", *(name for each in IMPOSSIBLE for name in each.columns)])
+)
+"""What a gate reads of the results, whatever it asks for."""
+
+
+def impossible_rows(rows: "pa.Table") -> str:
+    """Returns how many rows cannot be, why, and which they are; empty if there are none, or if that cannot be said."""
+    if not set(IMPOSSIBLE_COLUMNS) <= set(rows.column_names):
+        return ""
+    given = rows.select(IMPOSSIBLE_COLUMNS).to_pylist()
+    return "; ".join(_lines([row for row in given if row["status"] == _ENDED], len(given)))
+
+
+def _lines(ended: list[dict[str, Any]], total: int) -> Iterator[str]:
+    for each in IMPOSSIBLE:
+        found = [row for row in ended if each.found(row)]
+        if len(found) > each.chance * total:
+            where = ", ".join(f"{row['index']} in {row['world']}" for row in found[:_SHOWN])
+            more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
+            yield f"{len(found)} of {total} rows cannot be: {each.what} (episodes {where}{more})"

@@ -1,0 +1,68 @@
+"""A gate judges nothing by rows that cannot be, and says which they are."""
+
+from typing import Any
+
+import pytest
+
+from specs.pipeline.gate_section import Gate
+from tasks.results.gate.gate_verdict import judge
+from tasks.results.gate.impossible_rows import IMPOSSIBLE_COLUMNS, impossible_rows
+from tasks.results.gate.rules.rule import GateMaterial
+from tasks.results.tables.episode_tables import results_table
+from tests.factories.episodes import collided, counted, crashed, passed, request
+
+GATE = Gate.model_validate({"successRate": {"atLeast": 0.5}, "collisionRate": {"atMost": 0.5}})
+# On commit 2fa7955b each of them was a PASS.
+CASES: list[tuple[dict[str, Any], str]] = [
+    ({"min_clearance_m": 0.0}, "a clearance of 0 without a push"),
+    ({"path_length_m": 5.0, "shortest_path_m": 11.0}, "passed on less than half of the shortest way"),
+    ({"impulse_ns": 0.5, "max_impulse_ns": 0.5}, "a push without a collision, or one larger than all together"),
+    ({"collisions": 1, "impulse_ns": 0.5, "max_impulse_ns": 0.7}, "a push without a collision, or one larger"),
+    ({"path_length_m": 900.0}, "more than 20 m/s in the mean"),
+    ({"goals_reached": 4}, "more goals reached than there are"),
+]
+
+
+def material(*changed: dict[str, Any], others: int = 47) -> GateMaterial:
+    odd = [passed(number).model_copy(update=changes) for number, changes in enumerate(changed)]
+    results = [*odd, *(passed(number) for number in range(len(changed), len(changed) + others))]
+    asked = [request(result.index) for result in results]
+    return GateMaterial(counted(results), rows=results_table("simb-1", asked, results))
+
+
+@pytest.mark.parametrize(("changes", "why"), CASES, ids=[why for _, why in CASES])
+def test_nothing_is_judged_by_a_row_that_cannot_be(changes: dict[str, Any], why: str):
+    found = judge(GATE, material(changes))
+    assert found.verdict == "INCONCLUSIVE"
+    assert found.sentence.startswith(f"INCONCLUSIVE: NOT JUDGED: 1 of 48 rows cannot be: {why}")
+    assert "(episodes 0 in wgj-1/world-1-1)" in found.sentence
+    assert [rule.verdict for rule in found.rules] == ["INCONCLUSIVE", "INCONCLUSIVE"]
+    assert all(rule.estimate is None for rule in found.rules), "more episodes would not help"
+
+
+def test_all_reasons_are_said_with_counts_and_the_first_places():
+    found = judge(GATE, material(*[{"min_clearance_m": 0.0, "goals_reached": 9}] * 5))
+    assert found.sentence.count("5 of 52 rows cannot be") == 2
+    assert "0 in wgj-1/world-1-1, 1 in wgj-1/world-1-1, 2 in wgj-1/world-1-1 and 2 more" in found.sentence
+
+
+def test_rows_that_can_be_are_judged():
+    results = [passed(0), collided(1), crashed(2), *(passed(number) for number in range(3, 60))]
+    rows = results_table("simb-1", [request(result.index) for result in results], results)
+    assert impossible_rows(rows) == ""
+    assert judge(GATE, GateMaterial(counted(results), rows=rows)).verdict == "PASS"
+
+
+def test_a_shape_that_is_no_disc_may_take_a_shorter_way():
+    assert judge(GATE, material({"path_length_m": 6.0, "shortest_path_m": 11.0})).verdict == "PASS"
+
+
+def test_one_of_a_thousand_may_end_in_the_step_in_which_it_comes_to_a_wall():
+    assert judge(GATE, material({"min_clearance_m": 0.0}, others=999)).verdict == "PASS"
+    assert "2 of 1000 rows" in judge(GATE, material(*[{"min_clearance_m": 0.0}] * 2, others=998)).sentence
+
+
+def test_without_their_columns_nothing_is_said():
+    rows = material({"min_clearance_m": 0.0}).rows
+    assert rows is not None
+    assert impossible_rows(rows.drop_columns([IMPOSSIBLE_COLUMNS[-1]])) == ""
