@@ -39,6 +39,7 @@ from flows.pipeline.stage_report import (
     generation_report,
     joined,
     recorded_report,
+    require_an_end,
     run_with_alarm,
     texts,
 )
@@ -180,6 +181,8 @@ def _judge_and_deploy(work: ParsedRun, batch: JobRecord | None, simulated: Repor
         simulated: Its report until now.
     """
     tested = authenticated_batch(work, batch)
+    if tested is not None and work.spec.gate is None:
+        require_an_end(tested)
     judged = judge(work, tested)
 
     def show() -> tuple[Reports, Reports]:

@@ -7,7 +7,7 @@ roll-out. A job that made nothing leaves nothing.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from typing import NamedTuple, cast
+from typing import NamedTuple, cast, get_args
 
 from pydantic import JsonValue
 
@@ -17,6 +17,7 @@ from specs.data.run_report import Artefact, PipelineReport, StageName, StageRepo
 from specs.data.world import Certificate
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.job_kinds import JobKind
+from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
@@ -129,6 +130,21 @@ def batch_report(record: JobRecord, seconds: float) -> StageReport:
         found = RoomCoverage.model_validate(detail[ROOMS])
         stage = _with_rooms(stage.model_copy(update={"summary": f"{stage.summary}; {coverage_line(found)}"}), found)
     return with_alarm(stage, f"There is no report: {detail['report_failed']}") if "report_failed" in detail else stage
+
+
+def require_an_end(record: JobRecord) -> None:
+    """Refuses a batch none of whose episodes came to its end; for a run that has no gate to judge it.
+
+    Raises:
+        StageFailed: Each job of the batch failed; with the most frequent code, and what the first one says.
+    """
+    detail = record.detail
+    reasons = cast("list[dict[str, JsonValue]]", detail.get("why_not", []))
+    failed = [each for each in reasons if each["reason"] in get_args(SimulationJobErrorCode)]
+    if failed and sum(cast("int", each["episodes"]) for each in failed) == detail["episodes"]:
+        most = max(failed, key=lambda each: cast("int", each["episodes"]))
+        why = f"all {detail['episodes']} episodes failed, and none came to its end{_why_not(reasons)}"
+        raise StageFailed(str(most["reason"]), f"{why}; simyard report shows them", record.arn)
 
 
 def gate_report(

@@ -19,6 +19,7 @@ from flows.pipeline.stage_report import (
     generation_report,
     made_by,
     recorded_report,
+    require_an_end,
     run_with_alarm,
     with_alarm,
 )
@@ -176,6 +177,19 @@ def test_a_batch_tells_all_its_reasons_and_samples_of_the_most_frequent(file_sto
     }
     summary = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0).summary
     assert summary.endswith("; 8 x RobotApplicationCrash: no module go_to_gaol; 2 x timeout; 1 x collision")
+
+
+# Such a run ended with "Done." and exit code 0.
+def test_a_batch_without_an_episode_that_came_to_its_end_is_a_stage_that_failed(file_store: Store):
+    def crashed(*why: JsonValue) -> JobRecord:
+        detail: dict[str, JsonValue] = {"passed": 0, "episodes": 11, "simulated_s": 0.0, "why_not": [*why]}
+        return _ended(file_store, "simulation-job-batch", "Completed", detail)
+
+    most: JsonValue = {"reason": "RobotApplicationCrash", "episodes": 8, "sample": "no module go_to_gaol"}
+    with pytest.raises(StageFailed, match=r"RobotApplicationCrash: all 11 .*: no module go_to_gaol"):
+        require_an_end(crashed(most, {"reason": "InternalServiceError", "episodes": 3, "sample": ""}))
+    require_an_end(crashed(most, {"reason": "timeout", "episodes": 3, "sample": ""}))
+    require_an_end(crashed())
 
 
 @pytest.mark.parametrize(("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
