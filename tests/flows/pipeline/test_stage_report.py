@@ -181,9 +181,10 @@ def test_a_batch_tells_all_its_reasons_and_samples_of_the_most_frequent(file_sto
 
 # Such a run ended with "Done." and exit code 0.
 def test_a_batch_without_an_episode_that_came_to_its_end_is_a_stage_that_failed(file_store: Store):
+    batch = _ended(file_store, "simulation-job-batch", "Completed", {})
+
     def crashed(*why: JsonValue) -> JobRecord:
-        detail: dict[str, JsonValue] = {"passed": 0, "episodes": 11, "simulated_s": 0.0, "why_not": [*why]}
-        return _ended(file_store, "simulation-job-batch", "Completed", detail)
+        return batch.model_copy(update={"detail": {"passed": 0, "episodes": 11, "why_not": [*why]}})
 
     most: JsonValue = {"reason": "RobotApplicationCrash", "episodes": 8, "sample": "no module go_to_gaol"}
     with pytest.raises(StageFailed, match=r"RobotApplicationCrash: all 11 .*: no module go_to_gaol"):
