@@ -92,6 +92,19 @@ def _command() -> Sequence[str]:
     return [attacked] if attacked else [str(Path(sys.executable).with_name("simyard"))]
 
 
+def attacked_python() -> str:
+    """Returns the interpreter of the version that is attacked."""
+    return str(Path(_command()[0]).with_name("python"))
+
+
+def attacked_environment() -> dict[str, str]:
+    """Returns this machine's environment for a program of the version that is attacked, without what is the owner's."""
+    kept = {name: value for name, value in os.environ.items() if name not in _NOT_THE_OWNERS}
+    if os.environ.get(_ATTACKED):
+        kept.pop("PYTHONPATH", None)  # or it would be this version that is attacked
+    return kept
+
+
 @pytest.fixture(scope="session")
 def attack_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The owner's cache folder; one for all attacks."""
@@ -111,7 +124,4 @@ def owner(writer: Writer, tmp_path: Path, attack_cache: Path, prefect_server: st
     """The owner, in an empty folder."""
     url, folder = writer.folder.as_uri(), tmp_path / "owner"
     folder.mkdir()
-    kept = {name: value for name, value in os.environ.items() if name not in _NOT_THE_OWNERS}
-    if os.environ.get(_ATTACKED):
-        kept.pop("PYTHONPATH", None)  # or it would be this version that is attacked
-    return Owner(url, folder, {**kept, "SIMYARD_STORE": url, "SIMYARD_CACHE": str(attack_cache)})
+    return Owner(url, folder, {**attacked_environment(), "SIMYARD_STORE": url, "SIMYARD_CACHE": str(attack_cache)})

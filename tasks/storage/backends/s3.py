@@ -20,12 +20,13 @@ from specs.errors import (
     ObjectExists,
     ObjectNotFound,
     ObjectTooBig,
+    SimyardError,
     StoreDamaged,
     StoreError,
     StoreUnreachable,
 )
 from tasks.storage.backends.s3_access import PART_BYTES, access_to
-from tasks.storage.backends.s3_client import FAULTS, Answer, S3Client, is_etag_of, s3_error
+from tasks.storage.backends.s3_client import Answer, S3Client, is_etag_of, s3_error
 from tasks.storage.base.keys import checked_key
 from tasks.storage.base.local_files import room_in, whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, StoredObject
@@ -175,8 +176,8 @@ class S3Store:
         path = self._path(key)
         with self._explained(key):
             answer: Answer = self._client.call("head_object", Bucket=self._bucket, Key=path)
-        metadata = cast("dict[str, str]", answer.get("Metadata") or {})
-        return f"{answer['ETag']}-{answer['LastModified']}-{metadata.get(_MARK, '')}"
+            metadata = cast("dict[str, str]", answer.get("Metadata") or {})
+            return f"{answer['ETag']}-{answer['LastModified']}-{metadata.get(_MARK, '')}"
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys in the folder and below, sorted, without hidden ones."""
@@ -248,9 +249,9 @@ class S3Store:
         path = self._path(key)
         with self._explained(key):
             answer = self._client.call("list_multipart_uploads", Bucket=self._bucket, Prefix=path)
-        for upload in cast("list[dict[str, str]]", answer.get("Uploads", [])):
-            if upload["Key"] == path:
-                self._abort(key, upload["UploadId"])
+            for upload in cast("list[dict[str, str]]", answer.get("Uploads", [])):
+                if upload["Key"] == path:
+                    self._abort(key, upload["UploadId"])
 
     def download(self, key: str, target: Path) -> None:
         """Writes the object to the file, which appears whole or not at all."""
@@ -307,15 +308,17 @@ class S3Store:
         try:
             with self._explained(key):
                 answer: Answer = self._client.call("head_object", Bucket=self._bucket, Key=path)
+                return cast("dict[str, str]", answer["Metadata"]).get(_MARK, ""), str(answer["ETag"])
         except ObjectNotFound:
             return None, ""
-        return cast("dict[str, str]", answer["Metadata"]).get(_MARK, ""), str(answer["ETag"])
 
     @contextmanager
     def _explained(self, key: str) -> Generator[None]:
         try:
             yield
-        except FAULTS as exc:
+        except SimyardError:  # explained already
+            raise
+        except Exception as exc:  # who answers may be anybody: whatever came of it, the store was not reached
             raise s3_error(exc, self.url, key) from exc
 
 

@@ -60,24 +60,43 @@ _FULL_CODES = frozenset({"EntityTooLarge", "QuotaExceeded", "XMinioStorageFull",
 _TOO_MANY_REQUESTS, _NO_ROOM = 429, 507
 _CREDENTIALS = "check AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY, or AWS_PROFILE"
 _SETTINGS = "look at the variables AWS_... and the files that AWS_CONFIG_FILE and AWS_SHARED_CREDENTIALS_FILE name"
+_ODD = "is there a proxy, or a page to sign in at, in between?"
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 8.0
 _ANSWER_S = 20.0
 _BLOCK_BYTES = 1 << 18
 _AFTER_THE_END = "InvalidRange"
+_OF_AN_OBJECT = frozenset({"ETag", "LastModified", "ContentLength"})
+# What every server says: a page to sign in at, which answers 200 to anything, does not.
+_SAID: Mapping[str, frozenset[str]] = {
+    "head_object": _OF_AN_OBJECT,
+    "get_object": _OF_AN_OBJECT,
+    "put_object": frozenset({"ETag"}),
+    "delete_object": frozenset(),
+    "list_objects_v2": frozenset({"Name"}),
+    "list_multipart_uploads": frozenset({"Bucket"}),
+}
+_BODILESS = frozenset({"put_object", "delete_object"})
+_OK, _NO_CONTENT, _PART = 200, 204, 206
+_STATUSES: Mapping[str, int] = {"delete_object": _NO_CONTENT}
 
 
 class _Answered(Protocol):
     response: Mapping[str, Mapping[str, object]]
 
 
+class OddAnswer(Exception):  # noqa: N818 - a state
+    """What answered is no S3 server, or somebody in between has cut what it said."""
+
+
 # The status and code that the server sent decide, wherever they are in the chain of exceptions; botocore's own errors
-# are no OSErrors (docs/reference/store.md, section 5). Messages carry neither the server's text nor credentials.
-def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
-    """Returns the store's error for one of FAULTS that came up while working on the key.
+# are no OSErrors (docs/reference/store.md, section 5). Messages carry neither the server's text nor credentials. Of
+# whatever else comes of a request, as when botocore reads what is no answer of S3, the store was not reached.
+def s3_error(exc: Exception, url: str, key: str) -> StoreError:
+    """Returns the store's error for what came up while working on the key.
 
     Args:
-        exc: What botocore raised.
+        exc: What was raised.
         url: The store's.
         key: Relative to the store.
     """
@@ -87,16 +106,23 @@ def s3_error(exc: BaseException, url: str, key: str) -> StoreError:
         return _refusal(status, code, place)
     if isinstance(exc, _NO_CREDENTIALS):
         return StoreAccessDenied(f"{place}: no usable credentials ({type(exc).__name__}); {_CREDENTIALS}")
-    if isinstance(exc, ProxyConnectionError):
-        return StoreAway(
-            f"{place}: the proxy that HTTP_PROXY or HTTPS_PROXY names does not answer; NO_PROXY says for whom"
-        )
     if isinstance(exc, OSError) and not isinstance(exc, _NO_ANSWER):
         kind = StoreFull if exc.errno in NO_ROOM else StoreError  # of this machine
         return kind(f"{place}: {exc.strerror or exc}{f': {exc.filename}' if exc.filename else ''}")
     if isinstance(exc, BotoCoreError) and not isinstance(exc, _NO_ANSWER):
         return StoreUnreachable(f"{place}: this machine's settings for AWS are wrong: {exc}; {_SETTINGS}")
-    return StoreAway(f"{place}: no answer from {_endpoint()} ({type(exc).__name__}); is it running and reachable?")
+    return _silence(exc, place)
+
+
+def _silence(exc: Exception, place: str) -> StoreAway:
+    if isinstance(exc, ProxyConnectionError):
+        return StoreAway(
+            f"{place}: the proxy that HTTP_PROXY or HTTPS_PROXY names does not answer; NO_PROXY says for whom"
+        )
+    said = str(exc) if isinstance(exc, OddAnswer) else type(exc).__name__
+    if isinstance(exc, FAULTS):
+        return StoreAway(f"{place}: no answer from {_endpoint()} ({said}); is it running and reachable?")
+    return StoreAway(f"{place}: {_endpoint()} does not answer as S3 does: {said}; {_ODD}")
 
 
 def _refusal(status: int, code: str, place: str) -> StoreError:
@@ -180,20 +206,24 @@ class S3Client:
         self._has_answered = False
 
     def call(self, operation: str, **parameters: object) -> Answer:
-        """Returns the server's answer to an operation of botocore's S3 client; raises one of FAULTS."""
+        """Returns the server's answer to an operation of botocore's S3 client.
+
+        Raises:
+            OddAnswer: It is none of S3's.
+            Exception: botocore's, or what its parsers meet in what is none of S3's.
+        """
         try:
             answer = cast("Answer", getattr(self._ready(), operation)(**parameters))
-        except FAULTS as exc:
+        except (BotoCoreError, ClientError) as exc:
             if hasattr(exc, "response"):
                 self._answered()
             raise
-        except ValueError as exc:  # of botocore's, which reads numbers and addresses in variables
-            raise InvalidConfigError(error_msg=str(exc)) from exc
+        _require_said(operation, answer, part="Range" in parameters)
         self._answered()
         return answer
 
     def put(self, bucket: str, key: str, body: bytes, **parameters: object) -> str:
-        """Writes an object whole, and returns its etag; raises one of FAULTS.
+        """Writes an object whole, and returns its etag; raises what `call` does.
 
         A server that gets the headers of a sender that is killed then may take that for an empty object
         (docs/reference/store.md, section 12), so that the bytes' MD5 goes along.
@@ -216,11 +246,14 @@ class S3Client:
             most_bytes: So many are read, and not one more.
         """
         answer = self.call("get_object", Bucket=bucket, Key=key)
-        body = cast("_Body", answer["Body"])
+        body, length = cast("_Body", answer["Body"]), cast("int", answer["ContentLength"])
         try:
-            return body.read(most_bytes), str(answer["ETag"])
+            found = body.read(most_bytes)
         finally:
             body.close()
+        if len(found) < min(most_bytes, length):  # or the first half of an object would pass for all of it
+            raise OddAnswer(f"with {len(found)} of {length} bytes")
+        return found, str(answer["ETag"])
 
     def blocks(self, bucket: str, key: str, first_byte: int) -> Generator[bytes]:
         """Yields an object's bytes from one of them on, as they arrive."""
@@ -252,7 +285,10 @@ class S3Client:
     def _ready(self) -> object:
         with self._making:
             if self._client is None:
-                self._client = self._made(_FIRST_ANSWER_S, attempts=2)
+                try:
+                    self._client = self._made(_FIRST_ANSWER_S, attempts=2)
+                except ValueError as exc:  # of botocore's, which reads numbers and addresses in variables
+                    raise InvalidConfigError(error_msg=str(exc)) from exc
             return self._client
 
     def _answered(self) -> None:
@@ -280,6 +316,30 @@ class S3Client:
                 endpoint_url=self._access.endpoint or None,
             ),
         )
+
+
+def _require_said(operation: str, answer: Answer, *, part: bool) -> None:
+    """Does nothing for an answer that a server of S3 may give to an operation.
+
+    Args:
+        operation: Of botocore's client.
+        answer: What botocore made of what came.
+        part: Whether a part of an object was asked for.
+
+    Raises:
+        OddAnswer: It is another one.
+    """
+    if operation not in _SAID:
+        return
+    if missing := _SAID[operation] - answer.keys():
+        raise OddAnswer(f"without {', '.join(sorted(missing))}")
+    http = cast("Mapping[str, object]", answer["ResponseMetadata"])
+    if http["HTTPStatusCode"] not in {_OK, _PART if part else _STATUSES.get(operation, _OK)}:
+        raise OddAnswer(f"with status {http['HTTPStatusCode']}")
+    length = cast("int", answer.get("ContentLength", 0))
+    sent = int(cast("Mapping[str, str]", http["HTTPHeaders"]).get("content-length", "0"))
+    if length < 0 or (operation in _BODILESS and sent):
+        raise OddAnswer(f"with {length or sent} bytes")
 
 
 @functools.cache

@@ -20,8 +20,9 @@ from tasks.storage.backends import s3_client
 from tasks.storage.backends.s3 import S3Store
 from tasks.storage.backends.s3_client import Answer, S3Client
 from tasks.storage.base.store import Store
-from tasks.storage.store_url import open_store
+from tasks.storage.store_url import connect, open_store
 from tests.servers.faulty_proxy import FaultyProxy, faulty_proxy
+from tests.servers.odd_server import odd_server
 from tests.servers.seaweed import READER_KEY, READER_SECRET, Seaweed
 
 _NOTHING_LISTENS = "http://127.0.0.1:9"
@@ -277,3 +278,25 @@ def _uploads_under_way(seaweed: Seaweed, store: Store) -> bool:
     finally:
         client.close()
     return any(upload["Key"].startswith(prefix) for upload in uploads)
+
+
+_ENDED_AN_AGENT = ("200, a page", "200, empty", "200, a length that is none", "200, dates that are none", "204", "206")
+
+
+@pytest.mark.parametrize("answer", [*_ENDED_AN_AGENT, "200, cut", "200, a negative length", "302", "a reset"])
+def test_whatever_answers_in_the_place_of_a_server_was_not_reached(
+    answer: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION"):
+        monkeypatch.setenv(name, "eu-central-1")
+    monkeypatch.setattr("time.sleep", lambda _s: None)  # botocore's, before it asks again
+    with odd_server(answer) as server:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", server.endpoint)
+        store = connect("s3://bucket/store")
+        asked: list[Callable[[], object]] = [lambda: store.get("key", 1000), lambda: store.exists("key")]
+        asked.append(lambda: store.entries("folder"))
+        if answer != "200, dates that are none":  # of a write, a date says nothing
+            asked.append(lambda: store.put("key", b"body"))
+        for request in asked:
+            with pytest.raises(StoreUnreachable):
+                request()
