@@ -11,10 +11,10 @@ from typing import Any, NamedTuple, cast
 
 import uvicorn
 
-from flows.gateway.application import Application, Calls, Page
+from flows.gateway.application import Application, Calls, Page, Reader, no_reader
 from flows.gateway.gateway import Gateway
 from flows.gateway.handlers import HANDLERS
-from flows.gateway.page.site import Site, answer_page
+from flows.gateway.page.site import Site, answer_page, reader_of
 from specs.arn import ArnForm, ResourceKind, reference_path
 from specs.errors import DocumentError
 from specs.settings import ACTIONS_DAYS, region
@@ -55,11 +55,13 @@ class Auth(NamedTuple):
         guard: Who lets it in.
         page: What answers a browser.
         note: Keeps a line about it.
+        reader: Says whose browser asks.
     """
 
     guard: Guard
     page: Page
     note: Note
+    reader: Reader = no_reader
 
 
 def serve(store: Store, auth: Auth, listener: Listener, wake: Callable[[], None]) -> None:
@@ -75,7 +77,7 @@ def serve(store: Store, auth: Auth, listener: Listener, wake: Callable[[], None]
         DocumentError: Another program listens there.
     """
     gateway = Gateway(store, wake)
-    application = Application(Calls(gateway, HANDLERS, *auth))
+    application = Application(Calls(gateway, HANDLERS, *auth[:-1], reader=auth.reader))
     protocol = partial(BoundedProtocol, all_connections=Connections(listener.bounds), tls=listener.tls)
     config = uvicorn.Config(
         application,
@@ -123,7 +125,8 @@ def signed_auth(store: Store, keys: Path, prefect_url: PrefectUrl = str, *, is_e
         DocumentError: SIMYARD_ACTIONS_DAYS is no number of days.
     """
     guard = SignedGuard(KeyFile(keys), store_id(store), fleet_ties(store))
-    return Auth(guard, _page(Site(store, guard, is_encrypted, prefect_url)), _note(store))
+    site = Site(store, guard, is_encrypted, prefect_url)
+    return Auth(guard, _page(site), _note(store), partial(reader_of, site))
 
 
 def loopback_auth(store: Store, port: int, prefect_url: PrefectUrl = str) -> Auth:

@@ -20,7 +20,7 @@ from uvicorn.server import ServerState
 
 from specs.errors import AccessRefused, DocumentError
 
-_SMALL_BYTES = 64 << 10
+SMALL_BYTES = 64 << 10
 _ROOM_BYTES = 128 << 20
 _MOST_HEADERS = 100
 _TOO_BIG = "RequestEntityTooLargeException"
@@ -83,7 +83,7 @@ class Connections:
 
     def admit(self, connection: Connection, address: str) -> bool:
         """Returns whether there is room for a new connection, which waits for a request then."""
-        client = _network(address)
+        client = network_of(address)
         full = self._counts.get(client, 0) >= self.bounds.of_client
         if (full or len(self) >= self.bounds.open) and not self._make_room(client if full else None):
             return False
@@ -121,7 +121,8 @@ class Connections:
         return False
 
 
-def _network(address: str) -> str:
+def network_of(address: str) -> str:
+    """Returns what is one client: an address, or a /64 network of IPv6."""
     try:
         parsed = ip_address(address.partition("%")[0])
     except ValueError:
@@ -183,7 +184,7 @@ class BodyPlace:
             found += message.get("body", b"")
             if len(found) > most_bytes:
                 raise too_big(most_bytes)
-            if len(found) > max(_SMALL_BYTES, self.taken):
+            if len(found) > max(SMALL_BYTES, self.taken):
                 # Twice as much each time, so that few steps lead to the end.
                 more = min(max(len(found), 2 * self.taken), most_bytes) - self.taken
                 self._room.take(more)

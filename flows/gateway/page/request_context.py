@@ -4,10 +4,13 @@ A list reads a page of what it shows, the newest first, however much the store h
 """
 
 import re
+import time
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
+from threading import Lock
 from typing import TypeVar
 from urllib.parse import quote, urlsplit
 
@@ -58,8 +61,48 @@ PAGE_ROWS = 50
 MOST_BYTES = 16 << 20
 """More than the record of a batch in ten thousand worlds has."""
 _THREADS = 8
+_LISTINGS, _KEPT, _LONGEST_KEPT_S = 64, 10, 30.0
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+@dataclass
+class _Listing:
+    names: list[str] = field(default_factory=list[str])
+    until_s: float = 0.0
+    lock: Lock = field(default_factory=Lock)
+
+
+class Listings:
+    """Names in lists, each list kept for ten times as long as it took to make; many threads may ask at once.
+
+    However often somebody reloads a page, the store is listed for a tenth of the time at most, and a list of a small
+    store is always new. Who asks while a list is made gets that one.
+    """
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[tuple[str, str], _Listing] = OrderedDict()
+        self._lock = Lock()
+
+    def names(self, key: tuple[str, str], make: Callable[[], list[str]]) -> list[str]:
+        """Returns the names of a list.
+
+        Args:
+            key: Which list it is, and whose.
+            make: Makes it anew.
+        """
+        with self._lock:
+            kept = self._kept.setdefault(key, _Listing())
+            self._kept.move_to_end(key)
+            if len(self._kept) > _LISTINGS:
+                self._kept.popitem(last=False)
+        with kept.lock:
+            began_s = time.monotonic()
+            if began_s >= kept.until_s:
+                kept.names = make()
+                now_s = time.monotonic()
+                kept.until_s = now_s + min(_KEPT * (now_s - began_s), _LONGEST_KEPT_S)
+            return kept.names
 
 
 @dataclass(frozen=True)
@@ -73,6 +116,8 @@ class RequestContext:
         now_s: The time, seconds since 1970.
         step: Which page of its list is wanted, from 1.
         prefect_url: Says where the pages of the Prefect server are; empty if none is known.
+        key: The id of the key of who looks; empty where everybody sees all.
+        listings: What lists showed last.
     """
 
     store: Store
@@ -81,6 +126,8 @@ class RequestContext:
     now_s: float
     step: int = 1
     prefect_url: Callable[[], str] = str
+    key: str = ""
+    listings: Listings = field(default_factory=Listings)
 
     def arn(self, kind: ResourceKind, path: str) -> str:
         """Returns the ARN of a resource of the store."""
@@ -176,15 +223,19 @@ def tag_rows(context: RequestContext, kind: ResourceKind, path: str, said: objec
 def newest_names(context: RequestContext, prefix: str, name_of: Callable[[str], str]) -> list[str]:
     """Returns the names of what lies in a folder, what was written last first; what may not be seen is left out.
 
-    One listing, and nothing is read.
+    One listing at most, and nothing is read.
 
     Args:
         context: Who looks, and where.
         prefix: The folder.
         name_of: Returns the name that a key stands for; empty for one that is left out.
     """
-    found = sorted(context.store.entries(prefix), key=lambda entry: (-entry.written_s, entry.key))
-    return [name for entry in found if (name := name_of(entry.key))]
+
+    def listed() -> list[str]:
+        found = sorted(context.store.entries(prefix), key=lambda entry: (-entry.written_s, entry.key))
+        return [name for entry in found if (name := name_of(entry.key))]
+
+    return context.listings.names((prefix, context.key), listed)
 
 
 def newest_jobs(context: RequestContext, kind: JobKind) -> list[str]:

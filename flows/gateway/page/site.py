@@ -27,7 +27,7 @@ from flows.gateway.page.fleet_pages import (
     robot_page,
     robots_page,
 )
-from flows.gateway.page.request_context import SECTIONS, RequestContext, nothing_there
+from flows.gateway.page.request_context import SECTIONS, Listings, RequestContext, nothing_there
 from flows.gateway.page.run_pages import (
     batch_page,
     batches_page,
@@ -78,7 +78,7 @@ _BACK = re.compile(r"/(?![/\\])[A-Za-z0-9._~%/?=&+-]{0,1000}")
 _LOG = logging.getLogger(__name__)
 _FORMS = frozenset({"sign-in", "sign-out"})
 _MOST_STEP_DIGITS = 6
-_MOST_PATH = 1024
+_MOST_PATH, _MOST_KEY = 1024, 128
 
 
 def home_page(context: RequestContext) -> Page:
@@ -130,16 +130,17 @@ def sign_in(sign_ins: SignIns, readers: Readers, request: HttpRequest, now_s: fl
         return refusal
     form = _form(request)
     key_id, back = form.get("key", "").strip(), safe_back(form.get("back", "/"))
-    wait_s = sign_ins.rate_limit.begin(request.client, now_s)
-    if wait_s > 0:
-        reason = f"Too many wrong keys came from your address. Try again in {wait_s:.0f} seconds."
-        return _page_answer(sign_in_html(back, reason), {**headers, "Retry-After": f"{wait_s:.0f}"}, 429)
-    secret = readers.secret_of(key_id)
+    secret, guesser = readers.secret_of(key_id), f"{request.client} {key_id[:_MOST_KEY]}"
     if not matches(secret, form.get("secret", "").strip()) or secret is None:
+        # Only who is wrong waits: behind a proxy all come from one address, and one of them must not keep out others.
+        wait_s = sign_ins.rate_limit.begin(guesser, now_s)
+        if wait_s > 0:
+            reason = f"Too many wrong secrets of this key came from your address. Wait {wait_s:.0f} seconds."
+            return _page_answer(sign_in_html(back, reason), {**headers, "Retry-After": f"{wait_s:.0f}"}, 429)
         return _page_answer(
             sign_in_html(back, "That is no key with its secret, or the key may not read."), headers, 403
         )
-    sign_ins.rate_limit.forgive(request.client)
+    sign_ins.rate_limit.forgive(guesser)
     cookie = _cookie(request, seal_session(new_session(key_id, now_s), secret), LIFE_S, is_secure=is_secure)
     return HttpAnswer(303, b"", _HTML, headers={**headers, "Location": back, "Set-Cookie": cookie})
 
@@ -242,6 +243,8 @@ class Site:
         readers: Who may sign in, and see what; None where everybody who gets here sees all.
         is_secure: Whether browsers come by TLS.
         prefect_url: Says where the pages of the Prefect server are; empty if none is known.
+        sign_ins: Who came.
+        listings: What lists showed last.
     """
 
     store: Store
@@ -249,6 +252,7 @@ class Site:
     is_secure: bool = False
     prefect_url: Callable[[], str] = str
     sign_ins: SignIns = field(default_factory=SignIns)
+    listings: Listings = field(default_factory=Listings)
 
 
 def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
@@ -262,13 +266,20 @@ def answer_page(site: Site, request: HttpRequest) -> HttpAnswer | None:
         return _posted(site, request, section, now_s)
     if request.method not in {"GET", "HEAD"} or section == "sign-out":
         return None
-    key = signed_in(site.sign_ins, site.readers, request, now_s, is_secure=site.is_secure) if site.readers else ""
+    key = reader_of(site, request) or None if site.readers else ""
     if section == "sign-in":
         back = _back(request.query) if site.readers and key is None else "/"
         return _page_answer(sign_in_html(back, ""), headers) if site.readers and key is None else _see("/", headers)
     if key is None:
         return _without_session(request, headers)
     return _shown(site, request, key, now_s)
+
+
+def reader_of(site: Site, request: HttpRequest) -> str:
+    """Returns the id of the key that a browser has signed in with; empty if it has not, or need not."""
+    if site.readers is None:
+        return ""
+    return signed_in(site.sign_ins, site.readers, request, time.time(), is_secure=site.is_secure) or ""
 
 
 def _posted(site: Site, request: HttpRequest, section: str, now_s: float) -> HttpAnswer | None:
@@ -284,7 +295,9 @@ def _shown(site: Site, request: HttpRequest, key: str, now_s: float) -> HttpAnsw
     identifier = store_id(site.store)
     readers = site.readers
     may_read: Callable[[str], bool] = (lambda arn: readers.may_read(key, arn)) if readers else (lambda _: True)
-    context = RequestContext(site.store, identifier, may_read, now_s, _step(query), site.prefect_url)
+    context = RequestContext(
+        site.store, identifier, may_read, now_s, _step(query), site.prefect_url, key, site.listings
+    )
     try:
         found = _found(context, request.raw_path)
     except DocumentError:

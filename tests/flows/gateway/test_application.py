@@ -190,7 +190,7 @@ def _answer(store: Store, operation: str, members: dict[str, str]) -> HttpAnswer
     guard = LoopbackGuard(loopback_hosts(8600))
     calls = Calls(Gateway(store, lambda: None), HANDLERS, guard, no_page, _refuse)
     path, body = OPERATIONS[operation].path, json.dumps(members).encode()
-    return calls.answer(HttpRequest("POST", path, "", (("host", HOST),), body, "127.0.0.1", "r"))
+    return calls.answer(calls.admit(HttpRequest("POST", path, "", (("host", HOST),), body, "127.0.0.1", "r")))
 
 
 def test_a_change_without_a_line_in_the_log_is_said_to_be_done(file_store: Store):

@@ -4,16 +4,20 @@ import json
 import re
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from html import unescape
 from pathlib import Path
 
 import pytest
 
+from flows.gateway.page.request_context import Listings
 from flows.gateway.page.site import Site, answer_page
 from specs.arn import Reference
 from tasks.gateway.rest_json import HttpAnswer, HttpRequest
+from tasks.storage.base.store import Entry
 from tasks.storage.store_url import open_store
 from tasks.storage.tags import change_tags, with_tags
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store
@@ -245,12 +249,60 @@ def test_a_wrong_key_gets_the_form_once_more(body: str, site: Site):
     assert b'type="password"' in answer.body
 
 
-def test_who_guesses_has_to_wait_and_then_the_right_secret_does_not_help_either(site: Site):
-    statuses = [post(site, "/sign-in", f"key={KEY}&secret={n}").status for n in range(6)]
-    assert statuses == [403] * 5 + [429]
-    refused = post(site, "/sign-in", f"key={KEY}&secret={SECRET}")
-    assert refused.status == 429
-    assert int(refused.headers["Retry-After"]) >= 1
+def test_who_guesses_a_secret_is_told_to_wait_and_keeps_out_nobody_of_the_same_address(site: Site):
+    answers = [post(site, "/sign-in", f"key={KEY}&secret={n}") for n in range(6)]
+    assert [answer.status for answer in answers] == [403] * 5 + [429]
+    assert int(answers[-1].headers["Retry-After"]) >= 1
+    assert post(site, "/sign-in", "key=SIMYARD0000000000002&secret=wrong").status == 403
+    assert post(site, "/sign-in", f"key={KEY}&secret={SECRET}").status == 303
+
+
+def test_a_page_that_is_reloaded_lists_a_large_store_once(folder: Path, shown: Shown, monkeypatch: pytest.MonkeyPatch):
+    del shown
+    store, clock, listings = open_store(folder.as_uri()), [1000.0], list[str]()
+    real = store.entries
+
+    def slow(prefix: str) -> list[Entry]:
+        listings.append(prefix)
+        clock[0] += 2.0
+        return real(prefix)
+
+    monkeypatch.setattr(store, "entries", slow)
+    monkeypatch.setattr("flows.gateway.page.request_context.time.monotonic", lambda: clock[0])
+    site = Site(store, Keys(), listings=Listings())
+    cookie = signed_in(site)
+    pages = {text(site, "/worlds", cookie=cookie) for _ in range(20)}
+    assert (len(listings), len(pages)) == (1, 1)
+    clock[0] += 21.0
+    text(site, "/worlds", cookie=cookie)
+    assert listings == ["worlds", "worlds"]
+
+
+def test_a_list_is_made_once_for_many_who_ask_at_once():
+    listings, made = Listings(), list[int]()
+
+    def make() -> list[str]:
+        made.append(1)
+        time.sleep(0.2)
+        return ["a"]
+
+    with ThreadPoolExecutor(16) as pool:
+        found = [*pool.map(lambda _: listings.names(("worlds", KEY), make), range(16))]
+    assert (found, len(made)) == ([["a"]] * 16, 1)
+
+
+class _TwoKeys(Keys):
+    """One sees everything, the other nothing."""
+
+    def may_read(self, key_id: str, arn: str) -> bool:
+        return key_id == KEY and super().may_read(key_id, arn)
+
+
+def test_what_one_key_may_not_see_is_in_no_list_that_another_has_asked_for(folder: Path, shown: Shown):
+    site = Site(open_store(folder.as_uri()), _TwoKeys(secrets={KEY: SECRET, "other": "another secret"}))
+    assert shown.batch in text(site, "/batches", cookie=signed_in(site))
+    cookie = cookie_of(post(site, "/sign-in", "key=other&secret=another secret"))
+    assert shown.batch not in text(site, "/batches", cookie=cookie)
 
 
 @pytest.mark.parametrize("origin", ["", "null", "http://evil.example", f"http://{HOST}.evil.example", f"ftp://{HOST}"])
