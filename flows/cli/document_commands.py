@@ -1,7 +1,7 @@
 """The commands `simyard run`, `plan` and `validate`. Each imports what it needs when it runs."""
 # ruff: noqa: PLC0415 - see above
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -92,7 +92,13 @@ def plan(file: Document, store: StoreUrl = None) -> None:
             echo(line)
 
 
-def validate(file: Document) -> None:
+def validate(
+    file: Document,
+    store: Annotated[
+        str | None,
+        typer.Option("--store", help="Also look up what the document refers to, in this store.", show_default=False),
+    ] = None,
+) -> None:
     """Check a document, or a template alone, and tell all its faults at once."""
     from flows.pipeline.bundle_checks import check_own_bundles, unchecked_references
     from specs.template.body import TemplateBody
@@ -112,12 +118,24 @@ def validate(file: Document) -> None:
         return
     spec = pipeline_of(data, file, file.parent)
     with _name_file(file):
-        notes = check_own_bundles(spec, file.resolve().parent)
+        notes = check_own_bundles(spec, file.resolve().parent, _references_in(store))
     echo(f"{file}: {spec.name}: valid")
     for note in notes:
         echo(note)
-    if left := unchecked_references(spec):
-        echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does")
+    if not store and (left := unchecked_references(spec)):
+        echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does, or --store")
+
+
+def _references_in(store: str | None) -> "Sequence[Callable[[PipelineSpec, Path], object]]":
+    """Returns what looks up a document's references in a store, without a change to it; nothing where none is named."""
+    if not store:
+        return ()
+    from flows.pipeline.references import resolve_references
+    from tasks.storage.backends.overlay import OverlayStore
+    from tasks.storage.store_url import open_existing_store
+
+    opened = open_existing_store(store)
+    return (lambda spec, base: resolve_references(spec, OverlayStore(opened), base),)
 
 
 @contextmanager

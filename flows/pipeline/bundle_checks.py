@@ -124,6 +124,39 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
         raise DocumentError(list(dict.fromkeys(faults)))
 
 
+def check_modules(spec: PipelineSpec, base: Path) -> None:
+    """Refuses controllers and scenarios in the document's own bundles that are no Python; nothing of them is run.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    own = {(each.kind, each.name): base / each.source for each in spec.applications}
+    faults: list[Fault] = []
+    for launch in filter(lambda each: each.simulated, _launched(spec)):
+        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
+        name = module_file(launch.package, launch.file)
+        if folder and (folder / name).is_file() and (wrong := _no_python(folder / name)):
+            allowed = f"a module in Python, and {name} is none: {wrong}"
+            faults.append(Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=allowed))
+    if faults:
+        raise DocumentError(list(dict.fromkeys(faults)))
+
+
+def _no_python(module: Path) -> str:
+    """Returns why a file does not compile; empty if it does, or if only reading it tells what is wrong."""
+    try:
+        compile(module.read_bytes(), module.name, "exec", dont_inherit=True)
+    except SyntaxError as exc:
+        return f"line {exc.lineno}: {exc.msg}"
+    except (OSError, ValueError, RecursionError, MemoryError) as exc:
+        return str(exc)
+    return ""
+
+
 def unchecked_references(spec: PipelineSpec) -> list[str]:
     """Returns what a document refers to that only a store knows, each once, for a person."""
     own = {(each.kind, each.name) for each in spec.applications}
@@ -376,24 +409,28 @@ def _sweep(spec: PipelineSpec) -> dict[str, tuple[str, ...]]:
 _CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
     check_driven_requests,
     check_launch_files,
+    check_modules,
     check_robot_files,
     check_policies,
     check_own_names,
 )
 
 
-def check_own_bundles(spec: PipelineSpec, base: Path) -> list[str]:
+def check_own_bundles(
+    spec: PipelineSpec, base: Path, more: Sequence[Callable[[PipelineSpec, Path], object]] = ()
+) -> list[str]:
     """Returns what is to be said of a document's own bundles, and refuses one whose bundles do not fit it.
 
     Args:
         spec: The document.
         base: Folder that relative paths start from.
+        more: Other checks, whose faults are told with these.
 
     Raises:
         DocumentError: With every fault.
     """
     faults: list[Fault] = []
-    for check in _CHECKS:
+    for check in (*_CHECKS, *more):
         try:
             check(spec, base)
         except DocumentError as exc:

@@ -22,6 +22,7 @@ from specs.pipeline.world_sections import WorldExport, WorldGeneration
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.robomaker.simulation import CreateSimulationJobRequest, SimulationJobRequest, StartSimulationJobBatchRequest
 from specs.robomaker.world_jobs import CreateWorldExportJobRequest, CreateWorldGenerationJobRequest
+from specs.rules import items, part
 
 UNUSED_ROLE = "arn:aws:iam::000000000000:role/simyard-needs-none"
 """Stands where RoboMaker's request must name a role and the document does not; it has no effect."""
@@ -178,29 +179,27 @@ def _without(section: Spec, *names: str) -> dict[str, JsonValue]:
 REQUESTS = "simulationBatch.createSimulationJobRequests"
 
 
-def undriven_faults(section: SimulationBatch) -> list[Fault]:
+def undriven_faults(section: object) -> list[Fault]:
     """Returns a fault for each application that a request lacks, and for what its launch configuration does not say.
 
     RoboMaker took a request without a robot, and a launch configuration with a command instead
     (docs/reference/robomaker.md, sections 3 and 10). An episode needs both applications, and a module of each.
+
+    Args:
+        section: The batch, a SimulationBatch or what a document has in its place.
     """
-    requests = enumerate(section.createSimulationJobRequests)
+    requests = enumerate(items(part(section, "createSimulationJobRequests")))
     return [fault for number, request in requests for fault in _faults(f"{REQUESTS}[{number}]", request)]
 
 
-def _faults(where: str, request: PipelineJobRequest) -> Iterator[Fault]:
-    for field, uses in (
-        ("robotApplications", request.robotApplications),
-        ("simulationApplications", request.simulationApplications),
-    ):
+def _faults(where: str, request: object) -> Iterator[Fault]:
+    for field in ("robotApplications", "simulationApplications"):
+        uses = items(part(request, field))
         if not uses:
             yield Fault(path=f"{where}.{field}", value="none", allowed="one: an episode needs a robot and a scenario")
             continue
-        launch = uses[0].launchConfig
-        for name, value, what in (
-            ("packageName", launch.packageName, "folder in the bundle"),
-            ("launchFile", launch.launchFile, "module in that folder"),
-        ):
-            if not value:
+        launch = part(uses[0], "launchConfig")
+        for name, what in (("packageName", "folder in the bundle"), ("launchFile", "module in that folder")):
+            if not part(launch, name):
                 path = f"{where}.{field}[0].launchConfig.{name}"
                 yield Fault(path=path, value="none", allowed=f"the {what} to launch")

@@ -218,11 +218,18 @@ def _bounds(model: type[BaseModel], place: Place, value: object) -> str | None:
     highs = [mark.le for mark in marks if isinstance(mark, Le)]
     if not len(lows) == len(highs) == 1:
         return None
-    return f"from {lows[0]:,} to {highs[0]:,}{_percent(value, highs[0])}"
+    metres = any((field.title or "").endswith("(m)") for field in fields)
+    return f"from {lows[0]:,} to {highs[0]:,}{_metres(value) if metres else _percent(value, highs[0])}"
 
 
 def _below(context: dict[str, Any], value: object) -> str:
     return f"less than {context['lt']:g}{_percent(value, context['lt'])}"
+
+
+def _metres(value: object) -> str:
+    """Returns how a length is written of which somebody wrote the centimetres; empty for anything else."""
+    shown = isinstance(value, int | float) and 1 < value <= _PERCENT
+    return f" metres; write {value / 100:g} for {value:g} cm" if shown else " metres"
 
 
 def _percent(value: object, bound: object) -> str:

@@ -13,6 +13,7 @@ from pydantic import JsonValue
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from specs.pipeline.section_requests import undriven_faults
 from specs.rules import items, part
 from specs.template.body import TemplateBody
 from tasks.documents.parse import parse
@@ -115,7 +116,10 @@ def pipeline_of(data: JsonValue, source: Path, folder: Path) -> PipelineSpec:
     try:
         spec = parse(PipelineSpec, data, str(source))
     except DocumentError as exc:
-        raise DocumentError([*exc.faults, *beside], str(source)) from exc
+        known = tuple(fault.path for fault in exc.faults)
+        undriven = undriven_faults(part(data, "simulationBatch"))
+        more = [fault for fault in undriven if not fault.path.startswith(known)]
+        raise DocumentError([*exc.faults, *more, *beside], str(source)) from exc
     if beside:
         raise DocumentError(beside, str(source))
     return spec

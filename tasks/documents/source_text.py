@@ -148,7 +148,7 @@ _Loader.add_constructor("tag:yaml.org,2002:map", _construct_object)
 
 
 def read_document(path: Path) -> JsonValue:
-    """Returns the data in a YAML or JSON file (``.json`` is read as JSON, everything else as YAML).
+    """Returns the data in a YAML or JSON file.
 
     Raises:
         DocumentError: When there is no such file, or it is not readable, or as for `decode_document`.
@@ -170,7 +170,7 @@ def decode_source_text(body: bytes, source: str) -> JsonValue:
 
     Args:
         body: The document.
-        source: Where it comes from; JSON when that ends in ``.json``, else YAML.
+        source: Where it comes from; JSON when that ends in ``.json``, else what the text is.
 
     Raises:
         DocumentError: When it is longer than 1 MiB, not UTF-8 or malformed, or holds what plain data cannot (aliases,
@@ -180,7 +180,8 @@ def decode_source_text(body: bytes, source: str) -> JsonValue:
         raise _refused(f"more than {MAX_BYTES:,} bytes", _WANTED, source)
     try:
         text = body.decode("utf-8-sig")
-        data = _load_json(text) if source.lower().endswith(".json") else _load_yaml(text, MAX_DEPTH)
+        is_json = source.lower().endswith(".json") or _is_json(text)
+        data = _load_json(text) if is_json else _load_yaml(text, MAX_DEPTH)
     except UnicodeDecodeError as exc:
         raise _refused(f"byte {exc.start} is not UTF-8", "text in UTF-8", source) from exc
     except _RefusedError as exc:
@@ -193,6 +194,14 @@ def decode_source_text(body: bytes, source: str) -> JsonValue:
 
 def _refused(value: str, allowed: str, source: str) -> DocumentError:
     return DocumentError.of("file", value, allowed, source=source)
+
+
+def _is_json(text: str) -> bool:
+    """Returns whether a text is JSON; nearly all of it is YAML as well, but YAML has no pairs of surrogates."""
+    try:
+        return text.lstrip().startswith("{") and bool(json.loads(text))
+    except (ValueError, RecursionError):
+        return False
 
 
 def _load_json(text: str) -> JsonValue:

@@ -23,6 +23,7 @@ from tasks.storage.base.keys import STORE, checked_bucket, checked_key
 from tasks.storage.base.store import Store, decode_document, encode_document
 
 _URL_RULE = "file:///absolute/folder or s3://bucket/prefix; credentials come from the usual AWS variables, never here"
+_LAYOUT = 1
 _MOST_BYTES = 1 << 16  # of store.json, which has a hundred
 _CREDENTIALS = re.compile(r"//[^/]*@")
 
@@ -49,6 +50,7 @@ def open_store(url: str | None = None) -> Store:
         StoreUnreachable: Nothing answers there within seconds, or the bucket does not exist.
         StoreAccessDenied: The credentials or permissions do not suffice.
         StoreUnsafe: It ignores conditions on writes.
+        StoreError: A newer Simyard has made it.
     """
     store = connect(chosen_url(url))
     if _record(store) is None:
@@ -125,11 +127,23 @@ def _record(store: Store) -> _StoreRecord | None:
         stored = store.get(STORE, _MOST_BYTES)
     except ObjectNotFound:
         return None
-    return decode_document(_StoreRecord, stored, store, STORE)
+    return _known(decode_document(_StoreRecord, stored, store, STORE), store)
+
+
+def _known(record: _StoreRecord, store: Store) -> _StoreRecord:
+    """Returns the record of a store whose layout this Simyard knows; another one may mean something else by a key.
+
+    Raises:
+        StoreError: It is a newer one's.
+    """
+    if record.layout > _LAYOUT:
+        made = f"its objects lie as in layout {record.layout}, and this Simyard knows layout {_LAYOUT}"
+        raise StoreError(f"{store.url}: a newer Simyard has made this store: {made}; upgrade this one")
+    return record
 
 
 def _introduce(store: Store) -> _StoreRecord:
-    record = _StoreRecord(id=uuid4().hex[:12], layout=1, created_at_s=time.time())
+    record = _StoreRecord(id=uuid4().hex[:12], layout=_LAYOUT, created_at_s=time.time())
     try:
         store.create(STORE, encode_document(record))
     except ObjectExists:  # another process was first, and its id is the store's

@@ -11,6 +11,7 @@ from pydantic import JsonValue
 from specs.base import Spec
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from specs.pipeline.world_sections import WorldGeneration
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from specs.robomaker.simulation import BatchDescribeSimulationJobRequest
 from specs.robomaker.world_jobs import CreateWorldTemplateRequest
@@ -123,6 +124,12 @@ def test_what_is_no_whole_number_is_refused_and_not_converted(value: object):
 
     assert path == "simulationBatch.createSimulationJobRequests[0].maxJobDurationInSeconds"
     assert allowed == "a whole number"
+
+
+def test_centimetres_are_told_the_metres_to_write():
+    section = {"template": "t", "worldCount": {"floorplanCount": 1}, "robotRadius": 25}
+    with pytest.raises(DocumentError, match=r"robotRadius: 25: from 0.05 to 0.6 metres; write 0.25 for 25 cm$"):
+        parse(WorldGeneration, section, "source")
 
 
 @pytest.mark.parametrize(

@@ -57,6 +57,18 @@ def test_faults_of_the_template_are_told_beside_those_of_the_document(tmp_path: 
     ]
 
 
+def test_what_is_not_launched_is_told_beside_the_faults_of_its_job(tmp_path: Path):
+    scenario = "{application: a, launchConfig: {launchFile: x}}"
+    job = f"{{maxJobDurationInSeconds: -1, robotApplications: [], simulationApplications: [{scenario}]}}"
+    path = written(tmp_path, f"name: n\nsimulationBatch: {{createSimulationJobRequests: [{job}]}}\n")
+    where = "simulationBatch.createSimulationJobRequests[0]"
+    assert [fault[0] for fault in faults(path) if fault[0].startswith(where)] == [
+        f"{where}.maxJobDurationInSeconds",
+        f"{where}.robotApplications",
+        f"{where}.simulationApplications[0].launchConfig.packageName",
+    ]
+
+
 def test_a_template_file_without_content_is_refused(tmp_path: Path):
     assert faults(written(tmp_path, DOCUMENT.replace(".json", ".yaml"), template=None))
 

@@ -99,6 +99,10 @@ def test_json_that_is_not_plain_is_refused(body: str, place: str, value: str):
     assert fault(body, "a.json")[:2] == (place, value)
 
 
+def test_json_is_read_as_json_whatever_its_file_is_called():
+    assert decode_source_text(b'{"who": "\\ud83e\\udd16"}', "text") == {"who": "\U0001f916"}
+
+
 def test_a_document_of_more_than_a_mebibyte_is_refused():
     assert decode_source_text(b"#" * MAX_BYTES, "a.yaml") is None
     assert fault(b"#" * (MAX_BYTES + 1))[1] == "more than 1,048,576 bytes"

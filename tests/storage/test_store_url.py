@@ -1,3 +1,4 @@
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,6 +21,13 @@ def test_the_first_to_open_a_store_leaves_only_its_record(file_store: Store) -> 
 
 def test_a_store_keeps_its_id(store: Store) -> None:
     assert store_id(open_store(store.url)) == store_id(store)
+
+
+def test_a_store_of_a_newer_layout_is_refused(file_store: Store) -> None:
+    record = json.loads(file_store.get("store.json", UNBOUNDED).body)
+    file_store.put("store.json", json.dumps({**record, "layout": 2}).encode())
+    with pytest.raises(StoreError, match=r"a newer Simyard has made this store: .*; upgrade this one"):
+        open_store(file_store.url)
 
 
 def test_stores_have_different_ids(tmp_path: Path) -> None:

@@ -256,7 +256,21 @@ class _Frame(NamedTuple):
 
 def _crash(code: CrashCode, doing: str, exc: BaseException) -> BundleCrash:
     frame = _bundle_frame(exc)
-    return BundleCrash(code, f"{doing}: {_text(exc)}", f"({frame})" if frame else "")
+    place = [f"({frame})"] if frame else []
+    remedies = [remedy for form, remedy in _REMEDIES if code == "RobotApplicationCrash" and form.search(_words(exc))]
+    return BundleCrash(code, f"{doing}: {_text(exc)}", ": ".join([*place, *remedies]))
+
+
+# What an author forgot, where the words of an exception do not say it.
+_PLAIN = "is plain Python: write jax = False into its module"
+_REMEDIES = (
+    (re.compile(r"Tracer\w+Error|ConcretizationTypeError"), f"a controller that asks for a number's value {_PLAIN}"),
+    (re.compile(r"has no attribute 'init'"), f"a controller that has reset, and no init, {_PLAIN}"),
+    (
+        re.compile(r"zero-size array|empty sequence|axis \d+ with size 0"),
+        "ranges_m is empty where a controller declares no lidar, as in lidar = Lidar()",
+    ),
+)
 
 
 def _bundle_frame(exc: BaseException) -> _Frame | None:

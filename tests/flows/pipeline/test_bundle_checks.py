@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from flows.cli.shell import app
 from flows.pipeline.bundle_checks import (
     check_launch_files,
     check_own_bundles,
@@ -79,6 +81,26 @@ def test_what_cannot_be_driven_is_refused_without_a_store_in_the_words_of_a_plan
     where = "simulationBatch.createSimulationJobRequests[0]"
     assert [fault.path for fault in refused.value.faults] == [f"{where}.{path}" for path in paths]
     assert refused.value.faults == planned.value.faults
+
+
+def test_a_controller_that_is_no_python_is_refused_before_anything_imports_it(tmp_path: Path):
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"))
+    module = tmp_path / "mine/courier/go_to_goal.py"
+    module.write_text("x = 1\ndef controller(environment)\n")
+    with pytest.raises(DocumentError, match=r"'go_to_goal': a module in Python, .* is none: line 2: expected ':'"):
+        check_own_bundles(spec, tmp_path)
+    assert not list(tmp_path.rglob("*.pyc"))
+
+
+def test_references_are_looked_up_in_a_store_that_is_named(tmp_path: Path, file_store: Store):
+    (tmp_path / "document.json").write_text(
+        _spec(tmp_path, _use("nobody", "courier", "go_to_goal")).model_dump_json(exclude_none=True)
+    )
+    command = ["validate", str(tmp_path / "document.json"), "--store", file_store.url]
+    found = CliRunner().invoke(app, command)
+    assert isinstance(found.exception, DocumentError)
+    assert "worlds: 'g/w': not in the store" in str(found.exception)
+    assert file_store.keys("") == ["store.json"]
 
 
 def test_what_is_there_is_not_refused(tmp_path: Path):

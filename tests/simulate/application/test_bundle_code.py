@@ -146,6 +146,23 @@ def test_a_syntax_error_has_the_file_in_the_bundle_and_the_line(tmp_path: Path):
     assert reason.endswith("SyntaxError: expected ':' (pack/drive.py, line 2: def controller(environment))")
 
 
+@pytest.mark.parametrize(
+    ("raising", "remedy"),
+    [
+        (
+            "class TracerBoolConversionError(Exception): ...\n    raise TracerBoolConversionError",
+            "write jax = False into",
+        ),
+        ("return object().init", "and no init, is plain Python: write jax = False into its module"),
+        ("return min([])", "declares no lidar, as in lidar = Lidar()"),
+    ],
+)
+def test_what_an_author_forgot_is_said(tmp_path: Path, raising: str, remedy: str):
+    reason = crashed(tmp_path / "app", f"def controller(environment):\n    {raising}\n", "f")
+    assert "(pack/drive.py, line " in reason
+    assert remedy in reason
+
+
 def test_an_import_that_fails_tells_no_folder_of_this_machine(tmp_path: Path):
     reason = crashed(tmp_path / "app", "from .number import NOTHING\n", "c")
     assert str(tmp_path) not in reason
