@@ -127,7 +127,7 @@ def test_what_is_no_whole_number_is_refused_and_not_converted(value: object):
 
 
 def test_centimetres_are_told_the_metres_to_write():
-    section = {"template": "t", "worldCount": {"floorplanCount": 1}, "robotRadius": 25}
+    section: JsonValue = {"template": "t", "worldCount": {"floorplanCount": 1}, "robotRadius": 25}
     with pytest.raises(DocumentError, match=r"robotRadius: 25: from 0.05 to 0.6 metres; write 0.25 for 25 cm$"):
         parse(WorldGeneration, section, "source")
 

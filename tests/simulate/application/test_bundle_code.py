@@ -147,18 +147,19 @@ def test_a_syntax_error_has_the_file_in_the_bundle_and_the_line(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("raising", "remedy"),
+    ("digest", "raising", "remedy"),
     [
         (
+            "f",
             "class TracerBoolConversionError(Exception): ...\n    raise TracerBoolConversionError",
             "write jax = False into",
         ),
-        ("return object().init", "and no init, is plain Python: write jax = False into its module"),
-        ("return min([])", "declares no lidar, as in lidar = Lidar()"),
+        ("0", "return object().init", "and no init, is plain Python: write jax = False into its module"),
+        ("6", "return min([])", "declares no lidar, as in lidar = Lidar()"),
     ],
 )
-def test_what_an_author_forgot_is_said(tmp_path: Path, raising: str, remedy: str):
-    reason = crashed(tmp_path / "app", f"def controller(environment):\n    {raising}\n", "f")
+def test_what_an_author_forgot_is_said(tmp_path: Path, digest: str, raising: str, remedy: str):
+    reason = crashed(tmp_path / "app", f"def controller(environment):\n    {raising}\n", digest)
     assert "(pack/drive.py, line " in reason
     assert remedy in reason
 
