@@ -28,6 +28,7 @@ from tasks.results.playback.replay_formats import is_installed, require_bag_writ
 from tasks.results.report.batch_facts import BatchFacts, Link, StageTime, read_judgement
 from tasks.results.report.report_page import REPORT_FILE, batch_view, put_report, report_page
 from tasks.results.report.report_view import ReportView
+from tasks.results.statistics.batch_summary import EpisodeTally
 from tasks.results.tables.recordings import RECORDINGS_FOLDER, recordings_url, write_recordings
 from tasks.results.tables.result_files import write_batch_tables
 from tasks.simulate.batch.batch_record import (
@@ -351,7 +352,9 @@ def close_if_stopped(store: Store, batch: str) -> JobRecord:
 def close_with_tables(batch: OpenBatch, audit: Callable[[], Mapping[str, JsonValue]] = dict) -> JobRecord:
     """Returns a batch in its terminal state, its tables being written; every chunk that was begun is committed."""
     record = batch.record()
-    return end_batch(batch, record, recorded_location(record), write_tables=_write_tables, audit=audit).record
+    location = recorded_location(record)
+    tables, _ = write_tables_of(batch, location, record.status)
+    return end_batch(batch, record, location, tables, audit).record
 
 
 class BatchEnd(NamedTuple):
@@ -365,22 +368,19 @@ def end_batch(
     batch: OpenBatch,
     record: JobRecord,
     location: OutputLocation,
-    *,
-    write_tables: Callable[[OpenBatch, OutputLocation, str], Mapping[str, JsonValue]],
+    tables: Mapping[str, JsonValue],
     audit: Callable[[], Mapping[str, JsonValue]] = dict,
-    more: Mapping[str, JsonValue] | None = None,
 ) -> BatchEnd:
-    """Writes a batch's tables, audit and report, and closes it; every chunk that was begun is committed.
+    """Writes a batch's audit and report, and closes it; its tables are written.
 
     Args:
         batch: The batch.
         record: As it stood when its last episode ended.
         location: Where tables and report go.
-        write_tables: Writes the tables of a batch with that status; returns what the record says of them.
+        tables: What its record says of its tables, and besides, such as why the batch ended early.
         audit: Audits a batch that is Completed; returns what the record says of that, nothing if there is no audit.
-        more: What the record says besides, such as why the batch ended early.
     """
-    detail = {**write_tables(batch, location, record.status), **(more or {})}
+    detail = {**tables}
     if batch.plan.records():
         detail["recordings_url"] = recordings_url(batch.store.url, location, batch.id)
     if bags_written(batch):
@@ -404,7 +404,10 @@ def with_audit(detail: Mapping[str, JsonValue], audited: Mapping[str, JsonValue]
     return {**detail, **audited, "sha256s": {**tables, **audit}}
 
 
-def _write_tables(batch: OpenBatch, location: OutputLocation, status: str) -> dict[str, JsonValue]:
+def write_tables_of(
+    batch: OpenBatch, location: OutputLocation, status: str
+) -> tuple[dict[str, JsonValue], EpisodeTally]:
+    """Writes the tables of a batch that ends with a status; returns what its record says of them, and their tally."""
     return write_batch_tables(
         batch.store,
         batch.id,
@@ -412,7 +415,7 @@ def _write_tables(batch: OpenBatch, location: OutputLocation, status: str) -> di
         variables=batch.plan.variables(),
         location=location,
         metadata=batch_metadata(batch.plan.lanes),
-    )[0]
+    )
 
 
 @dataclass(frozen=True)

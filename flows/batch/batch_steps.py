@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from flows.batch.batch_end import RecordedEpisodes
+from flows.batch.batch_end import RecordedEpisodes, write_tables_of
 from specs.data.episode import EpisodeResult, Failure
 from specs.data.parity_audit import audit_report
 from specs.errors import BucketNotFound, BundleRefused, ResourceNotFound, StageFailed, StoreAccessDenied, StoreError
@@ -25,13 +25,10 @@ from tasks.progress.listener import report_progress, stage_progress
 from tasks.results.gate.gate_verdict import InterimGate
 from tasks.results.statistics.batch_summary import summary_note, summary_rows
 from tasks.results.tables.recordings import write_output
-from tasks.results.tables.result_files import write_batch_tables
 from tasks.simulate.audit.audit_run import write_audit
 from tasks.simulate.batch.batch_record import OpenBatch, leave_out, load_batch
 from tasks.simulate.batch.chunk_run import ChunkEnd, ChunkRunner, coming_chunks, run_chunk, tag_jobs
 from tasks.simulate.batch.chunk_store import counted_chunk
-from tasks.simulate.batch.provenance import batch_metadata
-from tasks.simulate.batch.result_stream import result_parts
 from tasks.simulate.lane.recording import Columns
 from tasks.storage.jobs.authenticator import BatchAuthenticator
 from tasks.storage.store_url import open_store
@@ -122,14 +119,7 @@ def write_tables(store_url: str, batch: str, status: str, location: OutputLocati
     """
     work = load_batch(open_store(store_url), batch)
     with _output_to(location):
-        detail, tally = write_batch_tables(
-            work.store,
-            batch,
-            result_parts(work, status),
-            variables=work.plan.variables(),
-            location=location,
-            metadata=batch_metadata(work.plan.lanes),
-        )
+        detail, tally = write_tables_of(work, location, status)
     found = tally.summary()
     return BatchTables(detail, summary_rows(found), summary_note(found))
 

@@ -135,7 +135,8 @@ def serve(
 ) -> None:
     """Answer RoboMaker's HTTP API from a store, for boto3, the AWS CLI and scripts, until Ctrl-C."""
     if model:
-        _write_model(model)
+        for path in write_model(model.expanduser()):
+            echo(f"wrote {path}")
     if model_only:
         return _require_folder(model)
 
@@ -189,11 +190,6 @@ def _check_reach(host: str, *, is_unsigned: bool, is_encrypted: bool) -> None:
 def _require_folder(model: Path | None) -> None:
     if model is None:
         raise DocumentError.of("--model-only", "alone", "with --model ~/.aws/models")
-
-
-def _write_model(folder: Path) -> None:
-    for path in write_model(folder.expanduser()):
-        echo(f"wrote {path}")
 
 
 access_app = typer.Typer(

@@ -124,7 +124,9 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
         if is_terminal(record):  # a cancellation closed it while this process waited for the claim
             return record
         try:
-            if not _batch_workers(work) and _simulates(work):
+            if not _batch_workers(work) and (
+                bool(work.plan.audit) or len(chunk_numbers(work.store, work.id).committed) < work.layout.chunks
+            ):
                 _begin_process(store, work.plan.digests())  # which imports JAX while the first chunk is made ready
             _unpack_bundles(work)
             watch = BatchWatch()
@@ -174,11 +176,6 @@ def _simulate_chunks(
     finally:
         forget_chunks(batch)
     return {**early.detail, **_metric_fields(meter.metrics())}, early.audit
-
-
-def _simulates(batch: OpenBatch) -> bool:
-    """Returns whether episodes are left to simulate, or to audit."""
-    return bool(batch.plan.audit) or len(chunk_numbers(batch.store, batch.id).committed) < batch.layout.chunks
 
 
 def _batch_workers(batch: OpenBatch) -> Workers | None:
@@ -244,15 +241,13 @@ def _close_batch(
     if is_terminal(record):
         return record
 
-    def tables(of: OpenBatch, place: OutputLocation, status: str) -> dict[str, JsonValue]:
-        return run_step(write_tables, of.store.url, of.id, status, place).detail
-
     def audit() -> dict[str, JsonValue]:
         if audited or not batch.plan.audit:
             return audited
         return run_step(audit_batch, batch.store.url, batch.id, location)
 
-    end = end_batch(batch, record, location, write_tables=tables, audit=audit, more=more)
+    tables = run_step(write_tables, batch.store.url, batch.id, record.status, location).detail
+    end = end_batch(batch, record, location, {**tables, **more}, audit)
     orchestrator().show_metrics(end.record)
     if isinstance(end.report, WrittenReport):
         orchestrator().show_batch_report(end.report)

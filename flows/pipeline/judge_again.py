@@ -85,7 +85,10 @@ def judge_again(store: Store, text: str, spec: PipelineSpec) -> LaterVerdict:
         DocumentError: There is no gate, the batch has not ended, its tables are not what it wrote, or a rule names what
             nobody measured.
     """
-    gate = _gate_of(spec)
+    if spec.gate is None:
+        allowed = "a section gate with the rules to judge by, such as `gate: {successRate: {atLeast: 0.9}}`"
+        raise DocumentError.of("gate", "missing", allowed)
+    gate = spec.gate
     record = ended_batch(store, text)
     _require_files(store, record)
     other = _baseline(gate, record, store)
@@ -125,13 +128,6 @@ def _answer(
         evidence=write_later_evidence(store, evidence),
         notice=notice,
     )
-
-
-def _gate_of(spec: PipelineSpec) -> Gate:
-    if spec.gate is None:
-        allowed = "a section gate with the rules to judge by, such as `gate: {successRate: {atLeast: 0.9}}`"
-        raise DocumentError.of("gate", "missing", allowed)
-    return spec.gate
 
 
 def _notice(store: Store, record: JobRecord) -> str:

@@ -61,20 +61,14 @@ def generation_report(record: JobRecord, store: Store, seconds: float) -> StageR
     sheets = [contact_sheet_key(job) for job in jobs]
     artefacts += [Artefact(label="contact sheet", url=f"{store.url}/{key}") for key in sheets if store.exists(key)]
     stage = _stage("worldGeneration", record, _generation_summary(record), seconds, tuple(artefacts))
-    certificates = _certificates(record, store)
+    certificates: list[Certificate] = []
+    for reference in texts(record.detail, "worlds")[:_WORLDS_READ]:
+        with suppress(ResourceNotFound):  # worlds that are gone say nothing
+            certificates.append(read_world(store, reference, record.id).certificate)
     unmet = [wish for certificate in certificates for wish in certificate.unmet]
     said = [stage.summary, *_doors_sentence(certificates), *([_unmet_sentence(record, unmet)] if unmet else [])]
     facts: dict[str, JsonValue] = {"unmet_wishes": len(unmet)} if unmet else {}
     return stage.model_copy(update={"summary": "; ".join(said), "facts": facts})
-
-
-def _certificates(record: JobRecord, store: Store) -> list[Certificate]:
-    """Returns what the first worlds of a job guarantee; worlds that are gone say nothing."""
-    found: list[Certificate] = []
-    for reference in texts(record.detail, "worlds")[:_WORLDS_READ]:
-        with suppress(ResourceNotFound):
-            found.append(read_world(store, reference, record.id).certificate)
-    return found
 
 
 def _doors_sentence(certificates: Sequence[Certificate]) -> Iterator[str]:

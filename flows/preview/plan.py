@@ -100,7 +100,10 @@ def world_lines(gate: Gate, seen: SeenSpread | None, *, episodes: int, worlds: i
         worlds: In how many worlds they are.
         seeds: Of the matrix.
     """
-    over = any(getattr(rule, "over", None) == "worlds" for rule in _rules(gate))
+    over = any(
+        getattr(rule, "over", None) == "worlds"
+        for rule in [gate.successRate, gate.collisionRate, gate.noWorseThan, *(gate.quantiles or ())]
+    )
     icc = seen.icc if seen else None
     if not worlds or not episodes or not (over or icc):
         return
@@ -128,10 +131,6 @@ def _better(icc: float, episodes: int, worlds: int, seeds: int) -> Iterator[str]
         if now < _WORTH_SAYING * worth:
             written = f"worldCount: {{floorplanCount: {more}}} and seeds: {left}"
             yield f"{more} worlds x {per_world} would be worth {worth:.0f}: write {written}"
-
-
-def _rules(gate: Gate) -> list[object]:
-    return [gate.successRate, gate.collisionRate, gate.noWorseThan, *(gate.quantiles or ())]
 
 
 _REQUESTS = "simulationBatch.createSimulationJobRequests[*].robotApplications[*].launchConfig"

@@ -302,7 +302,7 @@ def select_worlds(reference: str, store: Store, base: Path, count: int, asked: W
         DocumentError: There is no such job or template, or the job has no worlds.
         WorldRejected: The template gives no world.
     """
-    if _names_job(reference):
+    if resource_kind(reference) == KIND or reference.startswith(_JOB_ID):
         return _of_job(store, parse_reference(reference).path, count)
     return worlds_of_template(
         find_template(reference, store, base), f"{Path(reference).name}, seed {asked.seed}", count, asked
@@ -356,10 +356,6 @@ def write_picture(output: Path, png: bytes) -> Path:
 
 def _beside(output: Path) -> Path:
     return output.with_suffix(".png")
-
-
-def _names_job(reference: str) -> bool:
-    return resource_kind(reference) == KIND or reference.startswith(_JOB_ID)
 
 
 def _of_job(store: Store, job: str, count: int) -> WorldSelection:

@@ -85,7 +85,9 @@ def task_of(options: TaskOptions) -> "Task":
     """
     from tasks.simulate.training.training_program import Task
 
-    _require_known(options)
+    unknown = sorted(set(options) - set(TaskOptions.__annotations__))
+    if unknown:
+        raise _fault(unknown[0], dict(options)[unknown[0]], f"one of {', '.join(sorted(TaskOptions.__annotations__))}")
     worlds = _worlds(options)
     sensors = _sensors(options.get("sensors"))
     robot = _application(options.get("robot", "courier"), options.get("launch"), "robot", bare=sensors is not None)
@@ -109,12 +111,6 @@ def view_of(options: TaskOptions) -> "View":
     fields = options.get("observation")
     named = None if fields is None else tuple(fields)
     return View(named, normalized=actions == "normalized", reward=options.get("reward") or progress)
-
-
-def _require_known(options: TaskOptions) -> None:
-    unknown = sorted(set(options) - set(TaskOptions.__annotations__))
-    if unknown:
-        raise _fault(unknown[0], dict(options)[unknown[0]], f"one of {', '.join(sorted(TaskOptions.__annotations__))}")
 
 
 def _worlds(options: TaskOptions) -> "tuple[tuple[str, World], ...]":

@@ -106,14 +106,10 @@ def _seeds(table: pa.Table) -> dict[str, None]:
 
 def _difference(name: str, one: Collection[str], other: Collection[str], *, counted: bool = False) -> Iterator[str]:
     sides = ((one, other, "the first"), (other, one, "the second"))
-    alone = [(_alone(mine, theirs), which) for mine, theirs, which in sides]
+    alone = [([value for value in mine if value not in theirs], which) for mine, theirs, which in sides]
     said = [f"{len(own) if counted else _listing(own)} only in {which}" for own, which in alone if own]
     if said:
         yield f"{name}: {'; '.join(said)}"
-
-
-def _alone(mine: Iterable[str], theirs: Collection[str]) -> list[str]:
-    return [value for value in mine if value not in theirs]
 
 
 def _listing(values: list[str]) -> str:

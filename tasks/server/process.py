@@ -86,7 +86,9 @@ def _held(lock: IO[bytes]) -> bool:
 @contextmanager
 def new_log(home: Path) -> Generator[IO[bytes], None, None]:
     """Yields a file for the output of a server whose number is not known yet; removes old logs."""
-    _prune(home)
+    ended = [log for log in home.glob("server-*.log") if not _runs(log.stem.removeprefix("server-"))]
+    for log in sorted(ended, key=_written_s, reverse=True)[_ENDED_KEPT:]:
+        log.unlink(missing_ok=True)
     with NamedTemporaryFile(dir=home, prefix="starting-", suffix=".log", delete=False) as output:
         try:
             yield output
@@ -99,12 +101,6 @@ def rename_log(output: IO[bytes], pid: int) -> Path:
     """Returns the file of the log, which carries the server's process id in its name from now on."""
     before = Path(output.name)
     return before.rename(before.with_name(f"server-{pid}.log"))
-
-
-def _prune(home: Path) -> None:
-    ended = [log for log in home.glob("server-*.log") if not _runs(log.stem.removeprefix("server-"))]
-    for log in sorted(ended, key=_written_s, reverse=True)[_ENDED_KEPT:]:
-        log.unlink(missing_ok=True)
 
 
 def _runs(pid: str) -> bool:

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TypeGuard
 
 from specs.errors import ObjectNotFound, ObjectTooBig, StoreAccessDenied, StoreError, TrustExpired, TrustRefused
 from tasks.deploy.fleet.states import Desired
@@ -77,7 +76,7 @@ class Verifier:
             length_bytes = self._check(desired)
         except (RepositoryError, DownloadError) as exc:
             cause = exc.__cause__
-            if _is_away(cause):
+            if isinstance(cause, StoreError) and not isinstance(cause, ObjectNotFound | ObjectTooBig):
                 raise cause from exc
             refusal = TrustExpired if isinstance(exc, ExpiredMetadataError) else TrustRefused
             raise refusal(f"{_explanation(exc)} ({exc})") from exc
@@ -125,10 +124,6 @@ class _StoreFetcher(FetcherInterface):
             raise DownloadHTTPError(str(exc), 404) from exc
         except StoreAccessDenied as exc:  # S3's answer for what is not there, to who may not list
             raise DownloadHTTPError(str(exc), 403) from exc
-
-
-def _is_away(exc: BaseException | None) -> TypeGuard[StoreError]:
-    return isinstance(exc, StoreError) and not isinstance(exc, ObjectNotFound | ObjectTooBig)
 
 
 def _explanation(exc: RepositoryError | DownloadError) -> str:

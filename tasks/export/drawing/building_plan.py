@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from specs.base import digest
-from specs.data.world import Door, Finish, Passage, Pattern, Rectangle, Room, Solid, World
+from specs.data.world import Door, Finish, Pattern, Rectangle, Room, Solid, World
 from tasks.export.drawing.furniture_symbols import piece_box
 from tasks.export.drawing.plan_page import (
     Attributes,
@@ -33,7 +33,12 @@ def draw_patterns(definitions: ET.Element, world: World, sheet: PageScale) -> No
         key = pattern_key(room.flooring, sheet)
         if key and key not in seen:
             seen.add(key)
-            _draw_pattern(definitions, room.flooring, sheet.units_per_m, key)
+            along, across = (extent_m * sheet.units_per_m for extent_m in room.flooring.repeat_m)
+            width, height, path = _PATHS[room.flooring.pattern](along, across)
+            pattern = element(definitions, "pattern", id=key, width=width, height=height, patternUnits="userSpaceOnUse")
+            element(
+                pattern, "path", d=path, class_="joint", stroke=css_color(room.flooring.accent, _JOINT_TOWARDS_WHITE)
+            )
 
 
 def draw_floors(parent: ET.Element, world: World, sheet: PageScale) -> None:
@@ -63,13 +68,6 @@ def pattern_key(finish: Finish, sheet: PageScale) -> str:
 def area_m2(area: Rectangle) -> float:
     """Returns the area of a rectangle on the floor."""
     return (area.x_max_m - area.x_min_m) * (area.y_max_m - area.y_min_m)
-
-
-def _draw_pattern(definitions: ET.Element, finish: Finish, units_per_m: float, key: str) -> None:
-    along, across = (extent_m * units_per_m for extent_m in finish.repeat_m)
-    width, height, path = _PATHS[finish.pattern](along, across)
-    pattern = element(definitions, "pattern", id=key, width=width, height=height, patternUnits="userSpaceOnUse")
-    element(pattern, "path", d=path, class_="joint", stroke=css_color(finish.accent, _JOINT_TOWARDS_WHITE))
 
 
 def _planks(along: float, across: float) -> tuple[float, float, str]:
@@ -135,7 +133,11 @@ def draw_passages(parent: ET.Element, world: World, sheet: PageScale) -> None:
         wish = "" if passage.desired else ", added so that every room can be reached"
         first, second = passage.rooms
         element(group, "title", f"{passage.kind}, {passage.width_m:.2f} m: {first} to {second}{wish}")
-        rectangle(group, sheet.box(_gap(passage, world.wall_thickness_m)), class_="gap")
+        rectangle(
+            group,
+            sheet.box(_span(passage.center_m, passage.width_m, passage.along, world.wall_thickness_m)),
+            class_="gap",
+        )
 
 
 def draw_doors(parent: ET.Element, world: World, sheet: PageScale) -> None:
@@ -191,10 +193,6 @@ def _tip(door: Door, yaw_rad: float, sheet: PageScale) -> tuple[float, float]:
 
 def _length_m(door: Door) -> float:
     return 2 * max(door.leaf.half_extents_m[:2])
-
-
-def _gap(passage: Passage, thickness_m: float) -> Rectangle:
-    return _span(passage.center_m, passage.width_m, passage.along, thickness_m)
 
 
 def _span(center_m: tuple[float, float], width_m: float, along: str, thickness_m: float) -> Rectangle:

@@ -74,7 +74,11 @@ def draw_piece_labels(
         fit = _fitting(in_words(piece.model_type), piece_box(piece, sheet), taken)
         if fit is not None:
             taken.append(fit.place)
-            _label(parent, piece, fit)
+            x, y = fit.place.center
+            turn: Attributes = {"transform": f"rotate(-90 {x:.2f} {y:.2f})"} if fit.upright else {}
+            ground = "dark" if _luma(_under_middle(piece)) < 0.45 else "light"
+            baseline = y + 0.36 * fit.size
+            element(parent, "text", fit.text, x=x, y=baseline, font_size=fit.size, class_=f"piece on-{ground}", **turn)
     return taken[len(occupied) :]
 
 
@@ -113,14 +117,6 @@ def _fitting(text: str, box: PageBox, taken: Sequence[PageBox]) -> _Fit | None:
                 if fits and not any(place.overlap(other) for other in taken):
                     return _Fit(form, size, place, upright=place is upright)
     return None
-
-
-def _label(parent: ET.Element, piece: Furniture, fit: _Fit) -> None:
-    x, y = fit.place.center
-    turn: Attributes = {"transform": f"rotate(-90 {x:.2f} {y:.2f})"} if fit.upright else {}
-    ground = "dark" if _luma(_under_middle(piece)) < 0.45 else "light"
-    baseline = y + 0.36 * fit.size
-    element(parent, "text", fit.text, x=x, y=baseline, font_size=fit.size, class_=f"piece on-{ground}", **turn)
 
 
 def _height_m(piece: Furniture) -> float:

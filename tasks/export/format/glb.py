@@ -10,13 +10,12 @@ from typing import cast
 
 import numpy as np
 import trimesh
-from jaxtyping import Float64
 from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from specs.data.world import Color, Finish, Solid, World
-from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
+from tasks.export.surface.sheets import finish_key, sheets, window_parts
 from tasks.export.surface.textures import texture_of
 
 CYLINDER_SIDES = 32
@@ -37,7 +36,10 @@ def glb(world: World) -> bytes:
         for part in window_parts(world, room):
             _add_solid(scene, part, "building", colors)
     for sheet in sheets(world):
-        _add_sheet(scene, sheet)
+        mesh = trimesh.Trimesh(sheet.vertices_m, sheet.triangles, process=False)
+        material = _finish(sheet.finish)
+        mesh.visual = TextureVisuals(uv=sheet.coordinates, material=material)
+        scene.add_geometry(mesh, node_name=sheet.name, geom_name=sheet.name, parent_node_name="building")
     for door in world.doors:
         _add_solid(scene, door.leaf, _group(scene, door.name, (*door.hinge_m, 0.0)), colors, origin_m=door.hinge_m)
     for piece in world.furniture:
@@ -73,21 +75,10 @@ def _add_solid(
     material = colors.setdefault(solid.color, _plain(solid.color))
     mesh.visual = TextureVisuals(material=material)
     place = (solid.center_m[0] - origin_m[0], solid.center_m[1] - origin_m[1], solid.center_m[2])
-    matrix = _placed(place, solid.yaw_rad)
+    matrix = trimesh.transformations.rotation_matrix(solid.yaw_rad, (0.0, 0.0, 1.0))
+    matrix[:3, 3] = place
+    matrix = np.round(matrix, 9) + 0.0
     scene.add_geometry(mesh, node_name=solid.name, geom_name=solid.name, parent_node_name=parent, transform=matrix)
-
-
-def _placed(place_m: tuple[float, float, float], yaw_rad: float) -> Float64[np.ndarray, "4 4"]:
-    matrix = trimesh.transformations.rotation_matrix(yaw_rad, (0.0, 0.0, 1.0))
-    matrix[:3, 3] = place_m
-    return np.round(matrix, 9) + 0.0
-
-
-def _add_sheet(scene: trimesh.Scene, sheet: Covering) -> None:
-    mesh = trimesh.Trimesh(sheet.vertices_m, sheet.triangles, process=False)
-    material = _finish(sheet.finish)
-    mesh.visual = TextureVisuals(uv=sheet.coordinates, material=material)
-    scene.add_geometry(mesh, node_name=sheet.name, geom_name=sheet.name, parent_node_name="building")
 
 
 def _finish(finish: Finish) -> PBRMaterial:

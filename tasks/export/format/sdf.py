@@ -208,13 +208,8 @@ def model_config(name: str, description: str) -> bytes:
 
 
 def _part(piece: Furniture, solid: Solid) -> _Part:
-    pose = numbers_text(_pose_in(piece, solid))
-    return _Part(_part_name(piece, solid), solid.shape, solid.half_extents_m, solid.color, pose)
-
-
-def _part_name(piece: Furniture, solid: Solid) -> str:
-    """Returns a part's name without the piece's: ``seat`` of ``Sofas_1_seat``."""
-    return solid.name.removeprefix(piece.name).strip("_/")
+    name, pose = solid.name.removeprefix(piece.name).strip("_/"), numbers_text(_pose_in(piece, solid))
+    return _Part(name, solid.shape, solid.half_extents_m, solid.color, pose)
 
 
 def _pose_in(piece: Furniture, solid: Solid) -> Pose:

@@ -44,7 +44,12 @@ def upload(bucket: Store, key: str, source: Path) -> None:
     Raises:
         StoreError: What went wrong the last time.
     """
-    _sweep(bucket, key)
+    try:
+        bucket.sweep(key)
+    except StoreError as exc:
+        # To list unfinished uploads is a permission of its own, and not every server can; whether one may write is
+        # told by writing.
+        _log.warning("what broken uploads have left stays: %s", exc)
     _patiently(lambda: bucket.upload(key, source))
 
 
@@ -71,15 +76,6 @@ def _patiently(write: Callable[[], object]) -> None:
         else:
             return
     write()
-
-
-def _sweep(bucket: Store, key: str) -> None:
-    try:
-        bucket.sweep(key)
-    except StoreError as exc:
-        # To list unfinished uploads is a permission of its own, and not every server can; whether one may write is
-        # told by writing.
-        _log.warning("what broken uploads have left stays: %s", exc)
 
 
 KIND: JobKind = "world-export-job"

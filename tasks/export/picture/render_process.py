@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Float64
 
-from specs.data.world import Color, Door, Solid, Window, World
+from specs.data.world import Color, Solid, Window, World
 from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.renderer import CAPTION_LINE, READY, REQUEST, FilmScene, Pixels
 from tasks.export.surface.sheets import WINDOW_PREFIX
@@ -41,15 +41,13 @@ def cut_open(world: World, height_m: float) -> World:
     return world.model_copy(
         update={
             "walls": walls,
-            "doors": tuple(_lowered_door(door, height_m) for door in world.doors),
+            "doors": tuple(
+                door.model_copy(update={"leaf": _lowered(door.leaf, height_m) or door.leaf}) for door in world.doors
+            ),
             "windows": tuple(window.model_copy(update={"top_m": min(window.top_m, height_m)}) for window in windows),
             "ceiling_height_m": min(world.ceiling_height_m, height_m),
         }
     )
-
-
-def _lowered_door(door: Door, height_m: float) -> Door:
-    return door.model_copy(update={"leaf": _lowered(door.leaf, height_m) or door.leaf})
 
 
 def _lowered(solid: Solid, height_m: float) -> Solid | None:

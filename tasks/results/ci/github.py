@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 from specs.untrusted_text import code_span, terminal_line
 from tasks.results.batch_comparison import Comparison, ComparisonAnswer, EpisodeFlip, other_worlds
-from tasks.results.ci.full_report import Answer, CountedBatch, FullReport, GroupReport, WorldReport
+from tasks.results.ci.full_report import Answer, CountedBatch, FullReport, WorldReport
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import percent, percent_range, wilson
 
@@ -154,7 +154,7 @@ def _failure_blocks(batch: CountedBatch, worlds: list[WorldReport]) -> Iterator[
     rows = [
         (
             code_span(world.label, 100),
-            _group(group),
+            code_span(group.name, 200),
             str(example.seed),
             code_span(f"{example.reason} {example.explanation}"),
             code_span(example.replay, 500),
@@ -166,10 +166,6 @@ def _failure_blocks(batch: CountedBatch, worlds: list[WorldReport]) -> Iterator[
         where = "each command drives its episode again where the store is (docs/guide/ci.md)"
         yield f"### Failures\n\n{len(rows)} of {all_failures:,}; {where}."
         yield table(("world", "group", "seed", "why", "replay"), rows)
-
-
-def _group(group: GroupReport) -> str:
-    return code_span(group.name, 200)
 
 
 def _stages(report: FullReport) -> Iterator[str]:

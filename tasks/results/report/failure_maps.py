@@ -115,15 +115,11 @@ def _outline(solid: Solid) -> str:
     if solid.shape == "cylinder":
         r = max(1, _cm(solid.half_extents_m[0]))
         return f"M{x - r} {y}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z"
-    corners = _corners(solid)
-    return f"M{corners[0][0]} {corners[0][1]}L" + " ".join(f"{cx} {cy}" for cx, cy in corners[1:]) + "z"
-
-
-def _corners(solid: Solid) -> list[tuple[int, int]]:
     (x_m, y_m, _), (a_m, b_m, _) = solid.center_m, solid.half_extents_m
     c, s = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
     signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return [(_cm(x_m + i * a_m * c - j * b_m * s), -_cm(y_m + i * a_m * s + j * b_m * c)) for i, j in signs]
+    corners = [(_cm(x_m + i * a_m * c - j * b_m * s), -_cm(y_m + i * a_m * s + j * b_m * c)) for i, j in signs]
+    return f"M{corners[0][0]} {corners[0][1]}L" + " ".join(f"{cx} {cy}" for cx, cy in corners[1:]) + "z"
 
 
 def _room(name: str, floor: Rectangle, letter: int) -> RoomDrawing:

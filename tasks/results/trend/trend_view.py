@@ -156,7 +156,9 @@ def alarm_of(trend: Trend, series: Series, change: Change) -> Alarm:
         trend.nights[at] for at in (change.began, change.seen, change.earliest, change.latest)
     )
     times = night_times(trend.nights)
-    before = _bundles_before(trend.nights, change.began)
+    before = next(
+        (night.bundles() for night in reversed(trend.nights[: change.began]) if not night.left_out), frozenset()
+    )
     new = bool(before) and before != began.bundles()
     name = series.label if series.kind in {"all", "world"} else f"{series.kind} = {series.label}"
     verb = "fell" if change.fell else "rose"
@@ -184,10 +186,6 @@ def alarm_of(trend: Trend, series: Series, change: Change) -> Alarm:
         seen_on=day(seen.begun_at_s),
         run=seen.run,
     )
-
-
-def _bundles_before(nights: Sequence[Night], at: int) -> frozenset[str]:
-    return next((night.bundles() for night in reversed(nights[:at]) if not night.left_out), frozenset())
 
 
 def _chart(trend: Trend, series: Series, beside: Sequence[Series], first: int, base: str) -> Chart:

@@ -186,21 +186,14 @@ def plan_floor(resolved: ResolvedTemplate, seed: int, floorplan_index: int, redr
         start = choose_start(rng, resolved, cells, gaps)
         found = hindrance(resolved, cells, gaps, start)
         if start is not None and not found:
-            return _move_to_start(resolved, layout, cells, gaps, start)
+            dx, dy = -start[0], -start[1]
+            return FloorPlan(
+                cells=tuple(Box(*(round(side, 2) for side in cell.shifted(dx, dy))) for cell in cells),
+                cuts=tuple(_cut(layout, line, cells).shifted(dx, dy) for line in range(4, len(layout.lines))),
+                gaps=tuple(gap.shifted(dx, dy) for gap in gaps),
+                windows=tuple(pane.shifted(dx, dy) for pane in place_windows(resolved, cells)),
+            )
     raise WorldRejected("InvalidInput", f"no floor plan of {_ATTEMPTS} can be driven through: {found}")
-
-
-def _move_to_start(
-    resolved: ResolvedTemplate, layout: Layouts, cells: Sequence[Box], gaps: Sequence[Gap], start: tuple[float, float]
-) -> FloorPlan:
-    """Returns the plan with the start as its origin."""
-    dx, dy = -start[0], -start[1]
-    return FloorPlan(
-        cells=tuple(Box(*(round(side, 2) for side in cell.shifted(dx, dy))) for cell in cells),
-        cuts=tuple(_cut(layout, line, cells).shifted(dx, dy) for line in range(4, len(layout.lines))),
-        gaps=tuple(gap.shifted(dx, dy) for gap in gaps),
-        windows=tuple(pane.shifted(dx, dy) for pane in place_windows(resolved, cells)),
-    )
 
 
 def _cut(layout: Layouts, line: int, cells: Sequence[Box]) -> Cut:
@@ -269,7 +262,8 @@ def _outer_side(plan: FloorPlan, name: str, line: Cut, side: int) -> list[_WallP
 def _inner(plan: FloorPlan) -> list[_WallPiece]:
     pieces: list[_WallPiece] = []
     for number, cut in enumerate(plan.cuts, start=1):
-        room = _first_room_beside(plan, cut)
+        strip = _strip(cut, cut.start + _HALF, cut.end - _HALF)
+        room = next(room for room, cell in enumerate(plan.cells) if cell.meets(strip))
         gaps = sorted((gap for gap in plan.gaps if _in_wall(gap, cut)), key=lambda gap: _span(gap)[0])
         borders = [cut.start + _HALF, *(edge for gap in gaps for edge in _span(gap)), cut.end - _HALF]
         standing = zip(borders[::2], borders[1::2], strict=True)
@@ -278,12 +272,6 @@ def _inner(plan: FloorPlan) -> list[_WallPiece]:
         for n, gap in enumerate((gap for gap in gaps if gap.kind == "Doorway"), start=1):
             pieces.append(_WallPiece(f"lintel_{number}_{n}", _strip(cut, *_span(gap)), LINTEL_BOTTOM_M, room))
     return pieces
-
-
-def _first_room_beside(plan: FloorPlan, cut: Cut) -> int:
-    """Returns the first room that has the wall at one of its sides."""
-    strip = _strip(cut, cut.start + _HALF, cut.end - _HALF)
-    return next(room for room, cell in enumerate(plan.cells) if cell.meets(strip))
 
 
 def _in_wall(gap: Gap, cut: Cut) -> bool:

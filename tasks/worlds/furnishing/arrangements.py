@@ -93,7 +93,9 @@ def desk_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup
         if setting.allows("DeskChairs"):
             members.append(_desk_chair(setting, size))
         yield FurnitureGroup(
-            tuple(members), (_chair_zone(setting, size),), taste=Taste(corner=0.3, window=1.0, away=0.2)
+            tuple(members),
+            (front_zone(size, max(_DESK_RISE_M, setting.scene.way_m)),),
+            taste=Taste(corner=0.3, window=1.0, away=0.2),
         )
 
 
@@ -101,10 +103,6 @@ def _desk_chair(setting: RoomContext, desk: Size) -> Member:
     size = setting.size("DeskChairs", CATALOGUE["DeskChairs"].variants[0])
     knees = -0.17  # the middle between the desk's legs and its drawers
     return Member("DeskChairs", size, (knees, desk[1] / 2 + size[1] / 2 - _TUCK_M), 2, under=_TUCK_M)
-
-
-def _chair_zone(setting: RoomContext, desk: Size) -> Zone:
-    return front_zone(desk, max(_DESK_RISE_M, setting.scene.way_m))
 
 
 def table_groups(setting: RoomContext, kind: TypeName) -> Iterator[FurnitureGroup]:

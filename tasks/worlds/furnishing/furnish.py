@@ -239,7 +239,9 @@ def furnish_interior(
     rooms = [_furnish_room(site, room, attempts) for room in range(len(resolved.rooms))]
     while True:
         furniture = _name_pieces(resolved, rooms)
-        clearance = _clearance(plan, fixed, furniture)
+        clearance = measure_clearance(
+            plan.footprint, [*fixed, *(solid for piece in furniture for solid in piece.solids)]
+        )
         troubled = _rooms_to_redo(site, clearance)
         troubled = [room for room in troubled if attempts[room] < len(_ATTEMPTS) - 1]
         if not troubled:
@@ -303,10 +305,6 @@ def _name_pieces(resolved: ResolvedTemplate, rooms: Sequence[_Furnished]) -> tup
             counts[piece.type] = counts.get(piece.type, 0) + 1
             named.append(assemble(piece, f"{piece.type}_{counts[piece.type]}", wish.name, furnished.look))
     return tuple(named)
-
-
-def _clearance(plan: FloorPlan, fixed: Sequence[Solid], furniture: Sequence[Furniture]) -> Clearance:
-    return measure_clearance(plan.footprint, [*fixed, *(solid for piece in furniture for solid in piece.solids)])
 
 
 def _rooms_to_redo(site: _Site, clearance: Clearance) -> list[int]:

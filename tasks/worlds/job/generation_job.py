@@ -162,7 +162,8 @@ def run_generation_job(
         most = most or MAX_WORLDS.value()
         if min(floorplans, interiors) < 1 or floorplans * interiors > most:
             return _refuse(store, record, floorplans, interiors, most)
-        _keep_template(store, template, digest)
+        # Under its digest, so that what a job used can be read however the template changes.
+        create_once(store, template_key(digest), canonical_json(canonical_document(template)))
         if record.status != "Canceling":
             detail: dict[str, JsonValue] = {"template_digest": digest, "seed": seed}
             advance(store, KIND, record.id, "Running", detail=detail, only_from={"Pending", "Running"})
@@ -267,11 +268,6 @@ def _refuse(store: Store, record: JobRecord, floorplans: int, interiors: int, mo
     detail = _JobOutcome().detail()
     code: WorldGenerationJobErrorCode = "AllWorldGenerationFailed"
     return advance(store, KIND, record.id, "Failed", failure_code=code, failure_reason=reason, detail=detail)
-
-
-def _keep_template(store: Store, template: TemplateBody, digest: str) -> None:
-    """Keeps the body under its digest, so that what a job used can be read however the template changes."""
-    create_once(store, template_key(digest), canonical_json(canonical_document(template)))
 
 
 def _end(store: Store, record: JobRecord, finished: _JobOutcome) -> JobRecord:

@@ -35,7 +35,9 @@ def _judge(asked: FlipRate, material: GateMaterial, label: str) -> RuleVerdict:
     return RuleVerdict(
         rule=label,
         verdict=answer,
-        sentence=sentence(answer, f"{found.said} ({text})", _bar_text(asked), Completeness()),
+        sentence=sentence(
+            answer, f"{found.said} ({text})", f"at most {100 * asked.atMost:g} % asked for", Completeness()
+        ),
         method=_METHOD,
         counted=found.lanes,
         estimate=found.rate,
@@ -70,10 +72,6 @@ def _why_not(audit: AuditReport | None) -> str:
     if audit.unreproduced:
         return f"the parity audit could not make all rows again: {audit.sentence}"
     return ""
-
-
-def _bar_text(asked: FlipRate) -> str:
-    return f"at most {100 * asked.atMost:g} % asked for"
 
 
 def _plan(asked: FlipRate, planned: PlannedEpisodes) -> Iterator[str]:

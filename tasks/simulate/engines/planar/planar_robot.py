@@ -319,7 +319,8 @@ def planar_robot(path: Path) -> PlanarRobot:
     geoms = colliding_geoms(host)
     data = _pressed(spec, host, geoms)
     discs = tuple(_disc(data, probe, geom + len(geoms)) for probe, geom in enumerate(geoms))
-    inertia = _mass_matrix(data)
+    inertia = np.zeros((3, 3))
+    mujoco.mj_fullM(data.model, data, inertia)
     return PlanarRobot(
         hull=hull_of(host),
         discs=discs,
@@ -397,12 +398,6 @@ def _softness(data: mujoco.MjData, row: int, solimp: Float64[np.ndarray, "5"]) -
 
 def _impedance(value: float) -> float:
     return float(np.clip(value, _LEAST_IMPEDANCE, _MOST_IMPEDANCE))
-
-
-def _mass_matrix(data: mujoco.MjData) -> Float64[np.ndarray, "3 3"]:
-    matrix = np.zeros((3, 3))
-    mujoco.mj_fullM(data.model, data, matrix)
-    return matrix
 
 
 def _dry_frictions(data: mujoco.MjData) -> tuple[DryFriction, ...]:
