@@ -350,7 +350,13 @@ def find_trend(store: Store, asked: TrendAsked, *, base: str = "") -> TrendView:
     document = asked.document or _only_document(store)
     history = read_history(store, document, asked.measure, anew=asked.anew)
     if not history.nights:
-        raise _unknown_document(store, document)
+        names = document_names(store)
+        allowed = "a document with a batch that has ended"
+        if document not in names:
+            allowed += (
+                f"; the documents of this store are {', '.join(names[:20])}" if names else "; this store has none"
+            )
+        raise DocumentError.of("DOCUMENT-NAME", repr(document), allowed, source="simyard")
     return _view(make_trend(history.nights, asked.choice), history, asked._replace(document=document), base)
 
 
@@ -414,11 +420,3 @@ def _only_document(store: Store) -> str:
         return names[0]
     allowed = f"one of {', '.join(names[:20])}" if names else "a document that has been run in this store"
     raise DocumentError.of("DOCUMENT-NAME", "not given", allowed, source="simyard")
-
-
-def _unknown_document(store: Store, document: str) -> DocumentError:
-    names = document_names(store)
-    allowed = "a document with a batch that has ended"
-    if document not in names:
-        allowed += f"; the documents of this store are {', '.join(names[:20])}" if names else "; this store has none"
-    return DocumentError.of("DOCUMENT-NAME", repr(document), allowed, source="simyard")

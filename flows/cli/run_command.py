@@ -344,14 +344,12 @@ def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console:
         listen_to_progress(listener),
         _guard_server(server, console),
     ):
-        from prefect.exceptions import CancelledRun  # noqa: PLC0415 - Prefect loads while the server starts
-
+        from flows.prefect.flow_calls import canceled_as_failure  # noqa: PLC0415 - Prefect loads as the server starts
         from flows.prefect.flows import pipeline  # noqa: PLC0415 - same
 
         try:
-            return pipeline(spec, store=store.url, base=str(base))
-        except CancelledRun as exc:
-            raise StageFailed("Canceled", str(exc)) from exc
+            with canceled_as_failure():
+                return pipeline(spec, store=store.url, base=str(base))
         except ValueError as exc:
             if _NO_BLOCK not in str(exc):
                 raise

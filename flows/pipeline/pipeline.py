@@ -173,13 +173,7 @@ def _export_and_simulate(work: ParsedRun) -> tuple[Reports, tuple[JobRecord | No
 
 
 def _judge_and_deploy(work: ParsedRun, batch: JobRecord | None, simulated: Reports) -> tuple[Reports, Reports, Reports]:
-    """Returns the reports of the batch, with its trend, of the gate, and of the deployment.
-
-    Args:
-        work: The run.
-        batch: The batch's record, or None.
-        simulated: Its report until now.
-    """
+    """Returns the reports of the batch, with its trend, of the gate, and of the deployment."""
     tested = authenticated_batch(work, batch)
     if tested is not None and work.spec.gate is None:
         require_an_end(tested)

@@ -182,22 +182,18 @@ def _is_cancellation(exc: BaseException, store: Store, run: JobRecord, own: str)
 
 def _end(store: Store, run: JobRecord, exc: BaseException) -> None:
     try:
-        _let_workers_end(store, run)
+        # Workers of a cluster outlive this process: they get the time to commit what is done of their chunks.
+        workers = chosen_workers()
+        batches = [job for kind, job in jobs_of(run) if kind == BATCH] if workers and workers.address else []
+        for batch in batches:
+            with suppress(DocumentError):  # not begun, or ended
+                cancel_batch(store, batch)
+                end_s = time.monotonic() + _CHUNK_S
+                while (chunks := chunk_numbers(store, batch)).begun != chunks.committed and time.monotonic() < end_s:
+                    time.sleep(_LOOK_S)
         end_canceled(store, run)
     except SimyardError as failure:
         logger.warning("%s was canceled (%s), and could not be ended: %s", run.id, exc, failure)
-
-
-def _let_workers_end(store: Store, run: JobRecord) -> None:
-    """Gives workers of a cluster, which outlive this process, the time to commit what is done of their chunks."""
-    workers = chosen_workers()
-    batches = [job for kind, job in jobs_of(run) if kind == BATCH] if workers and workers.address else []
-    for batch in batches:
-        with suppress(DocumentError):  # not begun, or ended
-            cancel_batch(store, batch)
-            end_s = time.monotonic() + _CHUNK_S
-            while (chunks := chunk_numbers(store, batch)).begun != chunks.committed and time.monotonic() < end_s:
-                time.sleep(_LOOK_S)
 
 
 @contextmanager

@@ -208,7 +208,8 @@ def with_document(function: Callable[..., object], parameters: dict[str, Any]) -
     Raises:
         DocumentError: There is no such file, or what it holds is wrong; with all its faults.
     """
-    given, form = parameters.get(_SPEC), _form(function)
+    hint = get_type_hints(function, include_extras=True).get(_SPEC)
+    given, form = parameters.get(_SPEC), next((each for each in get_args(hint)[1:] if isinstance(each, _OrFile)), None)
     if form is None or not isinstance(given, Mapping) or _FILE not in given:
         return parameters
     named = parse(DocumentFile, cast("Any", dict(cast("Mapping[str, object]", given))), _SPEC).document
@@ -237,11 +238,6 @@ def _document_in(path: Path) -> PipelineSpec:
             _FILE, "no document of Simyard's", f"a file with some of {sections} at its top", source=str(path)
         )
     return pipeline_of(data, path, path.parent)
-
-
-def _form(function: Callable[..., object]) -> _OrFile | None:
-    hint = get_type_hints(function, include_extras=True).get(_SPEC)
-    return next((each for each in get_args(hint)[1:] if isinstance(each, _OrFile)), None)
 
 
 def _part(spec: PipelineSpec, section: str, path: Path) -> object:

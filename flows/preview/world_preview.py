@@ -10,7 +10,7 @@ from pydantic import JsonValue
 
 from specs.arn import parse_reference, resource_kind
 from specs.base import Fault, Spec
-from specs.data.world import Rectangle, RoomType, Solid, World
+from specs.data.world import Rectangle, RoomType, World
 from specs.errors import DocumentError
 from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
@@ -24,7 +24,7 @@ from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.furnishing.assembly import assemble, draw_look
 from tasks.worlds.furnishing.scene import Piece
 from tasks.worlds.furniture.catalogue import CATALOGUE
-from tasks.worlds.furniture.furniture_type import FurnitureType, Range, Size, Tier
+from tasks.worlds.furniture.furniture_type import FurnitureType, Range, Tier
 from tasks.worlds.generate import generate_world
 from tasks.worlds.geometry import Box
 from tasks.worlds.job.generation_job import KIND
@@ -156,11 +156,15 @@ def furniture_rows() -> list[dict[str, JsonValue]]:
 def furniture_picture(kind: str) -> str:
     """Returns the picture of a kind of furniture in a usual size (SVG), with the floor that is kept free before it."""
     model = CATALOGUE[kind]
-    size = _usual_size(model)
-    half = max(size[0], model.use_width_m) / 2
-    front = size[1] / 2
+    widths, depths, heights = model.usual(_USUAL_ROOM_M2)[-1].sizes
+    width, depth, height = (each[len(each) // 2] for each in (widths, depths, heights))
+    size = (width, depth or width, height)
+    half, front = max(size[0], model.use_width_m) / 2, size[1] / 2
     clear = Rectangle(x_min_m=-half, x_max_m=half, y_min_m=front, y_max_m=front + model.front_m)
-    return solid_view_svg(kind, _solids(kind, size), clear)
+    body = Box(-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2)
+    look = draw_look(np.random.default_rng(_LOOK_SEED))
+    piece = Piece(kind, size, (0.0, 0.0), 0, 0.0, body)
+    return solid_view_svg(kind, assemble(piece, kind, "", look).solids, clear)
 
 
 def write_furniture_pictures(folder: Path) -> list[Path]:
@@ -194,13 +198,16 @@ def _kind(model: FurnitureType) -> FurnitureKind:
     likely: list[RoomType] = [room for room in rooms["likely"] if room not in rooms["essential"]]
     known = {*rooms["essential"], *likely}
     rarely: list[RoomType] = [room for room in rooms["occasional"] if room not in known]
+    place = _STANDS[model.anchor] + (", flush beside others" if model.row else "")
+    window = ", also below a window" if model.under_window else ""
+    near = f", near {' or '.join(model.taste.near)}" if model.taste.near else ""
     return FurnitureKind(
         kind=model.name,
         width_m=_span([variant.width_m for variant in model.variants]),
         depth_m=_span(depths),
         height_m=_span([variant.height_m for variant in model.variants]),
         clear_m=model.front_m,
-        stands=_stands(model),
+        stands=f"{place}{window}{near}",
         essential=tuple(rooms["essential"]),
         likely=tuple(likely),
         occasional=tuple(rarely),
@@ -209,27 +216,6 @@ def _kind(model: FurnitureType) -> FurnitureKind:
 
 def _span(spans: Sequence[Range]) -> Range:
     return min(low for low, _ in spans), max(high for _, high in spans)
-
-
-def _stands(model: FurnitureType) -> str:
-    """Returns where a kind stands, and by what it likes to stand."""
-    place = _STANDS[model.anchor] + (", flush beside others" if model.row else "")
-    window = ", also below a window" if model.under_window else ""
-    near = f", near {' or '.join(model.taste.near)}" if model.taste.near else ""
-    return f"{place}{window}{near}"
-
-
-def _usual_size(model: FurnitureType) -> Size:
-    """Returns a size from the middle of what is usual in a room of 20 m2."""
-    widths, depths, heights = model.usual(_USUAL_ROOM_M2)[-1].sizes
-    width, depth, height = (each[len(each) // 2] for each in (widths, depths, heights))
-    return width, depth or width, height
-
-
-def _solids(kind: str, size: Size) -> tuple[Solid, ...]:
-    body = Box(-size[0] / 2, -size[1] / 2, size[0] / 2, size[1] / 2)
-    look = draw_look(np.random.default_rng(_LOOK_SEED))
-    return assemble(Piece(kind, size, (0.0, 0.0), 0, 0.0, body), kind, "", look).solids
 
 
 _GENERATION = "preview"

@@ -11,7 +11,7 @@ from pathlib import PurePosixPath
 
 from pydantic import TypeAdapter, ValidationError
 
-from specs.arn import absence, parse_reference
+from specs.arn import ResourceKind, absence, parse_reference
 from specs.errors import (
     DocumentError,
     ObjectExists,
@@ -107,12 +107,16 @@ def fleet_name(reference: str) -> str:
     Raises:
         ResourceNotFound: An ARN of something else.
     """
+    return _named(reference, "deployment-fleet", _missing_fleet)
+
+
+def _named(reference: str, kind: ResourceKind, missing: Callable[[str, str], ResourceNotFound]) -> str:
     try:
         parsed = parse_reference(reference)
     except ValueError as exc:
-        raise _missing_fleet(reference, str(exc)) from exc
-    if parsed.kind not in {None, "deployment-fleet"}:
-        raise _missing_fleet(reference, "the name or ARN of a deployment-fleet")
+        raise missing(reference, str(exc)) from exc
+    if parsed.kind not in {None, kind}:
+        raise missing(reference, f"the name or ARN of a {kind}")
     return parsed.path
 
 
@@ -273,13 +277,7 @@ def robot_name(reference: str) -> str:
     Raises:
         ResourceNotFound: An ARN of something else.
     """
-    try:
-        parsed = parse_reference(reference)
-    except ValueError as exc:
-        raise _missing_robot(reference, str(exc)) from exc
-    if parsed.kind not in {None, "robot"}:
-        raise _missing_robot(reference, "the name or ARN of a robot")
-    return parsed.path
+    return _named(reference, "robot", _missing_robot)
 
 
 def robots(store: Store) -> list[RobotRecord]:

@@ -46,7 +46,10 @@ def draw_floors(parent: ET.Element, world: World, sheet: PageScale) -> None:
     rectangle(parent, sheet.box(world.footprint), class_="threshold")
     for room in world.rooms:
         group = element(parent, "g", class_="room")
-        element(group, "title", _facts(room))
+        floor = room.floor
+        size = f"{floor.x_max_m - floor.x_min_m:.2f} by {floor.y_max_m - floor.y_min_m:.2f} m"
+        materials = f"floor {room.flooring.material}, walls {room.walls.material}"
+        element(group, "title", f"{room.name}: {room.type}, {area_m2(floor):.1f} m², {size}, {materials}")
         box = sheet.box(room.floor)
         rectangle(group, box, fill=floor_color(room.flooring))
         if key := pattern_key(room.flooring, sheet):
@@ -119,13 +122,6 @@ _PATHS: Mapping[Pattern, Callable[[float, float], tuple[float, float, str]]] = {
 }
 
 
-def _facts(room: Room) -> str:
-    floor = room.floor
-    size = f"{floor.x_max_m - floor.x_min_m:.2f} by {floor.y_max_m - floor.y_min_m:.2f} m"
-    materials = f"floor {room.flooring.material}, walls {room.walls.material}"
-    return f"{room.name}: {room.type}, {area_m2(floor):.1f} m², {size}, {materials}"
-
-
 def draw_passages(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds every doorway and opening as a gap, with its width as tooltip."""
     for passage in world.passages:
@@ -145,7 +141,15 @@ def draw_doors(parent: ET.Element, world: World, sheet: PageScale) -> None:
     for door in world.doors:
         group = element(parent, "g", class_="door")
         element(group, "title", f"{door.name}: {door.open_percent:g} % open, swings into {door.opens_into}")
-        element(group, "path", d=_arc(door, sheet), class_="swing")
+        radius = _length_m(door) * sheet.units_per_m
+        (from_x, from_y), (to_x, to_y) = (
+            _tip(door, yaw_rad, sheet) for yaw_rad in (door.closed_yaw_rad, door.open_yaw_rad)
+        )
+        # Counter-clockwise with y up; SVG's sweep flag 1 is clockwise on the page.
+        sweep = 0 if math.remainder(door.open_yaw_rad - door.closed_yaw_rad, 2 * math.pi) > 0 else 1
+        x, y = sheet.x(door.hinge_m[0]), sheet.y(door.hinge_m[1])
+        arc = f"M{from_x:.2f} {from_y:.2f}A{radius:.2f} {radius:.2f} 0 0 {sweep} {to_x:.2f} {to_y:.2f}L{x:.2f} {y:.2f}"
+        element(group, "path", d=arc, class_="swing")
         draw_solid(group, door.leaf, sheet, {"class_": "leaf"})
 
 
@@ -172,17 +176,6 @@ def swing_box(door: Door, sheet: PageScale) -> PageBox:
     tips = [_tip(door, yaw_rad, sheet) for yaw_rad in (door.closed_yaw_rad, door.open_yaw_rad)]
     xs, ys = [x, *(tip[0] for tip in tips)], [y, *(tip[1] for tip in tips)]
     return PageBox(min(xs), min(ys), max(xs), max(ys))
-
-
-def _arc(door: Door, sheet: PageScale) -> str:
-    radius = _length_m(door) * sheet.units_per_m
-    (from_x, from_y), (to_x, to_y) = (
-        _tip(door, yaw_rad, sheet) for yaw_rad in (door.closed_yaw_rad, door.open_yaw_rad)
-    )
-    # Counter-clockwise with y up; SVG's sweep flag 1 is clockwise on the page.
-    sweep = 0 if math.remainder(door.open_yaw_rad - door.closed_yaw_rad, 2 * math.pi) > 0 else 1
-    x, y = sheet.x(door.hinge_m[0]), sheet.y(door.hinge_m[1])
-    return f"M{from_x:.2f} {from_y:.2f}A{radius:.2f} {radius:.2f} 0 0 {sweep} {to_x:.2f} {to_y:.2f}L{x:.2f} {y:.2f}"
 
 
 def _tip(door: Door, yaw_rad: float, sheet: PageScale) -> tuple[float, float]:

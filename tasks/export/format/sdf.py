@@ -138,20 +138,16 @@ def turn(x_m: float, y_m: float, yaw_rad: float) -> tuple[float, float]:
 def _add_shape(link: ET.Element, kind: str, name: str, pose: str, shape: "Solid | _Part") -> None:
     element = ET.SubElement(link, kind, name=f"{name}_{kind}")  # names of siblings differ
     add_text(element, "pose", pose)
-    _geometry(element, shape)
-    if kind == "visual":
-        add_color(element, shape.color)
-
-
-def _geometry(parent: ET.Element, solid: "Solid | _Part") -> None:
-    x_m, y_m, z_m = solid.half_extents_m
-    geometry = ET.SubElement(parent, "geometry")
-    if solid.shape == "cylinder":
+    x_m, y_m, z_m = shape.half_extents_m
+    geometry = ET.SubElement(element, "geometry")
+    if shape.shape == "cylinder":
         cylinder = ET.SubElement(geometry, "cylinder")
         add_text(cylinder, "radius", numbers_text((x_m,)))
         add_text(cylinder, "length", numbers_text((2 * z_m,)))
     else:
         add_text(ET.SubElement(geometry, "box"), "size", numbers_text((2 * x_m, 2 * y_m, 2 * z_m)))
+    if kind == "visual":
+        add_color(element, shape.color)
 
 
 _DIGEST_CHARACTERS = 12
@@ -208,17 +204,14 @@ def model_config(name: str, description: str) -> bytes:
 
 
 def _part(piece: Furniture, solid: Solid) -> _Part:
-    name, pose = solid.name.removeprefix(piece.name).strip("_/"), numbers_text(_pose_in(piece, solid))
-    return _Part(name, solid.shape, solid.half_extents_m, solid.color, pose)
-
-
-def _pose_in(piece: Furniture, solid: Solid) -> Pose:
-    """Returns where a solid is in the frame of its piece, whose origin is on the floor under its middle."""
+    """Returns a solid in the frame of its piece, whose origin is on the floor under its middle."""
     x_m, y_m = turn(solid.center_m[0] - piece.center_m[0], solid.center_m[1] - piece.center_m[1], -piece.yaw_rad)
     yaw_rad = 0.0 if solid.shape == "cylinder" else math.remainder(solid.yaw_rad - piece.yaw_rad, 2 * math.pi)
     # A box looks the same after half a turn; which half it is shall not depend on the last bit.
     yaw_rad = round(math.remainder(round(yaw_rad, 6), round(math.pi, 6)), 5)
-    return round(x_m, 5), round(y_m, 5), solid.center_m[2], yaw_rad
+    pose = numbers_text((round(x_m, 5), round(y_m, 5), solid.center_m[2], yaw_rad))
+    name = solid.name.removeprefix(piece.name).strip("_/")
+    return _Part(name, solid.shape, solid.half_extents_m, solid.color, pose)
 
 
 WORLDS_PACKAGE, MODELS_PACKAGE = "aws_robomaker_worldforge_worlds", "aws_robomaker_worldforge_shared_models"

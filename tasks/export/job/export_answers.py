@@ -51,8 +51,7 @@ _CODES: tuple[tuple[type[SimyardError], WorldExportJobErrorCode], ...] = (
 def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
     """Returns the answer of DescribeWorldExportJob; what is empty is left out."""
     fields: dict[str, JsonValue] = {
-        **_state(record),
-        **_from_request(record, _DESCRIBED),
+        **record.answer(*_DESCRIBED),
         "clientRequestToken": record.token,
     }
     if record.failure_code:
@@ -63,7 +62,7 @@ def describe_export_job(record: JobRecord) -> DescribeWorldExportJobResponse:
 
 def summarise_export_job(record: JobRecord) -> WorldExportJobSummary:
     """Returns the job's line in ListWorldExportJobs."""
-    return WorldExportJobSummary.model_validate({**_state(record), **_from_request(record, _SUMMARISED)})
+    return WorldExportJobSummary.model_validate(record.answer(*_SUMMARISED))
 
 
 def failure_code(error: SimyardError) -> WorldExportJobErrorCode:
@@ -85,14 +84,6 @@ def is_outage(error: SimyardError) -> bool:
 def failure_reason(error: SimyardError) -> str:
     """Returns the error as one line of at most 1,024 characters, as RoboMaker's failureReason must be."""
     return " ".join(str(error).split())[:_LONGEST_REASON]
-
-
-def _state(record: JobRecord) -> dict[str, JsonValue]:
-    return {"arn": record.arn, "status": record.status, "createdAt": record.created_at_s}
-
-
-def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonValue]:
-    return {name: record.request[name] for name in names if name in record.request}
 
 
 _KIND: JobKind = "world-export-job"

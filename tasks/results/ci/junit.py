@@ -13,7 +13,7 @@ from junitparser.junitparser import FinalResult
 
 from specs.data.run_report import StageReport
 from specs.untrusted_text import xml_text
-from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport, RunFailure
+from tasks.results.ci.full_report import CountedBatch, FullReport, GateReport, GroupReport
 from tasks.results.gate.rules.rule import RuleVerdict
 from tasks.results.statistics.intervals import IntervalFamily, in_worlds, percent, percent_range
 
@@ -43,7 +43,10 @@ def _suites(report: FullReport) -> Iterator[TestSuite]:
             cases = (_group_case(group, batch) for group in world.groups)
             yield _suite(name, world.label, cases, _SIMULATED, world=world.world, batch=batch.arn)
         if batch.left_out:
-            yield _suite(name, "other worlds", [_rest(batch)], _SIMULATED)
+            text = f"{batch.left_out} groups more are not listed here; the batch's tables have them"
+            bad = f"{batch.left_out_failed} of {batch.left_out} groups more are not as they should be"
+            result = _result(Failure, bad, _NOT_PASSED, text) if batch.left_out_failed else None
+            yield _suite(name, "other worlds", [_case("groups that are not listed", result, text)], _SIMULATED)
 
 
 def _run_cases(report: FullReport) -> Iterator[TestCase]:
@@ -53,7 +56,9 @@ def _run_cases(report: FullReport) -> Iterator[TestCase]:
         if not (failure and failure.stage == stage.name):
             yield _stage_case(stage)
     if failure:
-        yield _failure_case(failure)
+        faults = [str(fault) for fault in failure.faults]
+        text = "\n".join([failure.reason, *faults, *filter(None, [failure.arn])])
+        yield _case(failure.stage or "run", _result(Error, failure.reason, failure.code, text))
     if report.problems:
         yield _case("report", _result(Error, report.problems[0], "report", "\n".join(report.problems)))
     if not (report.stages or failure or report.problems):
@@ -78,12 +83,6 @@ def _places(stage: StageReport) -> Iterator[str]:
     yield from (f"{artefact.label}: {artefact.url}" for artefact in stage.artefacts)
     if "alarm" in stage.facts:
         yield str(stage.facts["alarm"])
-
-
-def _failure_case(failure: RunFailure) -> TestCase:
-    faults = [str(fault) for fault in failure.faults]
-    text = "\n".join([failure.reason, *faults, *filter(None, [failure.arn])])
-    return _case(failure.stage or "run", _result(Error, failure.reason, failure.code, text))
 
 
 def _gate_case(gate: GateReport) -> TestCase:
@@ -129,13 +128,6 @@ def _group_lines(group: GroupReport, family: IntervalFamily) -> Iterator[str]:
     for example in group.examples:
         why = f": {example.explanation}" if example.explanation else ""
         yield f"seed {example.seed}, {example.reason}{why}\n  {example.job}\n  {example.replay}"
-
-
-def _rest(batch: CountedBatch) -> TestCase:
-    text = f"{batch.left_out} groups more are not listed here; the batch's tables have them"
-    bad = f"{batch.left_out_failed} of {batch.left_out} groups more are not as they should be"
-    result = _result(Failure, bad, _NOT_PASSED, text) if batch.left_out_failed else None
-    return _case("groups that are not listed", result, text)
 
 
 def _suite(document: str, name: str, cases: Iterable[TestCase], unit: str, **properties: str) -> TestSuite:

@@ -104,7 +104,8 @@ class _Stage:
                 self._at((room.floor.x_min_m, room.floor.y_max_m)),
                 self._at((room.floor.x_max_m, room.floor.y_min_m)),
             )
-            draw.rectangle([low, high], fill=_pale(room.flooring.color))
+            red, green, blue = (0.5 + channel / 2 for channel in room.flooring.color)
+            draw.rectangle([low, high], fill=_bytes((red, green, blue)))
         leaves = [door.leaf for door in world.doors]
         pieces = [solid for piece in world.furniture for solid in piece.solids]
         for solid in sorted(pieces, key=lambda each: each.center_m[2] + each.half_extents_m[2]):
@@ -149,11 +150,6 @@ def _even(length: float) -> int:
 def _bytes(color: Color) -> tuple[int, int, int]:
     red, green, blue = (round(255 * channel) for channel in color)
     return red, green, blue
-
-
-def _pale(color: Color) -> tuple[int, int, int]:
-    red, green, blue = (0.5 + channel / 2 for channel in color)
-    return _bytes((red, green, blue))
 
 
 _CODEC, _PIXELS = "libx264", "yuv420p"  # what browsers and slides play

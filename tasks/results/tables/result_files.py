@@ -111,13 +111,10 @@ def _write(
 
 
 def _file(path: Path, schema: pa.Schema, metadata: Mapping[str, str]) -> ParquetFile:
-    return ParquetFile(path, schema, metadata, dictionary=_repeated(schema), level=_LEVEL)
-
-
-def _repeated(schema: pa.Schema) -> list[str]:
-    """Returns the columns in which values are repeated: texts and counts, but not what tells one row from another."""
     leaves = [leaf for field in schema if field.name not in _NAMES for leaf in _leaves(field)]
-    return [name for name, kind in leaves if not pa.types.is_floating(kind)]
+    # Texts and counts are repeated, but for what tells one row from another.
+    repeated = [name for name, kind in leaves if not pa.types.is_floating(kind)]
+    return ParquetFile(path, schema, metadata, dictionary=repeated, level=_LEVEL)
 
 
 def _leaves(field: pa.Field) -> list[tuple[str, pa.DataType]]:

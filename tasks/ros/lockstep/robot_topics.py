@@ -83,7 +83,14 @@ class SensorMessages:
 
     def fixed(self, moment: Moment, floor: FloorMap | None) -> Mapping[str, bytes]:
         """Returns the messages that hold from the start: where sensors are mounted, the map."""
-        found = {STATIC: self._static(moment)}
+        frames, lidar = self._base.robot.frames, self._base.robot.lidar
+        each = [ros_messages.FrameTransform(frames.base, frames.imu, (0.0, 0.0, 0.0))]
+        if lidar is not None:
+            where = (lidar.x_m, lidar.y_m, lidar.yaw_rad)
+            each.append(ros_messages.FrameTransform(frames.base, frames.laser, where))
+        if self._floor is not None:
+            each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
+        found = {STATIC: ros_messages.transforms(0, moment.time, each)}
         if self._floor is not None and floor is not None:
             frame = self._base.robot.frames.floor_map
             found[self._floor] = ros_messages.occupancy_grid(
@@ -98,16 +105,6 @@ class SensorMessages:
         x, y = map(float, moment.sensed.goal)
         frame = self._base.robot.frames.odometry
         return self._goal, ros_messages.pose_stamped(moment.sequence, moment.time, frame, (x, y, 0.0))
-
-    def _static(self, moment: Moment) -> bytes:
-        frames, lidar = self._base.robot.frames, self._base.robot.lidar
-        each = [ros_messages.FrameTransform(frames.base, frames.imu, (0.0, 0.0, 0.0))]
-        if lidar is not None:
-            where = (lidar.x_m, lidar.y_m, lidar.yaw_rad)
-            each.append(ros_messages.FrameTransform(frames.base, frames.laser, where))
-        if self._floor is not None:
-            each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
-        return ros_messages.transforms(0, moment.time, each)
 
     def _transforms(self, moment: Moment) -> bytes:
         frames, pose = self._base.robot.frames, moment.sensed.pose

@@ -80,7 +80,10 @@ class StepDriver:
             self._postpone(lane, verdict, now_s)
             return True
         else:
-            self._late(lane)
+            lane.late += 1
+            if lane.late >= self._patience.late_limit:
+                limit_s = self._patience.stage_s
+                lane.failure = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
         lane.collect(time_ns)
         if lane.failure:
             self._fail(lane)
@@ -95,12 +98,6 @@ class StepDriver:
         else:
             lane.nap_s = min(max(_FIRST_NAP_S, _NAP_GROWTH * lane.nap_s), _LONGEST_NAP_S)
             lane.look_s = now_s + lane.nap_s
-
-    def _late(self, lane: RosLane) -> None:
-        lane.late += 1
-        if lane.late >= self._patience.late_limit:
-            limit_s = self._patience.stage_s
-            lane.failure = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
 
     def _check(self, active: Sequence[RosLane], now_s: float) -> None:
         """Looks now and then, while lanes take long, what they use: one that uses too much is ended next."""
@@ -151,15 +148,12 @@ class Readiness:
                     waiting.remove(lane)
                 if lane.failure:
                     self._fail(lane)
-            self._rest()
-
-    def _rest(self) -> None:
-        ends_s = time.perf_counter() + _ROUND_S
-        while (left_s := ends_s - time.perf_counter()) > 0.0:
-            self._pump.nap(left_s)
-            self._pump.serve()
-            # Commands end a nap at once, and are not read here.
-            time.sleep(_PAUSE_S)
+            ends_s = time.perf_counter() + _ROUND_S
+            while (left_s := ends_s - time.perf_counter()) > 0.0:
+                self._pump.nap(left_s)
+                self._pump.serve()
+                # Commands end a nap at once, and are not read here.
+                time.sleep(_PAUSE_S)
 
     def _ready(self, lane: RosLane) -> bool:
         """Returns whether a lane has been complete and at rest for a while."""

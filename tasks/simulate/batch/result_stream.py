@@ -54,13 +54,9 @@ def _results(
         if columns is None and not code:
             raise ObjectNotFound(f"{batch.store.url}: chunk {number} of {batch.id} is not committed")
         if columns is not None:
-            found.append(_between(columns, first, end))
+            inside = (columns.index >= first) & (columns.index < end)
+            found.append(columns if inside.all() else columns.take(np.flatnonzero(inside)))
     return _in_order(found, first, end, code)
-
-
-def _between(columns: EpisodeColumns, first: int, end: int) -> EpisodeColumns:
-    inside = (columns.index >= first) & (columns.index < end)
-    return columns if inside.all() else columns.take(np.flatnonzero(inside))
 
 
 def _in_order(found: Sequence[EpisodeColumns], first: int, end: int, code: StopCode) -> EpisodeColumns:

@@ -174,7 +174,11 @@ class StepwiseRun:
 
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
-        packed, record, steps = self._calls.pack(state), self._blank_record(), 0
+        lanes = len(self._rows)
+        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), ()]
+        blank: list[Any] = [np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes]
+        blank[2] = np.empty((lanes, SLICE_STEPS), np.int32)
+        packed, record, steps = self._calls.pack(state), StepRecord(*blank), 0
         while steps < SLICE_STEPS:
             observed, done = self._columns.observed(self._rows), self._columns.done(self._rows)
             if steps and done.all():
@@ -185,13 +189,6 @@ class StepwiseRun:
             _keep(record, steps, observed, controls, self._rows[:, -_RECORDED:])
             steps += 1
         return self._calls.unpack(packed), jax.tree.map(lambda array: array[:, :steps], record)
-
-    def _blank_record(self) -> StepRecord:
-        lanes = len(self._rows)
-        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), ()]
-        blank: list[Any] = [np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes]
-        blank[2] = np.empty((lanes, SLICE_STEPS), np.int32)
-        return StepRecord(*blank)
 
     def _fetched(self, rows: jax.Array) -> Rows:
         return np.concatenate(self._transfer.fetch(rows))

@@ -265,13 +265,7 @@ class _Drive(NamedTuple):
 
 
 def _guessed_wall_s(drives: Sequence[_Drive], episodes: int, longest_s: float) -> Span:
-    """Returns a wide range for programs that have not run here.
-
-    Args:
-        drives: All that is driven.
-        episodes: How many the batch has.
-        longest_s: The longest simulated time of an episode.
-    """
+    """Returns a wide range for programs that have not run here."""
     steps = max(1, round(longest_s * CONTROL_HZ))
     wall = _START_S.plus(_ROW_S.times(episodes))
     for each in drives:

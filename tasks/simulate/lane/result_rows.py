@@ -154,13 +154,7 @@ def _seconds(steps: Int[np.ndarray, " entries"]) -> Float64[np.ndarray, " entrie
 def _measured_ways(
     lanes: Sequence[Lane], driven_m: Float64[np.ndarray, " ended"], passed: Bool[np.ndarray, " ended"]
 ) -> dict[str, Cells]:
-    """Returns the shortest ways, and success weighted by path length (Anderson et al. 2018); none where none is known.
-
-    Args:
-        lanes: The episodes.
-        driven_m: How far they drove.
-        passed: Which of them did their task.
-    """
+    """Returns shortest ways, and success weighted by path length (Anderson et al. 2018); None if unknown."""
     known = [lane.shortest_path_m for lane in lanes]
     there = np.array([length is not None for length in known])
     shortest_m = np.array([length or 0.0 for length in known], np.float64)

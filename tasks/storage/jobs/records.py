@@ -178,6 +178,11 @@ class JobRecord(Spec):
     updated_at_s: float
     detail: dict[str, JsonValue]
 
+    def answer(self, *names: str) -> dict[str, JsonValue]:
+        """Returns what each of RoboMaker's answers about a job says, and those fields of its request that it has."""
+        asked = {name: self.request[name] for name in names if name in self.request}
+        return {"arn": self.arn, "status": self.status, "createdAt": self.created_at_s, **asked}
+
 
 def request_digest(request: Mapping[str, JsonValue]) -> str:
     """Returns the SHA-256, in hex, of the request as JSON with sorted keys and no spaces."""

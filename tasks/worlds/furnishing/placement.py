@@ -52,13 +52,7 @@ def robot_gets_around(
 
 
 def _touching(body: Box, room: Box, by_m: float) -> tuple[slice, slice]:
-    """Returns the cells from which a robot would touch a body.
-
-    Args:
-        body: The body.
-        room: Where the robot's middle may be.
-        by_m: How near it may come to the body.
-    """
+    """Returns the cells from which a robot would touch a body."""
     x_min, y_min, x_max, y_max = body.grown(by_m)
     return _cells_between(x_min - room.x_min, x_max - room.x_min), _cells_between(
         y_min - room.y_min, y_max - room.y_min

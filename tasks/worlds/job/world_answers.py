@@ -65,8 +65,7 @@ _FAILURES = TypeAdapter(dict[str, _Failure])
 def describe_generation_job(record: JobRecord) -> DescribeWorldGenerationJobResponse:
     """Returns the answer of DescribeWorldGenerationJob; what is empty is left out."""
     fields: dict[str, JsonValue] = {
-        **_state(record),
-        **_from_request(record, _DESCRIBED),
+        **record.answer(*_DESCRIBED),
         "clientRequestToken": record.token,
         "finishedWorldsSummary": _finished_worlds_summary(record),
     }
@@ -82,8 +81,7 @@ def summarise_generation_job(record: JobRecord) -> WorldGenerationJobSummary:
         "succeededWorldCount": len(_world_references(record)),
         "failedWorldCount": sum(failure.count for failure in _failures(record).values()),
     }
-    fields = {**_state(record), **_from_request(record, _SUMMARISED), **counts}
-    return WorldGenerationJobSummary.model_validate(fields)
+    return WorldGenerationJobSummary.model_validate({**record.answer(*_SUMMARISED), **counts})
 
 
 def describe_world(world: World, record: JobRecord | None, store: str) -> DescribeWorldResponse:
@@ -113,14 +111,6 @@ def _identity(reference: str, record: JobRecord | None, store: str) -> dict[str,
         "template": record.request["template"],
         "createdAt": record.created_at_s,
     }
-
-
-def _state(record: JobRecord) -> dict[str, JsonValue]:
-    return {"arn": record.arn, "status": record.status, "createdAt": record.created_at_s}
-
-
-def _from_request(record: JobRecord, names: tuple[str, ...]) -> dict[str, JsonValue]:
-    return {name: record.request[name] for name in names if name in record.request}
 
 
 def _finished_worlds_summary(record: JobRecord) -> dict[str, JsonValue]:

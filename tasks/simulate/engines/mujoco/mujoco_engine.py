@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Float32
 
 from specs.data.world import World
 from specs.field_types import EngineName
-from tasks.simulate.application.contract import Body, Joints, Motion, Observation, State, Work
+from tasks.simulate.application.contract import Body, Joints, Motion, Observation, Work
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.mujoco.world_stepper import HostBody, HostRobot, HostWork, Stepper, host_robot, world_models
@@ -243,7 +243,9 @@ def _finish_lane(  # noqa: PLR0917 - as the program maps it
     state = unflatten_state(applications, inputs, state)
     body, work = _from_row(robot, driven)
     clearance_m = hull_distance_m(robot.parts, inputs.boxes, inputs.cylinders, body.qpos)
-    decision = Decision(_with_changes(state.controller, changed), control, ranges_m)
+    leaves, form = jax.tree.flatten(state.controller)
+    memory = jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
+    decision = Decision(memory, control, ranges_m)
     after, record = finish_step(applications, inputs, state, decision, Motion(body, work, clearance_m))
     numbers = (record.pose, record.velocity, record.goal_index, record.impulse_ns, after.done, record.ranges_m)
     return flatten_state(after), jnp.concatenate([jnp.ravel(each).astype(jnp.float32) for each in numbers])
@@ -282,11 +284,6 @@ def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarr
         ranges_m=found[:, _SETTLED:],
         impulse_ns=found[:, 7],
     )
-
-
-def _with_changes(before: State, changed: Changed) -> State:
-    leaves, form = jax.tree.flatten(before)
-    return jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
 
 
 def _body(host: HostBody) -> Body:
