@@ -3,6 +3,7 @@
 Positions on an axis are percentages of a drawing's width.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
@@ -92,6 +93,8 @@ def _percent(value: float) -> str:
 # A page with more lines is read by nobody; the Parquet files have them all.
 MOST_ROWS = 40
 _LONGEST = 60
+# Fewer lines are read sooner than they are unfolded.
+_FOLDED_FROM = 4
 
 
 class RateRow(Spec):
@@ -102,6 +105,7 @@ class RateRow(Spec):
         bar: It, drawn.
         alone: The one that holds by itself: Wilson's, unless the batch might have ended early.
         bar_alone: It, drawn.
+        passed: Whether all of its episodes did.
     """
 
     label: str
@@ -112,6 +116,7 @@ class RateRow(Spec):
     alone: str
     bar_alone: Bar
     why: str
+    passed: bool = False
 
 
 class RateTable(Spec):
@@ -122,6 +127,7 @@ class RateTable(Spec):
         where: In which worlds their rates hold.
         head: What their names are.
         left_out: How many rows more there were.
+        folds: Whether rows whose episodes all passed are shown when they are asked for.
     """
 
     caption: str
@@ -130,6 +136,7 @@ class RateTable(Spec):
     scale: Scale
     rows: tuple[RateRow, ...]
     left_out: int
+    folds: bool = False
 
 
 class Grouped(NamedTuple):
@@ -142,6 +149,7 @@ class Grouped(NamedTuple):
         groups: In the order in which they are shown.
         why: Why episodes did not pass, by the group's label.
         label: Makes what is shown of a label.
+        folds: Whether groups whose episodes all passed are folded, if they are many and others did not.
     """
 
     caption: str
@@ -150,6 +158,7 @@ class Grouped(NamedTuple):
     groups: Sequence[EpisodeGroup]
     why: Mapping[str, str] = MappingProxyType({})
     label: Callable[[str], str] = str
+    folds: bool = False
 
 
 def family_of(tables: Sequence[Grouped], confidence: float, looks: int = 0) -> IntervalFamily:
@@ -183,6 +192,7 @@ def rate_table(found: Grouped, family: IntervalFamily, goal: float | None) -> Ra
             rate_row(group, axis, found.label(group.label), family, found.why.get(group.label, "")) for group in shown
         ),
         left_out=len(found.groups) - len(shown),
+        folds=found.folds and _FOLDED_FROM <= sum(map(_has_passed, shown)) < len(shown),
     )
 
 
@@ -207,7 +217,12 @@ def rate_row(group: EpisodeGroup, axis: Scale, label: str, family: IntervalFamil
         alone=percent_range(group.interval),
         bar_alone=axis.bar(group.interval, group.rate),
         why=why,
+        passed=_has_passed(group),
     )
+
+
+def _has_passed(group: EpisodeGroup) -> bool:
+    return bool(group.episodes) and group.successes == group.episodes
 
 
 class JudgedRate(Spec):
@@ -240,7 +255,12 @@ def judged_rate(total: EpisodeGroup, facts: BatchFacts, confidence: float, world
 
 def worst_first(groups: Sequence[EpisodeGroup]) -> list[EpisodeGroup]:
     """Returns groups by their share of successes, the least first; those without episodes at the end."""
-    return sorted(groups, key=lambda group: (2.0 if group.rate is None else group.rate, group.label))
+    return sorted(groups, key=lambda group: (2.0 if group.rate is None else group.rate, by_number(group.label)))
+
+
+def by_number(name: str) -> tuple[tuple[str, int], ...]:
+    """Returns what sorts names as people count: world-2 before world-10."""
+    return tuple((text, int(digits or 0)) for text, digits in re.findall(r"(\D*)([0-9]{0,18})", name))
 
 
 def reasons_text(reasons: Sequence[tuple[str, int]]) -> str:

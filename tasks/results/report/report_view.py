@@ -306,7 +306,8 @@ def _groups(
     why = {world: reasons_text(found) for world, found in reasons_by_world(failed).items()}
     by_world = worst_first(group_episodes(episodes, episodes.world, confidence, facts.looks))
     here = in_worlds(sum(bool(group.episodes) for group in by_world))
-    found = [Grouped("By world", "each in that world alone", "World", by_world, why, short_world(tuple(facts.worlds)))]
+    short, alone = short_world(tuple(facts.worlds)), "each in that world alone"
+    found = [Grouped("By world", alone, "World", by_world, why, short, folds=True)]
     if len(episodes.application.names) > 1:
         by_application = group_episodes(episodes, episodes.application, confidence, facts.looks)
         found.append(Grouped("By application", here, "Robot and scenario", by_application))

@@ -1,5 +1,6 @@
 """Groups as lines: what is printed is never on the wrong side of what is true."""
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -34,6 +35,21 @@ def test_everything_drawn_lies_within_the_drawing(found: list[tuple[int, int]], 
 def test_the_worst_group_comes_first_and_one_without_episodes_last():
     groups = [group(9, 10, "good"), group(0, 0, "empty"), group(1, 10, "bad")]
     assert [each.label for each in worst_first(groups)] == ["bad", "good", "empty"]
+
+
+def test_worlds_that_did_as_well_are_counted_up_by_number():
+    names = ["g/world-10", "g/world-9", "g/world-2"]
+    assert [each.label for each in worst_first([group(2, 2, name) for name in names])] == names[::-1]
+
+
+@pytest.mark.parametrize(("passed", "failed", "folds"), [(4, 1, True), (3, 1, False), (40, 0, False)])
+def test_worlds_where_all_passed_are_folded_where_they_are_many_and_others_did_not(
+    passed: int, failed: int, *, folds: bool
+):
+    groups = [*(group(0, 2) for _ in range(failed)), *(group(2, 2) for _ in range(passed))]
+    made = Grouped("By world", "here", "World", groups, folds=True)
+    assert rate_table(made, family_of([made], 0.95), None).folds is folds
+    assert not rate_table(made._replace(folds=False), family_of([made], 0.95), None).folds
 
 
 def test_a_long_table_is_cut_and_says_by_how_much():
