@@ -7,8 +7,9 @@ from typing import cast
 import pytest
 from pydantic import JsonValue
 
-from flows.batch.batch_end import close_with_tables
+from flows.batch.batch_end import batch_facts, close_with_tables
 from flows.batch.batch_steps import SequentialStop
+from flows.cli.ci_report import batch_counts
 from flows.pipeline import recount
 from flows.pipeline.baselines import find_baseline
 from flows.pipeline.recount import PlannedRun, count_batch
@@ -18,6 +19,7 @@ from flows.pipeline.tested_batch import shuffle_if_endable
 from specs.data.episode import EpisodeResult
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate_verdict import GateVerdict, judge
+from tasks.results.statistics.intervals import share_alone
 from tasks.simulate.batch.batch_jobs import cancel_job
 from tasks.simulate.batch.batch_record import OpenBatch, complete
 from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, run_chunk
@@ -83,6 +85,14 @@ def test_a_batch_that_goes_well_ends_when_that_is_certain_and_the_rest_is_cancel
     summary = batch_report(record, 1.0).summary
     assert summary.startswith("64 of 64 episodes passed")
     assert summary.endswith(str(ended["sentence"]))
+
+
+def test_a_batch_that_may_end_early_is_shown_with_intervals_that_hold_at_each_look(file_store: Store):
+    batch = started(file_store)
+    record, looks = closed(batch, driven(batch)), len(batch.layout.looks())
+    assert batch_facts(file_store, record, beside_tables=False).looks == looks > 0
+    counts = batch_counts(file_store, record, GATE, "PASS", None)
+    assert counts.interval == share_alone(64, 64, 0.95, looks)
 
 
 def test_the_gate_answers_what_ended_the_batch(file_store: Store):

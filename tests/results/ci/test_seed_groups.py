@@ -5,7 +5,7 @@ import pytest
 from tasks.results.ci import seed_groups
 from tasks.results.ci.full_report import CountedBatch, GroupReport
 from tasks.results.ci.seed_groups import GroupRules
-from tasks.results.statistics.intervals import IntervalFamily, wilson
+from tasks.results.statistics.intervals import IntervalFamily, share_alone
 from tests.factories.episodes import ROBOT, canceled, collided, crashed, passed, request
 from tests.results.ci.full_reports import JOB_ARN, RULES, counted
 
@@ -56,12 +56,14 @@ def test_a_variable_that_is_called_like_a_column_is_told_apart():
     ]
 
 
-def test_a_group_has_an_interval_of_its_own_and_one_that_holds_together_with_those_of_all_others():
-    batch = counted()
+@pytest.mark.parametrize("looks", [0, 8])
+def test_a_group_has_an_interval_of_its_own_and_one_that_holds_together_with_those_of_all_others(looks: int):
+    batch = counted(rules=GroupRules(looks=looks))
     assert batch.intervals == len([group for group in _groups(batch) if group.episodes]) == 2
+    family = IntervalFamily(size=2, confidence=0.95, looks=looks)
     for group in _groups(batch):
-        assert group.interval == wilson(group.passed, group.episodes, 0.95)
-        assert group.together == IntervalFamily(size=2, confidence=0.95).interval(group.passed, group.episodes)
+        assert group.interval == share_alone(group.passed, group.episodes, 0.95, looks)
+        assert group.together == family.interval(group.passed, group.episodes)
 
 
 def test_groups_that_are_left_out_count_among_the_intervals(monkeypatch: pytest.MonkeyPatch):
