@@ -1,9 +1,8 @@
 """All 57 operations as a user makes them, and each paginator, against a gateway with a worker and a robot's agent.
 
-    python drive_work.py STATE_FILE [AWS_CLI]
+    python drive_work.py [AWS_CLI]
 
-The environment leads to the gateway. It prints what was called and how long the pages were, and writes the ARNs of what
-it made.
+The environment leads to the gateway. It prints what was called and how long the pages were.
 """
 
 import json
@@ -65,7 +64,6 @@ def worlds(call: Caller) -> dict[str, Any]:
 
 def _cancels(call: Caller, kind: str, **request: Any) -> None:  # noqa: ANN401 - RoboMaker's requests
     """Cancels a job at once; a worker may have been quicker, which the call then says."""
-    # A worker may be quicker than a client; drive_refused.py cancels where none is.
     for _ in range(_TRIES):
         job = call(f"Create{kind}", **request)["arn"]
         try:
@@ -155,6 +153,14 @@ def fleets(call: Caller, made: dict[str, Any], robot: str) -> dict[str, Any]:
     return {"fleet": fleet, "robot": one, "deployment": job, "silent": silent, "nobody": two, "asked": asked}
 
 
+def _refusal(call: Caller, operation: str, **members: Any) -> str:  # noqa: ANN401 - RoboMaker's requests
+    try:
+        call(operation, **members)
+    except Refused as exc:
+        return exc.code
+    return ""
+
+
 def deletions(call: Caller, made: dict[str, Any]) -> None:
     """Makes the calls that take something away, of things that nothing else needs."""
     other = call("CreateRobot", name="spare", architecture="ARM64", greengrassGroupId="none")["arn"]
@@ -163,6 +169,7 @@ def deletions(call: Caller, made: dict[str, Any]) -> None:
     call("DeregisterRobot", fleet=third, robot=other)
     call("DeleteRobot", robot=other)
     call("DeleteFleet", fleet=third)
+    assert _refusal(call, "DescribeFleet", fleet=third) == "ResourceNotFoundException"
     spare = call("CreateWorldTemplate", name="spare", templateBody=json.dumps(TEMPLATE))["arn"]
     call("DeleteWorldTemplate", template=spare)
     assert not call("BatchDeleteWorlds", worlds=made["worlds"][2:]).get("unprocessedWorlds")
@@ -170,7 +177,7 @@ def deletions(call: Caller, made: dict[str, Any]) -> None:
 
 def main() -> None:
     """Makes all calls."""
-    call = Caller(os.environ["AWS_ENDPOINT_URL_ROBOMAKER"], *sys.argv[2:])
+    call = Caller(os.environ["AWS_ENDPOINT_URL_ROBOMAKER"], *sys.argv[1:])
     began_s = time.monotonic()
     made = worlds(call)
     made |= applications(call)
@@ -178,7 +185,6 @@ def main() -> None:
     made |= simulations(call, made)
     pages = {name: call.pages(name, member) for name, member in PAGES.items()}
     deletions(call, made)
-    Path(sys.argv[1]).write_text(json.dumps(made))
     said = {"called": sorted(call.called), "pages": pages, "s": round(time.monotonic() - began_s)}
     sys.stdout.write(json.dumps(said))
 
