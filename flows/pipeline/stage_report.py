@@ -15,7 +15,7 @@ from flows.pipeline.run_gate import GateAnswer, read_gate_answer
 from specs.arn import RUN_KIND, resource_name
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.data.world import Certificate
-from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.errors import DocumentError, ObjectCorrupt, ResourceNotFound, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.deploy.rollout.observation import recorded_progress
@@ -102,7 +102,19 @@ def export_report(record: JobRecord, seconds: float) -> StageReport:
 
 
 def batch_report(record: JobRecord, seconds: float) -> StageReport:
-    """Returns what a batch came to."""
+    """Returns what a batch came to.
+
+    Raises:
+        ObjectCorrupt: Its record does not say that: somebody else has written to it.
+    """
+    try:
+        return _batch_report(record, seconds)
+    except (LookupError, TypeError, ValueError) as exc:
+        lacks = f"{type(exc).__name__}: {exc}".splitlines()[0]
+        raise ObjectCorrupt(f"the record of {record.arn} was not written by this version of Simyard: {lacks}") from exc
+
+
+def _batch_report(record: JobRecord, seconds: float) -> StageReport:
     detail, asked = record.detail, record.detail["episodes"]
     if "stopped_early" in detail:
         asked = cast("dict[str, JsonValue]", detail["stopped_early"])["episodes"]

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, cast
 
 from pydantic import AfterValidator, Field, JsonValue, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic_core import PydanticCustomError
 
 from specs.base import Spec, digest
 from specs.data.world import RoomType
@@ -19,6 +20,7 @@ from specs.rules import Finding, Location, Ruled, broken, items, part, repeated
 from specs.template.interior import TARGET_ALL, InteriorTemplate, TemplateElementName
 
 _WRAPPER_KEY = "templateBody"
+_OWN_KEY, _COMMON_KEYS = "buildings", frozenset({"version", "name"})
 _VERSION_2_ROOM = {
     "Type": "Living",
     "Name": "My_Living_Room",
@@ -44,6 +46,19 @@ def bare_body(data: object) -> tuple[object, Location]:
         if isinstance(inner, dict) or (key == _WRAPPER_KEY and isinstance(inner, str)):
             return inner, (key,)
     return data, ()
+
+
+def looks_like_body(data: object) -> bool:
+    """Returns whether raw data has what only a template body has, in any of its forms, or nothing at all."""
+    try:
+        body, _ = bare_body(data)
+        body, _ = bare_body(body) if isinstance(body, str) else (body, ())
+    except PydanticCustomError:
+        return False
+    if not isinstance(body, dict):
+        return False
+    keys = {str(key).lower() for key in cast("dict[object, object]", body)}
+    return _OWN_KEY in keys or keys <= _COMMON_KEYS
 
 
 def _why_no_json(exc: json.JSONDecodeError | RecursionError) -> str:

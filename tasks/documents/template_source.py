@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+from pydantic import JsonValue
+
 from specs.arn import parse_reference
 from specs.errors import (
     BucketNotFound,
@@ -11,7 +13,7 @@ from specs.errors import (
     ResourceNotFound,
     StoreAccessDenied,
 )
-from specs.template.body import TemplateBody
+from specs.template.body import TemplateBody, looks_like_body
 from tasks.documents.parse import parse
 from tasks.documents.source_text import decode_source_text, read_document
 from tasks.storage.base.keys import NAMED_TEMPLATE_PREFIX, named_template_key, template_key
@@ -44,7 +46,7 @@ def find_template(template: str | TemplateBody, store: Store, base: Path) -> Tem
         return _parse_template(_read_stored(open_bucket(store, bucket), key, template), template)
     path = base / template
     if not template.startswith("arn:") and path.is_file():
-        return parse(TemplateBody, read_document(path), str(path))
+        return _body(read_document(path), str(path))
     name = parse_reference(template).path
     if named := _named(template, name, store):
         return _parse_template(_read_stored(store, template_key(named.digest), template), template)
@@ -90,7 +92,23 @@ def _read_stored(store: Store, key: str, template: str) -> bytes:
 
 
 def _parse_template(body: bytes, source: str) -> TemplateBody:
-    return parse(TemplateBody, decode_source_text(body, source), source)
+    return _body(decode_source_text(body, source), source)
+
+
+def _body(data: JsonValue, source: str) -> TemplateBody:
+    """Returns a body; of data that has nothing of one, no word is repeated.
+
+    Whoever writes a document may name any file that who runs it can read: what is in that is not for the log of a run.
+
+    Raises:
+        DocumentError: It is no template body.
+    """
+    if not looks_like_body(data):
+        allowed = (
+            "a template body, which has Buildings; what is in the file is not shown, because it has nothing of one"
+        )
+        raise DocumentError.of("file", "something else", allowed, source=source)
+    return parse(TemplateBody, data, source)
 
 
 def _missing(template: str, allowed: str) -> DocumentError:

@@ -299,14 +299,28 @@ def list_members(headers: Iterable[tarfile.TarInfo], limits: ArchiveLimits = LIM
 def _write_member(tar: tarfile.TarFile, member: tarfile.TarInfo, target: Path, limits: ArchiveLimits) -> int:
     """Returns how many bytes were written for one entry."""
     path = target.joinpath(*safe_parts(member.name, limits.depth))
-    if member.type == tarfile.DIRTYPE:
-        path.mkdir(mode=0o755, parents=True, exist_ok=True)
-        return 0
-    if member.type not in _FILES or member.issparse():
-        raise BundleRefused(f"{member.name!r} in the bundle is neither a regular file nor a directory")
-    path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-    _write_file(tar, member, path)
+    with place_of_its_own(member.name):
+        if member.type == tarfile.DIRTYPE:
+            path.mkdir(mode=0o755, parents=True, exist_ok=True)
+            return 0
+        if member.type not in _FILES or member.issparse():
+            raise BundleRefused(f"{member.name!r} in the bundle is neither a regular file nor a directory")
+        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        _write_file(tar, member, path)
     return member.size
+
+
+@contextmanager
+def place_of_its_own(name: str) -> Generator[None]:
+    """Refuses an archive's entry in whose place another one is, inside the ``with`` block that writes it.
+
+    Raises:
+        BundleRefused: It is there twice, or as a file and as a folder.
+    """
+    try:
+        yield
+    except (FileExistsError, NotADirectoryError, IsADirectoryError) as exc:
+        raise BundleRefused(f"{name!r} is in the archive twice, or a file's name is a folder's as well") from exc
 
 
 def _write_file(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path) -> None:

@@ -85,3 +85,32 @@ def test_a_path_wins_over_a_template_of_that_name(file_store: Store, tmp_path: P
     (tmp_path / "flat.json").write_text(json.dumps(BODY))
 
     assert find_template("flat.json", file_store, tmp_path) == EXPECTED
+
+
+SECRETS = {
+    "passwd": "root:x:0:0:the secret:/root:/bin/bash\n",
+    "config.json": '{"auths": {"registry.example": {"auth": "the secret"}}}',
+    "hosts.yml": "github.com:\n  oauth_token: the secret\n",
+    "compose.yml": 'version: "3"\nservices: {db: {environment: {PASSWORD: the secret}}}\n',
+    "list.yaml": "- the secret\n",
+    "text.json": '"{\\"key\\": \\"the secret\\"}"',
+    "named.json": '{"name": {"key": "the secret"}}',
+}
+
+
+@pytest.mark.parametrize("name", SECRETS)
+def test_no_word_is_repeated_of_a_file_that_has_nothing_of_a_template(file_store: Store, tmp_path: Path, name: str):
+    (tmp_path / name).write_text(SECRETS[name])
+    open_bucket(file_store, "theirs").put(name, SECRETS[name].encode())
+    for place in (str(tmp_path / name), f"s3://theirs/{name}"):
+        with pytest.raises(DocumentError, match="a template body, which has Buildings") as caught:
+            find_template(place, file_store, Path("/"))
+        assert "secret" not in str(caught.value)
+        assert [fault.path for fault in caught.value.faults] == ["file"]
+
+
+def test_what_is_wrong_in_a_template_is_still_shown(file_store: Store, tmp_path: Path):
+    for body in ({"buildings": "one"}, {"templateBody": {"Buildings": "one"}}, json.dumps({"Buildings": "one"})):
+        (tmp_path / "flat.json").write_text(json.dumps(body))
+        with pytest.raises(DocumentError, match="one"):
+            find_template("flat.json", file_store, tmp_path)

@@ -17,7 +17,6 @@ from threading import get_ident
 from types import ModuleType
 from typing import Annotated, Literal, TypeVar, get_args
 from urllib.parse import unquote
-from uuid import uuid4
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
@@ -25,7 +24,7 @@ from pydantic import Field, ValidationError
 
 from specs.base import Spec
 from specs.errors import DocumentError
-from tasks.storage.base.local_files import flush_to_disk, settle_names
+from tasks.storage.base.local_files import room_in, settle_names, whole_file
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import store_id
 
@@ -346,16 +345,8 @@ def _read(path: Path) -> CryptoSigner:
 
 def _write(path: Path, body: bytes, mode: int = 0o600) -> None:
     """Writes a file whole, with its mode from the first moment on."""
-    hidden = path.with_name(f".{path.name}-{uuid4().hex}")
-    descriptor = os.open(hidden, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            file.write(body)
-            flush_to_disk(file)
-        hidden.replace(path)
-    finally:
-        hidden.unlink(missing_ok=True)
-    settle_names(path.parent)
+    with room_in(path.parent), whole_file(path, mode) as file:
+        file.write(body)
 
 
 def refused_keys(path: Path, allowed: str) -> DocumentError:

@@ -70,6 +70,7 @@ class Verifier:
             TrustExpired: They do not any more, by this robot's clock.
             TrustRefused: They do not; says what is wrong and what helps.
             StoreError: The store is away.
+            OSError: This robot's disk is full, read-only or broken.
         """
         make_folder(self._folder)
         try:
@@ -80,8 +81,6 @@ class Verifier:
                 raise cause from exc
             refusal = TrustExpired if isinstance(exc, ExpiredMetadataError) else TrustRefused
             raise refusal(f"{_explanation(exc)} ({exc})") from exc
-        except OSError as exc:
-            raise TrustRefused(f"this robot cannot keep what it verified: {exc}") from exc
         _sync_to_disk(self._folder)
         return length_bytes
 

@@ -35,7 +35,7 @@ from tasks.simulate.data.data_sources import (
     PinnedSource,
     unpinned,
 )
-from tasks.storage.archives import ArchiveLimits, digest_of, extract, safe_parts
+from tasks.storage.archives import ArchiveLimits, digest_of, extract, place_of_its_own, safe_parts
 from tasks.storage.base.keys import checked_key
 from tasks.storage.base.local_files import whole_file
 from tasks.storage.base.store import Store
@@ -140,13 +140,14 @@ def _unzip(archive: Path, target: Path) -> None:
         _require_room(sum(member.file_size for member in members))
         for member in members:
             path = target.joinpath(*safe_parts(member.filename, _LIMITS.depth))
-            if member.is_dir():
-                path.mkdir(parents=True, exist_ok=True)
-                continue
-            path.parent.mkdir(parents=True, exist_ok=True)
-            # As long as the header said and no longer: zipfile stops there, and checks the sum.
-            with opened.open(member) as reader, path.open("xb") as writer:
-                shutil.copyfileobj(reader, writer, _BLOCK_BYTES)
+            with place_of_its_own(member.filename):
+                if member.is_dir():
+                    path.mkdir(parents=True, exist_ok=True)
+                    continue
+                path.parent.mkdir(parents=True, exist_ok=True)
+                # As long as the header said and no longer: zipfile stops there, and checks the sum.
+                with opened.open(member) as reader, path.open("xb") as writer:
+                    shutil.copyfileobj(reader, writer, _BLOCK_BYTES)
 
 
 def _require_room(size_bytes: int) -> None:

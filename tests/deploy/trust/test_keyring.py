@@ -1,7 +1,9 @@
 """Where private keys lie, who may read them, and that they are nowhere else."""
 
 import base64
+import errno
 import logging
+import os
 import stat
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
-from specs.errors import DocumentError, SimyardError
+from specs.errors import DocumentError, SimyardError, StoreFull
 from tasks.deploy.trust.keyring import ROLES, checked_role, keyring
 from tasks.deploy.trust.repository import init_keys, open_repository
 from tasks.storage.base.store import Store
@@ -174,3 +176,17 @@ def test_no_private_key_is_anywhere_but_in_its_folder(
         assert not [form for form in forms if form in body], f"a private key is in {place}"
     text = (caplog.text + "".join(told)).encode()
     assert not [form for form in forms if form in text]
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
+def test_a_full_disk_under_the_keys_is_named(
+    code: int, file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(_: int) -> None:
+        raise OSError(code, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", full)
+    ring = keyring(tmp_path, file_store)
+    with pytest.raises(StoreFull, match=f"No space left on device: {tmp_path} has .* MiB free"):
+        ring.save_root(b"{}")
+    assert [path.name for path in tmp_path.iterdir() if "root" in path.name] == []

@@ -1,5 +1,6 @@
 """What a robot verifies on stores that answer strangely, at which lengths, and when its clock is wrong."""
 
+import errno
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -193,3 +194,19 @@ def test_no_metadata_is_read_without_a_bound(owner: Owner, yard: Yard, tmp_path:
 
     assert noting.bounds
     assert max(noting.bounds) <= 5_000_000
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EROFS, errno.EDQUOT])
+def test_a_full_disk_of_the_robot_is_no_refusal_of_what_was_signed(
+    code: int, owner: Owner, yard: Yard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    verify, state = Verifier(yard.store, tmp_path / "robot", owner.root), owner.signed(yard.publish(GOOD), 1)
+
+    def full(*_: object, **__: object) -> None:
+        raise OSError(code, "the disk says no")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("tuf.ngclient.updater.tempfile.NamedTemporaryFile", full)
+        with pytest.raises(OSError, match="the disk says no"):
+            verify(state)
+    verify(state)

@@ -25,7 +25,7 @@ from flows.pipeline.stage_report import (
 )
 from specs.base import canonical_document, canonical_json
 from specs.data.run_report import PipelineReport, StageReport, Verdict
-from specs.errors import DocumentError, StageFailed
+from specs.errors import DocumentError, ObjectCorrupt, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode
 from tasks.storage.base.keys import bundle_key, contact_sheet_key, world_key
@@ -324,3 +324,23 @@ def test_a_roll_out_of_a_document_is_made_of_the_bundle_and_the_evidence(file_st
 def test_a_roll_out_that_failed_leaves_nothing(file_store: Store):
     record = job(file_store, "deployment-job", "Failed", {"plan": ROLL_OUT, "progress": PROGRESS})
     assert made_by(file_store, record) is None
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"stopped_early": {}},
+        {"stopped_early": {"episodes": 3}},
+        {"stopped_early": "early"},
+        {"audit": {"verdict": "SOUND"}},
+        {"why_not": [{}]},
+        {"rooms": {"worlds": "many"}},
+        {"simulated_s": "long"},
+    ],
+)
+def test_a_record_that_somebody_else_has_written_is_named_as_that(file_store: Store, change: dict[str, JsonValue]):
+    detail: dict[str, JsonValue] = {"passed": 3, "episodes": 4, "simulated_s": 61.5, "worlds_driven": 2, **change}
+    record = _ended(file_store, "simulation-job-batch", "Completed", detail)
+    with pytest.raises(ObjectCorrupt, match="was not written by this version of Simyard") as caught:
+        batch_report(record, 2.0)
+    assert record.arn in str(caught.value)

@@ -5,6 +5,7 @@ import io
 import os
 import stat
 import tarfile
+import warnings
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,14 @@ from typing import Any
 import pytest
 
 from specs.data.episode import EpisodeResult
-from specs.errors import DocumentError, StoreUnreachable
+from specs.errors import BundleRefused, DocumentError, StoreUnreachable
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.batch.chunk_run import ChunkPart, run_chunk
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.data.data_sources import DATA_PREFIX, PinnedFile, PinnedSource, within_limits
-from tasks.simulate.data.mounts import Mounts, pin_source
+from tasks.simulate.data.mounts import ENDINGS, Mounts, pin_source, unpack_archive
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import plan_batch
@@ -208,6 +209,28 @@ def test_a_damaged_archive_fails_its_jobs_and_leaves_nothing_behind(
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
     assert not list((cache(tmp_path) / "mounts").iterdir())
+
+
+@pytest.mark.parametrize("names", [("a", "a"), ("a", "a/b"), ("a/b", "a"), ("a/", "a"), ("a", "a/"), ("a/b", "a/b/c")])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_an_archive_whose_entries_stand_in_each_others_place_is_refused_by_their_name(
+    tmp_path: Path, names: tuple[str, str], ending: str
+):
+    archive = tmp_path / f"archive{ending}"
+    with warnings.catch_warnings(action="ignore"):  # zipfile warns of names that are there twice
+        if ending == ".zip":
+            with zipfile.ZipFile(archive, "w") as opened:
+                for name in names:
+                    opened.writestr(name, b"")
+        else:
+            with tarfile.open(archive, "w:gz") as opened:
+                for name in names:
+                    member = tarfile.TarInfo(name.rstrip("/"))
+                    member.type = tarfile.DIRTYPE if name.endswith("/") else tarfile.REGTYPE
+                    opened.addfile(member)
+    with pytest.raises(BundleRefused, match="is in the archive twice") as caught:
+        unpack_archive(archive, archive.name, tmp_path / "out")
+    assert str(tmp_path) not in str(caught.value)
 
 
 def test_a_full_disk_is_no_fault_of_the_archive_and_leaves_nothing_behind(
