@@ -13,6 +13,10 @@ from specs.errors import DocumentError
 
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 REGION = "SIMYARD_REGION"
+TRUST_APPLICATIONS = "SIMYARD_TRUST_APPLICATIONS"
+"""Set by --trust-applications: applications may run where nothing shuts them in."""
+WORKS_FOR_OTHERS = "SIMYARD_WORKS_FOR_OTHERS"
+"""Set in processes that work off a queue: what they run may be anybody's."""
 ROBOMAKERS_MAX_WORLDS = 50
 _REGION = re.compile(r"[a-z]{2}(-[a-z]+)+-[0-9]{1,2}")
 

@@ -4,6 +4,7 @@ Exit codes: see `flows.cli.terminal`. The module of a command is imported when t
 loads none of them, and `validate` and `describe` neither JAX nor Prefect.
 """
 
+import os
 from collections.abc import Mapping
 from importlib import import_module
 from importlib.metadata import version as version_of
@@ -14,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
 from flows.cli.terminal import echo, end_process
+from specs.settings import TRUST_APPLICATIONS
 from tasks.progress.log_lines import log_in_chosen_format
 
 
@@ -182,11 +184,24 @@ def _show_version(wanted: bool) -> None:  # noqa: FBT001 - typer calls it with t
         raise typer.Exit
 
 
+def _trust_applications(wanted: bool) -> None:  # noqa: FBT001 - typer calls it with the option's value
+    if wanted:
+        os.environ[TRUST_APPLICATIONS] = "1"
+
+
 @app.callback()
 def options(
     *,
     version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+    trust_applications: Annotated[
+        bool,
+        typer.Option(
+            "--trust-applications",
+            callback=_trust_applications,
+            help="Run all applications, also where nothing shuts them in and there are keys.",
+        ),
     ] = False,
 ) -> None:
     """From a world template to a tested fleet."""

@@ -23,6 +23,7 @@ from typing import NamedTuple, NoReturn
 from flows.prefect.prefect_server import ServerChoice, known_server, prefect_server
 from specs.errors import DocumentError, SimyardError, StageFailed
 from specs.job_kinds import JobKind
+from specs.settings import WORKS_FOR_OTHERS
 from specs.untrusted_text import terminal_text
 from tasks.progress.log_lines import LOGGERS, EventLines, chosen_log_format
 from tasks.server.health import is_listening, url_without_password
@@ -246,6 +247,7 @@ def require_lasting_server(pool: str) -> None:
 @contextmanager
 def _lanes(store_url: str, workers: int, pool: str) -> Generator[list[KeptProcess], None, None]:
     os.environ.setdefault("PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL", "CRITICAL")  # what a flow run says is on its page
+    os.environ[WORKS_FOR_OTHERS] = "1"
     lanes: list[KeptProcess] = []
     try:
         if pool:

@@ -34,10 +34,8 @@ from tasks.applications.versions import (
 from tasks.storage.archives import LIMITS, safe_parts
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.sealed_bundle import seal_bundle, sealed_files, stored_archive
+from tasks.storage.sealed_bundle import LEFT_OUT, SHIPPED_HOMES, seal_bundle, sealed_files, stored_archive
 
-# Left by editors, interpreters and version control, and different on every machine.
-_LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
 BUNDLE_ERRORS = (BundleRefused, ObjectNotFound, StoreAccessDenied)
 """What unpacking a bundle raises that `bundle_failure` can explain."""
 _INVALID: Mapping[ApplicationKind, SimulationJobErrorCode] = {
@@ -94,7 +92,7 @@ def _header(name: str, type_: bytes, mode: int, size: int) -> tarfile.TarInfo:
 def _entries(folder: Path) -> Iterator[tuple[Path, str]]:
     """Yields everything in the folder as path and name in the archive, in one order on every machine."""
     with os.scandir(folder) as scanned:
-        children = sorted(Path(entry.path) for entry in scanned if entry.name not in _LEFT_OUT)
+        children = sorted(Path(entry.path) for entry in scanned if entry.name not in LEFT_OUT)
     for child in children:
         yield child, child.name
         if child.is_dir() and not child.is_symlink():
@@ -115,15 +113,9 @@ def _fault(path: Path, name: str) -> Fault | None:
     return None
 
 
-_HOMES = (
-    Path(__file__).parent / "shipped",  # in a wheel
-    Path(__file__).parents[2] / "applications",  # in the repository
-)
-
-
 def shipped_application(name: str) -> Path | None:
     """Returns the folder of an application that comes with Simyard, or None when none has that name."""
-    return next((home / name for home in _HOMES if name in _names(home)), None)
+    return next((home / name for home in SHIPPED_HOMES if name in _names(home)), None)
 
 
 def _names(home: Path) -> list[str]:
@@ -287,7 +279,7 @@ def resolve(store: Store, kind: ApplicationKind, reference: str, version: str | 
 def _choice(store: Store, kind: ApplicationKind, name: str) -> str:
     """Returns which applications a name may be of, the one that was probably meant first."""
     known = [Path(key).stem for key in store.keys(applications_prefix(kind))]
-    known += [each for home in _HOMES for each in _names(home)]
+    known += [each for home in SHIPPED_HOMES for each in _names(home)]
     command = f"simyard app publish {name} FOLDER" + (" --kind simulation" if kind == "simulation-application" else "")
     return f"{meant(name, known)}a published {kind}, or one that comes with Simyard; {command} publishes one"
 

@@ -26,6 +26,13 @@ FILES_FOLDER = "files"
 _ARCHIVE = "bundle.tar"
 _FILE, _SCRIPT, _FOLDER = 0o444, 0o555, 0o555
 _BLOCK_BYTES = 1 << 20
+SHIPPED_HOMES = (
+    Path(__file__).parents[1] / "applications" / "shipped",  # in a wheel
+    Path(__file__).parents[2] / "applications",  # in the repository
+)
+"""Folders of the applications that come with Simyard."""
+LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
+"""Names that no bundle has: left by editors, interpreters and version control, and different on every machine."""
 # None for a folder, else whether the file can be executed.
 _Entries = dict[str, bool | None]
 
@@ -49,6 +56,24 @@ def changed_bundle(files: Path) -> bool:
         files: ``<digest>/files``.
     """
     return not _is_intact(files.parent, files.parent.name)
+
+
+def is_shipped(files: Path) -> bool:
+    """Returns whether a bundle's folder holds what an application does that comes with Simyard, and nothing else."""
+    shipped = (path for home in SHIPPED_HOMES if home.is_dir() for path in home.iterdir() if path.is_dir())
+    found = _contents(files)
+    return bool(found) and any(_contents(each) == found for each in shipped)
+
+
+def _contents(folder: Path) -> dict[str, bytes]:
+    """Returns the SHA-256 of each file below a folder, by its name."""
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file() or path.is_symlink())
+    names = ((path.relative_to(folder), path) for path in paths)
+    return {
+        str(name): b"" if path.is_symlink() else hashlib.sha256(path.read_bytes()).digest()
+        for name, path in names
+        if not LEFT_OUT.intersection(name.parts)
+    }
 
 
 def seal_bundle(archive: Path, entry: Path, digest: str) -> Path:

@@ -60,10 +60,16 @@ class Owner:
     folder: Path
     environment: Mapping[str, str] = field(repr=False)
 
-    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
-        """Returns the command, started in a session of its own, both outputs in one pipe."""
+    def start(self, *arguments: str, around: bool = False, **environment: str) -> subprocess.Popen[str]:
+        """Returns the command, started in a session of its own, both outputs in one pipe.
+
+        Args:
+            arguments: Of `simyard`.
+            around: Whether its Python is called by a path that has ``..`` in it.
+            environment: Variables beside the owner's own.
+        """
         return subprocess.Popen(
-            [*_command(), *arguments],
+            [*_command(around=around), *arguments],
             cwd=self.folder,
             env={**self.environment, **environment},
             stdin=subprocess.DEVNULL,
@@ -73,13 +79,13 @@ class Owner:
             start_new_session=True,
         )
 
-    def simyard(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    def simyard(self, *arguments: str, around: bool = False, **environment: str) -> subprocess.CompletedProcess[str]:
         """Returns the command, ended; ``stdout`` has both of its outputs.
 
         Raises:
             TimeoutExpired: It does not end.
         """
-        process = self.start(*arguments, **environment)
+        process = self.start(*arguments, around=around, **environment)
         try:
             out, _ = process.communicate(timeout=_ENOUGH_S)
         finally:
@@ -87,9 +93,10 @@ class Owner:
         return subprocess.CompletedProcess(arguments, process.returncode, out, "")
 
 
-def _command() -> Sequence[str]:
-    attacked = os.environ.get(_ATTACKED)
-    return [attacked] if attacked else [str(Path(sys.executable).with_name("simyard"))]
+def _command(*, around: bool = False) -> Sequence[str]:
+    command = Path(os.environ.get(_ATTACKED) or Path(sys.executable).with_name("simyard"))
+    python = command.parent / ".." / command.parent.name / "python"
+    return [str(python), "-m", "simyard"] if around else [str(command)]
 
 
 def attacked_python() -> str:

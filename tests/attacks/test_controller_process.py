@@ -1,11 +1,17 @@
-"""Strangers' code in a run: a controller that ends its process judges no batch, and one that hangs can be interrupted.
+"""Strangers' code in a run: it judges no batch by ending its process, can be interrupted, and finds no key.
 
 On commit d54b1a2 controllers ran in the process that holds keys and the exit code. One that raises, writes files or
 looks for keys: tests/simulate/sandbox/test_sandbox_client.py.
 """
 
+import os
+import shutil
 import signal
+import tempfile
 import time
+from collections.abc import Iterator
+from pathlib import Path
+from uuid import uuid4
 
 import pytest
 
@@ -46,6 +52,18 @@ class Stranger:
 
 def controller(environment):
     return Stranger()
+"""
+
+
+# Where the owner's secrets are: in the process that started this one, in the owner's folder, below /opt.
+_LOOKS = """
+    for place in (f"/proc/{{os.getppid()}}/environ", {key!r}, {other!r}):
+        try:
+            with open(place, "rb") as file:
+                print("found", file.read(), flush=True)
+        except OSError as exc:
+            print("nothing", exc, flush=True)
+    print("it has looked", flush=True)
 """
 
 
@@ -101,3 +119,49 @@ def test_a_run_whose_controller_hangs_can_be_interrupted(owner: Owner, writer: W
     told, _ = run.communicate(timeout=250)
     assert run.returncode == _INTERRUPTED, told
     assert "the same command continues this run" in told
+
+
+@pytest.fixture
+def place_in_opt() -> Iterator[Path]:
+    """A folder below /opt, where it can be made; elsewhere a folder beside the tests' own."""
+    folder = Path(tempfile.mkdtemp(dir="/opt" if os.access("/opt", os.W_OK) else None))
+    yield folder
+    shutil.rmtree(folder)
+
+
+def _without_bubblewrap(folder: Path) -> str:
+    """Returns a PATH with all programs but that one."""
+    folder.mkdir()
+    for place in map(Path, os.environ["PATH"].split(os.pathsep)):
+        for program in place.iterdir() if place.is_dir() else ():
+            if program.name != "bwrap" and not (folder / program.name).is_symlink():
+                (folder / program.name).symlink_to(program)
+    return str(folder)
+
+
+@pytest.mark.parametrize("way", ["bubblewrap", "no bubblewrap", "a Python called by a path with .."])
+def test_a_controller_finds_no_secret_of_its_owner(
+    owner: Owner, writer: Writer, tmp_path: Path, place_in_opt: Path, way: str
+):
+    """A controller prints what it can read of the run's environment and of key files, and anybody reads its output.
+
+    On commit 1b6713fb it found the keys below /opt in bubblewrap, and everything without it or by a path with ``..``.
+    """
+    secrets = [uuid4().hex for _ in range(3)]
+    key, other = owner.folder / "key", place_in_opt / "key"
+    key.write_text(secrets[1])
+    other.write_text(secrets[2])
+    looks = _LOOKS.format(key=str(key), other=str(other)).strip()
+    path = _without_bubblewrap(tmp_path / "programs") if way == "no bubblewrap" else os.environ["PATH"]
+    ended = owner.simyard(
+        "run",
+        _document(owner, looks),
+        "--direct",
+        around="path" in way,
+        PATH=path,
+        AWS_SECRET_ACCESS_KEY=secrets[0],
+    )
+    written = b"".join(map(writer.get, writer.keys("")))
+    assert not [each for each in secrets if each.encode() in written or each in ended.stdout]
+    assert b"it has looked" in written, ended.stdout
+    assert ended.returncode == _INCONCLUSIVE

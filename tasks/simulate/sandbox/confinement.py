@@ -1,8 +1,11 @@
-"""How much the process that runs applications is shut in: where bubblewrap works, without network and on files to read.
+"""How much the process that runs applications is shut in, and whether that is enough for what it runs.
 
 In every case it is a process of its own, without the keys, credentials and addresses that the run's environment holds,
 and it gets no handle on the store. In bubblewrap it sees the system's programs and libraries, Python's, what it
-simulates, and a folder of its own for compiled programs; no other file, process or network is there for it.
+simulates, and a folder of its own for compiled programs; no other file, process or network is there for it. Where
+bubblewrap is not installed, the process builds a wall around itself that lets it have the same files
+(`self_confinement`). Where neither works, strangers' code would have this account's files: a process that holds keys,
+or works for others, then runs only applications that come with Simyard, or that somebody says are her own.
 """
 
 import functools
@@ -15,27 +18,51 @@ import sys
 import sysconfig
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import specs
 import tasks
+from specs.errors import DocumentError, StageFailed
+from specs.settings import TRUST_APPLICATIONS, WORKS_FOR_OTHERS
 from tasks.simulate.devices import device_kind
+from tasks.simulate.sandbox.process_environment import module_path
+from tasks.simulate.sandbox.self_confinement import PROBE, self_confined
 from tasks.storage.base.local_files import cache_folder
+from tasks.storage.sealed_bundle import is_shipped
 
-Level = Literal["bubblewrap", "process"]
+Level = Literal["bubblewrap", "landlock", "process"]
 CONFINEMENT = "SIMYARD_CONFINEMENT"
 _PROBE_S = 20.0
 # What a program needs of a system, and nothing that tells of its users.
-_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt", "/sys")
+_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/opt/ros", "/sys")
 _ETC = (
     "alternatives ld.so.cache ld.so.conf ld.so.conf.d localtime timezone passwd group nsswitch.conf mime.types OpenCL "
     "ros"
 )
-_GPU_DEVICES = ("nvidia*", "kfd", "dri")
+# Of the folder that a Python is in; the rest of it may be a home, or programs of others.
+_OF_PYTHON = ("bin", "lib", "lib64", "pyvenv.cfg")
+_GPU_DEVICES, _GPU_LIBRARIES = ("nvidia*", "kfd", "dri"), "rocm*"
+_OWN_DEVICES = ("null", "zero", "full", "random", "urandom")
 # Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
 _ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
 # Of memory, what /tmp may take: nodes of ROS have their home folders there.
 _TMP_SHARE = 0.25
+# The largest compiled program has some 100 MB.
+_FILE_BYTES = 1 << 30
+# Nodes of ROS have some ten threads each, and a lane some nodes.
+_PROCESSES_A_CORE, _PROCESSES = 1024, 8192
+# What libraries map and never touch, beside memory: JAX, XLA and C MuJoCo 1.8 GB on two cores, most of it by threads.
+_MAPPED_BYTES, _MAPPED_A_CORE_BYTES = 16 << 30, 1 << 30
+# Secrets that strangers' code could read out of this process, where nothing shuts it in.
+_SECRETS = {
+    "SIMYARD_KEYS": "the keys of fleets (SIMYARD_KEYS)",
+    "SIMYARD_ACCESS_FILE": "the keys of a gateway's clients (SIMYARD_ACCESS_FILE)",
+    "AWS_SECRET_ACCESS_KEY": "AWS's credentials (AWS_SECRET_ACCESS_KEY)",
+    "AWS_SESSION_TOKEN": "AWS's credentials (AWS_SESSION_TOKEN)",
+    "AWS_WEB_IDENTITY_TOKEN_FILE": "AWS's credentials (AWS_WEB_IDENTITY_TOKEN_FILE)",
+    WORKS_FOR_OTHERS: "jobs of a queue, which others may fill",
+    "PREFECT__FLOW_RUN_ID": "flow runs for a Prefect server, which others may ask for",
+}
 
 
 class Confinement(NamedTuple):
@@ -44,49 +71,164 @@ class Confinement(NamedTuple):
     Attributes:
         level: What shuts them in.
         why: Why it is not more; empty where it is the most.
+        broken: Whether what should shut them in is there and does not work.
     """
 
     level: Level
     why: str = ""
+    broken: bool = False
 
     @property
     def sentence(self) -> str:
         """Returns the same for a person."""
-        if self.level == "bubblewrap":
-            return "in a process of their own, without keys, network and files to write (bubblewrap)"
-        return f"in a process of their own, without keys; with network and this account's files: {self.why}"
+        match self.level:
+            case "bubblewrap":
+                return "in a process of their own, without keys, network and files to write (bubblewrap)"
+            case "landlock":
+                return "in a process of their own, without keys, network and files to write (Landlock)"
+            case "process":
+                return f"in a process of their own, without keys; with network and this account's files: {self.why}"
 
 
 @functools.cache
 def confinement() -> Confinement:
-    """Returns how applications run here: in bubblewrap if that works, and if SIMYARD_CONFINEMENT is not ``process``."""
-    if os.environ.get(CONFINEMENT, "") == "process":
+    """Returns how applications run here: in bubblewrap, else behind a wall of their own, or as it is asked.
+
+    Raises:
+        DocumentError: SIMYARD_CONFINEMENT says nothing that there is.
+    """
+    asked = os.environ.get(CONFINEMENT, "")
+    if asked not in {"", *get_args(Level)}:
+        raise DocumentError.of(CONFINEMENT, repr(asked), ", ".join(get_args(Level)))
+    if asked == "process":
         return Confinement("process", f"{CONFINEMENT} says so")
-    program = shutil.which("bwrap")
-    if program is None:
-        return Confinement("process", "bubblewrap is not installed")
-    command = [program, *_shut_in(), "--", sys.executable, "-I", "-c", ""]
+    if asked == "bubblewrap" or (not asked and shutil.which("bwrap")):
+        why = _fails(_bubblewrap_command(PROBE, (), _NO_PLACE, ()))
+        return Confinement("process", f"bubblewrap does not work here: {why}", broken=True) if why else BUBBLEWRAP
+    why = _fails(_landlock_command(PROBE, (), _NO_PLACE, ()))
+    if not why:
+        return Confinement("landlock")
+    if asked:
+        return Confinement("process", f"Landlock does not work here: {why}", broken=True)
+    return Confinement("process", f"bubblewrap is not installed, and Landlock does not work here: {why}")
+
+
+BUBBLEWRAP = Confinement("bubblewrap")
+
+
+def _fails(command: Sequence[str]) -> str:
+    """Returns why a command fails; empty if it does not."""
+    environment = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": module_path()}
     try:
-        tried = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_S, check=False)  # noqa: S603 - of this module's making
+        tried = subprocess.run(  # noqa: S603 - of this module's making
+            command, env=environment, capture_output=True, text=True, timeout=_PROBE_S, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as exc:
-        return Confinement("process", f"bubblewrap does not start: {exc}")
-    if tried.returncode:
-        return Confinement("process", f"bubblewrap does not work here: {tried.stderr.strip()[:200]}")
-    return Confinement("bubblewrap")
+        return str(exc)
+    said = tried.stderr.strip().rpartition("\n")[2][:200]
+    return said or f"it ends with {tried.returncode}" if tried.returncode else ""
 
 
-def confined_command(arguments: Sequence[str], programs: Path, folders: Iterable[Path]) -> list[str]:
-    """Returns the command of a Python process that is shut in as far as this machine can.
+def require_confined(bundles: Iterable[Path]) -> None:
+    """Lets applications run: shut in, or where there is nothing to take, or those that somebody answers for.
 
     Args:
-        arguments: Of Python.
-        programs: Folder that it may write to.
+        bundles: Their folders.
+
+    Raises:
+        StageFailed: Strangers' code would reach what this process holds.
+    """
+    found = confinement()
+    if found.level != "process" or os.environ.get(TRUST_APPLICATIONS) or all(map(is_shipped, bundles)):
+        return
+    if found.broken:
+        raise _refusal(f"{found.why}; repair it, or choose another confinement: {CONFINEMENT}=landlock")
+    held = [what for name, what in _SECRETS.items() if os.environ.get(name)]
+    if held:
+        why = f"nothing shuts them in ({found.why}), and this process has {held[0]}"
+        raise _refusal(f"{why}: apt-get install bubblewrap")
+
+
+def _refusal(why: str) -> StageFailed:
+    own = f"if all applications are your own: simyard --trust-applications ..., or {TRUST_APPLICATIONS}=1"
+    return StageFailed("InternalServiceError", f"applications do not run: {why}; or, {own}")
+
+
+class Place(NamedTuple):
+    """Where a confined process may write.
+
+    Attributes:
+        programs: Folder of its compiled programs.
+        folder: Its own, in which it runs: home and temporary files, unless bubblewrap gives it a new /tmp.
+    """
+
+    programs: Path
+    folder: Path
+
+    def variables(self) -> dict[str, str]:
+        """Returns what tells the process where its own files go."""
+        own = "/tmp" if confinement().level == "bubblewrap" else str(self.folder)  # noqa: S108 - bubblewrap's is new
+        return {"HOME": own, "TMPDIR": own}
+
+
+_NO_PLACE = Place(Path("/nonexistent"), Path("/nonexistent"))
+
+
+def confined_command(module: str, arguments: Sequence[str], place: Place, folders: Iterable[Path]) -> list[str]:
+    """Returns the command of a module of Python's that is shut in as far as this machine can.
+
+    Args:
+        module: As for ``python -m``.
+        arguments: Its own.
+        place: Where it may write.
         folders: More folders that it may read.
     """
-    if confinement().level == "process":
-        return [sys.executable, *arguments]
+    match confinement().level:
+        case "bubblewrap":
+            return _bubblewrap_command(module, arguments, place, folders)
+        case "landlock":
+            return _landlock_command(module, arguments, place, folders)
+        case "process":
+            return [*_python(), *self_confined(module, arguments, limits=_limits())]
+
+
+def _bubblewrap_command(module: str, arguments: Sequence[str], place: Place, folders: Iterable[Path]) -> list[str]:
     program = shutil.which("bwrap") or "bwrap"
-    return [program, *_shut_in(programs, folders), "--", sys.executable, *arguments]
+    own = self_confined(module, arguments, limits=_limits())
+    return [program, *_shut_in(place.programs, folders), "--", *_python(), *own]
+
+
+def _landlock_command(module: str, arguments: Sequence[str], place: Place, folders: Iterable[Path]) -> list[str]:
+    devices = [Path("/dev", name) for name in _OWN_DEVICES]
+    return [
+        *_python(),
+        *self_confined(
+            module,
+            arguments,
+            limits=_limits(),
+            readable=[str(path) for path in (*_readable(), Path("/proc"), *folders)],
+            writable=[str(path) for path in (*place, *devices, *_gpu_devices())],
+            listable=[str(Path(package.__path__[0]).resolve().parent) for package in (specs, tasks)],
+        ),
+    ]
+
+
+def _python() -> tuple[str, ...]:
+    """Returns this Python, by a name that no ``..`` is in: a folder that the process does not see cannot be left."""
+    own = Path(sys.executable)
+    return (str(own.parent.resolve() / own.name), "-P")  # no module is looked for where the process runs
+
+
+def _limits() -> dict[str, int]:
+    """Returns what the process may take of this machine; on a GPU libraries map more memory than any limit is for."""
+    memory, cores = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"), os.cpu_count() or 1
+    found = {
+        "RLIMIT_CORE": 0,
+        "RLIMIT_FSIZE": _FILE_BYTES,
+        "RLIMIT_NPROC": max(_PROCESSES, _PROCESSES_A_CORE * cores),
+    }
+    mapped = {} if device_kind() == "gpu" else {"RLIMIT_AS": memory + _MAPPED_BYTES + _MAPPED_A_CORE_BYTES * cores}
+    return {**found, **mapped}
 
 
 def programs_folder(digests: Iterable[str]) -> Path:
@@ -100,15 +242,21 @@ def programs_folder(digests: Iterable[str]) -> Path:
     return folder
 
 
-def _shut_in(programs: Path | None = None, folders: Iterable[Path] = ()) -> list[str]:
+def _shut_in(programs: Path, folders: Iterable[Path]) -> list[str]:
     found = ["--unshare-all", "--die-with-parent", "--cap-drop", "ALL", *_tmp_size(), "--tmpfs", "/tmp"]  # noqa: S108 - a new one
     found += ["--dev", "/dev", "--proc", "/proc", "--chdir", "/tmp"]  # noqa: S108
     for path in (*_readable(), *folders):
         found += ["--ro-bind-try", str(path), str(path)]
-    if device_kind() == "gpu":
-        for path in (path for name in _GPU_DEVICES for path in sorted(Path("/dev").glob(name))):
-            found += ["--dev-bind-try", str(path), str(path)]
-    return [*found, "--bind", str(programs), str(programs)] if programs else found
+    for path in _gpu_devices():
+        found += ["--dev-bind-try", str(path), str(path)]
+    found += ["--bind-try", str(programs), str(programs)]
+    return [*found, "--remount-ro", "/"]  # in which bubblewrap has made the folders on the way to these
+
+
+def _gpu_devices() -> list[Path]:
+    if device_kind() != "gpu":
+        return []
+    return [path for name in _GPU_DEVICES for path in sorted(Path("/dev").glob(name))]
 
 
 @functools.cache
@@ -128,23 +276,25 @@ def _ros_folders() -> Iterator[Path]:
 
 def _readable() -> Iterator[Path]:
     """Yields what the process may read, folders before what lies in them."""
-    home = cache_folder()
     yield from map(Path, _SYSTEM)
+    yield from sorted(Path("/opt").glob(_GPU_LIBRARIES)) if device_kind() == "gpu" else ()
     yield from (Path("/etc") / name for name in _ETC.split())
     yield from _ros_folders()
-    yield from dict.fromkeys(map(Path, (sys.base_prefix, sys.prefix, *_library_folders())))
-    yield from (home / name for name in ("bundles", "data", "engines"))
+    pythons = (Path(prefix) for prefix in (sys.base_prefix, sys.prefix))
+    found = (place / name for python in pythons for place in (python, python.resolve()) for name in _OF_PYTHON)
+    yield from dict.fromkeys((*found, *_library_folders()))
+    yield from (cache_folder() / name for name in ("data", "engines"))
 
 
-def _library_folders() -> Iterator[str]:
+def _library_folders() -> Iterator[Path]:
     """Yields where modules are imported from; of Simyard itself, if it lies in a checkout, its packages alone.
 
     The folder of a script that somebody runs is none of these: keys may lie beside it.
     """
     checkout = Path(tasks.__path__[0]).parent.resolve()
-    yield from (specs.__path__[0], tasks.__path__[0])
+    yield from (Path(package.__path__[0]).resolve() for package in (specs, tasks))
     chosen = os.environ.get("PYTHONPATH", "").split(os.pathsep)
     for entry in filter(None, [*sys.path, *sysconfig.get_paths().values(), *site.getsitepackages()]):
-        library = Path(entry).name in {"site-packages", "dist-packages"} or entry in chosen
-        if library and Path(entry).exists() and Path(entry).resolve() not in {checkout, Path.cwd().resolve()}:
-            yield entry
+        library, folder = Path(entry).name in {"site-packages", "dist-packages"} or entry in chosen, Path(entry)
+        if library and folder.exists() and folder.resolve() not in {checkout, Path.cwd().resolve()}:
+            yield folder.resolve()

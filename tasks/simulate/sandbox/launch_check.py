@@ -15,14 +15,14 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from specs.base import Spec
-from specs.errors import LaunchRefused
+from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve_launch, run_launch_program
 from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
-from tasks.simulate.sandbox.confinement import confined_command, confinement
+from tasks.simulate.sandbox.confinement import Place, confined_command, confinement, require_confined
 from tasks.simulate.sandbox.process_environment import process_environment
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
@@ -112,6 +112,10 @@ def _read(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, ow
     """Returns the fields of a report that are known once the launch file was read."""
     if confinement().level == "process" and not own:
         return {"unread": _NOT_OWN}
+    try:
+        require_confined([source.bundle])
+    except StageFailed as refused:
+        return {"unread": refused.reason}
     return _read_apart(source, environments)
 
 
@@ -119,11 +123,12 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
     """Returns the fields of a report that a process of its own finds out."""
     asked = json.dumps([dict(each) for each in environments])
     with tempfile.TemporaryDirectory(prefix="simyard-check-") as folder:
-        programs = Path(folder)
-        arguments = ["-m", _MODULE, str(source.bundle), source.package, source.launch_file]
+        place = Place(Path(folder), Path(folder))
+        arguments = [str(source.bundle), source.package, source.launch_file]
         try:
-            command = confined_command(arguments, programs, [source.bundle])
-            said = run_launch_program(command, process_environment(os.environ, programs), programs, asked, _LIMIT_S)
+            command = confined_command(_MODULE, arguments, place, [source.bundle])
+            environment = process_environment(os.environ, place.programs) | place.variables()
+            said = run_launch_program(command, environment, place.folder, asked, _LIMIT_S)
             answer = LaunchReport.model_validate_json(said)
         except LaunchRefused as exc:
             return {"unread": f"the process that reads it: {exc}"}

@@ -96,7 +96,7 @@ FIXED: Mapping[str, tuple[str, str]] = {
     "PYTHONHASHSEED": ("0", "the order of a set in a controller is the same each time"),
     "PYTHONUTF8": ("1", "files are read the same in any language"),
     "PYTHONUNBUFFERED": ("1", "what a controller prints is there when its process ends"),
-    "HOME": ("/tmp", "of the process alone in bubblewrap; else nothing is looked for there"),  # noqa: S108
+    "HOME": ("/tmp", "of the process alone, as TMPDIR; a folder of its own where bubblewrap is not"),  # noqa: S108
 }
 """Values that are the same on each machine, with a reason each."""
 
@@ -122,9 +122,14 @@ def process_environment(own: Mapping[str, str], programs: Path) -> dict[str, str
         **{name: value for name, value in own.items() if passed_variable(name) and (value or name.endswith(_HIDES))},
         # Also where the run's environment names another folder: no application writes what another one loads.
         "JAX_COMPILATION_CACHE_DIR": str(programs),
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
+        "PYTHONPATH": module_path(),
         "SIMYARD_CACHE": str(cache_folder()),
     }
+
+
+def module_path() -> str:
+    """Returns where modules are looked for, by names that hold in any folder."""
+    return os.pathsep.join(dict.fromkeys(str(Path(path).resolve()) for path in sys.path if path))
 
 
 def require_environment(own: Mapping[str, str]) -> None:

@@ -30,7 +30,7 @@ from tasks.progress.listener import report_progress
 from tasks.simulate.application.bundle_code import CLOCK_BYTES, CallKind, RunningCall, running_call
 from tasks.simulate.chunk.byproducts import note_timing
 from tasks.simulate.plan.chunks import Chunk
-from tasks.simulate.sandbox.confinement import confined_command, programs_folder
+from tasks.simulate.sandbox.confinement import Place, confined_command, programs_folder, require_confined
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.simulate.sandbox.protocol import (
     ANSWER,
@@ -232,8 +232,9 @@ class Simulator:
             file.truncate(CLOCK_BYTES)
             self._calls = mmap.mmap(file.fileno(), CLOCK_BYTES)
             self._connection, theirs = socket.socketpair()
+            self._folder = tempfile.TemporaryDirectory(prefix="simyard-simulator-", ignore_cleanup_errors=True)
             with theirs:
-                self._process = _starter.submit(_started, self.bundles, theirs, file).result()
+                self._process = _starter.submit(_started, self.bundles, Path(self._folder.name), theirs, file).result()
         self._connection.settimeout(_MESSAGE_S)
         self._poll = select.poll()
         self._poll.register(self._connection, select.POLLIN)
@@ -310,6 +311,7 @@ class Simulator:
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
+        self._folder.cleanup()
         self.output.wait(1.0)
 
     def _asked(
@@ -414,14 +416,17 @@ class SimulatorDefect(RuntimeError):  # noqa: N818 - what it is
         self.add_note(text)
 
 
-def _started(bundles: Mapping[str, Path], connection: socket.socket, calls: IO[bytes]) -> subprocess.Popen[bytes]:
+def _started(
+    bundles: Mapping[str, Path], folder: Path, connection: socket.socket, calls: IO[bytes]
+) -> subprocess.Popen[bytes]:
+    require_confined(bundles.values())
     handles = (connection.fileno(), calls.fileno())
-    programs = programs_folder(bundles)
-    command = confined_command(["-m", _MODULE, *map(str, handles)], programs, bundles.values())
+    place = Place(programs_folder(bundles), folder)
+    command = confined_command(_MODULE, [*map(str, handles)], place, bundles.values())
     return subprocess.Popen(  # noqa: S603 - of this package's making
         command,
-        env=process_environment(os.environ, programs),
-        cwd=tempfile.gettempdir(),
+        env=process_environment(os.environ, place.programs) | place.variables(),
+        cwd=folder,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

@@ -13,7 +13,7 @@ from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.process.application_processes import ApplicationProcesses
-from tasks.simulate.sandbox.confinement import confined_command, confinement
+from tasks.simulate.sandbox.confinement import Place, confined_command, confinement
 from tasks.simulate.sandbox.process_environment import process_environment
 from tests.repository import ROOT
 from tests.ros.lockstep.room import BASE, CONTROL_S, Room, nothing_left
@@ -78,8 +78,11 @@ print(sorted(found.failures), len(set(found.digests)), [tuple(tally) for tally i
 def test_lanes_are_driven_in_bubblewrap_each_in_a_network_of_its_own(courier: Path, tmp_path: Path) -> None:
     programs = tmp_path / "programs"
     programs.mkdir()
-    arguments = ["-c", PROGRAM, str(courier), str(ROOT)]
-    command = confined_command(arguments, programs, [courier, ROOT / "tests", ROOT / "tasks", ROOT / "specs"])
-    environment = process_environment(os.environ, programs)
+    (programs / "program.py").write_text(PROGRAM)
+    place = Place(programs, tmp_path)
+    folders = [courier, ROOT / "tests", ROOT / "tasks", ROOT / "specs"]
+    command = confined_command("program", [str(courier), str(ROOT)], place, folders)
+    environment = process_environment(os.environ, programs) | place.variables()
+    environment["PYTHONPATH"] += f"{os.pathsep}{programs}"
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=200, check=False)
     assert done.stdout == "[] 1 [(20, 0, 0), (20, 0, 0), (20, 0, 0)] False\n", done.stderr[-2000:]

@@ -102,7 +102,7 @@ def test_a_sound_episode_is_driven_in_lock_step(alone: EpisodeResult):
     assert alone.path_length_m > 0.2
 
 
-@pytest.mark.parametrize("level", ["bubblewrap", "process"])
+@pytest.mark.parametrize("level", ["bubblewrap", "landlock", "process"])
 def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     alone: EpisodeResult, pens: dict[str, World], level: str, monkeypatch: pytest.MonkeyPatch
 ):
@@ -167,7 +167,7 @@ confined(Told()).simulate(chunk_of(marks), {"hand/pen-0": pen(4.5, 0)})
 """
 
 
-@pytest.mark.parametrize("level", ["bubblewrap", "process"])
+@pytest.mark.parametrize("level", ["bubblewrap", "landlock", "process"])
 def test_no_node_survives_a_run_that_is_killed(ros: RosInstallation, level: str):
     mark = f"{os.getpid()}-{level}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "SIMYARD_CONFINEMENT": level}
