@@ -22,16 +22,13 @@ class LockstepPatience(NamedTuple):
 
     Attributes:
         stage_s: Until it comes to rest after a message; see ``IdleDetector.has_time``.
-        late_limit: How often it may not; then it has failed.
+        nap_s: As long as a callback may sleep by the wall's clock; less than a stage may take.
+        late_limit: How often it may come to rest too late; then it has failed.
     """
 
     stage_s: float = 2.0
+    nap_s: float = 1.0
     late_limit: int = 5
-
-    @property
-    def nap_s(self) -> float:
-        """Returns how long a callback may sleep by the wall's clock."""
-        return self.stage_s / 2.0
 
 
 class StepDriver:

@@ -61,10 +61,14 @@ class Driven(NamedTuple):
 
 
 def drive(
-    launch: Launch, seeds: Sequence[int], steps: int, *, stage_s: float = 2.0, limits: LaneLimits | None = None
+    launch: Launch,
+    seeds: Sequence[int],
+    steps: int,
+    *,
+    patience: LockstepPatience | None = None,
+    limits: LaneLimits | None = None,
 ) -> Driven:
     """Returns what became of one lane for each seed; lanes that failed stand still."""
-    patience = LockstepPatience(stage_s=stage_s)
     with Ros1Lockstep(launch, BASE, CONTROL_S, patience=patience, limits=limits) as lockstep:
         rooms = [Room(seed) for seed in seeds]
         traces = [hashlib.sha256() for _ in seeds]

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.lockstep.exchange import Launch
+from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
 from tests.repository import ROOT
 from tests.ros.lockstep.room import Driven, drive, nothing_left
@@ -36,7 +37,7 @@ KINDS = (*SOUND, *FAULTS)
 def run(bundle: Path, home: Path, kinds: tuple[str, ...]) -> Driven:
     environment = [{"KIND": kind} for kind in kinds]
     launch = Launch(bundle, "courier", "fault.launch", home, environment)
-    return drive(launch, [0] * len(kinds), STEPS, stage_s=0.4, limits=LIMITS)
+    return drive(launch, [0] * len(kinds), STEPS, patience=LockstepPatience(stage_s=0.4, nap_s=0.2), limits=LIMITS)
 
 
 def files() -> set[str]:

@@ -17,7 +17,7 @@ from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.network import EpisodeNetwork
 from tests.ros.process.proc_folder import FakeThread
 
-PATIENCE = LockstepPatience(stage_s=0.3)
+PATIENCE = LockstepPatience(stage_s=0.3, nap_s=0.15)
 LONG_S = 1.5 * PATIENCE.stage_s
 
 

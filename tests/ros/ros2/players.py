@@ -11,6 +11,7 @@ import numpy as np
 from specs.bundle_files import RosRobot
 from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
+from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.repository import ROOT
 
 CONTROL_S = 0.05
@@ -119,12 +120,18 @@ class Run:
         self.cancelled, self.tags = lockstep.cancelled, lockstep.tags(0)
 
 
-def drive(folder: Path, program: str | Sequence[str], lanes: int = 1, steps: int = 60) -> Run:
+def drive(
+    folder: Path,
+    program: str | Sequence[str],
+    lanes: int = 1,
+    steps: int = 60,
+    patience: LockstepPatience | None = None,
+) -> Run:
     """Returns what came of episodes whose lanes run a program each, or all the same."""
     programs = [program] * lanes if isinstance(program, str) else list(program)
     bundle = folder / "bundle"
     if not bundle.is_dir():
         make_bundle(bundle)
     launch = Launch(bundle, "play", "play.launch.py", folder / "home", [{"PROGRAM": each} for each in programs])
-    with Ros2Lockstep(launch, make_base(), CONTROL_S) as lockstep:
+    with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
         return Run(lockstep, lanes, steps)

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import Moment, SensorMessages
+from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.players import CONTROL_S, ToyWorld, drive, make_base
 
@@ -73,17 +75,19 @@ def test_a_node_that_ends_fails_its_lane_and_leaves_its_neighbour_alone(tmp_path
 
 @pytest.mark.long
 def test_ten_repeats_alone_and_among_eight_and_with_burners_are_the_same(tmp_path: Path) -> None:
+    # More than the default: beside other work several threads wait for a core one after the other.
+    patient = partial(drive, patience=LockstepPatience(stage_s=6.0))
     programs = ["avoider", "timed"]
     burners = [subprocess.Popen([sys.executable, "-c", _BURN]) for _ in range(os.cpu_count() or 1)]
     try:
-        busy = drive(tmp_path / "busy", programs, lanes=2, steps=20)
+        busy = patient(tmp_path / "busy", programs, lanes=2, steps=20)
     finally:
         for each in burners:
             each.kill()
             each.wait()
-    among = [drive(tmp_path / f"among-{k}", 4 * programs, lanes=8, steps=20) for k in range(3)]
-    again = [drive(tmp_path / f"again-{k}", programs, lanes=2, steps=20) for k in range(3)]
-    alone = [drive(tmp_path / f"alone-{k}", "avoider", steps=20) for k in range(3)]
+    among = [patient(tmp_path / f"among-{k}", 4 * programs, lanes=8, steps=20) for k in range(3)]
+    again = [patient(tmp_path / f"again-{k}", programs, lanes=2, steps=20) for k in range(3)]
+    alone = [patient(tmp_path / f"alone-{k}", "avoider", steps=20) for k in range(3)]
     assert {tuple(run.digests[:2]) for run in (busy, *among, *again)} == {tuple(busy.digests)}
     assert {run.digests[0] for run in alone} == {busy.digests[0]}
     assert {tuple(run.digests) for run in among} == {tuple(among[0].digests)}
