@@ -15,7 +15,7 @@ from xdist.remote import Producer
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
-from tests.file_scheduler import FileScheduling, group_by_server
+from tests.file_scheduler import FileScheduling, group_items
 from tests.repository import ROOT
 from tests.servers.seaweed import Seaweed, running_seaweed
 
@@ -94,7 +94,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     for item in items:
         if any(item.path.is_relative_to(folder) for folder in _LONG_FOLDERS):
             item.add_marker(pytest.mark.long)
-    group_by_server(items)
+    group_items(items)
     if "soak" in str(config.getoption("markexpr")):
         return
     long = [item for item in items if item.get_closest_marker("soak")]

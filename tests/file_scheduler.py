@@ -1,6 +1,6 @@
 """Which tests run in one process of `pytest --numprocesses`, and which of them begin first."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import pytest
 from xdist.scheduler import LoadGroupScheduling
@@ -12,8 +12,13 @@ _SERVERS = ("prefect_server", "team")
 _LONG = ("tests/attacks/", "tests/deploy/promises/", "tests/integration/")
 
 
-def group_by_server(items: Sequence[pytest.Item]) -> None:
-    """Marks the tests that ask for a shared server, so that those of one server stay in one process.
+_LONG_GROUP = "long"
+
+
+def group_items(items: Sequence[pytest.Item]) -> None:
+    """Marks the tests that ask for a shared server, so that those of one server stay in one process, and long ones.
+
+    Their files begin first: of other marks, who hands tests out knows nothing.
 
     Args:
         items: The tests that were collected.
@@ -23,6 +28,8 @@ def group_by_server(items: Sequence[pytest.Item]) -> None:
         server = next((each for each in _SERVERS if each in asked), None)
         if server is not None:
             item.add_marker(pytest.mark.xdist_group(server))
+        elif item.get_closest_marker("long") is not None:
+            item.add_marker(pytest.mark.xdist_group(_LONG_GROUP))
 
 
 def unit(test: str) -> str:
@@ -35,13 +42,14 @@ def unit(test: str) -> str:
     return group if at and group in _SERVERS else (name + at + group).split("::", maxsplit=1)[0]
 
 
-def weight(unit: str, tests: int) -> tuple[bool, bool, int]:
+def weight(unit: str, tests: Collection[str]) -> tuple[bool, bool, int, int]:
     """Returns what units are handed out by, the largest first: what lasts long, then what has many tests.
 
     Short ones at the end let all processes end at about the same time (longest processing time first; Graham 1969, SIAM
     Journal on Applied Mathematics 17:416).
     """
-    return unit in _SERVERS, unit.startswith(_LONG), tests
+    long = sum(each.endswith(f"@{_LONG_GROUP}") for each in tests)
+    return unit in _SERVERS, unit.startswith(_LONG), long, len(tests)
 
 
 class FileScheduling(LoadGroupScheduling):
@@ -51,6 +59,6 @@ class FileScheduling(LoadGroupScheduling):
         return unit(nodeid)
 
     def _assign_work_unit(self, node: WorkerController) -> None:
-        heaviest = max(self.workqueue, key=lambda each: weight(each, len(self.workqueue[each])))
+        heaviest = max(self.workqueue, key=lambda each: weight(each, self.workqueue[each]))
         self.workqueue.move_to_end(heaviest, last=False)
         super()._assign_work_unit(node)

@@ -40,6 +40,7 @@ def test_ci_installs_what_the_tests_look_for():
         ("tests/docs/test_readme.py::test_one[a@b]", "tests/docs/test_readme.py"),
         ("tests/docs/test_readme.py::test_one@prefect_server", "prefect_server"),
         ("tests/integration/test_report.py::test_one[a]@team", "team"),
+        ("tests/flows/test_a.py::test_one[a]@long", "tests/flows/test_a.py"),
     ],
 )
 def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, expected: str):
@@ -47,6 +48,12 @@ def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, ex
 
 
 def test_what_lasts_long_begins_first_so_that_no_process_waits_for_it_at_the_end():
-    tests = {"tests/specs/a.py": 200, "tests/attacks/run/b.py": 2, "prefect_server": 1, "tests/specs/c.py": 3}
+    many, few = [f"test_{number}" for number in range(9)], ["test_one@long", "test_two"]
+    tests = {
+        "tests/specs/a.py": many,
+        "tests/attacks/b.py": few[1:],
+        "prefect_server": few[1:],
+        "tests/specs/c.py": few,
+    }
     order = sorted(tests, key=lambda each: weight(each, tests[each]), reverse=True)
-    assert order == ["prefect_server", "tests/attacks/run/b.py", "tests/specs/a.py", "tests/specs/c.py"]
+    assert order == ["prefect_server", "tests/attacks/b.py", "tests/specs/c.py", "tests/specs/a.py"]

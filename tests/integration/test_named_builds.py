@@ -68,6 +68,7 @@ def test_a_build_that_the_document_names_reaches_its_robots_and_the_report_says_
     assert f"slider version 1 for ARM64, {digest[:12]}: {stands}" in page
 
 
+@pytest.mark.soak
 def test_a_build_that_a_request_drives_reaches_its_robots_by_the_evidence(owner: Owner, tmp_path: Path):
     digest = _published(owner, tmp_path)
     ended = owner.simyard("run", _changed(owner, {}, driven=True))

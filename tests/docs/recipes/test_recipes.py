@@ -283,7 +283,7 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
+@pytest.mark.parametrize("engine", ["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
 def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine: str):
     tree.write("tasks/simulate/sensors/imu.py", IMU)
     table = "tasks/simulate/sensors/sensor_table.py"

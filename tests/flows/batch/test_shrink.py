@@ -154,7 +154,7 @@ def test_a_job_that_passed_is_refused(batch: OpenBatch):
 FLOORPLAN, SEEDS = 3, range(48)
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_without_any_single_piece_that_is_left_the_same_failure_is_gone(file_store: Store):
     body = (ROOT / "examples/templates/two-rooms.json").read_bytes()
     template = TemplateBody.model_validate_json(body)

@@ -37,7 +37,7 @@ asyncio.run(main())
 
 @pytest.mark.integration
 @pytest.mark.long
-@pytest.mark.parametrize("end", ["ends well", "raises"])
+@pytest.mark.parametrize("end", ["raises", pytest.param("ends well", marks=pytest.mark.soak)])
 def test_a_program_that_ends_its_server_has_sent_its_events_and_log_before(tmp_path: Path, end: str):
     told = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT_")}
     ended = subprocess.run(

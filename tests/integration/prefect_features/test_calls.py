@@ -33,7 +33,7 @@ print(len(get_client(sync_client=True).read_flow_runs()))
     [
         ("deployment_runs", ()),
         pytest.param("async_flow", (), marks=pytest.mark.soak),
-        ("mapped_seeds", ("threads",)),
+        pytest.param("mapped_seeds", ("threads",), marks=pytest.mark.soak),
         pytest.param("mapped_seeds", ("processes",), marks=pytest.mark.soak),
         pytest.param("mapped_seeds", ("dask",), marks=pytest.mark.soak),
         pytest.param(

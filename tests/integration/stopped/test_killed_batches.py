@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
 KILLS = 3
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_a_batch_killed_at_random_moments_ends_with_the_same_bytes(tmp_path: Path):
     whole, broken = opened_at((tmp_path / "whole").as_uri()), opened_at((tmp_path / "broken").as_uri())
     assert whole.layout.chunks == CHUNKS

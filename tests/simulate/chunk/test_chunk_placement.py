@@ -106,7 +106,7 @@ def mixed(rng: np.random.Generator, count: int, names: Sequence[str]) -> list[Ep
     return [noisy(k, str(rng.choice(names))) for k in range(count)]
 
 
-@pytest.mark.long
+@pytest.mark.soak
 def test_noisy_rows_are_equal_in_any_order_with_any_lanes_and_alone():
     rng = np.random.default_rng(18)
     requests = mixed(rng, 12, ("hand/small", "hand/large"))

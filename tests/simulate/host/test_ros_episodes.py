@@ -102,7 +102,7 @@ def test_a_sound_episode_is_driven_in_lock_step(alone: EpisodeResult):
     assert alone.path_length_m > 0.2
 
 
-@pytest.mark.parametrize("level", ["bubblewrap", "landlock", "process"])
+@pytest.mark.parametrize("level", ["bubblewrap", "landlock", pytest.param("process", marks=pytest.mark.soak)])
 def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     alone: EpisodeResult, pens: dict[str, World], level: str, monkeypatch: pytest.MonkeyPatch
 ):
