@@ -39,6 +39,11 @@ _NO_BLOCK_TYPES = {
     "PREFECT_SERVER_REGISTER_BLOCKS_ON_START": "false",
     "PREFECT_SERVER_MEMOIZE_BLOCK_AUTO_REGISTRATION": "false",  # else they are imported to be compared
 }
+# With these `prefect deployment run --watch` shows what a flow run logs, its verdict at last; Prefect has them off.
+_STREAMED_LOGS = {
+    "PREFECT_SERVER_LOGS_STREAM_OUT_ENABLED": "true",
+    "PREFECT_SERVER_LOGS_STREAM_PUBLISHING_ENABLED": "true",
+}
 START_TIMEOUT_S = 180.0
 _LOOK_S = 0.05
 PRESTARTED = "--reserve"
@@ -184,7 +189,7 @@ def launch(
         **SERVER_ENVIRONMENT,
         **proxy_exceptions(os.environ),
         **_own_settings(home, port),
-        **(_NO_BLOCK_TYPES if bound else {}),
+        **(_NO_BLOCK_TYPES if bound else _STREAMED_LOGS),
         "PREFECT_API_AUTH_STRING": password,
         "PREFECT_SERVER_API_AUTH_STRING": password,
     }

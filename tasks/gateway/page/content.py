@@ -19,6 +19,9 @@ def tone_of(state: str) -> str:
     return next((tone for tone, states in _TONES if state in states), "none")
 
 
+_LONGEST_WORD = 32  # RobotAgentConnectionTimeout: has 28; a digest, 64
+
+
 @dataclass(frozen=True)
 class Cell:
     """A text, and how it is shown.
@@ -45,6 +48,11 @@ class Cell:
     def is_blank(self) -> bool:
         """Whether nothing is shown."""
         return not self.text and not self.small and self.at_s is None
+
+    @property
+    def is_words(self) -> bool:
+        """Whether it is words, which are not broken anywhere, and no digest or address."""
+        return all(len(word) <= _LONGEST_WORD for word in f"{self.text} {self.small}".split())
 
 
 @dataclass(frozen=True)

@@ -92,6 +92,12 @@ def test_columns_in_which_nothing_stands_are_left_out():
     assert re.findall(rb">(first|empty|last)</th>", page_html(Page("t", blocks=(table,)), FRAME)) == [b"first", b"last"]
 
 
+def test_words_are_not_broken_and_digests_are():
+    row = (Cell("robot"), Cell("launching application"), Cell("version 3", small="4a5b" * 16))
+    page = page_html(Page("t", blocks=(Table("t", ("a", "b", "c"), (row,)),)), FRAME).decode()
+    assert re.findall(r'data-head="(.)" class="( words)?', page) == [("b", " words"), ("c", "")]
+
+
 def test_a_page_loads_itself_again_only_while_something_is_under_way():
     going = Page("t", is_going=True)
     assert b"http-equiv" in page_html(going, FRAME)

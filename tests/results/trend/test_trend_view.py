@@ -157,6 +157,12 @@ def test_the_page_loads_and_runs_nothing_and_escapes_names(count: int):
         assert "nan" not in re.sub(r"<title.*?</title>|<text.*?</text>|aria-label=\"[^\"]*\"", "", svg)
 
 
+def test_the_headline_of_nights_without_a_change_says_so():
+    page = trend_page(view(history(6))).decode()
+    assert "<h2>No change</h2>" in page
+    assert "No change of the rate was seen in 6 nights." in page
+
+
 def test_a_history_without_a_night_that_counts_is_said():
     nights = [each.model_copy(update={"left_out": "its batch is Failed", "cells": ()}) for each in history(3)]
     page = trend_page(view(nights)).decode()
