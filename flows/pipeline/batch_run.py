@@ -13,14 +13,7 @@ from threading import Thread
 from pydantic import JsonValue
 
 from flows.batch.batch_end import WrittenReport, end_batch
-from flows.batch.batch_steps import (
-    EPISODES,
-    SequentialStop,
-    audit_batch,
-    simulate_chunk,
-    unusable_bundle,
-    write_tables,
-)
+from flows.batch.batch_steps import EPISODES, SequentialStop, audit_batch, simulate_chunk, unusable_bundle, write_tables
 from flows.pipeline.orchestrator import orchestrator, run_step
 from flows.pipeline.references import ParsedRun
 from specs.errors import DocumentError, ResourceNotFound, SimyardError, StageFailed

@@ -36,13 +36,7 @@ from tasks.storage.base.keys import (
     template_key,
     template_name_key,
 )
-from tasks.storage.base.store import (
-    Store,
-    create_once,
-    encode_document,
-    find_document,
-    update,
-)
+from tasks.storage.base.store import Store, create_once, encode_document, find_document, update
 
 HasName = Callable[[Store, str, str], bool]
 """Tells whether the template with an id is there, and has the name."""

@@ -28,13 +28,7 @@ from tasks.deploy.trust.keyring import (
     Updater,
     UpdaterConfig,
 )
-from tasks.deploy.trust.metadata import (
-    MOST_METADATA_BYTES,
-    bundle_target,
-    deployer_role,
-    read_root,
-    repository_of,
-)
+from tasks.deploy.trust.metadata import MOST_METADATA_BYTES, bundle_target, deployer_role, read_root, repository_of
 from tasks.deploy.trust.signed_fleets import read_fleets, verify_desired
 from tasks.storage.base.local_files import make_folder, settle_names
 from tasks.storage.base.store import Store

@@ -9,14 +9,7 @@ from typing import NamedTuple, TypeVar
 import pyarrow as pa
 
 from specs.data.run_report import Verdict
-from tasks.results.ci.full_report import (
-    CountedBatch,
-    FailureExample,
-    GroupReport,
-    GroupState,
-    ReasonCount,
-    WorldReport,
-)
+from tasks.results.ci.full_report import CountedBatch, FailureExample, GroupReport, GroupState, ReasonCount, WorldReport
 from tasks.results.statistics.intervals import Interval, IntervalFamily, share_alone
 from tasks.results.statistics.over_worlds import WorldsLikeThese, worlds_like_these
 

@@ -34,12 +34,7 @@ from tasks.simulate.data.mounts import Mounts, pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, RecordingChoice, sample_memory
 from tasks.simulate.plan.chunks import Chunk, job_variables
 from tasks.simulate.plan.plan_batch import entries
-from tasks.simulate.sandbox.sandbox_client import (
-    Results,
-    SandboxClient,
-    after_deaths,
-    retry_with_fewer_lanes,
-)
+from tasks.simulate.sandbox.sandbox_client import Results, SandboxClient, after_deaths, retry_with_fewer_lanes
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.store_url import store_id
 from tasks.storage.tags import change_tags, with_tags

@@ -22,13 +22,7 @@ from pydantic import JsonValue
 
 from specs.arn import RUN_KIND, absence, arn
 from specs.base import Spec
-from specs.errors import (
-    DocumentError,
-    IdempotentParameterMismatch,
-    ObjectExists,
-    ResourceNotFound,
-    StoreError,
-)
+from specs.errors import DocumentError, IdempotentParameterMismatch, ObjectExists, ResourceNotFound, StoreError
 from specs.job_kinds import JOB_KINDS, JobKind
 from specs.robomaker.failure_codes import JobFailureCode, require_code_of
 from tasks.storage.base.keys import claim_key, job_key, jobs_prefix, token_key
