@@ -9,15 +9,18 @@ _NO_WIDTH = ("0", "1")
 
 
 def main() -> None:
-    """Runs the command line; an interrupt while it is imported ends it as one later on does, without a traceback."""
+    """Runs the command line and exits with its codes; an interrupt while it is imported shows no traceback either."""
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, _leave)
     if os.environ.get("COLUMNS", "") in _NO_WIDTH:
         os.environ.pop("COLUMNS", None)
-    from flows.cli.shell import main as run_shell  # noqa: PLC0415 - takes a third of a second
+    from flows.cli.shell import app  # noqa: PLC0415 - takes a third of a second
+    from flows.cli.terminal import end_process  # noqa: PLC0415 - same
+    from tasks.progress.log_lines import log_in_chosen_format  # noqa: PLC0415 - same
 
-    run_shell()
+    with end_process(), log_in_chosen_format():
+        app()
 
 
 def _leave(number: int, _frame: FrameType | None) -> None:

@@ -14,9 +14,8 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command, get_group
 
-from flows.cli.terminal import echo, end_process
+from flows.cli.terminal import echo
 from specs.settings import TRUST_APPLICATIONS
-from tasks.progress.log_lines import log_in_chosen_format
 
 
 class LazyCommand(NamedTuple):
@@ -215,13 +214,3 @@ def agent(context: typer.Context) -> None:
     from tasks.deploy.robot.agent import main as agent_main  # noqa: PLC0415 - only a robot has it
 
     raise typer.Exit(agent_main(context.args))
-
-
-def main() -> None:
-    """Runs the command line and exits with Simyard's codes."""
-    with end_process(), log_in_chosen_format():
-        app()
-
-
-if __name__ == "__main__":
-    main()

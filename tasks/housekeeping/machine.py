@@ -34,7 +34,6 @@ _MODULES = {
     "tasks.export": "renderer",
     "tasks.ros": "launch file",
     "flows.queue": "queue worker",
-    "flows.cli": "simyard",
 }
 """The packages whose modules are programs of their own."""
 GOES = "goes"

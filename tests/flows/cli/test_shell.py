@@ -24,7 +24,7 @@ CODE = """
 import json, sys
 from contextlib import redirect_stdout
 from io import StringIO
-from flows.cli.shell import main
+from simyard.__main__ import main
 
 sys.argv = ["simyard", *sys.argv[1:]]
 try:
