@@ -2,7 +2,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 PYTHON ?= python3
-TEST_PROCESSES ?= 2
+TEST_PROCESSES ?= 3
 PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadgroup
 # Whole documents, real servers, attacks and races, which make test-all runs as well.
 WHOLE := tests/integration tests/attacks tests/deploy/promises
@@ -37,7 +37,8 @@ run: $(READY)
 ros: $(READY)
 	examples/ros/make_ros.sh
 
-# A process is a core's worth of tests; `tests/conftest.py` says which tests stay together in one.
+# Tests wait for servers and for programs that they start: three processes keep two cores busy. `tests/file_scheduler.py`
+# says which tests stay together in one.
 test: $(READY)
 	$(PYTEST) -m 'not long' $(addprefix --ignore=,$(WHOLE))
 

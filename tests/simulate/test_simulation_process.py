@@ -35,6 +35,7 @@ print(*(name for name in sys.modules if name.startswith("specs.pipeline.") or na
 """
 
 
+@pytest.mark.long
 def test_it_imports_no_forms_of_documents_and_nothing_to_draw_with():
     environment = process_environment(os.environ, Path("/programs"))
     done = subprocess.run([sys.executable, "-c", ASK], env=environment, capture_output=True, text=True, check=True)

@@ -127,7 +127,7 @@ class Both(NamedTuple):
 @pytest.fixture(
     scope="module",
     params=[
-        ("planar", 8),
+        pytest.param(("planar", 8), marks=pytest.mark.long),
         pytest.param(("planar", 24), marks=pytest.mark.long),
         pytest.param(("mjx", 8), marks=pytest.mark.soak),
     ],

@@ -36,6 +36,7 @@ def test_the_second_slice_compiles_nothing(pens: dict[str, World], engine: str):
     assert kinds[0] == kinds[1]
 
 
+@pytest.mark.long
 def test_the_lane_count_changes_no_result(push: Simulate):
     world = {"hand/pen-0": pen(4.5, 0)}
     requests = [pushing(k, world="hand/pen-0", seed=k) for k in range(5)]

@@ -110,6 +110,7 @@ def test_it_drives_on_the_fastest_engine(sound_together: list[EpisodeResult]):
     assert all(row.path_length_m > 0.1 for row in sound_together)
 
 
+@pytest.mark.long
 def test_a_rerun_of_all_lanes_gives_the_same_bits(sound_together: list[EpisodeResult], pens: dict[str, World]):
     assert run_batched([ALL_SOUND] * BATCHED_LANES, pens) == sound_together
 
