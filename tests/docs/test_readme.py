@@ -77,7 +77,7 @@ def test_the_first_screen_has_two_commands_and_they_do_what_it_says():
     assert plans[0].stdout.splitlines()[-1] == ".venv/bin/simyard run examples/quickstart.yaml"
     # What it leaves out is marked, or whole documents, attacks and promises; `make test-all` runs these as well.
     left_out = " ".join(f"--ignore=tests/{folder}" for folder in ("integration", "attacks", "deploy/promises"))
-    quick = f".venv/bin/pytest --numprocesses 2 --dist loadgroup -m 'not long' {left_out}"
+    quick = f".venv/bin/pytest --numprocesses 3 --dist loadgroup -m 'not long' {left_out}"
     assert plans[1].stdout.splitlines()[-1] == quick
 
 
