@@ -4,7 +4,6 @@ from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
-from urllib.parse import unquote
 
 from specs.field_types import Architecture
 from specs.pipeline.simulation_section import Deployment, LocalFleet
@@ -105,9 +104,7 @@ def section_signer(store: Store, section: Deployment) -> DeploymentSigner | None
 
 
 def agents_folder(store: Store) -> Path:
-    """Returns where robots on this machine keep their versions: with a store in a folder, else in the cache."""
-    if store.url.startswith("file://"):
-        return Path(unquote(store.url.removeprefix("file://"))) / "agents"
+    """Returns where robots on this machine keep their versions: in the cache, where no writer of the store comes."""
     return cache_folder() / "agents" / store_id(store)
 
 

@@ -1,4 +1,6 @@
-"""Unpacked bundles on this machine, used only while they hold what their digest says.
+"""Unpacked bundles on this machine, used only while they hold what their digest says: in the cache, and on a robot.
+
+In the cache:
 
 <digest>/bundle.tar    the archive, whose SHA-256 is the digest
 <digest>/files         what it holds, read-only
@@ -33,6 +35,9 @@ SHIPPED_HOMES = (
 """Folders of the applications that come with Simyard."""
 LEFT_OUT = frozenset({"__pycache__", ".git", ".DS_Store"})
 """Names that no bundle has: left by editors, interpreters and version control, and different on every machine."""
+
+
+_OPEN = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe in the place of a file must not hold up
 # None for a folder, else whether the file can be executed.
 _Entries = dict[str, bool | None]
 
@@ -74,6 +79,34 @@ def _contents(folder: Path) -> dict[str, bytes]:
         for name, path in names
         if not LEFT_OUT.intersection(name.parts)
     }
+
+
+def holds_bundle(files: Path, archive: Path, digest: str) -> bool:
+    """Returns whether a folder holds all of a bundle, as the bundle has it; more may lie beside that.
+
+    Costs two readings of the archive and one of the files: 0.3 s for 100 MB.
+
+    Args:
+        files: Where the bundle was unpacked.
+        archive: What it was unpacked from.
+        digest: SHA-256 of the bundle.
+    """
+    try:
+        if digest_of(archive) != digest:
+            return False
+        with tarfile.open(archive, "r:") as tar:
+            expected = _same_entries(tar, files)
+        return expected is not None and all(_kind(files / name) == kind for name, kind in expected.items())
+    except (OSError, tarfile.TarError, BundleRefused):
+        return False
+
+
+def _kind(path: Path) -> bool | None:
+    """Returns what stands of an entry in the archive: None for a folder, else whether it can be executed."""
+    mode = path.lstat().st_mode
+    if not stat.S_ISDIR(mode) and not stat.S_ISREG(mode):
+        raise BundleRefused(f"{path} is neither a file nor a folder")
+    return None if stat.S_ISDIR(mode) else bool(mode & stat.S_IXUSR)
 
 
 def seal_bundle(archive: Path, entry: Path, digest: str) -> Path:
@@ -203,7 +236,7 @@ def _same_entries(tar: tarfile.TarFile, files: Path) -> _Entries | None:
 
 
 def _same_content(source: IO[bytes], path: Path) -> bool:
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC), "rb") as file:
+    with os.fdopen(os.open(path, _OPEN), "rb") as file:
         while block := source.read(_BLOCK_BYTES):
             if file.read(len(block)) != block:
                 return False

@@ -5,8 +5,11 @@ import re
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Annotated
 from urllib.parse import unquote, urlsplit
 from uuid import uuid4
+
+from pydantic import Field
 
 from specs.base import Spec
 from specs.errors import (
@@ -29,9 +32,12 @@ _CREDENTIALS = re.compile(r"//[^/]*@")
 
 
 class _StoreRecord(Spec):
-    """What ``store.json`` holds; that it is there says that the store kept its promises when it was probed."""
+    """What ``store.json`` holds; that it is there says that the store kept its promises when it was probed.
 
-    id: str
+    Whoever writes to the store chooses its id, which names folders of this machine.
+    """
+
+    id: Annotated[str, Field(pattern=r"^[0-9a-f]{12}$")]
     layout: int
     created_at_s: float
 

@@ -107,6 +107,14 @@ def test_a_record_of_something_else_is_told(file_store: Store) -> None:
         open_store(file_store.url)
 
 
+@pytest.mark.parametrize("name", ["../../../home/courier", "", "0123456789ab/.."])
+def test_a_stranger_does_not_choose_folders_of_this_machine_by_the_stores_id(file_store: Store, name: str) -> None:
+    record = json.loads(file_store.get("store.json").body)
+    file_store.put("store.json", json.dumps({**record, "id": name}).encode())
+    with pytest.raises(StoreError, match=r"store\.json was not written by this version"):
+        store_id(file_store)
+
+
 def test_the_environment_names_the_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SIMYARD_STORE", (tmp_path / "named").as_uri())
     assert open_store().url == (tmp_path / "named").as_uri()

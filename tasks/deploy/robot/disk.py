@@ -4,6 +4,7 @@ agent.lock             held by the one agent that works here
 state.json             which sequence was accepted, what runs, what ran before, how the last deployment ended
 sequence               the sequence once more, for an agent that cannot read state.json
 versions/<digest>/     installed bundles, complete or absent
+archives/<digest>      what they were unpacked from, and are compared with before each launch
 current, previous      links into versions; replaced in one step, so never broken
 downloads/ logs/       what has arrived of a bundle so far, and other files that may go
 
@@ -15,7 +16,7 @@ import logging
 import os
 import shutil
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
@@ -60,10 +61,11 @@ class Disk:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.versions = root / "versions"
+        self.archives = root / "archives"
         self.downloads = root / "downloads"
         self.logs = root / "logs"
         self.current = root / "current"
-        for folder in (self.versions, self.downloads, self.logs):
+        for folder in (self.versions, self.archives, self.downloads, self.logs):
             make_folder(folder)
 
     def load(self) -> RobotState:
@@ -116,6 +118,10 @@ class Disk:
         """Returns the folder of an installed bundle, which may not be there."""
         return self.versions / digest
 
+    def archive(self, digest: str) -> Path:
+        """Returns the file that a bundle was unpacked from, which may not be there."""
+        return self.archives / digest
+
     def switch(self, digest: str | None) -> None:
         """Makes `current` show an installed bundle, or go away."""
         _link(self.current, digest)
@@ -127,12 +133,21 @@ class Disk:
     def tidy(self, state: RobotState) -> None:
         """Removes half-made folders and versions that nothing refers to."""
         kept = {each.digest for each in (state.target, state.running, state.previous) if each}
-        for path in self.versions.iterdir():
+        for path in (*self.versions.iterdir(), *self.archives.iterdir()):
             if path.name not in kept:
-                shutil.rmtree(path, ignore_errors=True)
+                discard(path)
         for path in self.downloads.iterdir():
             if path.suffix != _PARTIAL:
                 path.unlink(missing_ok=True)
+
+
+def discard(path: Path) -> None:
+    """Removes what lies in the place of a version, whatever it is."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):  # as of a folder: what stays in the way is met by who needs the place
+            path.unlink()
 
 
 def _link(link: Path, digest: str | None) -> None:

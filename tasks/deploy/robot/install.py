@@ -4,6 +4,7 @@ A download continues after it was cut by the network, the store, a kill or a los
 """
 
 import errno
+import logging
 import random
 import shutil
 import time
@@ -23,15 +24,17 @@ from specs.errors import (
 )
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import Desired
-from tasks.deploy.robot.disk import Disk
+from tasks.deploy.robot.disk import Disk, discard
 from tasks.deploy.robot.processes import Stop
 from tasks.deploy.robot.reported_state import Outage
 from tasks.storage.archives import LIMITS, digest_of, install
 from tasks.storage.base.keys import bundle_key
-from tasks.storage.base.local_files import make_folder
+from tasks.storage.base.local_files import make_folder, settle_names
 from tasks.storage.base.store import Store
+from tasks.storage.sealed_bundle import holds_bundle
 
 MOST_BYTES = LIMITS.total_bytes + (256 << 20)  # of an archive: what it may hold, and headers
+_LOG = logging.getLogger(__name__)
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 _DOWNLOAD_PERCENT = 50.0
 _SHORTEST_PAUSE_S, _LONGEST_PAUSE_S = 0.2, 10.0
@@ -174,7 +177,10 @@ def fetch_bundle(
     *,
     length_bytes: int | None = None,
 ) -> None:
-    """Makes the desired bundle lie in the robot's versions; does nothing when it does already.
+    """Makes the desired bundle lie in the robot's versions, and nothing else in its place.
+
+    What lies there is compared with the bundle's digest, and put right from the archive that it was unpacked from, or,
+    if that was changed as well, from the store.
 
     Args:
         store: Where bundles are.
@@ -188,10 +194,13 @@ def fetch_bundle(
         StepFailed: The bundle is missing, changed, or too big for this robot, or the store stays away for too long.
         StopRequested: The agent has to end.
     """
-    target = disk.version(desired.digest)
-    if target.is_dir():
+    target, archive = disk.version(desired.digest), disk.archive(desired.digest)
+    if holds_bundle(target, archive, desired.digest):
         return
-    archive = disk.download(desired.digest)
+    if target.exists() or target.is_symlink():
+        _LOG.warning("%s is not what its digest says, and is unpacked anew", target)
+        discard(target)
+    arriving = disk.download(desired.digest)
 
     def tell(part: float, done: int, size: int) -> None:
         patience.tick()
@@ -199,10 +208,14 @@ def fetch_bundle(
 
     def bring() -> None:
         key = bundle_key(desired.digest)
-        download(store, key, archive, desired.digest, most_bytes=length_bytes, on_block=partial(tell, 0.0))
+        download(store, key, arriving, desired.digest, most_bytes=length_bytes, on_block=partial(tell, 0.0))
 
     percent(0.0)
-    retry(bring, desired, patience, progress=lambda: _size(archive))
+    if not archive.is_file() or archive.is_symlink() or digest_of(archive) != desired.digest:
+        discard(archive)
+        retry(bring, desired, patience, progress=lambda: _size(arriving))
+        arriving.replace(archive)
+        settle_names(archive.parent)
     _unpack(archive, desired.digest, target, partial(tell, _DOWNLOAD_PERCENT))
     percent(100.0)
 
@@ -252,8 +265,6 @@ def _unpack(archive: Path, digest: str, target: Path, extracted: Callable[[int, 
         raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
     except StoreError as exc:  # this robot's disk is full, or read-only
         raise StepFailed("EnvironmentSetupError", str(exc)) from exc
-    finally:
-        archive.unlink(missing_ok=True)
 
 
 def _code(exc: StoreError) -> DeploymentJobErrorCode:

@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -115,13 +115,19 @@ def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, 
 class RunningApplication:
     """What a robot runs; started again when it ends, with growing pauses."""
 
-    def __init__(self, place: LaunchPlace, desired: Desired) -> None:
+    def __init__(self, place: LaunchPlace, desired: Desired, bring: Callable[[Desired], None]) -> None:
         """Starts it.
 
+        Args:
+            place: Where it runs.
+            desired: What it is.
+            bring: Makes its bundle, and nothing else, lie there; called before each start.
+
         Raises:
-            StepFailed: The launch file is missing or cannot be executed.
+            StepFailed: The bundle cannot be brought, or the launch file is missing or cannot be executed.
         """
         self.desired = desired
+        self._bring = bring
         self._place = place
         self._pause_s = _FIRST_PAUSE_S
         self._started_s = 0.0
@@ -178,6 +184,7 @@ class RunningApplication:
         self._running.end()
 
     def _launch(self) -> RunningProgram:
+        self._bring(self.desired)
         name = self.desired.launch.launchFile
         if names_ros_launch(name):
             self._started_s = time.monotonic()

@@ -23,6 +23,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
 _LOG = logging.getLogger(__name__)
+_RESTORE_AGAIN_S = 30.0
 Check = Callable[[Desired], int]
 """Returns how long the bundle is that the keys vouch for, or raises TrustRefused."""
 
@@ -85,6 +86,7 @@ class RobotUpdater:
         self._state = self._disk.load()
         self._application: RunningApplication | None = None
         self._owes_state = False
+        self._restore_at_s = 0.0
         self._expired: Desired | None = None
         self._patience = Patience(place.stop, self._keep_up)
         self._boot_id = uuid4().hex[:12]
@@ -136,6 +138,8 @@ class RobotUpdater:
         try:
             if self._application:
                 self._application.supervise()
+            elif self._state.running and time.monotonic() >= self._restore_at_s:
+                self._restore()
         except StepFailed as exc:
             _LOG.warning("cannot start the application again: %s", exc)
         except CrashLoop as exc:
@@ -270,11 +274,15 @@ class RobotUpdater:
             run_script(self._place, desired, launch.preLaunchFile, "pre-launch", "PreLaunchFileFailure")
         self._begin(attempt, "Launching")
         self._disk.switch(desired.digest)
-        self._application = RunningApplication(self._place, desired)
+        self._application = RunningApplication(self._place, desired, self._bring)
         self._application.wait_until_up()
         self._begin(attempt, "ExecutingPostLaunch")
         if launch.postLaunchFile:
             run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")
+
+    def _bring(self, desired: Desired) -> None:
+        """Makes sure that nothing runs but what the digest says."""
+        fetch_bundle(self._store, self._disk, desired, Patience(self._place.stop), lambda _percent: None)
 
     def _keep_up(self) -> None:
         """Keeps up what runs while another version is brought, which will replace it whether it crashes or not."""
@@ -323,9 +331,10 @@ class RobotUpdater:
         self._keep_versions()
         if running and self._application is None:
             try:
-                self._application = RunningApplication(self._place, running)
-            except StepFailed:
-                _LOG.exception("cannot start what ran before")
+                self._application = RunningApplication(self._place, running, self._bring)
+            except StepFailed as exc:
+                _LOG.error("cannot start what ran before: %s", exc)
+                self._restore_at_s = time.monotonic() + _RESTORE_AGAIN_S
 
     def _keep_versions(self) -> None:
         self._disk.remember(self._state.previous.digest if self._state.previous else None)

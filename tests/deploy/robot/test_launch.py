@@ -2,16 +2,17 @@
 
 import pytest
 
+from tasks.applications.registry import publish_bundle
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, scripted
-from tests.deploy.yard import eventually
+from tests.deploy.yard import STAYS_UP, eventually
 
 
 def test_a_file_that_is_not_executable_is_told_with_the_remedy(one: OneRobot) -> None:
-    version = one.yard.publish(GOOD)
-    one.deploy(version, 1)
-    (one.root / "versions" / version.digest / "courier" / "run.sh").chmod(0o644)
+    (one.yard.folder / "bundle/courier").mkdir(parents=True)
+    (one.yard.folder / "bundle/courier/run.sh").write_text(STAYS_UP)
+    version = publish_bundle(one.yard.store, "robot-application", "courier", one.yard.folder / "bundle")
 
-    reported = one.deploy(version, 2)
+    reported = one.deploy(version, 1)
 
     assert (reported.failure_code, "chmod +x" in reported.failure_reason) == ("BadPermissionError", True)
 

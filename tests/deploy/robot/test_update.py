@@ -434,3 +434,59 @@ def _raising(exc: OSError, *, after: int = 0, once: bool = False) -> Callable[..
             raise exc
 
     return method
+
+
+def _changed(one: OneRobot, digest: str) -> Path:
+    """Puts another program in the place of a version's."""
+    script = one.root / "versions" / digest / "courier/run.sh"
+    script.parent.mkdir(parents=True, exist_ok=True)
+    script.write_text('#!/bin/sh\ntouch "$HOME/owned"\nexec sleep 1000\n')
+    script.chmod(0o755)
+    return script
+
+
+def test_what_lies_in_the_place_of_a_version_is_not_taken_for_it(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    script = _changed(one, version.digest)
+
+    assert one.deploy(version, 1).status == "InSync"
+
+    assert (script.read_text(), (one.root / "owned").exists()) == (STAYS_UP, False)
+
+
+@pytest.mark.parametrize("archive_is_changed", [False, True])
+def test_a_version_that_was_changed_is_put_right_before_it_runs_again(
+    one: OneRobot, *, archive_is_changed: bool
+) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    one.robot.end()
+    script = _changed(one, version.digest)
+    if archive_is_changed:
+        (one.root / "archives" / version.digest).write_bytes(b"another")
+
+    one.restarted().recover()
+
+    assert (script.read_text(), one.programs) == (STAYS_UP, ["sleep 1000"])
+    assert not (one.root / "owned").exists()
+
+
+def test_a_version_that_cannot_be_put_right_does_not_run_until_it_can(
+    one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1, timeout_s=0.0)
+    one.robot.end()
+    _changed(one, version.digest)
+    (one.root / "archives" / version.digest).unlink()
+    monkeypatch.setattr("tasks.deploy.robot.update._RESTORE_AGAIN_S", 0.0)
+    kept = one.yard.store.get(bundle_key(version.digest)).body
+    one.yard.store.delete(bundle_key(version.digest))
+
+    one.restarted().recover()
+    one.robot.supervise()
+    assert one.programs == []
+    one.yard.store.put(bundle_key(version.digest), kept)
+    one.robot.supervise()
+
+    assert (one.programs, (one.root / "owned").exists()) == (["sleep 1000"], False)

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from specs.bundle_files import RosFrames, RosRobot, RosTopics
+from tasks.deploy.step import agents_folder
 from tasks.ros.launch.robot_command import OWN_VARIABLES
+from tasks.storage.store_url import open_store
 from tests.repository import ROOT
 
 PAGE = (ROOT / "docs/guide/ros.md").read_text()
@@ -99,5 +101,6 @@ def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
     done = _typed("simyard run examples/small.yaml --direct", folder)
 
     assert done.returncode == 0, done.stdout + done.stderr
-    logs = list((folder / "store/agents/roamers-1/logs").glob("*-launch.log"))
+    robots = agents_folder(open_store((folder / "store").as_uri()))
+    logs = list((robots / "roamers-1/logs").glob("*-launch.log"))
     assert any("process[roam-" in log.read_text() for log in logs)
