@@ -17,8 +17,8 @@ _FASTEST_M_S = 20.0
 _SHARE_OF_SHORTEST = 0.5
 _SHORTER_M = 1.0
 _HAIR = 1e-6
-# An episode may end in the very control step in which the hull comes to a wall, before that has pushed it.
-_LAST_STEPS = 1e-3
+# Of the 13,900 rows of the shipped robots that were looked at, none that passed is below 1.01.
+_THROUGH = 0.95
 _SHOWN = 3
 
 
@@ -29,25 +29,28 @@ class Impossible(NamedTuple):
         what: As a sentence has it.
         columns: That it looks at.
         found: Returns whether the row of an episode that came to its end shows it.
-        chance: The share of rows that chance alone may show it in.
     """
 
     what: str
     columns: tuple[str, ...]
     found: Callable[[Row], bool]
-    chance: float = 0.0
+
+
+def _all_reached_within(row: Row, share: float) -> bool:
+    shortest_m = row["shortest_path_m"]
+    passed = row["outcome"] == "Passed" and row["goals_reached"] >= row["goals_total"]
+    return passed and shortest_m is not None and row["path_length_m"] < share * shortest_m
 
 
 def _shortcut(row: Row) -> bool:
-    shortest_m, driven_m = row["shortest_path_m"], row["path_length_m"]
-    if shortest_m is None or row["outcome"] != "Passed" or row["goals_reached"] < row["goals_total"]:
-        return False
-    return driven_m < _SHARE_OF_SHORTEST * shortest_m and driven_m < shortest_m - _SHORTER_M * row["goals_total"]
+    slack_m = _SHORTER_M * row["goals_total"]
+    return _all_reached_within(row, _SHARE_OF_SHORTEST) and row["path_length_m"] < row["shortest_path_m"] - slack_m
 
 
-def _unpushed(row: Row) -> bool:
+# A clearance of 0 alone can be: seen from above, a ball leans over an edge lower than its middle and does not touch it.
+def _through(row: Row) -> bool:
     contact = row["impulse_ns"] > 0 or row["collisions"] > 0
-    return row["simulated_s"] > 0 and row["min_clearance_m"] <= 0 and not contact
+    return _all_reached_within(row, _THROUGH) and row["min_clearance_m"] <= 0 and not contact
 
 
 def _pushes_disagree(row: Row) -> bool:
@@ -70,10 +73,9 @@ IMPOSSIBLE: tuple[Impossible, ...] = (
         _shortcut,
     ),
     Impossible(
-        "a clearance of 0 without a push",
-        ("simulated_s", "min_clearance_m", "impulse_ns", "collisions"),
-        _unpushed,
-        _LAST_STEPS,
+        "a clearance of 0, no push, and a way shorter than the shortest",
+        ("min_clearance_m", "impulse_ns", "collisions"),
+        _through,
     ),
     Impossible(
         "a push without a collision, or one larger than all together",
@@ -102,7 +104,7 @@ def impossible_rows(rows: "pa.Table") -> str:
 def _lines(ended: list[dict[str, Any]], total: int) -> Iterator[str]:
     for each in IMPOSSIBLE:
         found = [row for row in ended if each.found(row)]
-        if len(found) > each.chance * total:
+        if found:
             where = ", ".join(f"{row['index']} in {row['world']}" for row in found[:_SHOWN])
             more = f" and {len(found) - _SHOWN} more" if len(found) > _SHOWN else ""
             yield f"{len(found)} of {total} rows cannot be: {each.what} (episodes {where}{more})"

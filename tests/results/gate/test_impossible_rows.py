@@ -14,7 +14,7 @@ from tests.factories.episodes import collided, counted, crashed, passed, request
 GATE = Gate.model_validate({"successRate": {"atLeast": 0.5}, "collisionRate": {"atMost": 0.5}})
 # On commit 2fa7955b each of them was a PASS.
 CASES: list[tuple[dict[str, Any], str]] = [
-    ({"min_clearance_m": 0.0}, "a clearance of 0 without a push"),
+    ({"min_clearance_m": 0.0, "path_length_m": 10.0}, "a clearance of 0, no push, and a way shorter than the shortest"),
     ({"path_length_m": 5.0, "shortest_path_m": 11.0}, "passed on less than half of the shortest way"),
     ({"impulse_ns": 0.5, "max_impulse_ns": 0.5}, "a push without a collision, or one larger than all together"),
     ({"collisions": 1, "impulse_ns": 0.5, "max_impulse_ns": 0.7}, "a push without a collision, or one larger"),
@@ -41,7 +41,7 @@ def test_nothing_is_judged_by_a_row_that_cannot_be(changes: dict[str, Any], why:
 
 
 def test_all_reasons_are_said_with_counts_and_the_first_places():
-    found = judge(GATE, material(*[{"min_clearance_m": 0.0, "goals_reached": 9}] * 5))
+    found = judge(GATE, material(*[{"path_length_m": 900.0, "goals_reached": 9}] * 5))
     assert found.sentence.count("5 of 52 rows cannot be") == 2
     assert "0 in wgj-1/world-1-1, 1 in wgj-1/world-1-1, 2 in wgj-1/world-1-1 and 2 more" in found.sentence
 
@@ -57,12 +57,11 @@ def test_a_shape_that_is_no_disc_may_take_a_shorter_way():
     assert judge(GATE, material({"path_length_m": 6.0, "shortest_path_m": 11.0})).verdict == "PASS"
 
 
-def test_one_of_a_thousand_may_end_in_the_step_in_which_it_comes_to_a_wall():
-    assert judge(GATE, material({"min_clearance_m": 0.0}, others=999)).verdict == "PASS"
-    assert "2 of 1000 rows" in judge(GATE, material(*[{"min_clearance_m": 0.0}] * 2, others=998)).sentence
+def test_a_ball_may_lean_over_a_low_edge_without_touching_it():
+    assert judge(GATE, material({"min_clearance_m": 0.0})).verdict == "PASS"
 
 
 def test_without_their_columns_nothing_is_said():
-    rows = material({"min_clearance_m": 0.0}).rows
+    rows = material({"goals_reached": 9}).rows
     assert rows is not None
     assert impossible_rows(rows.drop_columns([IMPOSSIBLE_COLUMNS[-1]])) == ""
