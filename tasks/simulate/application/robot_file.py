@@ -195,6 +195,8 @@ _AIR_DENSITY, _AIR_VISCOSITY = 1.5, 1e-4
 _MOST_TOLERANCE = 1e-3
 # Newton's method needs two or three; the others need many.
 _FEWEST_ITERATIONS = {mujoco.mjtSolver.mjSOL_NEWTON: 1, mujoco.mjtSolver.mjSOL_CG: 10, mujoco.mjtSolver.mjSOL_PGS: 10}
+_FEWEST_CCD_ITERATIONS = 10
+_LIGHTEST_KG = 0.05
 _LEAST_MEMORY_BYTES = 1 << 20
 _SOFTEST_S, _SOFTEST_STIFFNESS = 0.1, 100.0
 _WIDEST_M, _WEAKEST = 0.05, 0.01
@@ -244,11 +246,19 @@ def _floats(robot: _Robot) -> Iterator[str]:
             yield f"gravcomp of {names}: {100 * share:.0f} % of the robot's weight"
 
 
+def _weight(robot: _Robot) -> Iterator[str]:
+    total_kg = float(robot.model.body_mass.sum())
+    if total_kg < _LIGHTEST_KG:
+        yield f"a mass of {total_kg:g} kg in all"
+
+
 def _solver(robot: _Robot) -> Iterator[str]:
     option = robot.model.opt
     fewest = _FEWEST_ITERATIONS[mujoco.mjtSolver(option.solver)]
     if option.iterations < fewest:
         yield f"option iterations {option.iterations} of solver {word_of(mujoco.mjtSolver(option.solver), 'mjSOL_')}"
+    if option.ccd_iterations < _FEWEST_CCD_ITERATIONS:
+        yield f"option ccd_iterations {option.ccd_iterations}"
     for name in ("tolerance", "ccd_tolerance"):
         if getattr(option, name) > _MOST_TOLERANCE:
             yield f"option {name} {getattr(option, name):g}"
@@ -274,14 +284,14 @@ def _soft_contacts(robot: _Robot) -> Iterator[str]:
 def _soft(label: str, given: Any) -> Iterator[str]:  # noqa: ANN401 - a geom of a specification, of a model, or a pair
     first, second = (float(each) for each in given.solref[:2])
     _, most, width_m, *_ = (float(each) for each in given.solimp)
-    margin_m = float(np.ravel(given.margin)[0])
     timed = first > 0 and second > 0
     if (timed and first * second > _SOFTEST_S) or (not timed and (-first < _SOFTEST_STIFFNESS or second > 0)):
         yield f"{label}: solref {_numbers((first, second))}"
     if most < _WEAKEST or width_m > _WIDEST_M:
         yield f"{label}: solimp {_numbers(given.solimp)}"
-    if margin_m < 0:
-        yield f"{label}: margin {margin_m:g}"
+    for name in ("margin", "gap"):
+        if (value_m := float(np.ravel(getattr(given, name))[0])) < 0:
+            yield f"{label}: {name} {value_m:g}"
 
 
 def _left_out(robot: _Robot) -> Iterator[str]:
@@ -405,16 +415,23 @@ RULES: tuple[Rule, ...] = (
         _floats,
     ),
     Rule(
-        "`iterations` below 1 (Newton) or 10 (CG, PGS), a `tolerance` or `ccd_tolerance` above 1e-3",
-        "leave MuJoCo's own numbers: 100 iterations, a tolerance of 1e-8",
-        "the solver would end before a wall has stopped it",
+        "`iterations` below 1 (Newton) or 10 (CG, PGS), `ccd_iterations` below 10, "
+        "`tolerance` or `ccd_tolerance` above 1e-3",
+        "leave MuJoCo's own numbers: 100 iterations, 35 of ccd, tolerances of 1e-8 and 1e-6",
+        "the solver would end before a wall is found, or has stopped it",
         _solver,
+    ),
+    Rule(
+        "a robot lighter than 0.05 kg",
+        "give its geoms their masses, or its bodies",
+        "its motors would throw it through a wall in one step",
+        _weight,
     ),
     Rule("`size memory` below 1M", "leave it out", "where memory ends, contacts are dropped", _memory),
     Rule(
         "of a geom that collides, the default, the floor or a pair: `solref` softer than 0.1 s or a stiffness of 100, "
-        "`solimp` wider than 0.05 m or below 0.01, `margin` below 0",
-        "leave MuJoCo's own numbers, or harder ones: solref 0.02 1, solimp 0.9 0.95 0.001, margin 0",
+        "`solimp` wider than 0.05 m or below 0.01, `margin` or `gap` below 0",
+        "leave MuJoCo's own numbers, or harder ones: solref 0.02 1, solimp 0.9 0.95 0.001, margin 0, gap 0",
         "a wall, or the floor, would give way",
         _soft_contacts,
     ),

@@ -20,6 +20,7 @@ from tasks.simulate.application.robot_model import (
     add_obstacle,
     base_of,
     collision_bits,
+    compile_robot,
     geom_label,
     hull_of,
     joint_label,
@@ -314,7 +315,7 @@ def planar_robot(path: Path) -> PlanarRobot:
         RobotRefused: The engine cannot represent it; names every culprit, and the remedy.
     """
     spec = read_robot_mjcf(path)
-    host = spec.compile()
+    host = compile_robot(spec)
     refuse_what_is_not_planar(host)
     geoms = colliding_geoms(host)
     data = _pressed(spec, host, geoms)
@@ -350,7 +351,7 @@ def _pressed(spec: mujoco.MjSpec, host: mujoco.MjModel, geoms: list[int]) -> muj
         reach_m = host.geom_size[geom][0] * (1 - _PROBE_DEPTH) + _PROBE_HALF_M
         added.pos = at_rest.geom_xpos[geom] + [reach_m, 0.0, 0.0]
         added.size = [_PROBE_HALF_M] * 3
-    data = mujoco.MjData(pressed.compile())
+    data = mujoco.MjData(compile_robot(pressed))
     mujoco.mj_forward(data.model, data)
     return data
 
