@@ -324,6 +324,16 @@ def _tethers(robot: _Robot) -> Iterator[str]:
             yield f"tendon {model.tendon(number).name or number + 1}"
 
 
+def _elsewhere(robot: _Robot) -> Iterator[str]:
+    """Yields what makes the base's coordinates another place than the base's."""
+    model = robot.model
+    for joint in () if robot.base.free else range(len(PLANAR_JOINTS)):
+        if model.qpos0[joint]:
+            yield f"{joint_label(model, joint)}: ref {model.qpos0[joint]:g}"
+        if PLANAR_JOINTS[joint][0] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_pos[joint][:2].any():
+            yield f"{joint_label(model, joint)}: pos {_numbers(model.jnt_pos[joint])}"
+
+
 def _ties_to_world(robot: _Robot, number: int, own: set[int]) -> bool:
     model, kind = robot.model, mujoco.mjtEq(robot.model.eq_type[number])
     ends = [int(model.eq_obj1id[number]), int(model.eq_obj2id[number])]
@@ -446,6 +456,12 @@ RULES: tuple[Rule, ...] = (
         "remove it",
         "what holds the base back keeps it away from walls, and only they may stop it",
         _tethers,
+    ),
+    Rule(
+        "`ref` of a planar base's three joints, `pos` of the hinge",
+        "remove it: the base hangs at 0, and turns about its origin; move geoms and sites instead",
+        "it would be elsewhere than where it is judged to be",
+        _elsewhere,
     ),
     Rule(
         "a hull that begins more than 0.3 m above the floor, or ends below 0.03 m",

@@ -17,7 +17,7 @@ from tests.repository import ROOT
 PLANAR = """<mujoco>{top}<option {option}>{flags}</option><default><geom {default}/></default><worldbody>{world}
 <body name="base" pos="0 0 0.2">
 <joint name="x" type="slide" axis="1 0 0" {x}/><joint name="y" type="slide" axis="0 1 0"/>
-<joint name="yaw" type="hinge" axis="0 0 1"/><geom name="hull" type="sphere" size="0.18" mass="2" {hull}/>{inside}
+<joint name="yaw" type="hinge" axis="0 0 1" {yaw}/><geom name="hull" type="sphere" size="0.18" mass="2" {hull}/>{inside}
 <site name="drive"/></body></worldbody>{more}
 <actuator><velocity site="drive" gear="1 0 0 0 0 0" kv="40"/></actuator></mujoco>"""
 FREE = """<mujoco>{top}<option {option}>{flags}</option><worldbody>
@@ -26,7 +26,7 @@ FREE = """<mujoco>{top}<option {option}>{flags}</option><worldbody>
 <body name="arm" gravcomp="{arm}"><joint name="a"/><geom size="0.02" mass="1"/></body></body></worldbody>{more}
 <actuator><motor joint="a"/></actuator></mujoco>"""
 _BLANKS = dict.fromkeys(
-    ("top", "option", "flags", "default", "world", "x", "hull", "inside", "more", "floor", "base"), ""
+    ("top", "option", "flags", "default", "world", "x", "yaw", "hull", "inside", "more", "floor", "base"), ""
 )
 
 
@@ -77,6 +77,8 @@ def _flag(name: str, value: str = "disable") -> dict[str, str]:
         ({"default": 'margin="-1"', "hull": 'margin="0"'}, "default geom: margin -1"),
         ({"more": '<contact><exclude body1="base" body2="world"/></contact>'}, "contact exclude of body 'base'"),
         ({"x": 'range="-0.5 0.5" limited="true"'}, "joint 'x': range -0.5 0.5"),
+        ({"x": 'ref="1"'}, "joint 'x': ref 1"),
+        ({"yaw": 'pos="0.1 0 0"'}, "joint 'yaw': pos 0.1 0 0"),
         ({"x": 'stiffness="9"'}, "joint 'x': stiffness 9"),
         ({"more": '<equality><weld name="w" body1="base"/></equality>'}, r"equality w \(weld\)"),
         ({"more": '<equality><joint joint1="x"/></equality>'}, r"equality 1 \(joint\)"),

@@ -214,6 +214,7 @@ class Stepper:
         pose, velocity = pose_of(base, qpos, np), velocity_of(base, qpos, qvel, np)
         return HostBody(_single(pose), _single(velocity), _single(self._states[:, self._act]), joints)
 
+    @np.errstate(over="ignore", invalid="ignore")  # a state that blows up is a row
     def drive(
         self, controls: Float[np.ndarray, "lanes actuators"], moving: Bool[np.ndarray, "lanes"]
     ) -> tuple[HostBody, HostWork]:

@@ -238,11 +238,6 @@ def _joints(model: mujoco.MjModel) -> Iterator[str]:
         dof = model.jnt_dofadr[joint]
         if model.dof_dampingpoly[dof].any():
             yield f"{name}: damping is not linear: give one number"
-        if model.qpos0[joint]:
-            yield f"{name}: ref {model.qpos0[joint]:g}: the base hangs at 0: remove it"
-    if np.any(model.jnt_pos[model.njnt - 1][:2]):
-        name, place = joint_label(model, model.njnt - 1), model.jnt_pos[model.njnt - 1]
-        yield f"{name}: pos {place.tolist()}: it turns about the base's origin: move geoms and sites instead"
 
 
 def _hull(model: mujoco.MjModel) -> Iterator[str]:
