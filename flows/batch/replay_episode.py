@@ -83,7 +83,7 @@ def replay_job(store: Store, text: str) -> JobReplay:
             *_in_recording(batch, location, recorded, again),
         ),
         causes=(*_tables_changed(batch, record, location), *_causes(record, recorded, again)),
-        playback=playback(batch.id, again),
+        playback=playback(batch.id, again, folders[again.request.robot.digest]),
         robot=folders[again.request.robot.digest],
         traffic=again.driven.traffic,
     )
@@ -94,8 +94,16 @@ def bundles(batch: OpenBatch) -> dict[str, Path]:
     return {digest: unpack(batch.store, digest, cache_folder() / "bundles") for digest in batch.plan.digests()}
 
 
-def playback(batch_id: str, again: Replay) -> Playback | None:
-    """Returns what the robot did in a replay; None for an episode that could not start."""
+def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
+    """Returns what the robot did in a replay; None for an episode that could not start.
+
+    Args:
+        batch_id: The batch.
+        again: The replay.
+        robot: The folder of the robot's bundle.
+    """
+    from tasks.simulate.geometry.hull_outline import robot_shape  # noqa: PLC0415 - it loads MuJoCo
+
     row, setting, steps = again.driven.row, again.driven.setting, again.driven.steps
     if setting is None or steps is None:
         return None
@@ -115,6 +123,7 @@ def playback(batch_id: str, again: Replay) -> Playback | None:
         control=steps["control"],
         ranges_m=steps["ranges_m"],
         impulse_ns=steps["impulse_ns"],
+        shape=robot_shape(robot / "robot.xml"),
     )
 
 
@@ -243,7 +252,7 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
     from tasks.results.playback.replay_video import frames, with_caption, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
-    scene = FilmScene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m)
+    scene = FilmScene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m, shape=playback.shape)
     with open_film(scene, *_SIZE) as shoot:
         if shoot is None:
             write_video(path, frames(world, playback), _FROM_ABOVE_HZ)

@@ -2,9 +2,24 @@
 
 import numpy as np
 
+from specs.data.robot_shape import RobotPart
 from tasks.results.playback.playback import Playback, Sight
 
 SAMPLES, RAYS = 21, 4
+_SQUARE_M = ((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1))
+WHEEL, DECK = (
+    RobotPart(
+        kind="box",
+        size=(half_m, half_m, 0.05),
+        position_m=(0.0, 0.0, top_m - 0.05),
+        turn=(1.0, 0.0, 0.0, 0.0),
+        color=color,
+        outline_m=tuple((x * half_m / 0.1, y * half_m / 0.1) for x, y in _SQUARE_M),
+        top_m=top_m,
+    )
+    for half_m, top_m, color in ((0.1, 0.1, (0.1, 0.1, 0.1, 1.0)), (0.2, 0.3, (0.2, 0.4, 0.8, 1.0)))
+)
+"""A small dark part, and a large blue one above it."""
 
 
 def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:

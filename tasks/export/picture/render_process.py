@@ -358,13 +358,21 @@ class _FilmStage:
 
 
 def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
-    """Returns the world cut open, with a robot that stands where it is put: its hull, and a bar that points ahead."""
+    """Returns the world cut open, with a robot that stands where it is put, and a bar above it that points ahead."""
     spec = world_spec(cut_open(scene.world, CUT_M))
     body = spec.worldbody.add_body(name="filmed-robot", mocap=True)
     half, middle = (scene.high_m - scene.low_m) / 2, (scene.high_m + scene.low_m) / 2
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], pos=[0.0, 0.0, middle], rgba=_HULL
-    )
+    if not scene.shape:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], pos=[0.0, 0.0, middle], rgba=_HULL
+        )
+    for number, part in enumerate(scene.shape):
+        geom = body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{part.kind.upper()}"), rgba=part.color)
+        geom.pos, geom.quat, geom.size = part.position_m, part.turn, part.size
+        if part.vertices_m:
+            mesh = spec.add_mesh(name=f"filmed-robot/{number}")
+            mesh.uservert = np.ravel(part.vertices_m)
+            geom.meshname = mesh.name
     reach = scene.radius_m / 2
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,

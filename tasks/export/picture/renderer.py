@@ -18,6 +18,7 @@ from jaxtyping import UInt8
 from pydantic import TypeAdapter
 
 from specs.base import Spec
+from specs.data.robot_shape import RobotPart
 from specs.data.world import World
 from specs.errors import SimyardError
 from tasks.export.drawing.building_plan import area_m2
@@ -170,17 +171,19 @@ _FILM_SAMPLES = 24
 
 
 class FilmScene(Spec):
-    """A world and the hull of a robot in it.
+    """A world and a robot in it.
 
     Attributes:
         radius_m: Of the hull.
         low_m, high_m: Where it begins and ends above the floor.
+        shape: What the robot looks like; without any part its hull is shown as a cylinder.
     """
 
     world: World
     radius_m: float
     low_m: float
     high_m: float
+    shape: tuple[RobotPart, ...] = ()
 
 
 @contextmanager

@@ -104,6 +104,8 @@ _STYLE = """
 .replay .driven{fill:none;stroke:#b06000;stroke-width:3;stroke-linecap:round;stroke-linejoin:round}
 .replay .scan{fill:#1769d2;fill-opacity:.14;stroke:#1769d2;stroke-opacity:.5;stroke-width:.8}
 .replay .robot circle{fill:#f9ab00;stroke:#202124;stroke-width:1.4}
+.replay .robot polygon{fill-opacity:.8;stroke:#202124;stroke-width:1}
+.replay .robot .edges polygon{fill:none;stroke-opacity:.6}
 .replay .robot path{fill:none;stroke:#202124;stroke-width:2.2;stroke-linecap:round;stroke-linejoin:round}
 .replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
 .replay .reached{fill:#188038;fill-opacity:.45;stroke:none}
@@ -236,9 +238,23 @@ class _Film:
         group = ET.SubElement(parent, "g", {"class": "robot", "transform": f"translate({place})"})
         turned = ET.SubElement(group, "g", {"transform": f"rotate({turn})"})
         radius = self._playback.radius_m * self._page.units_per_m
-        ET.SubElement(turned, "circle", {"r": f"{radius:.1f}"})
+        if self._playback.shape:
+            self._parts(turned)
+        else:
+            ET.SubElement(turned, "circle", {"r": f"{radius:.1f}"})
         ET.SubElement(turned, "path", {"d": f"M0 0H{radius:.1f}m-5 -4l5 4l-5 4"})
         return group
+
+    def _parts(self, turned: ET.Element) -> None:
+        """Adds the robot's parts, the lowest first, then all of their edges: one inside another is seen as well."""
+        scale = self._page.units_per_m
+        edges = ET.Element("g", {"class": "edges"})
+        for part in self._playback.shape:
+            points = _line([(x * scale, -y * scale) for x, y in part.outline_m])
+            red, green, blue = (round(255 * channel) for channel in part.color[:3])
+            ET.SubElement(turned, "polygon", {"points": points, "fill": f"rgb({red},{green},{blue})"})
+            ET.SubElement(edges, "polygon", {"points": points})
+        turned.append(edges)
 
     def _clock(self, moving: ET.Element) -> None:
         """Adds a bar that fills up, and a text for each second that is shown while it lasts."""

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from specs.base import Spec
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.robot_shape import RobotPart
 from tasks.results.tables.episode_tables import failures_table, results_table
 
 
@@ -51,6 +52,7 @@ class Playback:
         goal_index: How many goals were reached.
         acted: Whether a scan was seen and a control decided: not where the episode ended.
         impulse_ns: What contacts pushed the robot with until the next sample.
+        shape: What the robot looks like, the lowest part first; without any it is drawn as a disc.
     """
 
     job: str
@@ -68,6 +70,7 @@ class Playback:
     control: Float[np.ndarray, "samples actuators"]
     ranges_m: Float[np.ndarray, "samples rays"]
     impulse_ns: Float[np.ndarray, "samples"]
+    shape: tuple[RobotPart, ...] = ()
 
     @property
     def duration_s(self) -> float:

@@ -82,11 +82,26 @@ class _Stage:
         for touch in self._touches[self._touches <= sample]:
             self._disc(draw, playback.pose[touch, :2], playback.radius_m + 0.06, outline=_TOUCH)
         x, y, yaw = (float(each) for each in playback.pose[sample])
-        self._disc(draw, (x, y), playback.radius_m, outline=_INK, fill=_ROBOT)
+        if playback.shape:
+            self._robot(draw, x, y, yaw)
+        else:
+            self._disc(draw, (x, y), playback.radius_m, outline=_INK, fill=_ROBOT)
         tip = (x + playback.radius_m * math.cos(yaw), y + playback.radius_m * math.sin(yaw))
         draw.line([self._at((x, y)), self._at(tip)], fill=_INK, width=3)
         _caption(draw, playback, sample)
         return np.asarray(image)
+
+    def _robot(self, draw: ImageDraw.ImageDraw, x: float, y: float, yaw: float) -> None:
+        """Draws the robot's parts, the lowest first, then all of their edges: one inside another is seen as well."""
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        outlines = [
+            [self._at((x + cos * u - sin * v, y + sin * u + cos * v)) for u, v in part.outline_m]
+            for part in self._playback.shape
+        ]
+        for part, outline in zip(self._playback.shape, outlines, strict=True):
+            draw.polygon(outline, _bytes(part.color[:3]))
+        for outline in outlines:
+            draw.polygon(outline, outline=_INK)
 
     def _with_scan(self, sample: int) -> Image.Image:
         if not self._playback.acted[sample] or self._playback.ranges_m.shape[1] < 3:

@@ -1,16 +1,20 @@
 """The parts of a robot's hull as they are seen from above: convex outlines, each in its band of heights."""
 
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
 
 import mujoco
 import numpy as np
 from jaxtyping import Float64
 
-from tasks.simulate.application.robot_model import base_of, rest_position
+from specs.data.robot_shape import PartKind, RobotPart
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import base_of, compile_robot, rest_position, resting
 
 # An outline has at most so many corners; of a rounder one, the points farthest out in as many directions are taken.
 _MOST_CORNERS = 32
 _RIM_POINTS = 64
+_ROUND_RAD = 2 * np.pi * np.arange(32) / 32
 _ROD = 2  # as many corners as an outline without an inside has at most
 # Corners nearer than this to the line between their neighbours, and ends nearer to each other, are none.
 _SPECK_M = 1e-6
@@ -57,6 +61,48 @@ def hull_parts(model: mujoco.MjModel) -> tuple[HullPart, ...]:
         if not any(_encloses(other, part) for other in kept):
             kept.append(part)
     return tuple(kept)
+
+
+def robot_shape(path: Path) -> tuple[RobotPart, ...]:
+    """Returns what a robot looks like as it stands at the start: each geom that is seen, the lowest first.
+
+    Raises:
+        RobotRefused: No engine takes the robot.
+    """
+    model = compile_robot(read_robot_mjcf(path))
+    data, base = resting(model), base_of(model)
+    seen = (model.geom_rgba[:, 3] > 0) & (model.body_weldid[model.geom_bodyid] != 0)
+    kinds = {getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}"): kind for kind in get_args(PartKind)}
+    parts = [
+        _seen_part(data, geom, kinds[mujoco.mjtGeom(model.geom_type[geom])], data.xpos[base.body][:2])
+        for geom in np.flatnonzero(seen).tolist()
+        if mujoco.mjtGeom(model.geom_type[geom]) in kinds
+    ]
+    return tuple(sorted(parts, key=lambda part: part.top_m))
+
+
+def _seen_part(data: mujoco.MjData, geom: int, kind: PartKind, origin: Float64[np.ndarray, "2"]) -> RobotPart:
+    model, turn, turned = data.model, data.geom_xmat[geom].reshape(3, 3), np.empty(4)
+    mujoco.mju_mat2Quat(turned, data.geom_xmat[geom])
+    points, radius_m = _core(model, geom, turn)
+    place = data.geom_xpos[geom] - [*origin, 0.0]
+    seen = place + points @ turn.T
+    round_it = radius_m * np.stack([np.cos(_ROUND_RAD), np.sin(_ROUND_RAD)], axis=1) if radius_m else np.zeros((1, 2))
+    outline = _convex((seen[:, None, :2] + round_it).reshape(-1, 2))
+    return RobotPart(
+        kind=kind,
+        size=_numbers(model.geom_size[geom]),
+        position_m=_numbers(place),
+        turn=_numbers(turned),
+        color=_numbers(model.geom_rgba[geom]),
+        outline_m=tuple(_numbers(corner) for corner in outline),
+        top_m=float(seen[:, 2].max() + radius_m),
+        vertices_m=tuple(_numbers(point) for point in points) if kind == "mesh" else (),
+    )
+
+
+def _numbers(values: np.ndarray) -> Any:  # noqa: ANN401 - a tuple of as many as the record has
+    return tuple(float(value) for value in values)
 
 
 def inner_distance_m(corners: Corners, points: Points) -> Float64[np.ndarray, "points"]:

@@ -22,6 +22,7 @@ from tasks.export.picture.renderer import (
     render_sheet_png,
 )
 from tests.export.png_reader import decoded
+from tests.factories.playbacks import DECK, WHEEL
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
@@ -169,6 +170,18 @@ def test_what_stands_still_is_rendered_as_any_picture_of_the_world(shoot: Shoot)
 def test_it_points_ahead(shoot: Shoot):
     assert (shoot(0.0, 0.5, 0.0) != shoot(0.0, 0.5, np.pi / 2)).any()
     np.testing.assert_array_equal(shoot(0.0, 0.5, 0.0), shoot(0.0, 0.5, 0.0))
+
+
+@pytest.mark.long
+def test_it_is_filmed_as_its_parts():
+    shaped = SCENE.model_copy(update={"shape": (WHEEL, DECK)})
+    with open_film(shaped, FILM_WIDTH, FILM_HEIGHT, samples=2) as found:
+        if found is None:
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
+        red, _, blue = (found(1.0, 0.5, 0.0)[:, :, channel].astype(int) for channel in range(3))
+        gone = found(1.0, 0.5, 0.0)
+    assert (blue > red + 60).sum() > 20
+    assert len(robot(gone)) == 0, "no orange hull"
 
 
 @pytest.mark.long

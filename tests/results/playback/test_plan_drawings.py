@@ -1,5 +1,6 @@
 """Drawings on the plan of a world: an episode as an animation, and the paths of failures."""
 
+from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import failure_map_svg, plan_page, replay_svg
 from tests.factories.episodes import collided, passed
-from tests.factories.playbacks import playback
+from tests.factories.playbacks import DECK, WHEEL, playback
 from tests.factories.worlds import apartment
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -45,6 +46,18 @@ def test_beyond_half_a_turn_it_turns_on_and_not_back(root: ET.Element):
     (turn,) = _moves(robot[0])
     turns = np.array([float(each) for each in turn.get("values", "").split(";")])
     assert np.abs(np.diff(turns)).max() < 4.0
+
+
+def test_the_robot_is_drawn_as_its_parts_and_without_any_as_a_disc(root: ET.Element):
+    (disc,) = _of(_of(root, "moving"), "robot").iter(f"{SVG}circle")
+    assert float(disc.get("r", "")) == pytest.approx(0.2 * PAGE.units_per_m, abs=0.06)
+    shaped = ET.fromstring(replay_svg(PLAN, replace(playback(), shape=(WHEEL, DECK)), WORLD.footprint))  # noqa: S314 - our own
+    robot = _of(_of(shaped, "moving"), "robot")
+    parts = list(robot.iter(f"{SVG}polygon"))
+    assert [each.get("fill") for each in parts] == ["rgb(26,26,26)", "rgb(51,102,204)", None, None]
+    # What lies below another part is seen by its edge.
+    assert parts[2].get("points") == parts[0].get("points")
+    assert not list(robot.iter(f"{SVG}circle"))
 
 
 def test_every_animation_has_a_time_for_each_value_that_never_falls(root: ET.Element):

@@ -1,12 +1,13 @@
 """The film: a picture a control step, played in simulated time."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
 import numpy as np
 
 from tasks.results.playback.replay_video import frames, write_video
-from tests.factories.playbacks import SAMPLES, playback
+from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
@@ -32,6 +33,15 @@ def test_the_robot_moves_through_the_pictures():
     columns = [np.argwhere((each == ROBOT).all(axis=2))[:, 1].mean() for each in pictures]
     assert len(columns) == 3
     assert columns[0] + 20 < columns[1] < columns[2] - 20
+
+
+def test_the_robot_is_filmed_from_above_as_its_parts():
+    shaped = replace(playback(), shape=(WHEEL, DECK))
+    first, plain = next(frames(WORLD, shaped)), next(frames(WORLD, playback()))
+    blue = (first == (51, 102, 204)).all(axis=2)
+    assert blue.sum() > 1000
+    assert not (first == ROBOT).all(axis=2).any()
+    assert (plain == ROBOT).all(axis=2).any()
 
 
 def test_sides_are_even_whatever_the_world():
