@@ -12,6 +12,7 @@ from prefect import flow
 from prefect.deployments import arun_deployment
 
 from flows.prefect.flows import world_generation
+from simyard.flow import result_of
 from specs.pipeline.world_sections import WorldGeneration
 
 EXAMPLES = Path(__file__).resolve().parents[1]
@@ -26,7 +27,7 @@ async def worlds_beside_each_other() -> list[str]:
         asyncio.to_thread(world_generation, section, base=str(EXAMPLES)),
         arun_deployment("world-generation/on-demand", parameters={"spec": {**WORLDS, "seed": 8}, "base": "examples"}),
     )
-    there = await run.state.aresult()
+    there = await asyncio.to_thread(result_of, run.state)
     print(here.arn, there.arn, sep="\n")
     return [here.arn, there.arn]
 

@@ -6,6 +6,8 @@ python examples/prefect/deployment_runs.py          (after `prefect deploy --all
 from prefect import flow
 from prefect.deployments import run_deployment
 
+from simyard.flow import result_of
+
 DEPLOYMENT = "world-generation/on-demand"
 WORLDS = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 6}
 
@@ -16,7 +18,7 @@ def worlds_by_deployment() -> list[str]:
     parameters = {"spec": WORLDS, "base": "examples"}
     nested = run_deployment(DEPLOYMENT, parameters=parameters)
     alone = run_deployment(DEPLOYMENT, parameters=parameters, as_subflow=False)
-    arns = [run.state.result().arn for run in (nested, alone)]
+    arns = [result_of(run.state).arn for run in (nested, alone)]
     print(*arns, sep="\n")
     return arns
 

@@ -6,34 +6,43 @@ text. Simyard's exceptions have more than a text: the code of a stage, the fault
 this module writes what an exception was made of.
 """
 
+import json
 import logging
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
+from pathlib import Path
 from typing import Annotated, Any, TypeVar, cast
 
 from prefect import flow_engine, settings
+from prefect._internal.result_records import ResultRecordMetadata
 from prefect.client.schemas.objects import State
 from prefect.context import FlowRunContext, TaskRunContext
 from prefect.exceptions import CancelledRun
+from prefect.filesystems import LocalFileSystem
 from prefect.logging.configuration import ensure_logging_setup
 from prefect.logging.handlers import PrefectConsoleHandler
+from prefect.results import get_default_result_storage, resolve_result_storage
 from prefect.serializers import JSONSerializer, prefect_json_object_encoder
 from prefect.states import Completed
-from pydantic import AfterValidator, JsonValue
+from prefect.utilities.importtools import to_qualified_name
+from pydantic import AfterValidator, JsonValue, TypeAdapter
 
 from flows.pipeline.stage_report import job_summary
 from flows.resources.abandoned_jobs import ReapedJob
 from specs.base import Fault, Spec
 from specs.data.run_report import PipelineReport
-from specs.errors import DocumentError, PipelineNotPassed, SimyardError, StageFailed
+from specs.errors import DocumentError, ObjectCorrupt, PipelineNotPassed, SimyardError, StageFailed
 from tasks.storage.jobs.records import JobRecord
 
 # Prefect 3.8 takes whatever has "data" for a record of its older format, and would give the data alone, as a dictionary
 # (docs/reference/prefect.md, section 8). No record has such metadata; the decoder does not look at them.
 _NO_RECORD: dict[str, JsonValue] = {"metadata": None}
+
+
+T = TypeVar("T")
 
 
 class FailureParts(Spec):
@@ -101,12 +110,75 @@ Failure = Annotated[FailureParts, AfterValidator(_failure)]
 """What Prefect's decoder makes an exception of."""
 
 
+_READ: Mapping[str, TypeAdapter[Any]] = {
+    f"{__name__}.Failure": TypeAdapter(Failure),
+    **{to_qualified_name(kind): TypeAdapter(kind) for kind in (JobRecord, PipelineReport, ReapedJob)},
+}
+"""All that a flow of Simyard's returns or raises, by the name that stands in a stored result."""
+
+
+# Prefect's own state.result() reads a stored result as that result itself says: by pickle, by any function that can be
+# imported, or with a class that is called. Whoever can write to the storage of results runs code by that.
+def result_of(state: State[T]) -> T:
+    """Returns what a flow run of Simyard's came to, read as Simyard writes it and in no other way.
+
+    Args:
+        state: Of the flow run, such as a client of Prefect's server reads it.
+
+    Raises:
+        SimyardError: What the run failed with.
+        ObjectCorrupt: What is stored is nothing that a flow of Simyard's returns or raises.
+    """
+    told = state.data
+    if not isinstance(told, ResultRecordMetadata):
+        return state.result()  # it is here, or there is none: nothing is read
+    key = told.storage_key or ""
+    if told.storage_block_id is not None:
+        storage = _at_once(resolve_result_storage, told.storage_block_id)
+    elif Path(key).is_absolute():
+        storage = LocalFileSystem(basepath=str(Path(key).parent))
+    else:
+        storage = _at_once(get_default_result_storage)
+    found = _read_result(_at_once(storage.read_path, key), key)
+    if isinstance(found, Exception):
+        raise found
+    return cast("T", found)
+
+
+def _at_once(call: Callable[..., Any], *given: object) -> Any:  # noqa: ANN401 - whatever Prefect returns
+    """Returns what a function of Prefect's returns; in a thread of an async flow it would return a coroutine."""
+    return call(*given, _sync=True)
+
+
+def _read_result(body: bytes, key: str) -> object:
+    try:
+        found = json.loads(body, object_hook=_read_object)
+    except (ValueError, LookupError, TypeError, RecursionError) as exc:
+        raise ObjectCorrupt(
+            f"the result {key} was not written by this version of Simyard: {type(exc).__name__}"
+        ) from exc
+    listed = cast("list[object]", found) if isinstance(found, list) else [found]
+    if not all(isinstance(each, JobRecord | PipelineReport | ReapedJob | Exception) for each in listed):
+        raise ObjectCorrupt(f"the result {key} is nothing that a flow of Simyard's returns")
+    return found
+
+
+def _read_object(given: dict[str, Any]) -> object:
+    """Returns what a dictionary of a stored result stands for; nothing that it names is looked up."""
+    if known := _READ.get(str(given.get("__class__"))):
+        return known.validate_python(given["data"])
+    if "__exc_type__" in given:
+        name = str(given["__exc_type__"]).rpartition(".")[2]
+        kind = {each.__name__: each for each in (ValueError, TypeError, KeyError, OSError, RuntimeError)}.get(name)
+        return kind(given["message"]) if kind else SimyardError(f"{name}: {given['message']}")
+    return given
+
+
 def result_serializer() -> JSONSerializer:
     """Returns how Prefect shall write the results of a flow."""
     return JSONSerializer(object_encoder=f"{__name__}.{encode_result.__name__}")
 
 
-T = TypeVar("T")
 _SUCCESS = frozenset({"Completed", "Succeeded"})
 
 

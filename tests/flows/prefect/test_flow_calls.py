@@ -1,6 +1,12 @@
 """What a flow run's state says of the work, in one line, and that the work itself is the flow's result."""
 
+import base64
 import json
+import pickle
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from threading import Event, Thread
 from types import SimpleNamespace
 from typing import cast
@@ -8,23 +14,32 @@ from typing import cast
 import pytest
 from prefect import flow_engine
 from prefect._internal.result_records import ResultRecord, ResultRecordMetadata
-from prefect.client.schemas.objects import State
+from prefect.client.schemas.objects import State, StateType
 from prefect.logging import get_logger
 from prefect.serializers import JSONSerializer
 from prefect.states import Cancelled
-from pydantic import JsonValue
+from pydantic import JsonValue, ValidationError
 
 from flows.prefect.flow_calls import (
     completed_job,
     completed_reaping,
     completed_run,
     leave_heartbeats,
+    result_of,
     result_serializer,
 )
 from flows.resources.abandoned_jobs import ReapedJob
 from specs.base import Fault
 from specs.data.run_report import PipelineReport, StageName, StageReport
-from specs.errors import DocumentError, PipelineNotPassed, ResourceNotFound, SimyardError, StageFailed, StoreUnreachable
+from specs.errors import (
+    DocumentError,
+    ObjectCorrupt,
+    PipelineNotPassed,
+    ResourceNotFound,
+    SimyardError,
+    StageFailed,
+    StoreUnreachable,
+)
 from specs.job_kinds import JobKind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
@@ -164,6 +179,68 @@ def test_an_exception_of_pythons_keeps_its_text():
 def test_without_simyard_a_record_is_a_dictionary_with_its_arn(file_store: Store):
     record = submit(file_store, "world-generation-job", {}, "tok")
     assert json.loads(result_serializer().dumps(record))["data"]["arn"] == record.arn
+
+
+def stored(tmp_path: Path, body: bytes) -> State[object]:
+    """Returns the state of a flow run whose result lies in a file, as a client of the server reads it."""
+    (tmp_path / "result").write_bytes(body)
+    told = ResultRecordMetadata(storage_key=str(tmp_path / "result"), serializer=result_serializer())
+    return State(type=StateType.COMPLETED, data=told)
+
+
+@pytest.mark.parametrize("value", [REPORT, [ReapedJob(arn="a", was="Running", status="Failed", meaning="m")], []])
+def test_a_result_that_a_flow_of_simyards_has_written_is_read(tmp_path: Path, value: object):
+    assert result_of(stored(tmp_path, result_serializer().dumps(value))) == value
+    assert result_of(state(completed_reaping([]))) == []
+
+
+@pytest.mark.parametrize("failure", [StageFailed("AccessDenied", "read-only", "arn:x"), ValueError("no such thing")])
+def test_what_a_flow_of_simyards_has_failed_with_is_raised(tmp_path: Path, failure: Exception):
+    with pytest.raises(type(failure), match=re.escape(str(failure))):
+        result_of(stored(tmp_path, result_serializer().dumps(failure)))
+
+
+class _Pickled:
+    def __init__(self, mark: Path) -> None:
+        self._mark = mark
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return Path.touch, (self._mark,)
+
+
+def _as_pickle(mark: Path) -> bytes:
+    pickled = base64.b64encode(pickle.dumps(_Pickled(mark))).decode()
+    return json.dumps({"metadata": {"serializer": {"type": "pickle"}}, "result": pickled}).encode()
+
+
+def _as_function(mark: Path) -> bytes:
+    return json.dumps({"__class__": "subprocess.call", "data": [["touch", str(mark)]], "metadata": None}).encode()
+
+
+def _as_part_of_a_report(mark: Path) -> bytes:
+    report = json.loads(result_serializer().dumps(REPORT))
+    report["data"]["stages"][0]["facts"] = json.loads(_as_function(mark))
+    return json.dumps(report).encode()
+
+
+@pytest.mark.parametrize("write", [_as_pickle, _as_function, _as_part_of_a_report])
+def test_a_result_that_a_stranger_has_written_calls_nothing(tmp_path: Path, write: Callable[[Path], bytes]):
+    mark = tmp_path / "called"
+    hostile = stored(tmp_path, write(mark))
+    with suppress(ObjectCorrupt):
+        result_of(hostile)
+    assert not mark.exists()
+    with suppress(ValidationError, TypeError):
+        hostile.result(retry_result_failure=False)
+    assert mark.exists(), "Prefect calls it no more: is result_of still needed?"
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"null", b"{}", b"3", b'"text"', b"[" * 100_000, b'{"__class__": "x", "data": 1}']
+)
+def test_what_no_flow_of_simyards_returns_is_refused(tmp_path: Path, body: bytes):
+    with pytest.raises(ObjectCorrupt, match="result"):
+        result_of(stored(tmp_path, body))
 
 
 @pytest.fixture

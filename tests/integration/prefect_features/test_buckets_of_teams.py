@@ -37,9 +37,10 @@ S3Bucket(bucket_name=bucket, bucket_folder=folder, credentials=credentials).save
 READ = """
 import sys
 from prefect.client.orchestration import get_client
+from simyard.flow import result_of
 state = get_client(sync_client=True).read_flow_run(sys.argv[1]).state
 print(state.message)
-print(state.result(retry_result_failure=False).arn)
+print(result_of(state).arn)
 """
 PARAMETERS = """
 import sys
