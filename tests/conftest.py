@@ -117,5 +117,6 @@ def pytest_unconfigure() -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> FileScheduling:
-    """Keeps each file in one process, and all files that share a Prefect server."""
+    """Keeps each file in one process, and all files that share a Prefect server; this process collects no tests."""
+    gc.enable()
     return FileScheduling(config, log)
