@@ -36,6 +36,8 @@ def trace_calls(folder: Path, root: str) -> None:
         while above:
             if above.f_code.co_filename.startswith(tops):
                 calls.append(f"{above.f_code.co_filename.removeprefix(f'{root}/')}:{above.f_code.co_qualname}")
+                if calls[-1].endswith("<module>") and above.f_globals.get("__name__") == "__main__":
+                    break  # the program's own module; what confined it before runs another's
             above = above.f_back
         # What runs while a module is imported leads nowhere; the program's own module is the outermost.
         if not any(call.endswith("<module>") for call in calls[:-1]) and not calls[0].endswith("<module>"):
