@@ -85,6 +85,16 @@ def test_an_engine_that_cannot_says_what_is_in_the_way_and_the_remedy(
         choose_engine(engine, robot(tmp_path, name), "jax", "cpu")
 
 
+# On commit 2fa7955b planar advised engine: auto, and the others drove it through walls.
+@pytest.mark.parametrize("engine", ["auto", "planar", "mjx", "mujoco"])
+def test_no_engine_takes_a_robot_without_contacts_or_advises_another(tmp_path: Path, engine: str):
+    path = robot(tmp_path, "ball")
+    path.write_text(path.read_text().replace("<option", '<option><flag contact="disable"/></option><option'))
+    with pytest.raises(RobotRefused, match="option flag contact disable") as refused:
+        choose_engine(engine, path, "jax", "cpu")
+    assert "engine: " not in str(refused.value)
+
+
 def test_why_names_what_stands_in_the_way_of_a_faster_engine(tmp_path: Path):
     chosen = {
         name: choose_engine("auto", robot(tmp_path, name), "jax", "cpu").why
