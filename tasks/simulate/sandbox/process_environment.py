@@ -81,6 +81,15 @@ PASSED: tuple[PassedVariable, ...] = (
         "default, platform, bfc or cuda_async",
     ),
     PassedVariable(
+        "OPENBLAS_CORETYPE",
+        "which processor this is, where OpenBLAS mistakes it",
+        r"[A-Za-z0-9_]*",
+        "a processor that OpenBLAS knows, such as Haswell",
+    ),
+    PassedVariable(
+        "OPENBLAS_L2_SIZE", "how large its cache is, where a virtual machine does not say", r"[0-9]*", "kilobytes"
+    ),
+    PassedVariable(
         "MUJOCO_GL",
         "what an application that renders draws with",
         r"(?i:disable|disabled|off|false|0|egl|osmesa|glfw|glx|)",
@@ -102,7 +111,7 @@ FIXED: Mapping[str, tuple[str, str]] = {
 
 # Set to nothing, these hide every device; any other variable is then as good as not set.
 _HIDES = "_VISIBLE_DEVICES"
-FAMILIES = ("JAX_", "XLA_", "TF_", "LIBTPU_", "OMP_", "MKL_", "OPENBLAS_", "NUMBA_", "NUMEXPR_", "NPY_", "MUJOCO_")
+FAMILIES = ("JAX_", "XLA_", "TF_XLA_", "LIBTPU_", "OMP_", "MKL_", "OPENBLAS_", "NUMBA_", "NUMEXPR_", "NPY_", "MUJOCO_")
 """Beginnings of the names of which a user should hear that they are not passed on: they decide numbers elsewhere."""
 
 
