@@ -20,6 +20,7 @@ from specs.data.world import World
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
 from tasks.export.drawing.floor_plan import floor_plan_svg
+from tasks.progress.listener import report_progress
 from tasks.results.playback.plan_drawings import failure_map_svg
 from tasks.simulate.batch.batch_record import OpenBatch, job_of
 from tasks.simulate.batch.chunk_run import load_worlds
@@ -178,6 +179,7 @@ class _Search:
         return keep_furniture(self.world, names, self._template)
 
     def simulated(self, trials: Sequence[Trial]) -> list[Ending]:
+        report_progress("Episodes", self.episodes, self._most + 1)
         self.episodes += len(trials)
         return simulate_trials(self.batch, self.request, trials, self._bundles, engine=self.engine)
 

@@ -16,7 +16,7 @@ from flows.batch.compare_batches import ComparedBatch, common_episodes, find_bat
 from flows.batch.replay_episode import JobReplay, replay_job, wanted_files, write_files
 from flows.batch.shrink import shrink_job, write_case
 from flows.cli.ci_report import store_option
-from flows.cli.terminal import NOT_PASSED, UNDECIDED, StoreUrl, TerminalConsole, echo, echo_json
+from flows.cli.terminal import NOT_PASSED, UNDECIDED, StoreUrl, TerminalConsole, echo, echo_json, waiting
 from specs.data.result_columns import REQUESTED
 from tasks.results.batch_comparison import (
     Comparison,
@@ -66,7 +66,8 @@ def replay(
 ) -> None:
     """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
     wanted = wanted_files(mcap=mcap, video=video, bags=bag or ())
-    again = replay_job(open_existing_store(store), job)
+    with waiting("the episode is simulated once more"):
+        again = replay_job(open_existing_store(store), job)
     show_replay(again, TerminalConsole())
     folder = output or Path(f"replay-{again.job.replace('/', '-')}")
     for path in write_files(again, folder, wanted):
@@ -103,9 +104,10 @@ def compare(
     if as_json and markdown:
         raise typer.BadParameter("one of --json and --markdown; a comment is no JSON document")
     quiet, opened = as_json or markdown, open_existing_store(store)
-    first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
-    pairs = common_episodes(first, second)
-    found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
+    with waiting("both batches are read and compared"):
+        first, second = find_batch(opened, batch_a), find_batch(opened, batch_b)
+        pairs = common_episodes(first, second)
+        found = comparison(first.name, second.name, pairs, margin=margin, confidence=confidence)
     if as_json:
         echo_json(found.model_dump_json(indent=2))
     elif markdown:
@@ -141,7 +143,8 @@ def shrink(
     store: StoreUrl = None,
 ) -> None:
     """Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case."""
-    found = shrink_job(open_existing_store(store), job, budget)
+    with waiting("smaller cases are simulated"):
+        found = shrink_job(open_existing_store(store), job, budget)
     before, after = found.world, found.small_world
     echo(f"{found.job}: {found.reason}, in {found.episodes} episodes:")
     echo(f"  failure    {found.likeness}")

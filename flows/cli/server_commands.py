@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json, show_rows
+from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json, show_rows, waiting
 from flows.gateway.serve import Listener, loopback_auth, signed_auth
 from flows.gateway.serve import serve as serve_store
 from flows.prefect.prefect_server import pages_url, prefect_home
@@ -50,7 +50,9 @@ PoolOption = Annotated[
 def up() -> None:
     """Start a Prefect server that stays; `simyard run` uses it, and `eval "$(simyard up)"` lets `prefect` use it."""
     home = prefect_home()
-    server, password = keep_server(home), shlex.quote(str(password_file(home)))
+    with waiting("a Prefect server starts; the first one makes its database"):
+        server = keep_server(home)
+    password = shlex.quote(str(password_file(home)))
     if server.notice:
         echo(server.notice, err=True)
     # A shell takes all of it: eval "$(simyard up)"

@@ -13,11 +13,12 @@ bad robot from a small batch.
 import atexit
 import logging
 import os
+import re
 import signal
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from select import select
@@ -36,6 +37,7 @@ from specs.base import Spec
 from specs.data.run_report import PipelineReport
 from specs.errors import NO_SOURCE, DocumentError, PipelineNotPassed, SimyardError
 from specs.untrusted_text import terminal_json, terminal_line, terminal_text, without_commands
+from tasks.progress.listener import waiting_for
 from tasks.storage.base.local_files import NO_ROOM, full_machine_message
 
 StoreUrl = Annotated[
@@ -92,6 +94,11 @@ def echo_commands(line: str) -> None:
 def echo_json(text: str) -> None:
     """Prints JSON to stdout; what steers a terminal or a runner is escaped, so that programs read the same."""
     _write(terminal_json(text).replace("##[", "\\u0023#["))
+
+
+def waiting(what: str) -> AbstractContextManager[None]:
+    """Says on stderr what the block waits for, if it takes long."""
+    return waiting_for(what, lambda line: echo(line, err=True))
 
 
 def go_on_unread() -> None:
@@ -221,6 +228,7 @@ def _cell(column: str, value: JsonValue) -> Text:
 
 
 NOT_PASSED, REFUSED, FAILED, UNDECIDED = 1, 2, 3, 4
+_VARIABLE = re.compile(r"\b[A-Z][A-Z0-9]*_[A-Z0-9_]+\b")
 _OF_SHELLS = frozenset({"PWD", "OLDPWD", "_"})
 _UNREAD = 128 + signal.SIGPIPE
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -322,6 +330,8 @@ def _accident(exc: BaseException) -> str:
         return "the folder that this command was called in is gone: cd to one that is there"
     if os.environ.get("SIMYARD_DEBUG") == "1":
         TerminalConsole(stderr=True).print_exception()
+    if named := [name for name in _VARIABLE.findall(str(exc)) if name in os.environ]:
+        return f"{' '.join(str(exc).split())}; look at the environment variable {named[0]}, which is set"
     if isinstance(exc, OSError) and (names := _variables_of(exc)):
         return f"{exc.filename}: {exc.strerror}; the environment variable {names[-1]} leads there"
     what = " ".join(f"{type(exc).__name__}: {exc}".split())

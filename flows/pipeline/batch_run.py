@@ -24,7 +24,7 @@ from specs.settings import Workers
 from tasks.applications.registry import BUNDLE_ERRORS
 from tasks.applications.step import unpack_application
 from tasks.deploy.step import robot_reserve
-from tasks.progress.listener import current_listener, listen_to_progress
+from tasks.progress.listener import current_listener, listen_to_progress, report_progress
 from tasks.simulate.batch.batch_record import GOING, KIND, OpenBatch, close_refused, complete, load_batch, time_out
 from tasks.simulate.batch.chunk_run import chunks_ahead, forget_chunks
 from tasks.simulate.batch.chunk_store import chunk_numbers, spent_s
@@ -102,6 +102,9 @@ def robots_in_reserve(spec: PipelineSpec, store: Store) -> Generator[Callable[[]
             yield begin
 
 
+_CLOSING = "Audit and tables"
+
+
 def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | None = None) -> JobRecord:
     """Returns the record of a batch that was opened, in its terminal state; one that was killed is continued.
 
@@ -127,7 +130,9 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
                 more, audit = _simulate_chunks(work, location, gate)
             watch.drove()
             with collect_timings() as audited:
+                report_progress(_CLOSING, 0, 1)
                 end = _close_batch(work, location, more, audit)
+                report_progress(_CLOSING, 1, 1)
         except (DocumentError, StageFailed) as exc:
             close_refused(work, exc)
             raise

@@ -5,7 +5,9 @@ The lanes behind an environment are made once, stepped and begun anew, with spac
 # ruff: noqa: PLC0415 - what runs lanes is imported once an environment is made: JAX reads its settings when imported
 
 import os
+import sys
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
@@ -14,6 +16,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from simyard.gym.task_options import TaskOptions, task_of, view_of
+from tasks.progress.listener import waiting_for
 
 if TYPE_CHECKING:
     from tasks.simulate.training.training_spaces import FieldBounds
@@ -58,7 +61,7 @@ class EnvironmentLanes:
         engine = options.get("engine", "auto")
         program = training_program(task_of(options), view_of(options), count, autoreset=autoreset, engine=engine)
         self.count, self._flat = count, bool(options.get("flatten", False))
-        self._lanes, self._begun = TrainingLanes(program, count), False
+        self._lanes, self._begun, self._called = TrainingLanes(program, count), False, set[str]()
         actions = program.actions
         self.control_names = actions.names
         self.action_space = spaces.Box(actions.least, actions.most, dtype=np.float32)
@@ -84,8 +87,9 @@ class EnvironmentLanes:
         negative = [seed for seed in seeds if seed is not None and seed < 0]
         if negative:
             raise error.Error(f"seed: {negative[0]}: must be at least 0")
-        self._begun = True
-        return self._shown(self._lanes.reset(marked, seeds))
+        with self._compiled("reset"):
+            self._begun = True
+            return self._shown(self._lanes.reset(marked, seeds))
 
     def step(self, actions: object) -> Step:
         """Drives all lanes a control step.
@@ -97,7 +101,9 @@ class EnvironmentLanes:
         self._require_own_process()
         if not self._begun:
             raise error.ResetNeeded("step before reset: call reset first")
-        result = self._lanes.step(self._checked(actions))
+        checked = self._checked(actions)
+        with self._compiled("step"):
+            result = self._lanes.step(checked)
         return Step(
             self._shown(result.observation), result.reward.astype(np.float64), result.terminated, result.truncated
         )
@@ -120,6 +126,13 @@ class EnvironmentLanes:
             "path_length_m": ends.path_length_m.astype(np.float64),
             "collisions": ends.collisions.astype(np.int64),
         }
+
+    def _compiled(self, call: str) -> AbstractContextManager[None]:
+        """Says on stderr that a program is compiled, at the first call of its kind, if that takes long."""
+        if call in self._called:
+            return nullcontext()
+        self._called.add(call)
+        return waiting_for(f"the first {call} compiles its program", lambda line: print(line, file=sys.stderr))  # noqa: T201 - a trainer has no other place
 
     def _checked(self, actions: object) -> np.ndarray:
         array = np.asarray(actions)

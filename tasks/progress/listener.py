@@ -8,13 +8,14 @@ from collections.abc import Callable, Generator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
-from threading import Thread
+from threading import Event, Thread
 from typing import TypeVar
 
 from specs import untrusted_text
 
 _name: ContextVar[str] = ContextVar("simyard_document", default="")
 _INTERVAL_S = 1.0
+_SAID_EVERY_S = 10.0
 R = TypeVar("R")
 S = TypeVar("S")
 # What is done beside has so long to end after an interrupt.
@@ -78,6 +79,38 @@ def current_listener() -> Listener:
 def report_progress(stage: str, done: int, total: int) -> None:
     """Tells the listener of this context how far a stage is."""
     _listener.get()(stage, done, total)
+
+
+@contextmanager
+def waiting_for(what: str, say: Callable[[str], None], first_s: float = 2.0) -> Generator[None, None, None]:
+    """Says what the block waits for, and how far that is where it tells, once it has taken long and then now and then.
+
+    Args:
+        what: What a person waits for.
+        say: Called in a thread of its own with a line.
+        first_s: After how many seconds it is said for the first time.
+    """
+    ended, begin_s, outer, far = Event(), time.monotonic(), current_listener(), ""
+
+    def hear(stage: str, done: int, total: int) -> None:
+        nonlocal far
+        far = f": {stage} {done:,}/{total:,}"
+        outer(stage, done, total)
+
+    def tell() -> None:
+        wait_s = first_s
+        while not ended.wait(wait_s):
+            say(f"{time.monotonic() - begin_s:6.1f} s  {what}{far}")
+            wait_s = _SAID_EVERY_S
+
+    teller = Thread(target=tell, name="simyard waiting", daemon=True)
+    teller.start()
+    try:
+        with listen_to_progress(hear):
+            yield
+    finally:
+        ended.set()
+        teller.join()
 
 
 def stage_progress(stage: str) -> Progress:

@@ -106,8 +106,12 @@ simulationBatch:
       simulationApplications: [{{application: delivery, launchConfig: {{packageName: delivery, launchFile: rooms}}}}]
 gate: {{successRate: {{atLeast: 0.01, confidence: 0.5}}}}
 """
-_SETTINGS = "from flows.cli.terminal import exit_with_code\nfrom flows.prefect.prefect_server import known_server, "
-_SETTINGS += "require_prefect_settings\nwith exit_with_code(), known_server():\n    require_prefect_settings()"
+_SETTINGS = """
+from flows.cli.terminal import exit_with_code
+from flows.prefect.prefect_server import known_server, require_prefect_settings
+with exit_with_code(), known_server():
+    require_prefect_settings()
+"""
 
 
 class Attempt(NamedTuple):

@@ -1,7 +1,7 @@
 """Whom a run tells of its progress, also from threads of its own."""
 
 from contextvars import ContextVar, copy_context
-from threading import Barrier
+from threading import Barrier, Event
 from time import sleep
 
 import pytest
@@ -14,6 +14,7 @@ from tasks.progress.listener import (
     document_name,
     listen_to_progress,
     report_progress,
+    waiting_for,
     work_for_document,
 )
 
@@ -99,3 +100,24 @@ def test_an_interrupt_does_not_wait_for_a_stage_that_goes_on(monkeypatch: pytest
     with pytest.raises(KeyboardInterrupt):
         at_a_time(held.wait, interrupted)
     held.abort()
+
+
+def test_who_waits_long_hears_for_what_and_how_far_that_is():
+    said, spoken, heard = list[str](), Event(), list[int]()
+
+    def say(line: str) -> None:
+        said.append(line)
+        spoken.set()
+
+    with listen_to_progress(lambda _stage, done, _total: heard.append(done)), waiting_for("a case", say, first_s=0.05):
+        report_progress("Episodes", 3, 512)
+        assert spoken.wait(10.0)
+    assert said[0].endswith("a case: Episodes 3/512")
+    assert heard == [3]
+
+
+def test_who_waits_shortly_hears_nothing():
+    said = list[str]()
+    with waiting_for("a case", said.append):
+        pass
+    assert said == []

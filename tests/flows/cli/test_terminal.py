@@ -115,6 +115,17 @@ def test_a_folder_that_is_gone_and_a_variable_that_leads_nowhere_are_named(
     assert "the folder that this command was called in is gone" in capsys.readouterr().err
 
 
+def test_a_variable_that_an_exception_names_is_to_blame_and_its_value_is_not_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setenv("JAXTYPING_DISABLE", "canary")
+    with pytest.raises(SystemExit), exit_with_code():
+        raise ValueError("Unrecognised value for `JAXTYPING_DISABLE`.")
+    said = capsys.readouterr().err
+    assert "look at the environment variable JAXTYPING_DISABLE, which is set" in said
+    assert "canary" not in said
+
+
 INTERRUPTED = """
 import os, signal, sys
 sys.modules["flows.cli.shell"] = None  # whoever imports it meets the interrupt first
