@@ -6,12 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from specs.robomaker.bundle import Version
 from tasks.deploy.fleet.fleet_registry import create_fleet
 from tasks.deploy.robot.processes import end_all
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.store_url import open_store
-from tests.deploy.one_robot import OneRobot
+from tests.deploy.one_robot import GOOD, OneRobot
+from tests.deploy.trust.signed_fleet import CarefulRobot, Owner, asked
 from tests.deploy.yard import FLEET, Yard
 
 _MEMORY, _ENOUGH_BYTES = Path("/dev/shm"), 1 << 30  # noqa: S108 - a folder of its own is made in it
@@ -50,3 +52,23 @@ def one(yard: Yard) -> Iterator[OneRobot]:
     robot = OneRobot(yard)
     yield robot
     robot.robot.end()
+
+
+@pytest.fixture
+def owner(yard: Yard, tmp_path: Path) -> Owner:
+    return Owner(yard.store, tmp_path / "keys")
+
+
+@pytest.fixture
+def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
+    robot = CarefulRobot(yard, owner.root)
+    yield robot
+    robot.robot.end()
+
+
+@pytest.fixture
+def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
+    """What the robot runs before the attack."""
+    version = yard.publish(GOOD)
+    assert careful.look(asked(owner, version, "good")).status == "InSync"
+    return version

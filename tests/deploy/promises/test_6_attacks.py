@@ -3,7 +3,7 @@
 Each attack by itself is in ``tests/deploy/trust/test_attacks.py``.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from random import Random
@@ -16,32 +16,12 @@ from tasks.deploy.fleet.fleet_registry import read_desired
 from tasks.deploy.trust.keyring import ROLES
 from tasks.storage.base.keys import bundle_key, desired_key
 from tasks.storage.base.store import encode_document
-from tests.deploy.one_robot import GOOD, NAME
+from tests.deploy.one_robot import NAME
 from tests.deploy.promises.figures import Figures, kind, sizes
-from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
+from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner
 from tests.deploy.yard import Yard
 
 pytestmark = pytest.mark.integration
-
-
-@pytest.fixture
-def owner(yard: Yard, tmp_path: Path) -> Owner:
-    return Owner(yard.store, tmp_path / "keys")
-
-
-@pytest.fixture
-def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
-    robot = CarefulRobot(yard, owner.root)
-    yield robot
-    robot.robot.end()
-
-
-@pytest.fixture
-def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
-    """What the robot runs before the attack."""
-    version = yard.publish(GOOD)
-    assert careful.look(asked(owner, version, "good")).status == "InSync"
-    return version
 
 
 @sizes(short=8, long=300)

@@ -25,11 +25,6 @@ LEAKY = "#!/bin/sh\nexit 3\n"
 
 
 @pytest.fixture
-def owner(yard: Yard, tmp_path: Path) -> Owner:
-    return Owner(yard.store, tmp_path / "keys")
-
-
-@pytest.fixture
 def agent(yard: Yard, owner: Owner, monkeypatch: pytest.MonkeyPatch) -> Iterator[subprocess.Popen[bytes]]:
     """An agent that verifies, with all secrets in its environment."""
     monkeypatch.setenv("SIMYARD_KEYS", str(owner.folder))

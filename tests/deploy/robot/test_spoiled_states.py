@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterator
 from itertools import count
-from pathlib import Path
 from random import Random
 from shutil import rmtree
 
@@ -23,7 +22,7 @@ from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import encode_document
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired
 from tests.deploy.robot.spoiled import BIG_BYTES, spoil
-from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner, asked
+from tests.deploy.trust.signed_fleet import NEWER, CarefulRobot, Owner
 from tests.deploy.yard import Yard, marked_by
 
 _ANY_JSON = st.recursive(
@@ -34,25 +33,6 @@ _ANY_JSON = st.recursive(
 _COUNT = count(1)
 _EXAMPLES = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 _TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
-
-
-@pytest.fixture
-def owner(yard: Yard, tmp_path: Path) -> Owner:
-    return Owner(yard.store, tmp_path / "keys")
-
-
-@pytest.fixture
-def careful(yard: Yard, owner: Owner) -> Iterator[CarefulRobot]:
-    robot = CarefulRobot(yard, owner.root)
-    yield robot
-    robot.robot.end()
-
-
-@pytest.fixture
-def installed(yard: Yard, owner: Owner, careful: CarefulRobot) -> Version:
-    version = yard.publish(GOOD)
-    assert careful.look(asked(owner, version, "good")).status == "InSync"
-    return version
 
 
 class Attacker(Stop):

@@ -29,11 +29,6 @@ NOW_S = 1_700_000_000.0
 KIND = "deployment-job"
 
 
-@pytest.fixture
-def owner(yard: Yard, tmp_path: Path) -> Owner:
-    return Owner(yard.store, tmp_path / "keys")
-
-
 def _ask(yard: Yard, owner: Owner, deployment: str, now_s: float = NOW_S) -> Desired:
     wanted = desired(yard.publish(GOOD), 1, deployment=deployment, issued_at_s=now_s)
     return ask_robot(yard.store, wanted, owner.signer.sign, own=owner.signer.is_own)
