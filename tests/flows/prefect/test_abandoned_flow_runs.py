@@ -1,15 +1,13 @@
 """Flow runs of dead processes end on a real server, with their stages; others are left alone."""
 
-import os
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from uuid import UUID, uuid4
 
 import pytest
 from prefect import Flow, Task, flow
-from prefect.client.orchestration import SyncPrefectClient, get_client
+from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.objects import State
 from prefect.runtime import flow_run as running_flow_run
-from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import AwaitingRetry, Cancelling, Completed, Crashed, Paused, Running
 
 from flows.pipeline.run_turns import cancelable_run
@@ -28,20 +26,9 @@ from tasks.storage.jobs.records import JobRecord, advance, read
 from tasks.storage.jobs.runs import FLOW_RUN, KIND, begin_run
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.long]
+pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.usefixtures("client")]
 FLOW = Flow(lambda: None, name="abandoned")
 TASK = Task(lambda: None, name="stage")
-
-
-@pytest.fixture(autouse=True)
-def client(prefect_server: str) -> Generator[SyncPrefectClient, None, None]:
-    """Yields a client of the tests' server, which this process asks, too, from here on."""
-    password = os.environ["PREFECT_API_AUTH_STRING"]
-    with (
-        temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}),
-        get_client(sync_client=True) as client,
-    ):
-        yield client
 
 
 def flow_run(client: SyncPrefectClient, state: State) -> UUID:

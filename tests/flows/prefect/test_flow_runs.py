@@ -1,7 +1,5 @@
 """What Prefect cancels is cancelled in the store, and what was cancelled there is called so in Prefect."""
 
-import os
-from collections.abc import Generator
 from itertools import count
 from pathlib import Path
 from typing import Any, cast
@@ -9,9 +7,8 @@ from uuid import UUID, uuid4
 
 import pytest
 from prefect import Flow
-from prefect.client.orchestration import SyncPrefectClient, get_client
+from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.objects import FlowRun
-from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import Cancelling, Running
 from pydantic import JsonValue
 
@@ -61,17 +58,6 @@ def test_prefect_calls_only_that_cancelled_which_was() -> None:
 
 
 FLOW = Flow(lambda: None, name="watched")
-
-
-@pytest.fixture
-def client(prefect_server: str) -> Generator[SyncPrefectClient, None, None]:
-    """Yields a client of the tests' server, which this process asks, too, from here on."""
-    password = os.environ["PREFECT_API_AUTH_STRING"]
-    with (
-        temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}),
-        get_client(sync_client=True) as client,
-    ):
-        yield client
 
 
 def refuse(**_arguments: object) -> None:

@@ -1,7 +1,5 @@
 """A flow run that waits says so on a real server, and goes where it keeps a place from others."""
 
-import os
-from collections.abc import Generator
 from contextlib import AbstractContextManager
 from typing import Any
 from uuid import UUID
@@ -13,27 +11,15 @@ from prefect.client.schemas.objects import FlowRun, State
 from prefect.context import FlowRunContext
 from prefect.exceptions import Pause
 from prefect.results import ResultStore
-from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.states import Cancelling, Running
 from prefect.task_runners import ThreadPoolTaskRunner
 
 from flows.prefect.flow_runs import AWAITING, WAITING, awaited_run, next_pause_s, requeue_run, show_waiting, show_work
 
-pytestmark = [pytest.mark.integration, pytest.mark.long]
+pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.usefixtures("client")]
 FLOW = Flow(lambda: None, name="waiting")
 RUN = "run-0123456789abcdef"
 SENTENCE = "process 1 works on arn:x, and this run waits for its result"
-
-
-@pytest.fixture(autouse=True)
-def client(prefect_server: str) -> Generator[SyncPrefectClient, None, None]:
-    """Yields a client of the tests' server, which this process asks, too, from here on."""
-    password = os.environ["PREFECT_API_AUTH_STRING"]
-    with (
-        temporary_settings({PREFECT_API_URL: prefect_server, PREFECT_API_AUTH_STRING: password}),
-        get_client(sync_client=True) as client,
-    ):
-        yield client
 
 
 def by_hand(client: SyncPrefectClient) -> FlowRun:
