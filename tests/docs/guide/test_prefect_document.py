@@ -17,8 +17,3 @@ def test_every_example_is_run_by_the_test_that_the_page_names():
     test, _ = re.findall(r"`(tests/\S+\.py)`", TEXT)
     run = (ROOT / test).read_text()
     assert [name for name in EXAMPLES if name.removesuffix(".py") not in run] == []
-
-
-def test_every_link_leads_somewhere():
-    links = [link for link in re.findall(r"\]\(\s*([^)#:]+)", TEXT) if link]
-    assert [link for link in links if not (DOCUMENT.parent / link).exists()] == []
