@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -116,6 +117,16 @@ def audit(store: Store) -> bytes:
     """Returns the audit of the store's only batch, as it lies beside its tables."""
     (batch,) = records(store, "simulation-job-batch")
     return store.get(str(batch.detail["audit_url"]).removeprefix(store.url + "/")).body
+
+
+def assert_same(ours: Store, theirs: Store) -> None:
+    """Compares what two runs of one document have left, job by job and byte by byte; each episode is there once."""
+    assert [[job.id for job in found] for found in jobs(ours).values()] == [
+        [job.id for job in found] for found in jobs(theirs).values()
+    ]
+    assert {*Counter(tables(ours)["results"].column("index").to_pylist()).values()} == {1}
+    assert (worlds(ours), recordings(ours), audit(ours)) == (worlds(theirs), recordings(theirs), audit(theirs))
+    assert all(tables(ours)[name].equals(table) for name, table in tables(theirs).items())
 
 
 def worlds(store: Store) -> dict[str, bytes]:

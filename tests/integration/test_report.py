@@ -1,4 +1,4 @@
-"""The report of the quickstart, with fewer worlds and seeds, as its run leaves it, opened in a real browser."""
+"""What a small quickstart leaves: its report in a real browser, its batch judged again, the same on a bucket."""
 
 import base64
 import json
@@ -8,15 +8,17 @@ import shutil
 import subprocess
 import sys
 import urllib.request
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tasks.server.health import authorization
-from tests.integration.runs import ROOT, finished
+from tasks.storage.store_url import open_store
+from tests.integration.runs import ROOT, assert_same, finished, tables
 from tests.servers.chromium import browsing
 
-pytestmark = pytest.mark.integration
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
 
 
 @pytest.fixture
@@ -105,3 +107,30 @@ def test_it_is_in_prefects_pages_in_short_and_as_a_picture(prefect_server: str, 
     kind, _, picture = pictures[0].partition(",")
     assert kind == "data:image/svg+xml;base64"
     assert b"PASS</text>" in base64.b64decode(picture)
+
+
+def test_the_commands_of_the_document_judge_again_and_leave_the_runs_evidence(small_run: Path, tmp_path: Path):
+    shutil.copytree(small_run / ".simyard", tmp_path / ".simyard", symlinks=True)
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    (evidence,) = (tmp_path / ".simyard").rglob("evidence.json")
+    before = evidence.read_bytes()
+    (block,) = re.findall(r"```sh\n(.*?)```", (ROOT / "docs/guide/gate.md").read_text(), re.DOTALL)
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", block], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("INCONCLUSIVE: ")
+    assert "its run said PASS" in done.stdout
+    assert evidence.read_bytes() == before
+    assert [path.name[:6] for path in sorted(evidence.parent.iterdir())][-1:] == ["later-"]
+
+
+@pytest.mark.long
+def test_a_folder_and_s3_hold_the_same_worlds_and_result_tables(small_run: Path, s3_url: Callable[[], str]):
+    url = s3_url()
+    result = finished("run", str(small_run / "document.yaml"), "--store", url)
+    assert result.returncode == 0, result.stderr
+    there, here = open_store(url), open_store((small_run / ".simyard").as_uri())
+    assert tables(there)["results"].num_rows == 32
+    assert_same(there, here)

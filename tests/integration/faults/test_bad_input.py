@@ -81,15 +81,6 @@ def test_run_refuses_a_bad_document_like_plan_does(tmp_path: Path, prefect_serve
     assert (result.returncode, "unknown" in result.stderr, "Traceback" in result.stderr) == (2, True, False)
 
 
-def test_all_faults_of_a_document_are_told_at_once(tmp_path: Path):
-    document = copy.deepcopy(small_document())
-    for change in (_unknown_key, _wrong_enum, _too_many_worlds):
-        change(document)
-    result = finished("validate", str(write_document(tmp_path, document)))
-    assert result.returncode == 2
-    assert "3 faults" in result.stderr
-
-
 def test_an_unreachable_store_is_told_within_seconds(tmp_path: Path):
     file = write_document(tmp_path, small_document())
     result = finished(

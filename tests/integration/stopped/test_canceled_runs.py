@@ -1,4 +1,4 @@
-"""Prefect's cancel, through a real process worker: the records end Canceled; those of a worker that ends go on."""
+"""`simyard cancel` and Prefect's cancel: the records end Canceled within seconds, and what is done stays."""
 
 import json
 import os
@@ -11,14 +11,42 @@ from pathlib import Path
 
 import pytest
 
+from flows.resources.kinds import cancel_resource
+from specs.errors import DocumentError
+from tasks.simulate.batch.batch_jobs import describe_batch
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.records import is_terminal
+from tasks.storage.jobs.records import is_terminal, records
 from tasks.storage.store_url import open_store
 from tests.integration.prefect_features.test_deployments import _prefect, _program
-from tests.integration.runs import ROOT, finished, jobs, small_document, tables, write_document
+from tests.integration.runs import ROOT, finished, jobs, simyard, small_document, tables, write_document
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.soak, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+
+
+@pytest.mark.long
+def test_a_cancelled_batch_ends_canceled_with_the_rows_of_what_was_done(prefect_server: str, tmp_path: Path):
+    document = small_document()
+    document["simulationBatch"]["matrix"]["seeds"] = 300  # pyright: ignore[reportIndexIssue]
+    store_url = (tmp_path / "store").as_uri()
+    run = simyard("run", str(write_document(tmp_path, document)), "--store", store_url)
+    assert eventually(lambda: any((tmp_path / "store").glob("chunks/*/000001.started.json")), timeout_s=120.0)
+    store = open_store(store_url)
+    (batch,) = records(store, "simulation-job-batch")
+    cancel_resource(store, batch.arn.replace("simulation-job-batch", "simulation-job", 1) + "/1199")
+    assert finished("cancel", batch.arn, "--store", store_url).returncode == 0
+    _, err = run.communicate(timeout=60)
+    assert (run.returncode, err.splitlines()[-1].startswith("Canceled: canceled on request")) == (3, True), err
+    answer = describe_batch(store, batch.id)
+    assert answer.status == "Canceled"
+    assert {each.failureCode for each in answer.failedRequests or ()} == {"BatchCanceled"}
+    statuses = tables(store)["results"].column("status").to_pylist()
+    assert (len(statuses), statuses[:16]) == (1200, ["Completed"] * 16)
+    assert statuses[-1] == "Canceled"
+    with pytest.raises(DocumentError, match="this one is Canceled"):
+        cancel_resource(store, batch.arn)
+
+
 POOL = "cancellation"
 TRACES = {
     "compilation": "chunks/*/000000.started.json",
@@ -63,6 +91,7 @@ def statuses(store: Store) -> dict[str, list[str]]:
     return {kind: [job.status for job in found] for kind, found in jobs(store).items() if found}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("stage", TRACES)
 @pytest.mark.usefixtures("worker")
 def test_a_flow_run_that_prefect_cancels_leaves_its_run_and_its_job_canceled(tmp_path: Path, stage: str):
@@ -84,6 +113,7 @@ def test_a_flow_run_that_prefect_cancels_leaves_its_run_and_its_job_canceled(tmp
         assert len(rows) == 4 * 4_000
 
 
+@pytest.mark.soak
 def test_a_worker_that_is_told_to_end_leaves_a_run_that_simyard_continues(
     worker: "subprocess.Popen[bytes]", tmp_path: Path
 ):
