@@ -10,29 +10,25 @@ A world with less furniture is measured anew: it is what is left of a world when
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
 
 from specs.data.world import Certificate, Door, Furniture, Passage, Room, RoomFigures, Solid, Wish, World
 from specs.template.body import TemplateBody
-from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M, open_leaves
+from tasks.worlds.floorplan.doors import LEAF_PLAY_M, LEAF_THICKNESS_M
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.geometry import (
     CELL_M,
     EPSILON_M,
     HEADROOM_M,
-    RADIUS_MAX_M,
     Box,
-    Clearance,
     Rows,
     bounding_box,
     connected_share,
     count_overlaps,
-    measure_clearance,
-    occupancy,
     reaches_room,
+    room_box,
     rounded,
     solid_rows,
 )
@@ -45,6 +41,7 @@ from tasks.worlds.resolved_template import (
     RoomWish,
     resolve_template,
 )
+from tasks.worlds.survey import ExactGrid, Survey, most_through, survey
 
 AREA_TOLERANCE = 0.03
 ASPECT_TOLERANCE = 0.25
@@ -196,56 +193,6 @@ def _doors(resolved: ResolvedTemplate, passages: Sequence[Passage], doors: Seque
             )
 
 
-@dataclass(frozen=True)
-class Survey:
-    """Where a robot can drive.
-
-    Attributes:
-        opened: With all doors fully open.
-        as_set: With the doors as they stand.
-    """
-
-    opened: Clearance
-    as_set: Clearance
-
-
-def survey(
-    rooms: Sequence[Room],
-    passages: Sequence[Passage],
-    walls: Sequence[Solid],
-    furniture: Sequence[Furniture],
-    doors: Sequence[Door] = (),
-) -> Survey:
-    """Returns the clearances of a finished world.
-
-    Args:
-        rooms: All rooms.
-        passages: The ways between them.
-        walls: All walls.
-        furniture: All furniture.
-        doors: All doors, as they stand.
-    """
-    as_set = survey_as_set(rooms, walls, furniture, [door.leaf for door in doors])
-    if all(door.open_percent == 100.0 for door in doors):
-        return Survey(as_set, as_set)
-    return Survey(survey_as_set(rooms, walls, furniture, open_leaves(doors, passages)), as_set)
-
-
-def survey_as_set(
-    rooms: Sequence[Room], walls: Sequence[Solid], furniture: Sequence[Furniture], leaves: Sequence[Solid]
-) -> Clearance:
-    """Returns the clearance of a finished world with its doors as their leaves stand.
-
-    Args:
-        rooms: All rooms.
-        walls: All walls.
-        furniture: All furniture.
-        leaves: The leaves of all doors.
-    """
-    area = bounding_box([_box(room) for room in rooms]).grown(WALL_M)
-    return measure_clearance(area, [*walls, *(solid for piece in furniture for solid in piece.solids), *leaves])
-
-
 def certify(
     resolved: ResolvedTemplate,
     rooms: Sequence[Room],
@@ -265,10 +212,10 @@ def certify(
         walls: All walls.
         furniture: All furniture.
         doors: All doors.
-        surveyed: The clearances, where they are known already.
+        surveyed: The floors, where they are known already.
     """
-    clear = surveyed or survey(rooms, passages, walls, furniture, doors)
-    floors = [_box(room) for room in rooms]
+    clear = surveyed or survey(rooms, passages, walls, furniture, doors, radius_m=resolved.robot_radius_m)
+    floors = [room_box(room) for room in rooms]
     figures = tuple(_figures(resolved, clear.opened, rooms))
     reachable, as_set = _reachable_radii(clear, rooms, passages)
     leaves = [door.leaf for door in doors]
@@ -317,15 +264,15 @@ def narrowest_passage(passages: Sequence[Passage], doors: Sequence[Door]) -> flo
     return min(widths, default=0.0)
 
 
-def _figures(resolved: ResolvedTemplate, clear: Clearance, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
-    reached = clear.reached(resolved.robot_radius_m)
+def _figures(resolved: ResolvedTemplate, grid: ExactGrid, rooms: Sequence[Room]) -> Iterator[RoomFigures]:
+    reached = grid.reached(resolved.robot_radius_m)
     for room in rooms:
-        floor = _box(room)
+        floor = room_box(room)
         yield RoomFigures(
             room=room.name,
             area_m2=rounded(floor.area),
-            free_floor_share=rounded(_free_share(clear, [floor])),
-            reached_share=rounded(connected_share(reached, clear, floor, resolved.robot_radius_m)),
+            free_floor_share=rounded(_free_share(grid, [floor])),
+            reached_share=rounded(connected_share(reached, grid, floor, resolved.robot_radius_m)),
         )
 
 
@@ -341,45 +288,32 @@ def distance_to_origin(solids: Sequence[Solid], rows: Rows) -> float:
     return max(float(distances.min()), 0.0)
 
 
-def _reachable_radius(clearance: Clearance, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
+def _reachable_radius(grid: ExactGrid, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
     """Returns the largest radius (whole centimetres) with which every room is reached; 0 for none.
 
     Most often the passages alone decide it, or something a little narrower does. So what they let through is tried
     first, then less and less, each step twice as long as the one before; what is left between two steps is halved.
     """
-    floors = [_box(room) for room in rooms]
-    middle = math.floor(_most_through(clearance, rooms, passages) / _RADIUS_STEP_M + EPSILON_M)
+    floors = [room_box(room) for room in rooms]
+    middle = math.floor(_most_through(grid, rooms, passages) / _RADIUS_STEP_M + EPSILON_M)
     low, high, down = 0, middle + 1, 1
     while high - low > 1:
-        holds = _reaches_all(clearance, floors, middle * _RADIUS_STEP_M)
+        holds = _reaches_all(grid, floors, middle * _RADIUS_STEP_M)
         low, high = (middle, high) if holds else (low, middle)
         middle = (low + high) // 2 if low else max(middle - down, 1)
         down *= 2
     return low * _RADIUS_STEP_M
 
 
-def _most_through(clearance: Clearance, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
+def _most_through(grid: ExactGrid, rooms: Sequence[Room], passages: Sequence[Passage]) -> float:
     """Returns a radius that no robot exceeds which gets into every room: each has to be entered by a passage of its."""
-    through = [clearance.widest_radius(_threshold(passage)) for passage in passages]
-    starts = [
-        room.name
-        for room in rooms
-        if room.floor.x_min_m < 0 < room.floor.x_max_m and room.floor.y_min_m < 0 < room.floor.y_max_m
-    ]
-    widest = [
-        max(
-            (radius for radius, passage in zip(through, passages, strict=True) if room.name in passage.rooms),
-            default=0.0,
-        )
-        for room in rooms
-        if room.name not in starts
-    ]
-    return max(min([*widest, RADIUS_MAX_M]), 0.0)
+    through = [grid.widest_radius(_threshold(passage)) for passage in passages]
+    return max(most_through(rooms, passages, through), 0.0)
 
 
-def _reaches_all(clearance: Clearance, floors: Sequence[Box], radius_m: float) -> bool:
-    reached = clearance.reached(radius_m)
-    return all(reaches_room(reached, clearance, floor, radius_m) for floor in floors)
+def _reaches_all(grid: ExactGrid, floors: Sequence[Box], radius_m: float) -> bool:
+    reached = grid.reached(radius_m)
+    return all(reaches_room(reached, grid, floor, radius_m) for floor in floors)
 
 
 def _threshold(passage: Passage) -> Box:
@@ -405,14 +339,9 @@ def broken_guarantees(certificate: Certificate) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _free_share(clearance: Clearance, floors: Sequence[Box]) -> float:
-    covered = [clearance.covered[clearance.cells(floor)] for floor in floors]
+def _free_share(grid: ExactGrid, floors: Sequence[Box]) -> float:
+    covered = [grid.covered[grid.cells(floor)] for floor in floors]
     return 1.0 - sum(int(cells.sum()) for cells in covered) / sum(cells.size for cells in covered)
-
-
-def _box(room: Room) -> Box:
-    floor = room.floor
-    return Box(floor.x_min_m, floor.y_min_m, floor.x_max_m, floor.y_max_m)
 
 
 def keep_furniture(world: World, kept: Collection[str], template: TemplateBody | None) -> World:
@@ -427,11 +356,10 @@ def keep_furniture(world: World, kept: Collection[str], template: TemplateBody |
         template: What the world was made from; None where that is not known. Wishes about furniture are then left out.
     """
     furniture = tuple(piece for piece in world.furniture if piece.name in kept)
-    surveyed = survey(world.rooms, world.passages, world.walls, furniture, world.doors)
+    radius_m = world.certificate.guaranteed_robot_radius_m
+    surveyed = survey(world.rooms, world.passages, world.walls, furniture, world.doors, radius_m=radius_m)
     measured = certify(
-        _brief_as_built(world)
-        if template is None
-        else resolve_template(template, world.certificate.guaranteed_robot_radius_m),
+        _brief_as_built(world) if template is None else resolve_template(template, radius_m),
         world.rooms,
         world.passages,
         walls=world.walls,
@@ -451,7 +379,7 @@ def keep_furniture(world: World, kept: Collection[str], template: TemplateBody |
         update={
             "generator": world.generator if world.generator.endswith(SHRUNK) else f"{world.generator}-{SHRUNK}",
             "furniture": furniture,
-            "map": occupancy(surveyed.as_set),
+            "map": surveyed.as_set.occupancy(),
             "certificate": certificate.model_copy(update={"wishes": (*certificate.wishes, taken)}),
         }
     )

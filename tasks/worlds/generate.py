@@ -10,16 +10,17 @@ from functools import lru_cache
 
 from specs.data.world import ROBOT_RADIUS_M, Light, Passage, Rectangle, Room, Window, World
 from specs.template.body import TemplateBody, template_digest
-from tasks.worlds.certificate import Survey, broken_guarantees, certify, survey_as_set
+from tasks.worlds.certificate import broken_guarantees, certify
 from tasks.worlds.floorplan.doors import build_doors, hang_doors, open_leaves
 from tasks.worlds.floorplan.floorplan import FloorPlan, build_walls, plan_floor
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.furnishing.furnish import InteriorKey, furnish_interior
-from tasks.worlds.geometry import Box, measure_clearance, occupancy, reaches_room, rounded
+from tasks.worlds.geometry import Box, bounds_grid, reaches_room, rounded
 from tasks.worlds.materials import Surfaces, draw_surfaces
-from tasks.worlds.resolved_template import FULLY_OPEN, ResolvedTemplate, resolve_template
+from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tasks.worlds.streams import doors_stream, materials_stream
+from tasks.worlds.survey import survey
 
 _REDRAWS = 4
 _GREY = (0.5, 0.5, 0.5)
@@ -43,12 +44,12 @@ def sound_plan(resolved: ResolvedTemplate, seed: int, floorplan_index: int) -> F
 def _is_passable(resolved: ResolvedTemplate, plan: FloorPlan) -> bool:
     walls = build_walls(plan, resolved.ceiling_height_m, [_GREY] * len(plan.cells))
     leaves = [way.leaf("leaf", 100.0, _GREY) for way in hang_doors(resolved, plan)]
-    clearance = measure_clearance(plan.footprint, [*walls, *leaves])
-    reached = clearance.reached(resolved.robot_radius_m)
-    return all(reaches_room(reached, clearance, floor, resolved.robot_radius_m) for floor in plan.floors)
+    grid = bounds_grid(plan.footprint, [*walls, *leaves])
+    reached = grid.reached(resolved.robot_radius_m)
+    return all(reaches_room(reached, grid, floor, resolved.robot_radius_m) for floor in plan.floors)
 
 
-GENERATOR = "simyard-3"
+GENERATOR = "simyard-4"
 """Changes whenever the same template, seed and indices would give another world."""
 _LIGHT_DROP_M = 0.1
 # A world that breaks a guarantee is drawn again, with the next sub-seed.
@@ -124,11 +125,8 @@ def _draw_world(resolved: ResolvedTemplate, draw: InteriorKey, generation: str, 
     walls = build_walls(plan, resolved.ceiling_height_m, [each.walls.color for each in surfaces])
     doors = build_doors(resolved, plan, doors_stream(*indices, draw.sub_seed))
     rooms, passages = _rooms(resolved, plan, surfaces), _passages(resolved, plan)
-    interior = furnish_interior(resolved, plan, [*walls, *open_leaves(doors, passages)], draw)
-    furniture = interior.furniture
-    shut = any(door.open_percent < FULLY_OPEN for door in doors)
-    as_set = survey_as_set(rooms, walls, furniture, [door.leaf for door in doors]) if shut else interior.clearance
-    surveyed = Survey(interior.clearance, as_set)
+    furniture = furnish_interior(resolved, plan, [*walls, *open_leaves(doors, passages)], draw)
+    surveyed = survey(rooms, passages, walls, furniture, doors, radius_m=resolved.robot_radius_m)
     return World(
         generator=GENERATOR,
         template_digest=digest,
@@ -148,7 +146,7 @@ def _draw_world(resolved: ResolvedTemplate, draw: InteriorKey, generation: str, 
         windows=_windows(resolved, plan),
         furniture=furniture,
         lights=_lights(plan, resolved.ceiling_height_m),
-        map=occupancy(surveyed.as_set),
+        map=surveyed.as_set.occupancy(),
         certificate=certify(
             resolved, rooms, passages, walls=walls, furniture=furniture, doors=doors, surveyed=surveyed
         ),

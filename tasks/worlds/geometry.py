@@ -2,14 +2,14 @@
 
 import math
 import struct
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from specs.data.world import Furniture, OccupancyMap, Solid
+from specs.data.world import Furniture, Room, Solid
 
 EPSILON_M = 1e-6
 QUARTER_TURN_RAD = 1.5707963267948966
@@ -27,7 +27,7 @@ RADIUS_MAX_M = 1.0
 _GRID_SLACK_M = CELL_M * (2**-0.5 + 0.5)
 _REACH = int((RADIUS_MAX_M + _GRID_SLACK_M) / CELL_M) + 2
 _RADII_M = CELL_M * np.sqrt(np.arange(_REACH * _REACH + 1)) - _GRID_SLACK_M
-"""How large a robot's radius may be at a cell, by the square of the cells to the nearest touched one."""
+"""How large a robot may be at a cell of ``BoundsGrid``, by the square of the cells to the nearest touched one."""
 
 
 class Box(NamedTuple):
@@ -80,6 +80,12 @@ def bounding_box(boxes: Iterable[Box]) -> Box:
     """Returns the smallest box that holds all of them."""
     low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
     return Box(min(low_x), min(low_y), max(high_x), max(high_y))
+
+
+def room_box(room: Room) -> Box:
+    """Returns a room's floor."""
+    floor = room.floor
+    return Box(floor.x_min_m, floor.y_min_m, floor.x_max_m, floor.y_max_m)
 
 
 def rounded(value: float, digits: int = 6) -> float:
@@ -186,23 +192,47 @@ def connected(free: Bool[np.ndarray, "x y"], cell: tuple[int, int]) -> Bool[np.n
     return (labels == labels[cell]) & free
 
 
-# Everything is on the safe side: a cell that a solid touches is taken whole, and distances are shortened by what a
-# grid can hide, so a radius found here is one that really passes.
-@dataclass(frozen=True)
-class Clearance:
-    """Where solids are on the grid, and where a robot can be between them.
+class FloorGrid(ABC):
+    """A floor in cells, and where a robot can be on it.
 
     Attributes:
         origin: Lower left corner of the first cell (metres).
-        touched: Cells that a solid in a robot's way touches.
-        covered: Cells whose centre is under or in a solid.
+        shape: How many cells there are along x and y.
     """
 
-    origin: tuple[float, float]
-    touched: Bool[np.ndarray, "x y"]
-    covered: Bool[np.ndarray, "x y"]
-    _free: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
-    _reached: dict[int, Bool[np.ndarray, "x y"]] = field(default_factory=dict[int, Bool[np.ndarray, "x y"]])
+    def __init__(self, origin: tuple[float, float], shape: tuple[int, int]) -> None:
+        self.origin, self.shape = origin, shape
+        self._reached: dict[float, Bool[np.ndarray, "x y"]] = {}
+        self._free: dict[float, Bool[np.ndarray, "x y"]] = {}
+
+    @abstractmethod
+    def _find_free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells at which a robot of that radius can stand, and between which it can move."""
+
+    def free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells at which a robot of that radius can stand.
+
+        It also gets from each of them to any of the four beside it that is free: a way on the grid is a way on the
+        floor.
+
+        Args:
+            radius_m: At most ``RADIUS_MAX_M``.
+        """
+        if radius_m not in self._free:
+            self._free[radius_m] = self._find_free(radius_m)
+        return self._free[radius_m]
+
+    def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells that a robot of that radius gets to from (0, 0)."""
+        if radius_m not in self._reached:
+            self._reached[radius_m] = self._walk(self.free(radius_m))
+        return self._reached[radius_m]
+
+    def _walk(self, free: Bool[np.ndarray, "x y"]) -> Bool[np.ndarray, "x y"]:
+        """Returns the free cells that a walk from (0, 0) reaches."""
+        x, y = (int(-low // CELL_M) for low in self.origin)
+        rows, columns = free.shape
+        return connected(free, (x, y)) if 0 <= x < rows and 0 <= y < columns else np.zeros_like(free)
 
     def cells(self, box: Box) -> tuple[slice, slice]:
         """Returns the cells whose centres lie in a box."""
@@ -211,47 +241,23 @@ class Clearance:
         high_x, high_y = math.floor((box.x_max - x) / CELL_M + 0.5), math.floor((box.y_max - y) / CELL_M + 0.5)
         return slice(max(low_x, 0), max(high_x, 0)), slice(max(low_y, 0), max(high_y, 0))
 
-    def free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
-        """Returns the cells at which a robot of that radius, at most ``RADIUS_MAX_M``, can stand."""
-        needed = _needed(radius_m)
-        if needed not in self._free:
-            self._free[needed] = ~_spread(self.touched, needed - 1)
-        return self._free[needed]
 
-    def widest_radius(self, box: Box) -> float:
-        """Returns the radius of the largest robot, up to ``RADIUS_MAX_M``, that can stand at some cell of a box."""
-        x, y = (
-            slice(cells.start, min(cells.stop, most))
-            for cells, most in zip(self.cells(box), self.touched.shape, strict=True)
-        )
-        if x.start >= x.stop or y.start >= y.stop:
-            return RADIUS_MAX_M
-        from scipy import ndimage  # noqa: PLC0415 - as above
+class BoundsGrid(FloorGrid):
+    """A floor on which each solid takes all cells that its bounding box touches: quick, and on the safe side.
 
-        for around in (max(x.stop - x.start, y.stop - y.start) // 2 + 2, _REACH):
-            low_x, low_y = max(x.start - around, 0), max(y.start - around, 0)
-            window = self.touched[low_x : x.stop + around, low_y : y.stop + around]
-            if not window.any():
-                continue
-            distances = np.asarray(ndimage.distance_transform_edt(~window))
-            furthest = distances[x.start - low_x : x.stop - low_x, y.start - low_y : y.stop - low_y].max()
-            squared = min(round(float(furthest * furthest)), _REACH * _REACH)
-            if squared < around * around:
-                return float(_RADII_M[squared])
-        return float(_RADII_M[-1])
+    Furniture is tried with it. A finished world is measured exactly (``tasks.worlds.survey``).
 
-    def reached(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
-        """Returns the cells that a robot of that radius gets to from (0, 0)."""
-        needed = _needed(radius_m)
-        if needed not in self._reached:
-            self._reached[needed] = self._walk(self.free(radius_m))
-        return self._reached[needed]
+    Attributes:
+        touched: Cells that the bounding box of a solid in a robot's way touches.
+    """
 
-    def _walk(self, free: Bool[np.ndarray, "x y"]) -> Bool[np.ndarray, "x y"]:
-        """Returns the free cells that a walk from (0, 0) reaches."""
-        x, y = (int(-low // CELL_M) for low in self.origin)
-        rows, columns = free.shape
-        return connected(free, (x, y)) if 0 <= x < rows and 0 <= y < columns else np.zeros_like(free)
+    def __init__(self, origin: tuple[float, float], touched: Bool[np.ndarray, "x y"]) -> None:
+        super().__init__(origin, (touched.shape[0], touched.shape[1]))
+        self.touched = touched
+
+    def _find_free(self, radius_m: float) -> Bool[np.ndarray, "x y"]:
+        """Returns the cells that are far enough from touched ones."""
+        return ~_spread(self.touched, int(_RADII_M.searchsorted(radius_m)) - 1)
 
 
 def _spread(touched: Bool[np.ndarray, "x y"], squared: int) -> Bool[np.ndarray, "x y"]:
@@ -270,64 +276,53 @@ def _spread(touched: Bool[np.ndarray, "x y"], squared: int) -> Bool[np.ndarray, 
     return near
 
 
-def _needed(radius_m: float) -> int:
-    """Returns the least square of cells to the nearest touched one at which a robot can stand."""
-    return int(_RADII_M.searchsorted(radius_m))
-
-
-def measure_clearance(footprint: Box, solids: Sequence[Solid]) -> Clearance:
-    """Returns the distances inside a footprint, to solids that are in a robot's way."""
+def grid_of(footprint: Box) -> tuple[tuple[float, float], tuple[int, int]]:
+    """Returns the lower left corner of a footprint's grid, and how many cells it has along x and y."""
     footprint = Box(*(rounded(side) for side in footprint))
     size = (math.ceil(footprint.width / CELL_M), math.ceil(footprint.height / CELL_M))
-    touched, covered = np.zeros(size, dtype=bool), np.zeros(size, dtype=bool)
-    x, y = footprint.x_min, footprint.y_min
-    boxes = bounds(solid_rows(solids))
-    cells = (boxes[boxes[:, 2] < HEADROOM_M][:, [0, 1, 3, 4]] - [x, y, x, y]) / CELL_M
+    return (footprint.x_min, footprint.y_min), size
+
+
+def touched_by_bounds(
+    origin: tuple[float, float], size: tuple[int, int], boxes: Float[np.ndarray, "solids 6"]
+) -> Bool[np.ndarray, "x y"]:
+    """Returns the cells of a grid that bounding boxes share more than a border with."""
+    touched = np.zeros(size, dtype=bool)
+    cells = (boxes[:, [0, 1, 3, 4]] - [*origin, *origin]) / CELL_M
     outer = np.concatenate([np.floor(cells[:, :2]), np.ceil(cells[:, 2:])], axis=1).astype(int).clip(0)
-    inner = np.concatenate([np.ceil(cells[:, :2] - 0.5), np.floor(cells[:, 2:] + 0.5)], axis=1).astype(int).clip(0)
     for x_min, y_min, x_max, y_max in outer.tolist():
         touched[x_min:x_max, y_min:y_max] = True
-    for x_min, y_min, x_max, y_max in inner.tolist():
-        covered[x_min:x_max, y_min:y_max] = True
-    return Clearance((x, y), touched, covered)
+    return touched
 
 
-def occupancy(clearance: Clearance) -> OccupancyMap:
-    """Returns the touched cells as the world's map."""
-    flat = clearance.touched.T.ravel()
-    changes = np.flatnonzero(flat[1:] != flat[:-1]) + 1
-    borders = np.concatenate([[0] * (2 if flat[0] else 1), changes, [flat.size]])
-    columns, rows = clearance.touched.shape
-    return OccupancyMap(
-        resolution_m=CELL_M,
-        origin_m=(rounded(clearance.origin[0]), rounded(clearance.origin[1])),
-        columns=columns,
-        rows=rows,
-        runs=tuple(np.diff(borders).tolist()),
-    )
+def bounds_grid(footprint: Box, solids: Sequence[Solid]) -> BoundsGrid:
+    """Returns the floor inside a footprint, with the bounding boxes of the solids that are in a robot's way."""
+    origin, size = grid_of(footprint)
+    boxes = bounds(solid_rows(solids))
+    return BoundsGrid(origin, touched_by_bounds(origin, size, boxes[boxes[:, 2] < HEADROOM_M]))
 
 
-def reaches_room(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> bool:
+def reaches_room(reached: Bool[np.ndarray, "x y"], grid: FloorGrid, floor: Box, radius_m: float) -> bool:
     """Returns whether a robot gets its whole disc into a room.
 
     Args:
         reached: The cells that the robot gets to.
-        clearance: The grid of distances.
+        grid: The floor.
         floor: The room's floor.
         radius_m: The robot's radius.
     """
-    return bool(reached[clearance.cells(floor.grown(-radius_m))].any())
+    return bool(reached[grid.cells(floor.grown(-radius_m))].any())
 
 
-def connected_share(reached: Bool[np.ndarray, "x y"], clearance: Clearance, floor: Box, radius_m: float) -> float:
+def connected_share(reached: Bool[np.ndarray, "x y"], grid: FloorGrid, floor: Box, radius_m: float) -> float:
     """Returns how much of a room's floor that is free for a robot can be reached, 0-1.
 
     Args:
         reached: The cells that the robot gets to.
-        clearance: The grid of distances.
+        grid: The floor.
         floor: The room's floor.
         radius_m: The robot's radius.
     """
-    cells = clearance.cells(floor)
-    free = clearance.free(radius_m)[cells]
+    cells = grid.cells(floor)
+    free = grid.free(radius_m)[cells]
     return float(np.count_nonzero(reached[cells])) / max(int(np.count_nonzero(free)), 1)

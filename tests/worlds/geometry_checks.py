@@ -99,21 +99,6 @@ def with_doors_open(world: World) -> World:
     return world.model_copy(update={"doors": tuple(doors)})
 
 
-def with_leaves_boxed(world: World) -> World:
-    """Returns the world with every leaf as the upright box around it, as the grid of certificates takes a leaf."""
-    doors: list[Door] = []
-    for door in world.doors:
-        low, high = polygon(door.leaf).min(0), polygon(door.leaf).max(0)
-        center, half = (low + high) / 2, (high - low) / 2
-        fields = {
-            "center_m": (*center.tolist(), door.leaf.center_m[2]),
-            "half_extents_m": (*half.tolist(), door.leaf.half_extents_m[2]),
-            "yaw_rad": 0.0,
-        }
-        doors.append(door.model_copy(update={"leaf": door.leaf.model_copy(update=fields)}))
-    return world.model_copy(update={"doors": tuple(doors)})
-
-
 def _any_intersect(first: Sequence[Solid], second: Sequence[Solid]) -> bool:
     return any(intersect(a, b) for a in first for b in second if _near(a, b))
 

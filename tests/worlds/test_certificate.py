@@ -11,11 +11,12 @@ from specs.template.body import TemplateBody
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import encode_world
-from tasks.worlds.certificate import broken_guarantees, certify, keep_furniture, survey, weigh_wishes
+from tasks.worlds.certificate import broken_guarantees, certify, keep_furniture, weigh_wishes
 from tasks.worlds.generate import generate_world
 from tasks.worlds.geometry import Box, reaches_room
 from tasks.worlds.job.stored_worlds import add_world
 from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
+from tasks.worlds.survey import survey
 from tests.repository import ROOT
 from tests.worlds.templates import connection, doorway, furniture, materials, room, template
 
@@ -246,7 +247,7 @@ def test_the_radius_is_the_largest_that_reaches_every_room(offset_m: float) -> N
         name="post", model_type="Ottomans", room="A", center_m=aside, yaw_rad=0.0, solids=(post(*aside, 0.05),)
     )
     furniture = (*made.furniture, blocked)
-    clear = survey(made.rooms, made.passages, made.walls, furniture, made.doors).opened
+    clear = survey(made.rooms, made.passages, made.walls, furniture, made.doors, radius_m=0.25).opened
     floors = [Box(*room.floor.model_dump().values()) for room in made.rooms]
     radii = [step / 100 for step in range(1, 101)]
     reached = [all(reaches_room(clear.reached(r), clear, floor, r) for floor in floors) for r in radii]

@@ -28,13 +28,12 @@ from tests.worlds.geometry_checks import (
     top_m,
     unreached_rooms,
     with_doors_open,
-    with_leaves_boxed,
 )
 from tests.worlds.templates import SAMPLES, connection, furniture, materials, room, sample, template, templates
 
-# What the certificate's grid can miss of a radius: its own slack, the diagonal of a cell that a solid barely touches,
-# and half a cell from a robot's place to the nearest centre. A robot that is larger by more does not pass.
-GRID_MISSES_M = CELL_M * (2**-0.5 + 0.5 + 2**0.5 + 0.5)
+# What the certificate can miss of a radius: a cell, the rest of a centimetre, and what this flood's own places miss. A
+# robot that is larger by more does not pass.
+GRID_MISSES_M = CELL_M + 0.01 + 0.002
 seeds = st.integers(0, 2**32)
 any_template = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
@@ -78,8 +77,7 @@ def test_a_flood_fill_agrees_with_what_the_doors_let_pass(body: TemplateBody, se
     world = make(body, seed)
     passing = world.certificate.doors_as_set_robot_radius_m
     assert passing == 0.0 or unreached_rooms(world, passing) == []
-    # The certificate is on the safe side: it takes a leaf that stands ajar for the upright box around it.
-    assert passing == 1.0 or unreached_rooms(with_leaves_boxed(world), passing + GRID_MISSES_M) != []
+    assert passing == 1.0 or unreached_rooms(world, passing + GRID_MISSES_M) != []
 
 
 @any_template

@@ -12,10 +12,10 @@ from tasks.worlds.geometry import (
     Box,
     bounding_box,
     bounds,
+    bounds_grid,
     connected,
     connected_share,
     count_overlaps,
-    measure_clearance,
     reaches_room,
     rounded,
     solid_rows,
@@ -133,71 +133,47 @@ def gap(width_m: float) -> list[Solid]:
 
 @pytest.mark.parametrize("width_m", [0.6, 0.7, 0.83, 0.9, 1.2])
 def test_a_robot_wider_than_the_gap_never_passes_and_one_well_narrower_does(width_m: float) -> None:
-    clearance = measure_clearance(HALL, gap(width_m))
+    grid = bounds_grid(HALL, gap(width_m))
     beyond = Box(2.1, -1.0, 6.0, 1.0)
     for radius_m, passes in ((width_m / 2, False), (width_m / 2 - 0.12, True)):
-        assert reaches_room(clearance.reached(radius_m), clearance, beyond, radius_m) is passes
+        assert reaches_room(grid.reached(radius_m), grid, beyond, radius_m) is passes
 
 
 def test_a_lintel_is_in_nobodys_way() -> None:
     lintel = block((2.0, 2.1), (-1.0, 1.0), (2.1, 2.7))
-    clearance = measure_clearance(HALL, [*gap(1.0), lintel])
-    assert reaches_room(clearance.reached(0.3), clearance, Box(2.1, -1.0, 6.0, 1.0), 0.3)
+    grid = bounds_grid(HALL, [*gap(1.0), lintel])
+    assert reaches_room(grid.reached(0.3), grid, Box(2.1, -1.0, 6.0, 1.0), 0.3)
 
 
 def test_floor_that_is_shut_off_lowers_the_connected_share() -> None:
-    clearance = measure_clearance(HALL, [block((2.0, 2.1), (-1.0, 1.0))])
-    share = connected_share(clearance.reached(0.25), clearance, HALL, 0.25)
+    grid = bounds_grid(HALL, [block((2.0, 2.1), (-1.0, 1.0))])
+    share = connected_share(grid.reached(0.25), grid, HALL, 0.25)
     assert 0.4 < share < 0.6
 
 
 def test_a_start_inside_a_solid_reaches_nothing() -> None:
-    clearance = measure_clearance(HALL, [block((-0.2, 0.2), (-0.2, 0.2))])
-    assert not clearance.reached(0.25).any()
-
-
-def test_covered_cells_are_those_under_a_solid() -> None:
-    clearance = measure_clearance(HALL, [block((0.0, 1.0), (0.0, 0.5))])
-    assert clearance.covered.sum() * 0.05**2 == pytest.approx(0.5, rel=0.05)
+    grid = bounds_grid(HALL, [block((-0.2, 0.2), (-0.2, 0.2))])
+    assert not grid.reached(0.25).any()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_robot_can_stand_where_the_exact_distance_transform_leaves_it_room(seed: int) -> None:
     places = np.random.default_rng(seed).uniform((-2.0, -1.0), (5.9, 0.9), (3, 2)).tolist()
-    clearance = measure_clearance(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
-    cells = np.round(np.asarray(ndimage.distance_transform_edt(~clearance.touched)) ** 2)
+    grid = bounds_grid(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
+    cells = np.round(np.asarray(ndimage.distance_transform_edt(~grid.touched)) ** 2)
     for radius_m in (0.05, 0.12, 0.25, 0.4, 0.6, RADIUS_MAX_M):
         # What a grid can hide: half a diagonal of a cell, and half a cell.
         nearest = ((radius_m + CELL_M * (2**-0.5 + 0.5)) / CELL_M) ** 2
-        np.testing.assert_array_equal(clearance.free(radius_m), cells >= nearest - 1e-9)
+        np.testing.assert_array_equal(grid.free(radius_m), cells >= nearest - 1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_a_robot_reaches_what_hangs_together_with_its_start(seed: int) -> None:
     places = np.random.default_rng(seed).uniform((-2.0, -1.0), (5.9, 0.9), (12, 2)).tolist()
-    clearance = measure_clearance(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
+    grid = bounds_grid(HALL, [block((x, x + 0.1), (y, y + 0.1)) for x, y in places])
     start = int(2.0 / CELL_M), int(1.0 / CELL_M)
-    np.testing.assert_array_equal(clearance.reached(0.05), flood(clearance.free(0.05), start))
-
-
-def test_the_widest_radius_is_that_of_the_roomiest_cell() -> None:
-    clearance = measure_clearance(HALL, gap(1.0))
-    radius_m = clearance.widest_radius(Box(2.0, -1.0, 2.1, 1.0))
-    assert clearance.reached(radius_m).any()
-    assert not clearance.reached(radius_m + 0.01)[clearance.cells(Box(2.0, -1.0, 2.1, 1.0))].any()
-
-
-@pytest.mark.parametrize("x", [0.0, 0.7, 3.0])
-def test_the_widest_radius_of_a_box_sees_what_is_far_beyond_it(x: float) -> None:
-    clearance = measure_clearance(HALL, [block((x, x + 0.1), (0.9, 1.0))])
-    radius_m = clearance.widest_radius(Box(-0.05, -0.05, 0.05, 0.05))
-    assert clearance.free(radius_m)[clearance.cells(Box(-0.05, -0.05, 0.05, 0.05))].any()
-    assert radius_m >= 1.0 or not clearance.free(radius_m + 0.01)[clearance.cells(Box(-0.05, -0.05, 0.05, 0.05))].any()
-
-
-def test_a_box_beside_the_grid_holds_nobody_back() -> None:
-    assert measure_clearance(HALL, gap(1.0)).widest_radius(Box(7.0, -1.0, 8.0, 1.0)) == RADIUS_MAX_M
+    np.testing.assert_array_equal(grid.reached(0.05), flood(grid.free(0.05), start))
 
 
 def test_nothing_is_reached_from_a_start_beside_the_grid() -> None:
-    assert not measure_clearance(Box(1.0, 1.0, 3.0, 3.0), [block((1.0, 1.1), (1.0, 1.1))]).reached(0.1).any()
+    assert not bounds_grid(Box(1.0, 1.0, 3.0, 3.0), [block((1.0, 1.1), (1.0, 1.1))]).reached(0.1).any()

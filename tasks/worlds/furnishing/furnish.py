@@ -19,7 +19,7 @@ from tasks.worlds.furnishing.placement import place_group, robot_gets_around
 from tasks.worlds.furnishing.scene import Piece, PlacedGroup, RoomScene, open_scene, way_width
 from tasks.worlds.furniture.catalogue import compose, draw_listed_furniture, draw_usual_furniture
 from tasks.worlds.furniture.furniture_type import Style, TypeName
-from tasks.worlds.geometry import Box, Clearance, connected_share, measure_clearance, reaches_room
+from tasks.worlds.geometry import BoundsGrid, Box, bounds_grid, connected_share, reaches_room
 from tasks.worlds.resolved_template import COVERED, COVERED_BY_TYPE, COVERED_SPREAD, ResolvedTemplate, RoomWish
 from tasks.worlds.streams import room_stream
 
@@ -195,14 +195,6 @@ class InteriorKey:
 
 
 @dataclass(frozen=True)
-class Interior:
-    """The furniture of an interior, and where a robot can drive between it with all doors open."""
-
-    furniture: tuple[Furniture, ...]
-    clearance: Clearance
-
-
-@dataclass(frozen=True)
 class _Furnished:
     """One room's furniture before it has names."""
 
@@ -223,7 +215,7 @@ class _Site:
 
 def furnish_interior(
     resolved: ResolvedTemplate, plan: FloorPlan, fixed: Sequence[Solid], draw: InteriorKey
-) -> Interior:
+) -> tuple[Furniture, ...]:
     """Returns all furniture of an interior, such that a robot gets into every room and nearly everywhere in it.
 
     Rooms draw from streams of their own, so trying one again leaves the others as they are.
@@ -239,13 +231,11 @@ def furnish_interior(
     rooms = [_furnish_room(site, room, attempts) for room in range(len(resolved.rooms))]
     while True:
         furniture = _name_pieces(resolved, rooms)
-        clearance = measure_clearance(
-            plan.footprint, [*fixed, *(solid for piece in furniture for solid in piece.solids)]
-        )
-        troubled = _rooms_to_redo(site, clearance)
+        solids = [*fixed, *(solid for piece in furniture for solid in piece.solids)]
+        troubled = _rooms_to_redo(site, bounds_grid(plan.footprint, solids))
         troubled = [room for room in troubled if attempts[room] < len(_ATTEMPTS) - 1]
         if not troubled:
-            return Interior(furniture, clearance)
+            return furniture
         for room in troubled:
             attempts[room] += 1
             rooms[room] = _furnish_room(site, room, attempts)
@@ -307,14 +297,14 @@ def _name_pieces(resolved: ResolvedTemplate, rooms: Sequence[_Furnished]) -> tup
     return tuple(named)
 
 
-def _rooms_to_redo(site: _Site, clearance: Clearance) -> list[int]:
+def _rooms_to_redo(site: _Site, grid: BoundsGrid) -> list[int]:
     """Returns the rooms to furnish again: those with floor shut off, those not reached, and the ways to them."""
     radius, gaps = site.resolved.robot_radius_m, site.plan.gaps
-    reached = clearance.reached(radius)
+    reached = grid.reached(radius)
     troubled: set[int] = set()
     for room, floor in enumerate(site.floors):
-        if not reaches_room(reached, clearance, floor, radius):
+        if not reaches_room(reached, grid, floor, radius):
             troubled |= {room, *(other for gap in gaps if room in gap.rooms for other in gap.rooms)}
-        elif connected_share(reached, clearance, floor, radius) < _CONNECTED:
+        elif connected_share(reached, grid, floor, radius) < _CONNECTED:
             troubled.add(room)
     return sorted(troubled)

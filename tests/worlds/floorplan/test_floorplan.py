@@ -16,7 +16,7 @@ from tasks.worlds.floorplan.passages import shared_wall
 from tasks.worlds.floorplan.scoring import WALL_M, doorway_width
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.generate import sound_plan
-from tasks.worlds.geometry import EPSILON_M, Box, measure_clearance, reaches_room
+from tasks.worlds.geometry import EPSILON_M, Box, bounds_grid, reaches_room
 from tasks.worlds.resolved_template import ResolvedTemplate, resolve_template
 from tests.worlds.geometry_checks import bottom_m, intersect
 from tests.worlds.resolved_templates import flat, resolved, resolved_templates, wish
@@ -150,9 +150,9 @@ def met(home: ResolvedTemplate, plan: FloorPlan) -> int:
 
 def reaches_all(home: ResolvedTemplate, plan: FloorPlan) -> bool:
     """Returns whether a robot gets into every room between the walls as built, on a grid."""
-    clearance = measure_clearance(plan.footprint, build_walls(plan, 2.7, [GREY] * len(home.rooms)))
-    reached = clearance.reached(home.robot_radius_m)
-    return all(reaches_room(reached, clearance, floor, home.robot_radius_m) for floor in plan.floors)
+    grid = bounds_grid(plan.footprint, build_walls(plan, 2.7, [GREY] * len(home.rooms)))
+    reached = grid.reached(home.robot_radius_m)
+    return all(reaches_room(reached, grid, floor, home.robot_radius_m) for floor in plan.floors)
 
 
 def has_clear_start(plan: FloorPlan) -> bool:
@@ -286,9 +286,9 @@ def narrow(version: str) -> ResolvedTemplate:
 
 def passable(resolved: ResolvedTemplate, plan: FloorPlan) -> bool:
     leaves = [way.leaf("leaf", 100.0, GREY) for way in hang_doors(resolved, plan)]
-    clearance = measure_clearance(plan.footprint, [*build_walls(plan, 3.0, [GREY] * 4), *leaves])
-    reached = clearance.reached(resolved.robot_radius_m)
-    return all(reaches_room(reached, clearance, floor, resolved.robot_radius_m) for floor in plan.floors)
+    grid = bounds_grid(plan.footprint, [*build_walls(plan, 3.0, [GREY] * 4), *leaves])
+    reached = grid.reached(resolved.robot_radius_m)
+    return all(reaches_room(reached, grid, floor, resolved.robot_radius_m) for floor in plan.floors)
 
 
 def test_some_plans_are_not_passable_once_doors_hang() -> None:

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from specs.data.world import Furniture, RoomType, Solid
 from specs.template.interior import Density
 from tasks.worlds.floorplan.floorplan import FloorPlan, plan_floor
-from tasks.worlds.furnishing.furnish import Interior, InteriorKey, furnish, furnish_interior
+from tasks.worlds.furnishing.furnish import InteriorKey, furnish, furnish_interior
 from tasks.worlds.furnishing.placement import robot_gets_around
 from tasks.worlds.furnishing.scene import RoomScene, open_scene
 from tasks.worlds.furniture.catalogue import compose
-from tasks.worlds.geometry import Box, connected_share, reaches_room
+from tasks.worlds.geometry import Box, bounds_grid, connected_share, reaches_room
 from tasks.worlds.resolved_template import (
     COVERED,
     COVERED_BY_TYPE,
@@ -25,6 +25,7 @@ from tasks.worlds.resolved_template import (
     RoomWish,
     resolve_template,
 )
+from tasks.worlds.survey import exact_grid
 from tests.worlds.geometry_checks import distances, intersect, polygon
 from tests.worlds.rooms import LOOK, ROBOT_M, home, walls_of
 from tests.worlds.templates import DENSITIES, MODEL_TYPES, ROOM_TYPES, furniture, room, template
@@ -156,7 +157,7 @@ def homes(draw: st.DrawFn) -> tuple[ResolvedTemplate, FloorPlan, InteriorKey, li
     return resolved, plan, InteriorKey(draw(st.integers(0, 10_000)), 1, 1), listed
 
 
-def interior(resolved: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> Interior:
+def interior(resolved: ResolvedTemplate, plan: FloorPlan, draw: InteriorKey) -> tuple[Furniture, ...]:
     return furnish_interior(resolved, plan, walls_of(plan), draw)
 
 
@@ -166,7 +167,7 @@ def test_pieces_stand_apart_on_the_floor_and_off_start_and_door(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
     resolved, plan, draw, _ = case
-    pieces = interior(resolved, plan, draw).furniture
+    pieces = interior(resolved, plan, draw)
     assert overlapping(pieces) == []
     solids = [solid for piece in pieces for solid in piece.solids]
     assert [solid.name for solid in solids if leaves_floor(solid, plan)] == []
@@ -180,18 +181,19 @@ def test_a_robot_reaches_nearly_all_of_every_room(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
     resolved, plan, draw, _ = case
-    clearance = interior(resolved, plan, draw).clearance
-    reached = clearance.reached(resolved.robot_radius_m)
+    solids = [*walls_of(plan), *(solid for piece in interior(resolved, plan, draw) for solid in piece.solids)]
+    grid = bounds_grid(plan.footprint, solids)
+    reached = grid.reached(resolved.robot_radius_m)
     for floor in plan.floors:
-        assert reaches_room(reached, clearance, floor, resolved.robot_radius_m)
-        assert connected_share(reached, clearance, floor, resolved.robot_radius_m) >= 0.7
+        assert reaches_room(reached, grid, floor, resolved.robot_radius_m)
+        assert connected_share(reached, grid, floor, resolved.robot_radius_m) >= 0.7
 
 
 @settings(max_examples=60)
 @given(homes())
 def test_lists_are_obeyed(case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None]) -> None:
     resolved, plan, draw, listed = case
-    pieces = interior(resolved, plan, draw).furniture
+    pieces = interior(resolved, plan, draw)
     assert {piece.room for piece in pieces} <= {"Room"}
     if listed is not None:
         assert {piece.model_type for piece in pieces} <= set(listed)
@@ -203,7 +205,7 @@ def test_the_same_stream_gives_the_same_interior(
     case: tuple[ResolvedTemplate, FloorPlan, InteriorKey, list[str] | None],
 ) -> None:
     resolved, plan, draw, _ = case
-    assert interior(resolved, plan, draw).furniture == interior(resolved, plan, draw).furniture
+    assert interior(resolved, plan, draw) == interior(resolved, plan, draw)
 
 
 @pytest.mark.parametrize("kind", ROOM_TYPES)
@@ -211,21 +213,19 @@ def test_the_same_stream_gives_the_same_interior(
 def test_a_listed_type_stands_where_there_is_room(kind: RoomType, density: Density) -> None:
     for model in MODEL_TYPES[::3]:
         resolved, plan = home(kind, 20.0, density, [model], window=True)
-        assert {piece.model_type for piece in interior(resolved, plan, InteriorKey(1, 1, 1)).furniture} == {model}
+        assert {piece.model_type for piece in interior(resolved, plan, InteriorKey(1, 1, 1))} == {model}
 
 
 def test_all_listed_types_appear_over_several_interiors() -> None:
     listed = list(MODEL_TYPES[:10])
     resolved, plan = home("Living", 30.0, "Moderate", listed)
-    found = {
-        piece.model_type for n in range(1, 9) for piece in interior(resolved, plan, InteriorKey(1, 1, n)).furniture
-    }
+    found = {piece.model_type for n in range(1, 9) for piece in interior(resolved, plan, InteriorKey(1, 1, n))}
     assert found == set(listed)
 
 
 def test_interiors_of_a_plan_differ() -> None:
     resolved, plan = home("Living", 25.0, "Moderate")
-    first, second = (interior(resolved, plan, InteriorKey(1, 1, n)).furniture for n in (1, 2))
+    first, second = (interior(resolved, plan, InteriorKey(1, 1, n)) for n in (1, 2))
     assert first != second
 
 
@@ -235,7 +235,7 @@ def test_a_home_of_six_rooms_has_no_more_primitives_than_a_simulation_bears(dens
     rooms = [room(name, kind, 22.0) for name, kind in zip(names, ROOM_TYPES, strict=False)]
     resolved = resolve_template(template(*rooms, arrangements=(furniture({"RoomNames": [*names]}, None, density),)))
     plan = plan_floor(resolved, 3, 1)
-    assert sum(len(piece.solids) for piece in interior(resolved, plan, InteriorKey(3, 1, 1)).furniture) <= 480
+    assert sum(len(piece.solids) for piece in interior(resolved, plan, InteriorKey(3, 1, 1))) <= 480
 
 
 def crowded() -> ResolvedTemplate:
@@ -247,7 +247,7 @@ def crowded() -> ResolvedTemplate:
 def test_names_are_numbered_by_type_across_rooms() -> None:
     resolved = crowded()
     plan = plan_floor(resolved, 2, 1)
-    pieces = interior(resolved, plan, InteriorKey(2, 1, 1)).furniture
+    pieces = interior(resolved, plan, InteriorKey(2, 1, 1))
     assert len({piece.name for piece in pieces}) == len(pieces)
     assert all(piece.name.rsplit("_", 1)[0] == piece.model_type for piece in pieces)
     counts = Counter(piece.model_type for piece in pieces)
@@ -293,8 +293,9 @@ def free_floor(kind: RoomType, density: Density) -> list[float]:
     for area in AREAS_M2:
         resolved, plan = home(kind, area, density)
         for seed in SEEDS:
-            clearance = furnish_interior(resolved, plan, walls_of(plan), InteriorKey(seed, 1, 1)).clearance
-            found.append(1.0 - float(clearance.covered[clearance.cells(plan.floors[0])].mean()))
+            furniture = furnish_interior(resolved, plan, walls_of(plan), InteriorKey(seed, 1, 1))
+            grid = exact_grid(plan.footprint, [solid for piece in furniture for solid in piece.solids])
+            found.append(1.0 - float(grid.covered[grid.cells(plan.floors[0])].mean()))
     return found
 
 
