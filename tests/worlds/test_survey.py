@@ -36,8 +36,8 @@ def post(x: float, y: float, radius: float) -> Solid:
 def gap(width_m: float, yaw: float) -> list[Solid]:
     """Two long boxes that leave a gap of that width around (2, 0), the wall between them turned."""
     cos, sin = math.cos(yaw), math.sin(yaw)
-    away = 2.0 + width_m / 2
-    return [block(2.0 - side * sin * away, side * cos * away, (0.05, 2.0), yaw) for side in (1, -1)]
+    away = 3.0 + width_m / 2
+    return [block(2.0 - side * sin * away, side * cos * away, (0.05, 3.0), yaw) for side in (1, -1)]
 
 
 def centers(grid: ExactGrid) -> np.ndarray:
@@ -65,23 +65,23 @@ def test_a_cells_distance_is_that_of_its_centre_to_the_nearest_outline(solids: l
 @given(st.lists(things(), min_size=1, max_size=3))
 def test_a_cell_is_touched_where_an_outline_crosses_it(solids: list[Solid]) -> None:
     grid = exact_grid(HALL, solids)
-    inside = np.linspace(-0.5, 0.5, _LOOKS) * CELL_M
+    inside = np.linspace(-1.0, 1.0, _LOOKS) * (CELL_M / 2 - 1e-6)
     looks = np.stack(np.meshgrid(inside, inside, indexing="ij"), axis=-1).reshape(-1, 2)
     points = (centers(grid)[:, None] + looks).reshape(-1, 2)
     nearest = np.min([distances(each, points) for each in solids], axis=0).reshape(-1, len(looks)).min(axis=1)
     touched = grid.touched.ravel()
-    # Between two looks lie 4 mm: what is touched comes that near to one, and what is not keeps out of all.
+    # Looks reach a micrometre short of the cell's border, and 5 mm lie between two of them.
     assert nearest[touched].max(initial=0.0) <= CELL_M / (_LOOKS - 1)
-    assert nearest[~touched].min(initial=1.0) > 0.0 or not (nearest[~touched] == 0.0).any()
+    assert nearest[~touched].min(initial=1.0) > 0.0
 
 
-@pytest.mark.parametrize("yaw", [0.0, 0.3, math.pi / 4, 1.2])
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 0.6])
 @pytest.mark.parametrize("width_m", [0.3, 0.6, 0.83, 1.2])
 def test_the_radius_that_gets_through_a_gap_is_short_of_half_its_width_by_a_cell_at_most(
     width_m: float, yaw: float
 ) -> None:
     grid = exact_grid(HALL, gap(width_m, yaw))
-    beyond = Box(3.0, -1.5, 6.0, 1.5)
+    beyond = Box(4.0, -1.5, 6.0, 1.5)
     radii = [step / 1000 for step in range(1, 700)]
     through = max(r for r in radii if reaches_room(grid.reached(r), grid, beyond, r))
     assert width_m / 2 - CELL_M <= through <= width_m / 2
