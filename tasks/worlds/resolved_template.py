@@ -45,7 +45,7 @@ COVERED_BY_TYPE: dict[RoomType, dict[Density, float]] = {
 """The same for rooms that are unlike the rest: beds are large, and what lines a wall never fills a room."""
 COVERED_SPREAD = 0.01
 """By how much rooms of one type and density may differ from that."""
-FREE_FLOOR: dict[Density, tuple[float, float]] = {"Sparse": (0.82, 1.0), "Moderate": (0.72, 0.85), "Dense": (0.5, 0.79)}
+FREE_FLOOR: dict[Density, tuple[float, float]] = {"Sparse": (0.82, 1.0), "Moderate": (0.73, 0.85), "Dense": (0.5, 0.79)}
 """Least and greatest share of a room's floor that is free when the wish counts as met."""
 
 

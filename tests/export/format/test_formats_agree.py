@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 from typing import cast
 
 import mujoco
@@ -19,6 +20,7 @@ from tasks.export.format.mjcf import world_spec
 from tasks.export.format.occupancy_map import FREE, PICTURE_FILE, map_files
 from tasks.worlds.generate import generate_world
 from tests.repository import ROOT
+from tests.worlds.geometry_checks import distances, in_the_way
 
 pytestmark = pytest.mark.long
 
@@ -175,8 +177,9 @@ def certified_floor(world: World, grown_m: float) -> Bool[np.ndarray, "rows colu
         half_x_m, half_y_m = half if passage.along == "x" else half[::-1]
         x, y = passage.center_m
         floor |= within(x - half_x_m, y - half_y_m, x + half_x_m, y + half_y_m)
-    for box in (footprints(world) + grown_m * np.array([-1.0, -1.0, 1.0, 1.0])).tolist():
-        floor &= ~within(*box)
+    points = np.stack([x_m, y_m], axis=-1).reshape(-1, 2)
+    for solid in in_the_way(world):
+        floor &= (distances(solid, points) > grown_m).reshape(floor.shape)
     return connected(floor, world)
 
 
@@ -196,5 +199,5 @@ def test_the_free_cells_are_the_floor_that_is_reached_within_a_cell(world: World
     free = np.asarray(Image.open(io.BytesIO(map_files(world)[PICTURE_FILE])))[::-1] == FREE
     assert not np.any(free & ~grown(certified_floor(world, 0.0)))
     # A leg thinner than a cell hides no cell's middle, and stands in the way all the same.
-    untouched = certified_floor(world, world.map.resolution_m / 2)
+    untouched = certified_floor(world, world.map.resolution_m * math.sqrt(0.5))
     assert not np.any(connected(~grown(~untouched), world) & ~free)
