@@ -41,6 +41,7 @@ class ExactGrid(FloorGrid):
         most_radius_m: Distances are known as far as a robot of this radius needs them.
         distance_m: To the nearest solid that is not above head height: 0 in it.
         touched: Cells that a solid shares more than a border with.
+        centers_m: Where the middles of the cells are, along x and along y.
     """
 
     def __init__(
@@ -52,6 +53,9 @@ class ExactGrid(FloorGrid):
     ) -> None:
         super().__init__(origin, (touched.shape[0], touched.shape[1]))
         self.most_radius_m, self.distance_m, self.touched = most_radius_m, distance_m, touched
+        self.centers_m = [
+            low + CELL_M * (np.arange(cells) + 0.5) for low, cells in zip(origin, self.shape, strict=True)
+        ]
 
     @property
     def covered(self) -> Bool[np.ndarray, "x y"]:
@@ -129,9 +133,7 @@ def _draw_straight(grid: ExactGrid, boxes: Float[np.ndarray, "solids 6"], window
     grid.touched |= touched_by_bounds(grid.origin, grid.shape, boxes)
     columns, rows = (
         np.maximum(np.maximum(low[:, None] - centers, centers - high[:, None]), 0.0) ** 2
-        for low, high, centers in (
-            (boxes[:, axis], boxes[:, 3 + axis], _centers(grid, axis, slice(0, grid.shape[axis]))) for axis in (0, 1)
-        )
+        for low, high, centers in ((boxes[:, axis], boxes[:, 3 + axis], grid.centers_m[axis]) for axis in (0, 1))
     )
     for (x, y), beyond_x, beyond_y in zip(windows, columns, rows, strict=True):
         _keep_nearest(grid, (x, y), np.sqrt(beyond_x[x, None] + beyond_y[y]))
@@ -142,13 +144,9 @@ def _keep_nearest(grid: ExactGrid, window: _Window, distance_m: Float[np.ndarray
     np.minimum(kept, distance_m, out=kept)
 
 
-def _centers(grid: ExactGrid, axis: int, cells: slice) -> Float[np.ndarray, "cells"]:
-    return grid.origin[axis] + CELL_M * (np.arange(cells.start, cells.stop) + 0.5)
-
-
 def _draw_circle(grid: ExactGrid, window: _Window, row: list[float]) -> None:
     x, y, _, radius, *_ = row
-    dx, dy = np.abs(_centers(grid, 0, window[0]) - x)[:, None], np.abs(_centers(grid, 1, window[1]) - y)
+    dx, dy = np.abs(grid.centers_m[0][window[0]] - x)[:, None], np.abs(grid.centers_m[1][window[1]] - y)
     _keep_nearest(grid, window, np.maximum(np.sqrt(dx * dx + dy * dy) - radius, 0.0))
     into_x, into_y = np.maximum(dx - CELL_M / 2, 0.0), np.maximum(dy - CELL_M / 2, 0.0)  # of the cell's square
     grid.touched[window] |= into_x * into_x + into_y * into_y < radius * radius
@@ -157,7 +155,7 @@ def _draw_circle(grid: ExactGrid, window: _Window, row: list[float]) -> None:
 def _draw_turned(grid: ExactGrid, window: _Window, row: list[float]) -> None:
     x, y, _, half_x, half_y, _, yaw = row
     cos, sin = math.cos(yaw), math.sin(yaw)
-    dx, dy = _centers(grid, 0, window[0])[:, None] - x, _centers(grid, 1, window[1]) - y
+    dx, dy = grid.centers_m[0][window[0]][:, None] - x, grid.centers_m[1][window[1]] - y
     along, across = np.abs(cos * dx + sin * dy), np.abs(cos * dy - sin * dx)
     beyond_x, beyond_y = np.maximum(along - half_x, 0.0), np.maximum(across - half_y, 0.0)
     _keep_nearest(grid, window, np.sqrt(beyond_x * beyond_x + beyond_y * beyond_y))
