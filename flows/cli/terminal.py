@@ -11,6 +11,7 @@ bad robot from a small batch.
 """
 
 import atexit
+import errno
 import logging
 import os
 import re
@@ -326,6 +327,8 @@ def _complaint(exc: SimyardError) -> str:
 def _accident(exc: BaseException) -> str:
     if isinstance(exc, OSError) and exc.errno in NO_ROOM:
         return full_machine_message(exc)
+    if isinstance(exc, OSError) and exc.errno == errno.EROFS:
+        return f"{exc.strerror}: {exc.filename or 'a disk of this machine'}; make it writable, or choose another folder"
     if isinstance(exc, FileNotFoundError) and not _is_somewhere():
         return "the folder that this command was called in is gone: cd to one that is there"
     if os.environ.get("SIMYARD_DEBUG") == "1":

@@ -1,5 +1,7 @@
 """How `simyard` ends: exit codes 1 and 4 are verdicts, and nothing else."""
 
+import errno
+import os
 import signal
 import subprocess
 import sys
@@ -58,6 +60,14 @@ def test_a_defect_is_one_line(capsys: pytest.CaptureFixture[str]):
     told = capsys.readouterr().err
     assert told.count("\n") == 1
     assert "defect of Simyard: RuntimeError: over two lines" in told
+
+
+@pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EROFS])
+def test_a_disk_that_takes_nothing_is_no_defect(code: int, capsys: pytest.CaptureFixture[str]):
+    assert _code(_raises(OSError(code, os.strerror(code), "/somewhere"))) == 3
+    told = capsys.readouterr().err
+    assert os.strerror(code) in told
+    assert "defect" not in told
 
 
 def test_a_defect_shows_where_when_it_is_asked_to(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
