@@ -57,9 +57,10 @@ from tasks.deploy.fleet.states import FleetRecord, RobotRecord
 from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet, describe_robot
 from tasks.deploy.rollout.operator_commands import request_cancellation
 from tasks.deploy.rollout.resolved_request import SYNC, latest_deployment, plan_deployment, sync_request
+from tasks.deploy.trust.trust_record import vouch_queued
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue
-from tasks.storage.jobs.records import JobRecord
+from tasks.storage.jobs.records import JobRecord, job_id
 from tasks.storage.store_url import store_id
 from tasks.storage.tags import require_free_keys
 
@@ -188,7 +189,8 @@ def _create_deployment(gateway: Gateway, request: CreateDeploymentJobRequest) ->
         require_free(store, fleet, read_fleet(store, fleet).deployment)
         version = resolve(store, "robot-application", use.application, use.applicationVersion)
         plan_deployment(store, request, version.digest)
-        return NewRecord(asked)
+        job = job_id(_DEPLOYMENT, token)
+        return NewRecord(asked, vouch_queued(job, asked, version.digest, version.digests))
 
     record = _admit(gateway, fleet, Admission(_DEPLOYMENT, token, asked, _asked_in, checked, DEPLOYMENTS))
     return answer_of(CreateDeploymentJobResponse, describe_deployment_job(store, record.id), store)
@@ -204,7 +206,8 @@ def _sync_deployment(gateway: Gateway, request: SyncDeploymentJobRequest) -> Syn
     def checked() -> NewRecord:
         require_free(store, fleet, read_fleet(store, fleet).deployment)
         last = sync_request(latest_deployment(store, fleet), token)
-        return NewRecord({**canonical_document(last), "fleet": asked["fleet"]})
+        recorded: Document = {**canonical_document(last), "fleet": asked["fleet"]}
+        return NewRecord(recorded, vouch_queued(job_id(_DEPLOYMENT, token), recorded))
 
     options: dict[str, JsonValue] = {SYNC: True}
     admission = Admission(_DEPLOYMENT, token, asked, _synced_in, checked, DEPLOYMENTS, options)

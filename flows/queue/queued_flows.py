@@ -37,6 +37,7 @@ from specs.template.body import TemplateBody
 from tasks.applications.registry import resolve
 from tasks.deploy.rollout.resolved_request import SYNC
 from tasks.deploy.step import deploy_version, sync_fleet
+from tasks.deploy.trust.trust_record import chosen_keys, require_vouched
 from tasks.export.step import draw_worlds, export_worlds
 from tasks.progress.listener import work_for_document
 from tasks.simulate.batch.batch_record import STOPPING
@@ -70,7 +71,8 @@ logger = logging.getLogger(__name__)
 # - of a deployment-job: RoboMaker's request as `canonical_document` has it, its ``clientRequestToken`` the token, and
 #   its ``applicationVersion`` a number, so that what was checked is what is deployed. The fleet's record names the job
 #   as its deployment. Of a sync, the entry's options are ``{"sync": true}``, and the request is what
-#   `tasks.deploy.rollout.resolved_request.sync_request` makes of the last deployment.
+#   `tasks.deploy.rollout.resolved_request.sync_request` makes of the last deployment. The record's ``vouched`` is the
+#   owner's word for it (`tasks.deploy.trust.trust_record.vouch_queued`), which a worker with keys asks for.
 #
 # A token stands for its record's digest. So what is submitted again here, by the functions that a document's stage
 # calls, must be what was recorded: `canonical_document` of the request that was read back is.
@@ -132,10 +134,16 @@ def _deploy(store: Store, record: JobRecord) -> JobRecord:
     request = CreateDeploymentJobRequest.model_validate(record.request)
     asked = request.deploymentApplicationConfigs[0]
     version = resolve(store, "robot-application", asked.application, asked.applicationVersion)
-    return run_step(deploy_version, store.url, request, digest=version.digest, token=record.token)
+    digest, builds = version.digest, version.digests
+    if chosen_keys():  # what is signed is what was asked for: the record, and the version, are in the store
+        vouched = require_vouched(record, sync=False)
+        digest, builds = vouched.digest, vouched.builds
+    return run_step(deploy_version, store.url, request, digest=digest, builds=builds, token=record.token)
 
 
 def _sync(store: Store, record: JobRecord) -> JobRecord:
+    if chosen_keys():
+        require_vouched(record, sync=True)
     return run_step(sync_fleet, store.url, str(record.request["fleet"]), token=record.token)
 
 

@@ -61,18 +61,32 @@ def roll_out(
     )
 
 
-def deploy_version(store_url: str, request: CreateDeploymentJobRequest, *, digest: str, token: str) -> JobRecord:
+def deploy_version(
+    store_url: str,
+    request: CreateDeploymentJobRequest,
+    *,
+    digest: str,
+    builds: Mapping[Architecture, str],
+    token: str,
+) -> JobRecord:
     """Returns the ended deployment job of a request that no document made; see `run_deployment_job`.
 
     Args:
         store_url: Where fleet, robots and versions are.
         request: What to deploy where.
         digest: Of the bundle of the version that the request names.
+        builds: Of the bundle for each architecture.
         token: The client request token.
     """
     store = open_store(store_url)
     return run_deployment_job(
-        store, request, digest=digest, token=token, progress=stage_progress(STAGE), signer=_signer_here(store)
+        store,
+        request,
+        digest=digest,
+        builds=builds,
+        token=token,
+        progress=stage_progress(STAGE),
+        signer=_signer_here(store),
     )
 
 

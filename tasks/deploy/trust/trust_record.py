@@ -1,21 +1,26 @@
 """Decides whether a deployment is signed, and with which keys; its record says so, and the signer signs its plan.
 
+What waits in the queue is signed by a worker only if the owner vouches for it: the queue is in the store.
+
 Imports nothing heavy.
 """
 
 import logging
 import os
+import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from pydantic import JsonValue
+from pydantic import Field, JsonValue
 
-from specs.base import Fault, canonical_json
+from specs.base import Fault, Spec, canonical_json
 from specs.errors import TrustRefused
-from specs.field_types import S3Object
+from specs.field_types import Architecture, S3Object
+from specs.settings import OWNER_KEY
 from tasks.deploy.fleet.states import Desired, Signature
+from tasks.storage.jobs.authenticator import has_owner_key, owner_authenticator
 from tasks.storage.jobs.records import JobRecord
 
 KEYS_VARIABLE = "SIMYARD_KEYS"
@@ -25,6 +30,9 @@ UNSIGNED_ALARM = (
 _LOG = logging.getLogger(__name__)
 UNSIGNED = "unsigned"
 _TRUST, _PLAN, _SIGNATURE = "trust", "plan", "plan_signature"
+_VOUCHED, _QUEUED = "vouched", "queued deployment"
+_VOUCHED_S = 30 * 86_400.0  # as long as what is signed for a robot
+_CLOCKS_S = 3600.0  # by which those of two machines may differ
 
 
 def chosen_keys() -> Path | None:
@@ -65,6 +73,70 @@ def condition_fault(condition: S3Object, etag: str) -> Fault | None:
     what = f"{condition.bucket}/{condition.key}"
     allowed = f"the ETag of the script that you mean, since robots run it; {what} has {etag.strip(chr(34))!r} now"
     return Fault(path="deploymentConfig.downloadConditionFile.etag", value=repr(condition.etag), allowed=allowed)
+
+
+class Vouched(Spec):
+    """What a worker with keys deploys, of a deployment that waits for it.
+
+    Attributes:
+        digest: Of the bundle; empty for a sync.
+        builds: Of the bundle for each architecture.
+        at_s: When it was vouched for; seconds since 1970.
+        mac: By the owner's key: of this, of the job and of its request.
+    """
+
+    digest: str = ""
+    builds: dict[Architecture, str] = Field(default_factory=dict[Architecture, str])
+    at_s: float
+    mac: str = ""
+
+
+def vouch_queued(
+    job: str, request: Mapping[str, JsonValue], digest: str = "", builds: Mapping[Architecture, str] | None = None
+) -> dict[str, JsonValue]:
+    """Returns what the record of a queued deployment says besides, so that a worker with keys takes it.
+
+    Args:
+        job: Its id.
+        request: As it is recorded.
+        digest: Of the bundle that its version stands for now; empty for a sync.
+        builds: Of the bundle for each architecture.
+    """
+    vouched = Vouched(digest=digest, builds=dict(builds or {}), at_s=time.time())
+    mac = owner_authenticator(job, "").mac(_QUEUED, _vouched_bytes(request, vouched))
+    return {_VOUCHED: vouched.model_copy(update={"mac": mac}).model_dump(mode="json")}
+
+
+def require_vouched(record: JobRecord, *, sync: bool) -> Vouched:
+    """Returns what the owner has vouched for in the record of a queued deployment.
+
+    Args:
+        record: The job's, which anybody who writes to the store may have made.
+        sync: Whether it shall be worked off as a sync.
+
+    Raises:
+        TrustRefused: She has not, for this request, or not lately; says what helps.
+    """
+    try:
+        vouched = Vouched.model_validate(record.detail.get(_VOUCHED))
+        body = _vouched_bytes(record.request, vouched)
+    except ValueError as exc:
+        raise _not_vouched(record) from exc
+    known = has_owner_key() and owner_authenticator(record.id, "").authenticates(vouched.mac, _QUEUED, body)
+    if not known or sync == bool(vouched.digest):
+        raise _not_vouched(record)
+    if not -_CLOCKS_S <= time.time() - vouched.at_s <= _VOUCHED_S:
+        raise TrustRefused(f"{record.id} was queued too long ago, or by a clock that is wrong; ask for it again")
+    return vouched
+
+
+def _vouched_bytes(request: Mapping[str, JsonValue], vouched: Vouched) -> bytes:
+    return canonical_json({"request": dict(request), **vouched.model_dump(mode="json", exclude={"mac"})})
+
+
+def _not_vouched(record: JobRecord) -> TrustRefused:
+    what = f"{record.id} is not signed: the key in {OWNER_KEY} does not vouch for it as it stands"
+    return TrustRefused(f"{what}; give gateway and worker the same key, or find out who writes to the store")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from specs.errors import (
     ResourceNotFound,
 )
 from specs.robomaker.deployment import CreateDeploymentJobRequest
+from tasks.applications.registry import resolve
 from tasks.deploy.fleet.fleet_registry import (
     create_fleet,
     create_robot,
@@ -26,6 +27,7 @@ from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.deploy.rollout.operator_commands import command_of
 from tasks.deploy.trust.repository import init_keys
 from tasks.deploy.trust.signer import open_signer
+from tasks.deploy.trust.trust_record import require_vouched
 from tasks.storage.base.keys import fleet_key, job_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import is_queued, leave_queue, queued_jobs
@@ -174,6 +176,10 @@ def test_a_deployment_is_recorded_and_queued_and_has_its_fleet(asked: Asked):
     }
     assert made["status"] == "Pending"
     assert is_queued(asked.store, KIND, path(made))
+    assert (
+        require_vouched(read(asked.store, KIND, path(made)), sync=False).digest
+        == resolve(asked.store, "robot-application", "courier").digest
+    )
     assert read_fleet(asked.store, "team").deployment == path(made)
     assert asked.call("CreateDeploymentJob", **request) == made
     assert asked.call("DescribeDeploymentJob", job=made["arn"])["fleet"] == request["fleet"]
@@ -228,6 +234,7 @@ def test_a_sync_is_a_job_of_its_own_and_its_entry_says_what_it_is(asked: Asked):
     assert (made["status"], made["fleet"]) == ("Pending", fleet)
     (entry,) = queued_jobs(asked.store)
     assert (entry.id, entry.options) == (path(made), {"sync": True})
+    assert require_vouched(read(asked.store, KIND, path(made)), sync=True)
     assert asked.call("SyncDeploymentJob", clientRequestToken="s1", fleet=fleet) == made
     leave_queue(asked.store, KIND, path(made))
     asked.call("CancelDeploymentJob", job=made["arn"])
