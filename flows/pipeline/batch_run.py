@@ -48,7 +48,7 @@ def prepare_simulation(work: ParsedRun) -> None:
     """Begins the process that simulates, if the run is going to simulate here after other stages; returns at once."""
     before = work.spec.worldGeneration or work.spec.worldExport
     if work.found.batch and before and not orchestrator().wanted_workers() and ended_batch(work) is None:
-        begin_simulation_process(work.store, [*work.found.batch.digests()])
+        begin_simulation_process(work.store, work.found.batch.first_bundles())
 
 
 def begin_simulation_process(store: Store, digests: Sequence[str]) -> None:
@@ -58,7 +58,7 @@ def begin_simulation_process(store: Store, digests: Sequence[str]) -> None:
 
     Args:
         store: Where the bundles are.
-        digests: Of all applications of the batch.
+        digests: Of the applications that its first episodes run.
     """
     Thread(target=_begin_process, args=(store, digests), name="simyard simulation process", daemon=True).start()
 
@@ -123,7 +123,9 @@ def run_batch(store: Store, batch: str, location: OutputLocation, gate: Gate | N
             if not _batch_workers(work) and (
                 bool(work.plan.audit) or len(chunk_numbers(work.store, work.id).committed) < work.layout.chunks
             ):
-                _begin_process(store, work.plan.digests())  # which imports JAX while the first chunk is made ready
+                _begin_process(
+                    store, work.plan.first_bundles()
+                )  # which imports JAX while the first chunk is made ready
             _unpack_bundles(work)
             watch = BatchWatch()
             with collect_timings() as driven:

@@ -82,6 +82,11 @@ class EpisodeRequest(Spec):
     duration_s: float
     failure_behavior: FailureBehavior = "Fail"
 
+    @property
+    def bundles(self) -> frozenset[str]:
+        """The digests of the bundles that it runs: no other application is in the process that simulates it."""
+        return frozenset({self.robot.digest, self.scenario.digest})
+
 
 class EpisodeResult(Spec):
     """What came of one lane: a rerun of the request on the same kind of device gives the same row.

@@ -196,21 +196,24 @@ class Service:
         self.say(Rows(timings=tuple(timings), tags=tags), [_row_bytes(rest)])
 
     def _audit(self, work: AuditWork, bundles: Mapping[str, Path]) -> None:
-        from tasks.simulate.audit.audit_drive import audit  # noqa: PLC0415
-        from tasks.simulate.audit.audit_sample import SampledEpisode  # noqa: PLC0415
+        from tasks.simulate.audit.audit_drive import drive_audit, drive_control  # noqa: PLC0415
+        from tasks.simulate.audit.audit_report import drive_arrays  # noqa: PLC0415
 
-        sample = [SampledEpisode(each.request, each.row, each.weight) for each in work.sample]
         with collect_timings() as timings:
-            report = audit(
-                sample,
-                self._worlds,
-                bundles,
-                lanes=work.lanes,
-                engine=work.engine,
-                drawn=work.drawn,
-                progress=self._progress,
-            )
-        self.say(Audited(report=report.model_dump_json(), timings=tuple(timings)))
+            if work.control:
+                drives, why = drive_control(work.others, self._worlds, bundles, lanes=work.lanes), ""
+            else:
+                *drives, why = drive_audit(
+                    work.here,
+                    work.others,
+                    self._worlds,
+                    bundles,
+                    lanes=work.lanes,
+                    engine=work.engine,
+                    progress=self._progress,
+                )
+        arrays = [array for each in drives for array in drive_arrays(each)]
+        self.say(Audited(why=why, timings=tuple(timings)), arrays)
 
     def _again(self, work: ReplayWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.replay.replay_drive import drive_replay  # noqa: PLC0415

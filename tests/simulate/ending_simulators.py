@@ -18,7 +18,7 @@ def ended(*, beside_others: bool) -> SimulatorEnded:
     return found
 
 
-def use_simulators(monkeypatch: pytest.MonkeyPatch, ends: Sequence[SimulatorEnded | Answer]) -> list[object]:
+def use_simulators(monkeypatch: pytest.MonkeyPatch, ends: Sequence[SimulatorEnded | Answer | Told]) -> list[object]:
     """Returns the questions that processes are asked, of which each is asked once and does what stands next."""
     asked, left = list[object](), iter(ends)
 
@@ -35,7 +35,7 @@ def use_simulators(monkeypatch: pytest.MonkeyPatch, ends: Sequence[SimulatorEnde
             end = next(left)
             if isinstance(end, SimulatorEnded):
                 raise end
-            return end, ()
+            return end if isinstance(end, tuple) else (end, ())
 
         def sent_worlds(self, worlds: Mapping[str, World]) -> SentWorlds:
             return SentWorlds(new={name: world.model_dump_json() for name, world in worlds.items()})

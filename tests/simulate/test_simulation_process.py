@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from specs.data.episode_columns import EpisodeColumns
-from specs.data.parity_audit import AuditReport
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
+from tasks.simulate.audit.audit_report import AuditDrives
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.process_environment import process_environment
@@ -21,7 +21,7 @@ from tasks.simulate.simulation_process import Service
 from tests.factories.simulations import delivery
 
 LANES = 8
-WORK = AuditWork(sample=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto", drawn=0)
+WORK = AuditWork(here=(), others=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto")
 
 
 # What it imports is waited for by the first chunk; forms of documents are a tenth of that.
@@ -57,7 +57,7 @@ def test_a_lack_of_memory_a_crash_and_a_defect_are_different_answers(
     def fails(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr(audit_drive, "audit", fails)
+    monkeypatch.setattr(audit_drive, "drive_audit", fails)
     ours, theirs = socket.socketpair()
     with ours, theirs:
         Service(theirs).answer(WORK)
@@ -80,7 +80,7 @@ def test_few_episodes_of_a_batch_that_is_under_way_stay_with_it(monkeypatch: pyt
 
 
 def test_nothing_that_was_begun_early_outlives_an_audit(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(audit_drive, "audit", lambda *_, **__: AuditReport(verdict="SOUND", sentence=""))
+    monkeypatch.setattr(audit_drive, "drive_audit", lambda *_, **__: AuditDrives({}, {}))
     first, after = _pipelines(monkeypatch, [_lanes(8, 1), WORK, _lanes(8, 0)])
     assert after is not None
     assert after is not first

@@ -13,202 +13,27 @@ no other.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextvars import copy_context
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
-from jaxtyping import Float32
 
-from specs.data.episode import EpisodeRequest, EpisodeResult, success
-from specs.data.parity_audit import AuditControl, AuditReport, Flip
+from specs.data.episode import EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
-from tasks.simulate.audit.audit_report import (
-    APART_LIMIT_M,
-    CALM_M,
-    CONFIDENCE,
-    ComparedLane,
-    Ending,
-    apart_quantiles,
-    flip_share,
-    needs_control,
-    own_rate,
-    share_bounds,
-    total_share,
-    weight_of,
-    with_verdict,
-)
-from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.audit.audit_report import AuditDrives, DrivenEpisode
 from tasks.simulate.chunk.byproducts import note_timing
 from tasks.simulate.chunk.chunk_simulation import LaneDrive, ReadyChunk, ready_parts
 from tasks.simulate.chunk.lane_pool import lane_row, open_run
-from tasks.simulate.devices import device_count, device_kind
+from tasks.simulate.devices import device_count
 from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.engines.program import Run
 from tasks.simulate.host.declaration import most_lanes
 from tasks.simulate.plan.chunks import plan_chunks
-
-# What a row holds besides what the simulation gave it; how lock-step held is judged by itself.
-_BESIDES = {"recording", "failure_reason", "late", "stray"}
-# All that is promised of a GPU, where the order of additions is not fixed.
-_ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
-
-
-class DrivenEpisode(NamedTuple):
-    """An episode driven again: its row, and its place at the end of each control step."""
-
-    engine: str
-    row: EpisodeResult
-    places_m: Float32[np.ndarray, "steps 2"]
-
-
-Driven = Mapping[int, DrivenEpisode]
-"""Episodes that were driven again, by index."""
-
-
-def findings(
-    sample: Sequence[SampledEpisode], ours: Driven, theirs: Driven, control: Sequence[Driven], drawn: int
-) -> AuditReport:
-    """Returns the report of an audit, which has no verdict yet.
-
-    Args:
-        sample: What was audited.
-        ours: By the engines that made the rows; without what another kind of device drove.
-        theirs: By C MuJoCo; without what it had driven in the first place.
-        control: The same by C MuJoCo a micrometre beside, in each direction; none if there was no control.
-        drawn: How many episodes were to be audited.
-    """
-    both = [each for each in sample if each.row.index in theirs]
-    lanes = [_compared_lane(each, theirs, control) for each in both]
-    flips, others = _flips(both, lanes, theirs)
-    ended_otherwise = {flip.index for flip in (*flips, *others)}
-    ways_m = {i: _most_apart_m(ours[i], theirs[i]) for i in (each.row.index for each in both) if i in ours}
-    unflipped_m = {index: apart_m for index, apart_m in ways_m.items() if index not in ended_otherwise}
-    false_passes, false_alarms = flip_share(lanes, _passed), flip_share(lanes, _did_not_pass)
-    here = [each.row for each in sample if each.row.device == device_kind()]
-    return AuditReport(
-        verdict="NOT RUN",
-        sentence="",
-        sampled=drawn,
-        engine=", ".join(sorted({each.row.engine for each in sample if each.row.engine})),
-        reference=REFERENCE,
-        lanes=len(sample),
-        compared=len(both),
-        false_passes=false_passes,
-        false_alarms=false_alarms,
-        missed_contacts=flip_share(lanes, _untouched),
-        total=total_share([false_passes, false_alarms]),
-        control=_control_found(lanes, theirs, control, unflipped_m),
-        final=apart_quantiles([_ends_apart_m(each.row, theirs[each.row.index].row) for each in both]),
-        way=apart_quantiles([*ways_m.values()]),
-        unflipped=apart_quantiles([*unflipped_m.values()]),
-        flips=flips,
-        others=others,
-        unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
-        ros=sum(each.row.late is not None for each in sample),
-        unlocked=tuple(each.row.index for each in sample if _unlocked(each.row, ours.get(each.row.index))),
-        elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
-    )
-
-
-def _flips(
-    both: Sequence[SampledEpisode], lanes: Sequence[ComparedLane], theirs: Driven
-) -> tuple[tuple[Flip, ...], tuple[Flip, ...]]:
-    """Returns the episodes whose success differs from C MuJoCo's, and those that ended otherwise with the same one."""
-    flips: list[Flip] = []
-    others: list[Flip] = []
-    for each, lane in zip(both, lanes, strict=True):
-        row, end, reference = each.row, _end_of(each.row), _end_of(theirs[each.row.index].row)
-        if lane.row.passed != lane.reference.passed:
-            chaotic = any(drive.passed == lane.row.passed for drive in lane.disturbed) if lane.disturbed else None
-            flips.append(Flip(index=row.index, row=end, reference=reference, chaotic=chaotic))
-        elif end != reference:
-            others.append(Flip(index=row.index, row=end, reference=reference))
-    return tuple(flips), tuple(others)
-
-
-def _compared_lane(each: SampledEpisode, theirs: Driven, control: Iterable[Driven]) -> ComparedLane:
-    index = each.row.index
-    return ComparedLane(
-        episode=index,
-        weight=each.weight,
-        row=_ending(each.row),
-        reference=_ending(theirs[index].row),
-        disturbed=tuple(_ending(drive[index].row) for drive in control if index in drive),
-    )
-
-
-def _ending(row: EpisodeResult) -> Ending:
-    return Ending(passed=bool(success(row)), touched=row.collisions > 0)
-
-
-def _passed(ending: Ending) -> bool:
-    return ending.passed
-
-
-def _did_not_pass(ending: Ending) -> bool:
-    return not ending.passed
-
-
-def _untouched(ending: Ending) -> bool:
-    return not ending.touched
-
-
-def _control_found(
-    lanes: Sequence[ComparedLane], theirs: Driven, control: Sequence[Driven], unflipped_m: Mapping[int, float]
-) -> AuditControl | None:
-    """Returns C MuJoCo compared with itself, over the lanes that it drove in each direction; None if there is none."""
-    driven = [lane for lane in lanes if control and len(lane.disturbed) == len(control)]
-    if not driven:
-        return None
-    own_m = {k: max(_most_apart_m(drive[k], theirs[k]) for drive in control) for k in (lane.episode for lane in driven)}
-    rate = own_rate(driven)
-    lower, upper = share_bounds(rate, weight_of(driven) ** 2 / sum(lane.weight**2 for lane in driven), CONFIDENCE)
-    calm_m = [apart_m for index, apart_m in unflipped_m.items() if own_m.get(index, np.inf) <= CALM_M]
-    return AuditControl(
-        lanes=len(driven),
-        drives=len(control),
-        flips=sum(len({lane.reference.passed, *(each.passed for each in lane.disturbed)}) > 1 for lane in driven),
-        rate=rate,
-        lower=lower,
-        upper=upper,
-        way=apart_quantiles([*own_m.values()]),
-        calm=len(calm_m),
-        parted=sum(apart_m > APART_LIMIT_M for apart_m in calm_m),
-    )
-
-
-def _unlocked(row: EpisodeResult, again: DrivenEpisode | None) -> bool:
-    """Returns whether lock-step did not hold in an episode, when its row was made or when it was driven again."""
-    rows = [row, again.row] if again else [row]
-    return any(each.late or each.stray for each in rows)
-
-
-def _end_of(row: EpisodeResult) -> str:
-    return row.outcome_reason or row.outcome
-
-
-def _ends_apart_m(row: EpisodeResult, other: EpisodeResult) -> float:
-    return float(np.hypot(row.final_x_m - other.final_x_m, row.final_y_m - other.final_y_m))
-
-
-def _most_apart_m(ours: DrivenEpisode, theirs: DrivenEpisode) -> float:
-    steps = min(len(ours.places_m), len(theirs.places_m))
-    return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
-
-
-def _reproduced(row: EpisodeResult, ours: Driven) -> bool:
-    if row.index not in ours:
-        return False
-    again = ours[row.index].row
-    if device_kind() == "gpu":
-        return row.model_dump(include=_ENDS) == again.model_dump(include=_ENDS)
-    return row.model_dump(exclude=_BESIDES) == again.model_dump(exclude=_BESIDES)
-
 
 UNDISTURBED_M = (0.0, 0.0)
 
@@ -325,67 +150,60 @@ def drive_sample(
         return drives.begin(requests, worlds, bundles, lanes=lanes, engine=engine, beside_m=beside_m)()
 
 
-def audit(
-    sample: Sequence[SampledEpisode],
+def drive_audit(
+    here: Sequence[EpisodeRequest],
+    others: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     *,
     lanes: int,
     engine: str = "auto",
-    drawn: int = 0,
     progress: Callable[[int], None] = lambda _: None,
-) -> AuditReport:
-    """Returns what driving a sample again shows.
+) -> AuditDrives:
+    """Returns what driving episodes again shows, by their engine and by C MuJoCo.
 
     Args:
-        sample: At least one episode.
-        worlds: At least those of the sample.
-        bundles: Unpacked folders of the applications, by digest.
+        here: Those that their engine drives.
+        others: Those that C MuJoCo drives, in a program with no more lanes than there are episodes.
+        worlds: At least theirs.
+        bundles: Unpacked folders of their applications, by digest.
         lanes: Of a program. With those of the batch, the engine drives the sample in the batch's own programs, which
-            are there already, or in one of a quarter of the lanes, which whoever recounts the batch takes, too; C
-            MuJoCo drives it in one with no more lanes than there are episodes.
+            are there already, or in one of a quarter of the lanes, which whoever recounts the batch takes, too.
         engine: What the batch asked for.
-        drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
-        progress: Told how many of two drives for each episode are done, or will not be made.
+        progress: Told how many of both drives are done, or will not be made.
 
     Raises:
         BundleCrash: An application that made rows before now fails.
     """
-    here = [each for each in sample if each.row.device == device_kind()]
-    others = [each.request for each in sample if each.row.engine != REFERENCE]
-    few = min(lanes, len(sample))
-    theirs: Driven = {}
-    why = f"the rows were made by {REFERENCE}, the reference itself"
+    theirs, why = dict[int, DrivenEpisode](), ""
     with Drives() as drives:
-        began_theirs: Callable[[], Driven] | None = None
+        began_theirs: Callable[[], dict[int, DrivenEpisode]] | None = None
         if others:  # first, because it takes longer
+            few = min(lanes, len({each.index for each in (*here, *others)}))
             try:
                 began_theirs = drives.begin(others, worlds, bundles, lanes=few, engine=REFERENCE)
             except BundleCrash as crash:
                 why = crash.reason
-        ours = drives.begin([each.request for each in here], worlds, bundles, lanes=lanes, engine=engine)()
+        ours = drives.begin(here, worlds, bundles, lanes=lanes, engine=engine)()
         progress(len(here))
         if began_theirs:
             theirs = began_theirs()
-    progress(2 * len(sample))
-    found = findings(sample, ours, theirs, (), max(drawn, len(sample)))
-    if needs_control(found):
-        again = [each for each in others if each.index in theirs]
-        found = findings(sample, ours, theirs, _control(again, worlds, bundles, few), found.sampled)
-    return with_verdict(found, why)
+    progress(len(here) + len(others))
+    return AuditDrives(ours, theirs, why)
 
 
-def _control(
-    requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], bundles: Mapping[str, Path], lanes: int
-) -> list[Driven]:
+def drive_control(
+    requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], bundles: Mapping[str, Path], *, lanes: int
+) -> list[dict[int, DrivenEpisode]]:
     """Returns what C MuJoCo makes of episodes from a micrometre beside, in each direction; nothing if it cannot.
 
     All lanes are driven, and not only those that flipped: of these alone one could not tell a flip that is rare
     everywhere from one that is the engine's.
     """
+    few = min(lanes, len(requests))
     try:
         return [
-            drive_sample(requests, worlds, bundles, lanes=lanes, engine=REFERENCE, beside_m=beside_m)
+            drive_sample(requests, worlds, bundles, lanes=few, engine=REFERENCE, beside_m=beside_m)
             for beside_m in DISTURBANCES_M
         ]
     except BundleCrash as crash:

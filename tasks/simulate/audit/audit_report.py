@@ -7,12 +7,27 @@ drives.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float32
 
-from specs.data.parity_audit import ApartQuantiles, AuditReport, AuditVerdict, FlipShare, TotalShare
+from specs.data.column_bytes import decode_columns, encode_columns
+from specs.data.episode import EpisodeResult, success
+from specs.data.episode_columns import EpisodeColumns
+from specs.data.parity_audit import (
+    ApartQuantiles,
+    AuditControl,
+    AuditReport,
+    AuditVerdict,
+    Flip,
+    FlipShare,
+    TotalShare,
+)
+from tasks.simulate.audit.audit_sample import SampledEpisode
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engines.engine_table import REFERENCE
 
 CONFIDENCE = 0.95
 """Coverage of the intervals of a report; a gate computes its own."""
@@ -302,3 +317,237 @@ def _warnings(found: AuditReport) -> list[str]:
 
 def _few(indices: tuple[int, ...]) -> str:
     return ", ".join(map(str, indices[:5]))
+
+
+# What a row holds besides what the simulation gave it; how lock-step held is judged by itself.
+_BESIDES = {"recording", "failure_reason", "late", "stray"}
+# All that is promised of a GPU, where the order of additions is not fixed.
+_ENDS = {"status", "failure_code", "outcome", "outcome_reason"}
+
+
+class DrivenEpisode(NamedTuple):
+    """An episode driven again: its row, and its place at the end of each control step."""
+
+    engine: str
+    row: EpisodeResult
+    places_m: Float32[np.ndarray, "steps 2"]
+
+
+Driven = Mapping[int, DrivenEpisode]
+"""Episodes that were driven again, by index."""
+
+
+def findings(
+    sample: Sequence[SampledEpisode], ours: Driven, theirs: Driven, control: Sequence[Driven], drawn: int
+) -> AuditReport:
+    """Returns the report of an audit, which has no verdict yet.
+
+    Args:
+        sample: What was audited.
+        ours: By the engines that made the rows; without what another kind of device drove.
+        theirs: By C MuJoCo; without what it had driven in the first place.
+        control: The same by C MuJoCo a micrometre beside, in each direction; none if there was no control.
+        drawn: How many episodes were to be audited.
+    """
+    both = [each for each in sample if each.row.index in theirs]
+    lanes = [_compared_lane(each, theirs, control) for each in both]
+    flips, others = _flips(both, lanes, theirs)
+    ended_otherwise = {flip.index for flip in (*flips, *others)}
+    ways_m = {i: _most_apart_m(ours[i], theirs[i]) for i in (each.row.index for each in both) if i in ours}
+    unflipped_m = {index: apart_m for index, apart_m in ways_m.items() if index not in ended_otherwise}
+    false_passes, false_alarms = flip_share(lanes, _passed), flip_share(lanes, _did_not_pass)
+    here = [each.row for each in sample if each.row.device == device_kind()]
+    return AuditReport(
+        verdict="NOT RUN",
+        sentence="",
+        sampled=drawn,
+        engine=", ".join(sorted({each.row.engine for each in sample if each.row.engine})),
+        reference=REFERENCE,
+        lanes=len(sample),
+        compared=len(both),
+        false_passes=false_passes,
+        false_alarms=false_alarms,
+        missed_contacts=flip_share(lanes, _untouched),
+        total=total_share([false_passes, false_alarms]),
+        control=_control_found(lanes, theirs, control, unflipped_m),
+        final=apart_quantiles([_ends_apart_m(each.row, theirs[each.row.index].row) for each in both]),
+        way=apart_quantiles([*ways_m.values()]),
+        unflipped=apart_quantiles([*unflipped_m.values()]),
+        flips=flips,
+        others=others,
+        unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
+        ros=sum(each.row.late is not None for each in sample),
+        unlocked=tuple(each.row.index for each in sample if _unlocked(each.row, ours.get(each.row.index))),
+        elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
+    )
+
+
+def _flips(
+    both: Sequence[SampledEpisode], lanes: Sequence[ComparedLane], theirs: Driven
+) -> tuple[tuple[Flip, ...], tuple[Flip, ...]]:
+    """Returns the episodes whose success differs from C MuJoCo's, and those that ended otherwise with the same one."""
+    flips: list[Flip] = []
+    others: list[Flip] = []
+    for each, lane in zip(both, lanes, strict=True):
+        row, end, reference = each.row, _end_of(each.row), _end_of(theirs[each.row.index].row)
+        if lane.row.passed != lane.reference.passed:
+            chaotic = any(drive.passed == lane.row.passed for drive in lane.disturbed) if lane.disturbed else None
+            flips.append(Flip(index=row.index, row=end, reference=reference, chaotic=chaotic))
+        elif end != reference:
+            others.append(Flip(index=row.index, row=end, reference=reference))
+    return tuple(flips), tuple(others)
+
+
+def _compared_lane(each: SampledEpisode, theirs: Driven, control: Iterable[Driven]) -> ComparedLane:
+    index = each.row.index
+    return ComparedLane(
+        episode=index,
+        weight=each.weight,
+        row=_ending(each.row),
+        reference=_ending(theirs[index].row),
+        disturbed=tuple(_ending(drive[index].row) for drive in control if index in drive),
+    )
+
+
+def _ending(row: EpisodeResult) -> Ending:
+    return Ending(passed=bool(success(row)), touched=row.collisions > 0)
+
+
+def _passed(ending: Ending) -> bool:
+    return ending.passed
+
+
+def _did_not_pass(ending: Ending) -> bool:
+    return not ending.passed
+
+
+def _untouched(ending: Ending) -> bool:
+    return not ending.touched
+
+
+def _control_found(
+    lanes: Sequence[ComparedLane], theirs: Driven, control: Sequence[Driven], unflipped_m: Mapping[int, float]
+) -> AuditControl | None:
+    """Returns C MuJoCo compared with itself, over the lanes that it drove in each direction; None if there is none."""
+    driven = [lane for lane in lanes if control and len(lane.disturbed) == len(control)]
+    if not driven:
+        return None
+    own_m = {k: max(_most_apart_m(drive[k], theirs[k]) for drive in control) for k in (lane.episode for lane in driven)}
+    rate = own_rate(driven)
+    lower, upper = share_bounds(rate, weight_of(driven) ** 2 / sum(lane.weight**2 for lane in driven), CONFIDENCE)
+    calm_m = [apart_m for index, apart_m in unflipped_m.items() if own_m.get(index, np.inf) <= CALM_M]
+    return AuditControl(
+        lanes=len(driven),
+        drives=len(control),
+        flips=sum(len({lane.reference.passed, *(each.passed for each in lane.disturbed)}) > 1 for lane in driven),
+        rate=rate,
+        lower=lower,
+        upper=upper,
+        way=apart_quantiles([*own_m.values()]),
+        calm=len(calm_m),
+        parted=sum(apart_m > APART_LIMIT_M for apart_m in calm_m),
+    )
+
+
+def _unlocked(row: EpisodeResult, again: DrivenEpisode | None) -> bool:
+    """Returns whether lock-step did not hold in an episode, when its row was made or when it was driven again."""
+    rows = [row, again.row] if again else [row]
+    return any(each.late or each.stray for each in rows)
+
+
+def _end_of(row: EpisodeResult) -> str:
+    return row.outcome_reason or row.outcome
+
+
+def _ends_apart_m(row: EpisodeResult, other: EpisodeResult) -> float:
+    return float(np.hypot(row.final_x_m - other.final_x_m, row.final_y_m - other.final_y_m))
+
+
+def _most_apart_m(ours: DrivenEpisode, theirs: DrivenEpisode) -> float:
+    steps = min(len(ours.places_m), len(theirs.places_m))
+    return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
+
+
+def _reproduced(row: EpisodeResult, ours: Driven) -> bool:
+    if row.index not in ours:
+        return False
+    again = ours[row.index].row
+    if device_kind() == "gpu":
+        return row.model_dump(include=_ENDS) == again.model_dump(include=_ENDS)
+    return row.model_dump(exclude=_BESIDES) == again.model_dump(exclude=_BESIDES)
+
+
+DRIVE_ARRAYS = 3
+
+
+def drive_arrays(driven: Driven) -> list[np.ndarray]:
+    """Returns a drive as arrays: the bytes of its rows, how many steps each did, and the places of all of them."""
+    found = [*driven.values()]
+    places_m = [each.places_m for each in found]
+    return [
+        np.frombuffer(encode_columns(EpisodeColumns.of([each.row for each in found])), np.uint8),
+        np.array([*map(len, places_m)], np.int64),
+        np.concatenate(places_m, dtype=np.float32) if places_m else np.zeros((0, 2), np.float32),
+    ]
+
+
+def received_drive(arrays: Sequence[np.ndarray], asked: Iterable[int]) -> Driven:
+    """Returns the drive whose arrays a process sent.
+
+    Args:
+        arrays: As ``drive_arrays`` makes them, or anything else.
+        asked: Indices of the episodes that were to be driven.
+
+    Raises:
+        ValueError: They are not those of a drive of some of these.
+    """
+    body, steps, places_m = arrays
+    rows = decode_columns(body.tobytes()).rows()
+    indices = [row.index for row in rows]
+    if not set(indices) <= set(asked) or len(set(indices)) < len(indices):
+        raise ValueError("a drive of other episodes")
+    whole = steps.dtype == np.int64 and steps.shape == (len(rows),) and not (steps < 0).any()
+    if not whole or places_m.dtype != np.float32 or places_m.shape != (steps.sum(), 2):
+        raise ValueError("a drive whose places are not those of its rows")
+    if not np.isfinite(places_m).all():
+        raise ValueError("a drive to places that are none")
+    ends = np.cumsum(steps)
+    return {
+        row.index: DrivenEpisode(row.engine, row, places_m[end - count : end])
+        for row, count, end in zip(rows, steps.tolist(), ends.tolist(), strict=True)
+    }
+
+
+class AuditDrives(NamedTuple):
+    """What drives of a sample made of it.
+
+    Attributes:
+        ours: By the engines that made the rows; without what another kind of device drove.
+        theirs: By C MuJoCo; without what it had driven in the first place.
+        why: Why C MuJoCo drove none; empty if it did, or had nothing to drive.
+    """
+
+    ours: Driven
+    theirs: Driven
+    why: str = ""
+
+
+def audit_report(
+    sample: Sequence[SampledEpisode],
+    drives: AuditDrives,
+    control: Callable[[], Sequence[Driven]],
+    drawn: int = 0,
+) -> AuditReport:
+    """Returns what driving a sample again shows.
+
+    Args:
+        sample: At least one episode.
+        drives: Of the sample.
+        control: Has C MuJoCo drive what it drove from a micrometre beside, in each direction; nothing if it cannot.
+        drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
+    """
+    ours, theirs, why = drives
+    found = findings(sample, ours, theirs, (), max(drawn, len(sample)))
+    if needs_control(found):
+        found = findings(sample, ours, theirs, control(), found.sampled)
+    return with_verdict(found, why or f"the rows were made by {REFERENCE}, the reference itself")

@@ -1,32 +1,43 @@
 """Audits a batch after its last chunk. What goes wrong in the audit is written into its report.
 
-The sample goes to the process that simulates, the report comes back. It depends on the batch alone, so that an audit
-whose process died is simply made again. One that keeps killing its process, for want of memory, is given up: the batch
-would never end.
+Processes drive the sample again, each the episodes of one robot; what they drove is compared here. It depends on the
+batch alone, so that an audit whose process died is simply made again. One that keeps killing its process, for want of
+memory, is given up: the batch would never end.
 """
 
 import hashlib
 import logging
+from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import JsonValue
 
 from specs.base import Spec
-from specs.data.episode import CONTROL_HZ
+from specs.data.episode import CONTROL_HZ, EpisodeRequest
 from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from specs.field_types import OutputLocation
 from tasks.simulate.application.bundle_code import BundleCrash, crash_code
-from tasks.simulate.audit.audit_report import not_run
+from tasks.simulate.audit.audit_report import (
+    DRIVE_ARRAYS,
+    AuditDrives,
+    Driven,
+    DrivenEpisode,
+    audit_report,
+    not_run,
+    received_drive,
+)
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import batch_mounts, load_worlds
 from tasks.simulate.batch.chunk_store import counted_chunk
-from tasks.simulate.engines.engine_table import ENGINES
+from tasks.simulate.devices import device_kind
+from tasks.simulate.engines.engine_table import ENGINES, REFERENCE
 from tasks.simulate.sandbox.process_pool import ask_exclusive
-from tasks.simulate.sandbox.protocol import Answer, Audited, AuditedEpisode, AuditWork, Crashed, NoMemory, Progress
+from tasks.simulate.sandbox.protocol import Answer, Audited, AuditWork, Crashed, NoMemory, Progress
 from tasks.simulate.sandbox.simulator import Simulator, SimulatorEnded
 from tasks.storage.base.keys import output_key, result_key
 from tasks.storage.base.store import encode_document, find_document
@@ -43,40 +54,121 @@ def ask_audit(
     drawn: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> AuditReport:
-    """Returns what driving a sample again shows, as ``audit_drive.audit``, which takes the same.
+    """Returns what driving a sample again shows.
+
+    The episodes of each robot are driven in a process that has no other one's code, and compared here.
+
+    Args:
+        sample: At least one episode.
+        worlds: At least those of the sample.
+        bundles: Unpacked folders of the applications, by digest.
+        lanes: Of a program.
+        engine: What the batch asked for.
+        drawn: How many episodes were to be audited, if more than the sample: worlds may be gone.
+        progress: Told how many of two drives for each episode are done, or will not be made.
 
     Raises:
         BundleCrash: An application that made rows before now fails.
         MemoryError: There is not enough memory for so many lanes.
-        SimulatorEnded: The process ended over it.
-        ValidationError: It answered with no report.
+        SimulatorEnded: The process ended over it, or answered what is no drive.
     """
+    ask = _Drives(worlds, bundles, lanes, engine)
+    groups: dict[frozenset[str], list[SampledEpisode]] = {}
+    for each in sample:
+        groups.setdefault(each.request.bundles, []).append(each)
+    ours, theirs, why, done = dict[int, DrivenEpisode](), dict[int, DrivenEpisode](), "", 0
+    for group in groups.values():
+        found = ask.drives(group, lambda part, before=done: progress(before + part))
+        ours, theirs, why = {**ours, **found.ours}, {**theirs, **found.theirs}, why or found.why
+        done += 2 * len(group)
+    progress(2 * len(sample))
 
-    def hear(answer: Answer, _: tuple[np.ndarray, ...]) -> None:
-        if isinstance(answer, Progress):
-            progress(answer.done)
+    def control() -> Sequence[Driven]:
+        again = [[each.request for each in group if each.row.index in theirs] for group in groups.values()]
+        drives = [ask.control(requests) for requests in again if requests]
+        return [dict(ChainMap(*map(dict, parts))) for parts in zip(*drives, strict=True)] if all(drives) else []
 
-    def question(process: Simulator) -> AuditWork:
-        used = dict.fromkeys(each.request.world for each in sample)
-        return AuditWork(
-            sample=tuple(AuditedEpisode(request=each.request, row=each.row, weight=each.weight) for each in sample),
-            worlds=process.sent_worlds({name: worlds[name] for name in used}),
-            bundles={digest: str(folder) for digest, folder in bundles.items()},
-            lanes=lanes,
-            engine=engine,
-            drawn=drawn,
-        )
+    return audit_report(sample, AuditDrives(ours, theirs, why), control, drawn)
 
-    last, _ = ask_exclusive(bundles, question, hear)
-    match last:
-        case Audited() as audited:
-            return AuditReport.model_validate_json(audited.report)
-        case Crashed() as crashed:
-            raise BundleCrash(crash_code(crashed.code), crashed.reason)
-        case NoMemory() as lack:
-            raise MemoryError(lack.text)
-        case other:
-            raise SimulatorEnded(f"it answered {other.kind!r} to an audit", None, "", killed="limit")
+
+class _Drives(NamedTuple):
+    """Asks processes to drive episodes, each for the episodes of one robot."""
+
+    worlds: Mapping[str, World]
+    bundles: Mapping[str, Path]
+    lanes: int
+    engine: str
+
+    def drives(self, group: Sequence[SampledEpisode], progress: Callable[[int], None]) -> AuditDrives:
+        """Returns what drives of some episodes made of them."""
+        here = tuple(each.request for each in group if each.row.device == device_kind())
+        others = tuple(each.request for each in group if each.row.engine != REFERENCE)
+        (ours, theirs), why = self._ask(here, others, [here, others], progress)
+        return AuditDrives(ours, theirs, why)
+
+    def control(self, requests: Sequence[EpisodeRequest]) -> Sequence[Driven]:
+        """Returns what C MuJoCo makes of episodes from a micrometre beside, in each direction; nothing if it cannot."""
+        found, _ = self._ask((), tuple(requests), [requests] * 2, lambda _: None, control=True)
+        return found
+
+    def _ask(
+        self,
+        here: tuple[EpisodeRequest, ...],
+        others: tuple[EpisodeRequest, ...],
+        drives: Sequence[Sequence[EpisodeRequest]],
+        progress: Callable[[int], None],
+        *,
+        control: bool = False,
+    ) -> tuple[list[Driven], str]:
+        used = dict.fromkeys(request.world for request in (*here, *others))
+        digests = {digest for request in (*here, *others) for digest in request.bundles}
+        folders = {digest: folder for digest, folder in self.bundles.items() if digest in digests}
+
+        def hear(answer: Answer, _: tuple[np.ndarray, ...]) -> None:
+            if isinstance(answer, Progress):
+                progress(answer.done)
+
+        def question(process: Simulator) -> AuditWork:
+            return AuditWork(
+                here=here,
+                others=others,
+                worlds=process.sent_worlds({name: self.worlds[name] for name in used}),
+                bundles={digest: str(folder) for digest, folder in folders.items()},
+                lanes=self.lanes,
+                engine=self.engine,
+                control=control,
+            )
+
+        last, arrays = ask_exclusive(folders, question, hear)
+        match last:
+            case Audited() as audited:
+                return _received(arrays, drives, control=control), audited.why
+            case Crashed() as crashed:
+                raise BundleCrash(crash_code(crashed.code), crashed.reason)
+            case NoMemory() as lack:
+                raise MemoryError(lack.text)
+            case other:
+                raise SimulatorEnded(f"it answered {other.kind!r} to an audit", None, "", killed="limit")
+
+
+def _received(
+    arrays: Sequence[np.ndarray], drives: Sequence[Sequence[EpisodeRequest]], *, control: bool
+) -> list[Driven]:
+    """Returns the drives that a process sent: as many as it was asked for, or none of a control.
+
+    Raises:
+        SimulatorEnded: It sent anything else.
+    """
+    if control and not arrays:
+        return []
+    try:
+        parts = [arrays[k : k + DRIVE_ARRAYS] for k in range(0, len(arrays), DRIVE_ARRAYS)]
+        return [
+            received_drive(part, [request.index for request in asked])
+            for part, asked in zip(parts, drives, strict=True)
+        ]
+    except ValueError as exc:
+        raise SimulatorEnded(f"it answered what is no answer: {exc}", None, "", killed="limit") from exc
 
 
 logger = logging.getLogger(__name__)

@@ -80,6 +80,11 @@ class BatchPlan(Spec):
         """Returns the digests of the application bundles that the batch runs, each once."""
         return tuple(self.bundles())
 
+    def first_bundles(self) -> tuple[str, ...]:
+        """Returns the digests of the bundles that its first request runs, in a process of their own."""
+        first = self.templates[0]
+        return tuple(dict.fromkeys((first.robot.digest, first.scenario.digest)))
+
     def bundles(self) -> dict[str, str]:
         """Returns the name of each application that the batch runs, by its bundle's digest."""
         return {launch.digest: launch.name for _, launch in self.launches()}

@@ -34,6 +34,7 @@ def drive_apart(
         MemoryError: There is not enough memory for so many lanes.
         SimulatorEnded: The process ended, but for in an application's code: such an episode has its row.
     """
+    bundles = {digest: folder for digest, folder in bundles.items() if digest in request.bundles}
 
     def question(process: Simulator) -> ReplayWork:
         return ReplayWork(

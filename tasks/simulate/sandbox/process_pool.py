@@ -16,8 +16,9 @@ from tasks.simulate.sandbox.simulator import OnAnswer, Simulator, SimulatorEnded
 from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
 
 logger = logging.getLogger(__name__)
-# A batch asks again within seconds; between batches its memory is of more use to others.
-_IDLE_S = 20.0
+# A batch asks again within seconds, or once the chunk of its other robot is done; between batches its memory is of
+# more use to others.
+_IDLE_S = 60.0
 # One that was begun before its batch is asked when the worlds are made.
 _PREPARED_S = 180.0
 _IDLE_AT_MOST = 2

@@ -193,24 +193,23 @@ class LanesWork(Spec):
     recorded: RecordingChoice | None = None
 
 
-class AuditedEpisode(Spec):
-    """An episode to audit, as ``tasks.simulate.audit.audit_sample`` has it."""
-
-    request: EpisodeRequest
-    row: EpisodeResult
-    weight: float
-
-
 class AuditWork(Spec):
-    """A sample to audit."""
+    """Episodes of a sample to drive again.
+
+    Attributes:
+        here: Those that their own engine drives.
+        others: Those that C MuJoCo drives.
+        control: Whether C MuJoCo shall drive them from a micrometre beside instead, and nobody the first.
+    """
 
     kind: Literal["audit"] = "audit"
-    sample: tuple[AuditedEpisode, ...]
+    here: tuple[EpisodeRequest, ...]
+    others: tuple[EpisodeRequest, ...]
     worlds: SentWorlds
     bundles: dict[str, str]
     lanes: int
     engine: str
-    drawn: int
+    control: bool = False
 
 
 class ReplayWork(Spec):
@@ -284,10 +283,14 @@ class Rows(Spec):
 
 
 class Audited(Spec):
-    """The report of an audit, as JSON."""
+    """Episodes that an audit drove; what came of each drive follows as ``DRIVE_ARRAYS`` arrays.
+
+    Attributes:
+        why: Why C MuJoCo drove none; empty if it did, or had nothing to drive.
+    """
 
     kind: Literal["audited"] = "audited"
-    report: str
+    why: str = ""
     timings: tuple[ChunkTiming, ...] = ()
 
 

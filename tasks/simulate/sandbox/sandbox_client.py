@@ -236,7 +236,7 @@ class SandboxClient:
     """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_columns`` takes.
 
     Attributes:
-        bundles: Unpacked folders of the applications, by digest.
+        bundles: Unpacked folders of the batch's applications, by digest; a process gets those that its chunk runs.
         lanes: How many lanes every chunk of the batch is padded to.
         engine: ``auto``, or the engine that must run them.
         should_stop: Asked several times a second; episodes not done by then are Canceled.
@@ -281,9 +281,10 @@ class SandboxClient:
 
     def _beside_others(self, chunk: Chunk, worlds: Mapping[str, World]) -> EpisodeColumns:
         """Returns the rows; if the process ends, the chunks ahead may be to blame, and it is asked again without."""
-        batch = (frozenset(self.bundles), self.lanes, self.engine)
+        own = _bundles_of(chunk)
+        batch, ahead = (own, self.lanes, self.engine), [each for each in self.ahead if _bundles_of(each) <= own]
         try:
-            return self._rows(chunk, worlds, self.recorder, () if batch in _too_large_together else self.ahead)
+            return self._rows(chunk, worlds, self.recorder, () if batch in _too_large_together else ahead)
         except SimulatorEnded as ended:
             if ended.killed == "stop" or not ended.beside_others:
                 raise
@@ -320,14 +321,16 @@ class SandboxClient:
     def _rows(
         self, chunk: Chunk, worlds: Mapping[str, World], recorder: Recorder | None, ahead: Sequence[Chunk] = ()
     ) -> EpisodeColumns:
-        with simulator(self.bundles) as process:
+        own = _bundles_of(chunk)
+        bundles = {digest: folder for digest, folder in self.bundles.items() if digest in own}
+        with simulator(bundles) as process:
             chunks = (chunk, *ahead)
             used = dict.fromkeys(request.world for each in chunks for request in each.requests)
             work = LanesWork(
                 numbers=tuple(each.number for each in chunks),
                 new=process.new_chunks(chunks),
                 worlds=process.sent_worlds({name: worlds[name] for name in used if name in worlds}),
-                bundles={digest: str(folder) for digest, folder in self.bundles.items()},
+                bundles={digest: str(folder) for digest, folder in bundles.items()},
                 lanes=self.lanes,
                 engine=self.engine,
                 rate_hz=self.rate_hz if recorder else None,
@@ -345,6 +348,11 @@ class SandboxClient:
             known = {request.index for request in chunk.requests}
             self.tagged({index: tags for index, tags in last.tags.items() if index in known})
         return rows
+
+
+def _bundles_of(chunk: Chunk) -> frozenset[str]:
+    """Returns the digests of what a chunk runs, and with it one process: no robot's code is beside another's."""
+    return frozenset(digest for request in chunk.requests for digest in request.bundles)
 
 
 class _Listener:

@@ -70,7 +70,7 @@ def test_chunks_that_were_made_ready_early_end_with_a_batch_that_breaks_off(
 def begun(monkeypatch: pytest.MonkeyPatch) -> list[Sequence[str]]:
     """What processes were begun for."""
     found: list[Sequence[str]] = []
-    monkeypatch.setattr(batch_run, "begin_simulation_process", lambda _store, digests: found.append(digests))
+    monkeypatch.setattr(batch_run, "begin_simulation_process", lambda _store, digests: found.append([*digests]))
     return found
 
 

@@ -13,10 +13,12 @@ from specs.data.parity_audit import AuditReport
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
-from tasks.simulate.audit.audit_drive import DrivenEpisode, Drives, audit, drive_sample
+from tasks.simulate.audit.audit_drive import Drives, drive_sample
+from tasks.simulate.audit.audit_report import DrivenEpisode
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.byproducts import ChunkWatch
 from tasks.simulate.plan.chunks import plan_chunks
+from tests.factories.audits import audit
 from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES, Simulate
 

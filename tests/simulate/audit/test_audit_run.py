@@ -3,7 +3,9 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 from pydantic import JsonValue
 
@@ -14,35 +16,83 @@ from specs.field_types import OutputLocation
 from specs.robomaker.simulation import DataSourceConfig
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_run
-from tasks.simulate.audit.audit_report import not_run, with_verdict
+from tasks.simulate.audit.audit_report import DrivenEpisode, drive_arrays, not_run, received_drive, with_verdict
 from tasks.simulate.audit.audit_run import ask_audit, write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import run_chunk
 from tasks.simulate.data.data_sources import DATA_PREFIX
 from tasks.simulate.data.mounts import pin_source
-from tasks.simulate.sandbox.protocol import Audited
-from tasks.simulate.sandbox.simulator import SimulatorEnded
+from tasks.simulate.devices import device_kind
+from tasks.simulate.sandbox.protocol import Audited, AuditWork
+from tasks.simulate.sandbox.simulator import SimulatorEnded, Told
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.factories.episodes import passed, request
 from tests.factories.planned_batches import begun, mixed, plan, template
+from tests.factories.simulations import PUSHER
 from tests.factories.worlds import apartment
 from tests.simulate.ending_simulators import ended, use_simulators
 
-REPORT = not_run("a test says so")
+NOTHING: Told = (Audited(), (*drive_arrays({}), *drive_arrays({})))
+
+
+def drive(index: int) -> DrivenEpisode:
+    return DrivenEpisode(passed(index).engine, passed(index), np.arange(6, dtype=np.float32).reshape(3, 2))
+
+
+def sampled(asked: EpisodeRequest) -> SampledEpisode:
+    """Returns an episode that this machine's kind of device drove."""
+    return SampledEpisode(asked, passed(asked.index).model_copy(update={"device": device_kind()}), 1.0)
 
 
 def asked_audit() -> AuditReport:
     asked = request(0)
-    return ask_audit([SampledEpisode(asked, passed(0), 1.0)], {asked.world: apartment()}, {}, lanes=8)
+    return ask_audit([sampled(asked)], {asked.world: apartment()}, {}, lanes=8)
 
 
 def test_an_audit_whose_process_ended_beside_chunks_ahead_is_asked_once_more(monkeypatch: pytest.MonkeyPatch):
-    answer = Audited(report=REPORT.model_dump_json(), timings=())
-    asked = use_simulators(monkeypatch, [ended(beside_others=True), answer])
-    assert asked_audit() == REPORT
+    asked = use_simulators(monkeypatch, [ended(beside_others=True), NOTHING])
+    assert asked_audit().unreproduced == (0,)
     assert asked[0] == asked[1]
+
+
+def test_each_robots_episodes_are_driven_in_a_process_of_their_own(monkeypatch: pytest.MonkeyPatch):
+    asked = cast("list[AuditWork]", use_simulators(monkeypatch, [NOTHING, NOTHING]))
+    ours = request(0)
+    others = [each.model_copy(update={"robot": PUSHER}) for each in (request(1), request(2))]
+    sample = [sampled(each) for each in (others[0], ours, others[1])]
+    folders = {digest: Path(digest) for each in sample for digest in each.request.bundles}
+    told: list[int] = []
+    found = ask_audit(sample, {ours.world: apartment()}, folders, lanes=8, progress=told.append)
+    assert [[each.index for each in work.here] for work in asked] == [[1, 2], [0]]
+    assert [work.bundles.keys() for work in asked] == [others[0].bundles, ours.bundles]
+    assert (found.unreproduced, told[-1]) == ((1, 0, 2), 6)
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        (),
+        drive_arrays({}),
+        [*drive_arrays({}), np.zeros(0), np.zeros(0), np.zeros(0)],
+        [*drive_arrays({7: drive(7)}), *drive_arrays({})],
+        [*drive_arrays({0: drive(0)})[:1], np.array([5]), np.zeros((3, 2), np.float32), *drive_arrays({})],
+        [*drive_arrays({0: drive(0)})[:2], np.full((3, 2), np.nan, np.float32), *drive_arrays({})],
+    ],
+)
+def test_what_is_no_drive_is_refused(monkeypatch: pytest.MonkeyPatch, arrays: Sequence[np.ndarray]):
+    use_simulators(monkeypatch, [(Audited(), tuple(arrays))])
+    with pytest.raises(SimulatorEnded, match="it answered what is no answer"):
+        asked_audit()
+
+
+def test_a_drive_comes_out_as_it_went_in():
+    sent = {3: drive(3), 1: drive(1)}
+    found = received_drive(drive_arrays(sent), [1, 2, 3])
+    assert [(k, each.row, each.places_m.tolist()) for k, each in found.items()] == [
+        (k, each.row, each.places_m.tolist()) for k, each in sent.items()
+    ]
 
 
 @pytest.mark.parametrize("ends", [[False], [True, False], [True, True]])

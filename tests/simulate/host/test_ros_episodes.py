@@ -13,7 +13,6 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.ros.launch.packages import RosInstallation
-from tasks.simulate.audit.audit_drive import audit
 from tasks.simulate.audit.audit_sample import SampledEpisode
 from tasks.simulate.chunk.byproducts import JobTags
 from tasks.simulate.host import declaration
@@ -23,6 +22,7 @@ from tasks.simulate.replay.replay_drive import drive_replay
 from tasks.simulate.sandbox import process_pool
 from tasks.simulate.sandbox.confinement import confinement
 from tasks.simulate.sandbox.sandbox_client import SandboxClient, TooManyLanes, retry_with_fewer_lanes
+from tests.factories.audits import audit
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.repository import ROOT
 

@@ -418,6 +418,22 @@ def test_in_bubblewrap_an_application_has_no_file_to_write_no_network_and_no_par
     assert "SIMYARD_KEYS False" in looked.failure_reason or "PermissionError" in looked.failure_reason
 
 
+def test_a_robot_that_patches_its_process_changes_no_row_of_another(
+    bundles: dict[str, Path], pens: dict[str, World], sound: list[EpisodeResult]
+):
+    other = DRIVING.model_copy(update={"digest": "9" * 64, "launch_file": "patches"})
+    (asked,) = chunk_of([SOUND]).requests
+    patching = Chunk(number=1, requests=(asked.model_copy(update={"robot": other}),))
+    rows: list[list[EpisodeResult]] = []
+    for chunk in (patching, chunk_of([SOUND] * LANES)):
+        client = SandboxClient(
+            {**bundles, other.digest: BUNDLES / "hostile"}, LANES, "auto", lambda: False, ahead=[patching]
+        )
+        rows.append(client.simulate(chunk, pens).rows())
+    assert rows[0][0].path_length_m == 0.0
+    assert rows[1] == sound
+
+
 def test_what_applications_print_is_kept(run: Run, sound: list[EpisodeResult]):
     printed: list[str] = []
     assert run([PRINTS, SOUND, SOUND, SOUND], printed=printed.append) == sound

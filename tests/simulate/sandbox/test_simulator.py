@@ -37,7 +37,7 @@ def test_an_application_cannot_fill_a_log_with_them():
 def test_a_process_that_ends_before_any_application_blames_the_machine(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(simulator, "_MODULE", "tasks.simulate.of_no_such_name")
     process = Simulator({})
-    work = AuditWork(sample=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto", drawn=0)
+    work = AuditWork(here=(), others=(), worlds=SentWorlds(new={}), bundles={}, lanes=8, engine="auto")
     try:
         with pytest.raises(SimulatorNotStarted, match=r"exit code 1; it printed last: .*of_no_such_name"):
             process.ask(work)
