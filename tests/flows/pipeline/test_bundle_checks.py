@@ -31,7 +31,7 @@ def _use(application: str, package: str, file: str) -> dict[str, Any]:
 
 def _spec(folder: Path, robot: dict[str, Any], **sections: object) -> PipelineSpec:
     if not (folder / "mine").exists():
-        shutil.copytree(ROOT / "applications/courier", folder / "mine")
+        shutil.copytree(ROOT / "applications/courier", folder / "mine", ignore=shutil.ignore_patterns("__pycache__"))
     request = {
         "maxJobDurationInSeconds": 60,
         "robotApplications": [robot],
