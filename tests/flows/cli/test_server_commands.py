@@ -110,14 +110,15 @@ def test_what_it_serves_asks_for_signatures_and_rights_and_writes_down_who_came(
     typed("access", "add", "all", "--right", "deploy")
     typed("serve", "--workers", "0")
     store = open_store((tmp_path / "store").as_uri())
-    calls = Calls(Gateway(store, lambda: None), HANDLERS, *met[0])
+    (auth,) = met
+    calls = Calls(Gateway(store, lambda: None), HANDLERS, *auth[:-1], reader=auth.reader)
     reads, deploys = (
         signed_request(body=b'{"name": "aisle"}', secret=key.secret, key_id=key.key_id)
         for key in read_keys(keys).values()
     )
 
-    refused = (calls.answer(changed(deploys, authorization=None)), calls.answer(reads))
-    made, again = calls.answer(deploys), calls.answer(deploys)
+    asked = (changed(deploys, authorization=None), reads, deploys, deploys)
+    *refused, made, again = [calls.answer(calls.admit(request)) for request in asked]
 
     assert [answer.error for answer in refused] == ["MissingAuthenticationTokenException", "AccessDeniedException"]
     assert (made.status, again.status) == (200, 400)
