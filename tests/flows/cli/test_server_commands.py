@@ -106,6 +106,7 @@ def test_what_it_serves_asks_for_signatures_and_rights_and_writes_down_who_came(
 ) -> None:
     met: list[Auth] = []
     monkeypatch.setattr(server_commands, "serve_store", lambda _store, auth, *_: met.append(auth))
+    monkeypatch.setattr("flows.queue.supervisor.LOGGERS", ())  # who serves logs from then on: these tests go on
     typed("access", "add", "ci", "--right", "read")
     typed("access", "add", "all", "--right", "deploy")
     typed("serve", "--workers", "0")
