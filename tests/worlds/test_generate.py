@@ -34,6 +34,8 @@ from tests.worlds.templates import SAMPLES, connection, furniture, materials, ro
 # What the certificate can miss of a radius: a cell, the rest of a centimetre, and what this flood's own places miss. A
 # robot that is larger by more does not pass.
 GRID_MISSES_M = CELL_M + 0.01 + 0.002
+# This flood's robots stand at places 4 cm apart: half a diagonal from where one just passes.
+FLOOD_MISSES_M = 0.029
 seeds = st.integers(0, 2**32)
 any_template = settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
@@ -65,8 +67,7 @@ def test_a_flood_fill_reaches_every_room_with_the_certified_radius(body: Templat
     world = make(body, seed)
     assert world.certificate.reachable_robot_radius_m >= 0.25
     certified = world.certificate.reachable_robot_radius_m
-    assert unreached_rooms(with_doors_open(world), 0.25) == []
-    assert unreached_rooms(with_doors_open(world), certified) == []
+    assert unreached_rooms(with_doors_open(world), certified - FLOOD_MISSES_M) == []
     assert certified == 1.0 or unreached_rooms(with_doors_open(world), certified + GRID_MISSES_M) != []
 
 
@@ -76,7 +77,7 @@ def test_a_flood_fill_reaches_every_room_with_the_certified_radius(body: Templat
 def test_a_flood_fill_agrees_with_what_the_doors_let_pass(body: TemplateBody, seed: int) -> None:
     world = make(body, seed)
     passing = world.certificate.doors_as_set_robot_radius_m
-    assert passing == 0.0 or unreached_rooms(world, passing) == []
+    assert passing <= FLOOD_MISSES_M or unreached_rooms(world, passing - FLOOD_MISSES_M) == []
     assert passing == 1.0 or unreached_rooms(world, passing + GRID_MISSES_M) != []
 
 

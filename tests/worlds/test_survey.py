@@ -59,7 +59,8 @@ def test_a_cells_distance_is_that_of_its_centre_to_the_nearest_outline(solids: l
     points = centers(grid)
     furthest = math.hypot(RADIUS_MAX_M, CELL_M / 2)
     expected = np.min([np.full(len(points), furthest), *(distances(each, points) for each in solids)], axis=0)
-    np.testing.assert_allclose(grid.distance_m.ravel(), expected, atol=1e-9)
+    # What is turned by less than a hundred-thousandth counts as straight.
+    np.testing.assert_allclose(grid.distance_m.ravel(), expected, atol=4e-5)
 
 
 @given(st.lists(things(), min_size=1, max_size=3))
