@@ -103,6 +103,15 @@ def check_driven_requests(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG0
         raise DocumentError(faults)
 
 
+def _own_launches(spec: PipelineSpec, base: Path) -> Iterator[tuple[_Launch, Path]]:
+    """Yields what is launched of the document's own bundles, and their folders."""
+    own = {(each.kind, each.name): base / each.source for each in spec.applications}
+    for launch in _launched(spec):
+        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
+        if folder:
+            yield launch, folder
+
+
 def check_launch_files(spec: PipelineSpec, base: Path) -> None:
     """Refuses launch files that the document's own bundles do not have.
 
@@ -113,12 +122,10 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
     Raises:
         DocumentError: With a fault for each.
     """
-    own = {(each.kind, each.name): base / each.source for each in spec.applications}
     faults: list[Fault] = []
     files_of = cache(bundle_files)
-    for launch in _launched(spec):
-        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
-        if folder and (fault := launch.fault(files_of(folder))):
+    for launch, folder in _own_launches(spec, base):
+        if fault := launch.fault(files_of(folder)):
             faults.append(fault)
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
@@ -134,12 +141,10 @@ def check_modules(spec: PipelineSpec, base: Path) -> None:
     Raises:
         DocumentError: With a fault for each.
     """
-    own = {(each.kind, each.name): base / each.source for each in spec.applications}
     faults: list[Fault] = []
-    for launch in filter(lambda each: each.simulated, _launched(spec)):
-        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
+    for launch, folder in _own_launches(spec, base):
         name = module_file(launch.package, launch.file)
-        if folder and (folder / name).is_file() and (wrong := _no_python(folder / name)):
+        if launch.simulated and (folder / name).is_file() and (wrong := _no_python(folder / name)):
             allowed = f"a module in Python, and {name} is none: {wrong}"
             faults.append(Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=allowed))
     if faults:

@@ -197,9 +197,6 @@ def fetch_bundle(
     target, archive = disk.version(desired.digest), disk.archive(desired.digest)
     if holds_bundle(target, archive, desired.digest):
         return
-    if target.exists() or target.is_symlink():
-        _LOG.warning("%s is not what its digest says, and is unpacked anew", target)
-        discard(target)
     arriving = disk.download(desired.digest)
 
     def tell(part: float, done: int, size: int) -> None:
@@ -216,6 +213,9 @@ def fetch_bundle(
         retry(bring, desired, patience, progress=lambda: _size(arriving))
         arriving.replace(archive)
         settle_names(archive.parent)
+    if target.exists() or target.is_symlink():
+        _LOG.warning("%s is not what its digest says, and is unpacked anew", target)
+        discard(target)  # once its archive is here: without the store, what lies there stays for its owner to look at
     _unpack(archive, desired.digest, target, partial(tell, _DOWNLOAD_PERCENT))
     percent(100.0)
 

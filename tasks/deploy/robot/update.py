@@ -282,7 +282,10 @@ class RobotUpdater:
 
     def _bring(self, desired: Desired) -> None:
         """Makes sure that nothing runs but what the digest says."""
-        fetch_bundle(self._store, self._disk, desired, Patience(self._place.stop), lambda _percent: None)
+        try:
+            fetch_bundle(self._store, self._disk, desired, Patience(self._place.stop), lambda _percent: None)
+        except OSError as exc:  # what the store cannot do is another error: it would end the agent
+            raise StepFailed("EnvironmentSetupError", f"this robot's disk: {exc}") from exc
 
     def _keep_up(self) -> None:
         """Keeps up what runs while another version is brought, which will replace it whether it crashes or not."""

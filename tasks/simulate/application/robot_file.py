@@ -177,11 +177,6 @@ class Rule(NamedTuple):
             yield f"{found}: {self.why}: {self.allowed}"
 
 
-def rows_of_guide() -> list[list[str]]:
-    """Returns the rules as docs/guide/robots.md has them."""
-    return [["refused", "because", "instead"], *([rule.what, rule.why, rule.allowed] for rule in RULES)]
-
-
 # Of what is refused: a wall must stop a robot within centimetres, and its push must be seen.
 _DISABLED = (
     mujoco.mjtDisableBit.mjDSBL_CONTACT,

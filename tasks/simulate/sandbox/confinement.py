@@ -23,10 +23,11 @@ from typing import Literal, NamedTuple, get_args
 import specs
 import tasks
 from specs.errors import DocumentError, StageFailed
+from specs.launched_file import PACKAGE_XML
 from specs.settings import TRUST_APPLICATIONS, WORKS_FOR_OTHERS
 from tasks.simulate.devices import device_kind
 from tasks.simulate.sandbox.process_environment import module_path
-from tasks.simulate.sandbox.self_confinement import PROBE, self_confined
+from tasks.simulate.sandbox.self_confinement import OWN_NETWORK, PROBE, self_confined
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.sealed_bundle import is_shipped
 
@@ -72,11 +73,13 @@ class Confinement(NamedTuple):
         level: What shuts them in.
         why: Why it is not more; empty where it is the most.
         broken: Whether what should shut them in is there and does not work.
+        network: Whether nodes of ROS reach each other inside.
     """
 
     level: Level
     why: str = ""
     broken: bool = False
+    network: bool = True
 
     @property
     def sentence(self) -> str:
@@ -103,11 +106,11 @@ def confinement() -> Confinement:
     if asked == "process":
         return Confinement("process", f"{CONFINEMENT} says so")
     if asked == "bubblewrap" or (not asked and shutil.which("bwrap")):
-        why = _fails(_bubblewrap_command(PROBE, (), _NO_PLACE, ()))
+        why = _tried(_bubblewrap_command(PROBE, (), _NO_PLACE, ())).why
         return Confinement("process", f"bubblewrap does not work here: {why}", broken=True) if why else BUBBLEWRAP
-    why = _fails(_landlock_command(PROBE, (), _NO_PLACE, ()))
+    why, said = _landlock_probe()
     if not why:
-        return Confinement("landlock")
+        return Confinement("landlock", network=said == OWN_NETWORK)
     if asked:
         return Confinement("process", f"Landlock does not work here: {why}", broken=True)
     return Confinement("process", f"bubblewrap is not installed, and Landlock does not work here: {why}")
@@ -116,17 +119,27 @@ def confinement() -> Confinement:
 BUBBLEWRAP = Confinement("bubblewrap")
 
 
-def _fails(command: Sequence[str]) -> str:
-    """Returns why a command fails; empty if it does not."""
+class _Trial(NamedTuple):
+    """Why a command failed, empty if it did not, and what it printed."""
+
+    why: str
+    said: str = ""
+
+
+def _tried(command: Sequence[str]) -> _Trial:
     environment = {"PATH": os.environ.get("PATH", ""), "PYTHONPATH": module_path()}
     try:
         tried = subprocess.run(  # noqa: S603 - of this module's making
             command, env=environment, capture_output=True, text=True, timeout=_PROBE_S, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as exc:
-        return str(exc)
-    said = tried.stderr.strip().rpartition("\n")[2][:200]
-    return said or f"it ends with {tried.returncode}" if tried.returncode else ""
+        return _Trial(str(exc))
+    why = tried.stderr.strip().rpartition("\n")[2][:200] or f"it ends with {tried.returncode}"
+    return _Trial(why if tried.returncode else "", tried.stdout)
+
+
+def _landlock_probe() -> _Trial:
+    return _tried(_landlock_command(PROBE, (), _NO_PLACE, ()))
 
 
 def require_confined(bundles: Iterable[Path]) -> None:
@@ -138,11 +151,17 @@ def require_confined(bundles: Iterable[Path]) -> None:
     Raises:
         StageFailed: Strangers' code would reach what this process holds.
     """
-    found = confinement()
+    found, bundles = confinement(), list(bundles)
+    if not found.network and any(any(bundle.rglob(PACKAGE_XML)) for bundle in bundles):
+        why = "nodes of ROS talk over a network, and Landlock gives them none of their own on this machine"
+        raise StageFailed(
+            "InternalServiceError", f"{why}: apt-get install bubblewrap, or for your own nodes {CONFINEMENT}=process"
+        )
     if found.level != "process" or os.environ.get(TRUST_APPLICATIONS) or all(map(is_shipped, bundles)):
         return
     if found.broken:
-        raise _refusal(f"{found.why}; repair it, or choose another confinement: {CONFINEMENT}=landlock")
+        other = f", or choose another confinement: {CONFINEMENT}=landlock" if not _landlock_probe().why else ""
+        raise _refusal(f"{found.why}; repair it{other}")
     held = [what for name, what in _SECRETS.items() if os.environ.get(name)]
     if held:
         why = f"nothing shuts them in ({found.why}), and this process has {held[0]}"

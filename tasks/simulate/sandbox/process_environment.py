@@ -35,7 +35,7 @@ class PassedVariable(NamedTuple):
 
 
 _ONE = r"([0-9]+(:[0-9]+)?|(GPU|MIG)-[0-9A-Za-z/-]+)"
-_LIST = rf"(-1|none|NoDevFiles|{_ONE}(,{_ONE})*)?"
+_LIST = rf"(-1|none|NoDevFiles|{_ONE}(, *{_ONE})*)?"
 _DEVICES = "numbers or ids of devices, such as 0,1; or -1 for none"
 _XLA_FLAGS = r"\s*(--xla_(force_host_platform_device_count=[1-9][0-9]{0,2}|cpu_max_isa=(AVX|SSE4_2))\s*)*"
 _OURS = "--xla_force_host_platform_device_count=N, up to 999, and --xla_cpu_max_isa=AVX or SSE4_2"
@@ -64,15 +64,18 @@ PASSED: tuple[PassedVariable, ...] = (
     ),
     PassedVariable("CUDA_VISIBLE_DEVICES", "which GPUs", _LIST, _DEVICES),
     PassedVariable("CUDA_DEVICE_ORDER", "how GPUs are numbered", r"FASTEST_FIRST|PCI_BUS_ID|", "PCI_BUS_ID"),
-    PassedVariable("NVIDIA_VISIBLE_DEVICES", "which GPUs, in a container", rf"all|void|{_LIST}", _DEVICES),
-    PassedVariable("NVIDIA_DRIVER_CAPABILITIES", "what of the driver, in a container", r"[a-z0-9,]*", "all"),
+    PassedVariable("NVIDIA_VISIBLE_DEVICES", "which GPUs, in a container"),
+    PassedVariable("NVIDIA_DRIVER_CAPABILITIES", "what of the driver, in a container"),
     PassedVariable("ROCR_VISIBLE_DEVICES", "which GPUs", _LIST, _DEVICES),
     PassedVariable("HIP_VISIBLE_DEVICES", "which GPUs", _LIST, _DEVICES),
     PassedVariable(
         "XLA_PYTHON_CLIENT_MEM_FRACTION", "of a GPU's memory", r"(0?\.[0-9]*[1-9][0-9]*|1(\.0*)?)?", "above 0, up to 1"
     ),
     PassedVariable(
-        "XLA_PYTHON_CLIENT_PREALLOCATE", "whether all of it is taken at once", r"(true|false|0|1)?", "true or false"
+        "XLA_PYTHON_CLIENT_PREALLOCATE",
+        "whether all of it is taken at once",
+        r"(?i:true|false|0|1|)",
+        "true or false",
     ),
     PassedVariable(
         "XLA_PYTHON_CLIENT_ALLOCATOR",

@@ -25,7 +25,8 @@ from contextlib import suppress
 from typing import NamedTuple, TypedDict
 
 PROBE = "probe"
-"""As the module: the rules are applied, and nothing is run."""
+"""As the module: the rules are applied, and nothing is run; what is printed is ``OWN_NETWORK``, if there is one."""
+OWN_NETWORK = "network"
 _OWN = "tasks.simulate.sandbox.self_confinement"
 
 
@@ -95,8 +96,8 @@ _NUMBER, _AUDIT, _FIRST, _SECOND = 0, 4, 16, 24
 _DATAGRAM, _KIND_OF_SOCKET = 2, 0xF
 
 
-def apply_rules(rules: _Rules) -> None:
-    """Confines this process, which has one thread.
+def apply_rules(rules: _Rules) -> bool:
+    """Confines this process, which has one thread, and returns whether it has a network of its own behind the wall.
 
     Raises:
         OSError: The kernel does not do it.
@@ -104,11 +105,13 @@ def apply_rules(rules: _Rules) -> None:
     for name, most in rules["limits"].items():
         _limit(getattr(resource, name), most)
     readable = rules["readable"]
-    if readable is not None:
-        own_network = _take_network()
-        _do(_libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0), "PR_SET_NO_NEW_PRIVS")
-        _build_wall({_READ: readable, _ALL: rules["writable"], _LIST: rules["listable"]})
-        _filter_calls(own_network=own_network)
+    if readable is None:
+        return False
+    own_network = _may_take_network() and _take_network()
+    _do(_libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0), "PR_SET_NO_NEW_PRIVS")
+    _build_wall({_READ: readable, _ALL: rules["writable"], _LIST: rules["listable"]})
+    _filter_calls(own_network=own_network)
+    return own_network
 
 
 _libc = ctypes.CDLL(None, use_errno=True)
@@ -124,6 +127,18 @@ def _limit(kind: int, most: int) -> None:
     _, hard = resource.getrlimit(kind)
     found = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(kind, (found, found))
+
+
+def _may_take_network() -> bool:
+    """Returns whether a child gets a network: Ubuntu's AppArmor gives one that cannot be switched on."""
+    child = os.fork()
+    if not child:
+        taken = False
+        try:
+            taken = _take_network()
+        finally:
+            os._exit(not taken)
+    return os.waitpid(child, 0)[1] == 0
 
 
 def _take_network() -> bool:
@@ -205,9 +220,11 @@ def _assembled(steps: Sequence[tuple[int | str, ...]]) -> bytes:
 
 if __name__ == "__main__":
     try:
-        apply_rules(json.loads(sys.argv[1]))
+        own_network = apply_rules(json.loads(sys.argv[1]))
     except OSError as exc:
         sys.exit(f"{_OWN}: {exc}")
-    if sys.argv[2] != PROBE:
+    if sys.argv[2] == PROBE:
+        sys.stdout.write(OWN_NETWORK * own_network)
+    else:
         sys.argv = sys.argv[2:]
         runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)

@@ -206,8 +206,10 @@ def held_folder(top: Path, below: str, *, make: bool = False) -> Generator[Path]
         make: Whether to make what is not there.
 
     Raises:
-        OSError: ELOOP if there is a link on the way.
+        OSError: ELOOP if there is a link on the way, ENOSYS where /proc is not mounted.
     """
+    if not os.path.isdir(_HELD):  # noqa: PTH112 - each read and write asks; folders would be made in its place
+        raise OSError(errno.ENOSYS, "/proc is not mounted; a store in a folder needs it", str(top))
     if make:
         make_folder(top)
     held = os.open(top, _PASSED)

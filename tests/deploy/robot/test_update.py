@@ -491,3 +491,28 @@ def test_a_version_that_cannot_be_put_right_does_not_run_until_it_can(
     one.robot.supervise()
 
     assert (one.programs, (one.root / "owned").exists()) == (["sleep 1000"], False)
+
+
+def test_what_lies_there_stays_while_the_store_cannot_give_another(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1, timeout_s=0.0)
+    one.robot.end()
+    script = one.root / "versions" / version.digest / "courier/run.sh"
+    (one.root / "archives" / version.digest).unlink()
+    one.yard.store.delete(bundle_key(version.digest))
+    one.restarted().recover()
+    assert (one.programs, script.read_text()) == ([], STAYS_UP)
+
+
+def test_a_disk_that_cannot_be_read_ends_no_agent(one: OneRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unreadable(_path: Path) -> str:
+        raise OSError(errno.EIO, "Input/output error")
+
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    one.robot.end()
+    _changed(one, version.digest)
+    monkeypatch.setattr("tasks.deploy.robot.install.digest_of", unreadable)
+    one.restarted().recover()
+    one.robot.supervise()
+    assert one.programs == []

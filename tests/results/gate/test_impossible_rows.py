@@ -18,7 +18,7 @@ CASES: list[tuple[dict[str, Any], str]] = [
     ({"path_length_m": 5.0, "shortest_path_m": 11.0}, "passed on less than half of the shortest way"),
     ({"impulse_ns": 0.5, "max_impulse_ns": 0.5}, "a push without a collision, or one larger than all together"),
     ({"collisions": 1, "impulse_ns": 0.5, "max_impulse_ns": 0.7}, "a push without a collision, or one larger"),
-    ({"path_length_m": 900.0}, "more than 20 m/s in the mean"),
+    ({"path_length_m": 900.0}, "passed at more than 20 m/s in the mean"),
     ({"goals_reached": 4}, "more goals reached than there are"),
 ]
 
@@ -51,6 +51,12 @@ def test_rows_that_can_be_are_judged():
     rows = results_table("simb-1", [request(result.index) for result in results], results)
     assert impossible_rows(rows) == ""
     assert judge(GATE, GateMaterial(counted(results), rows=rows)).verdict == "PASS"
+
+
+def test_a_simulation_that_flew_apart_and_failed_is_a_failure_and_no_doubt():
+    apart = crashed(0).model_copy(update={"path_length_m": 900.0, "status": "Completed", "outcome": "Failed"})
+    asked = [request(0)]
+    assert impossible_rows(results_table("simb-1", asked, [apart])) == ""
 
 
 def test_a_shape_that_is_no_disc_may_take_a_shorter_way():

@@ -13,6 +13,7 @@ import pytest
 
 from specs.errors import DocumentError, StageFailed
 from tasks.simulate.sandbox import confinement as confinement_module
+from tasks.simulate.sandbox import self_confinement
 from tasks.simulate.sandbox.confinement import (
     Confinement,
     Level,
@@ -206,8 +207,29 @@ def test_applications_that_come_with_simyard_run_anywhere_and_one_that_was_chang
 
 def test_what_is_installed_and_does_not_work_is_no_leave_to_run(bare: pytest.MonkeyPatch):
     set_confinement(bare, Confinement("process", "bubblewrap does not work here: no namespaces", broken=True))
-    with pytest.raises(StageFailed, match=r"no namespaces; repair it, or .* SIMYARD_CONFINEMENT=landlock"):
-        require_confined(HOSTILE)
+    advices = {"": r"; repair it, or .* SIMYARD_CONFINEMENT=landlock", "too old": r"; repair it; or, if all"}
+    for why, advice in advices.items():
+        bare.setattr(confinement_module, "_landlock_probe", lambda why=why: confinement_module._Trial(why))
+        with pytest.raises(StageFailed, match="no namespaces" + advice):
+            require_confined(HOSTILE)
+
+
+def test_nodes_of_ros_do_not_run_where_they_could_not_reach_each_other(bare: pytest.MonkeyPatch, tmp_path: Path):
+    (tmp_path / "patrol").mkdir()
+    (tmp_path / "patrol" / "package.xml").write_text("<package/>")
+    set_confinement(bare, Confinement("landlock", network=False))
+    require_confined(HOSTILE)
+    with pytest.raises(StageFailed, match="none of their own on this machine: apt-get install bubblewrap"):
+        require_confined([tmp_path])
+
+
+@pytest.mark.parametrize(("take", "taken"), [("1 / 0", "False"), ("False", "False"), ("True", "True")])
+def test_a_network_that_cannot_be_switched_on_is_as_good_as_none(take: str, taken: str):
+    # In a process of its own, as it happens: before anything has a thread.
+    code = f"import {self_confinement.__name__} as own; own._take_network = lambda: {take}"
+    asked = [sys.executable, "-c", f"{code}; print(own._may_take_network())"]
+    told = subprocess.run(asked, capture_output=True, text=True, timeout=60, check=True)
+    assert told.stdout.strip() == taken
 
 
 def test_a_bubblewrap_that_does_not_start_is_told_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -66,6 +66,10 @@ def test_what_is_fixed_wins_over_the_users_own():
         ("XLA_FLAGS", "--xla_force_host_platform_device_count=2 --xla_cpu_max_isa=SSE4_2"),
         ("CUDA_VISIBLE_DEVICES", ""),
         ("CUDA_VISIBLE_DEVICES", "0,1"),
+        ("CUDA_VISIBLE_DEVICES", "0, 1"),
+        ("NVIDIA_VISIBLE_DEVICES", "nvidia.com/gpu=all"),
+        ("NVIDIA_DRIVER_CAPABILITIES", "compute, utility"),
+        ("XLA_PYTHON_CLIENT_PREALLOCATE", "False"),
         ("CUDA_VISIBLE_DEVICES", "GPU-8932f937-d72c-4106-c12f-20bd9faed9f6"),
         ("XLA_PYTHON_CLIENT_MEM_FRACTION", ".75"),
         ("MUJOCO_GL", "egl"),
@@ -73,6 +77,7 @@ def test_what_is_fixed_wins_over_the_users_own():
     ],
 )
 def test_where_a_simulation_runs_is_the_users_right(name: str, value: str):
+    require_environment({name: value})
     assert process_environment({name: value}, PROGRAMS)[name] == value
 
 

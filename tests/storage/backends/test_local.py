@@ -21,6 +21,7 @@ import pytest
 from specs.errors import ObjectConflict, ObjectNotFound, StoreAccessDenied, StoreError, StoreUnreachable, StoreUnsafe
 from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore, body_etag, file_mark
+from tasks.storage.base import local_files
 from tasks.storage.base.store import Entry, Store
 from tasks.storage.store_url import open_store
 from tests.servers.racers import in_processes, missed_names
@@ -174,6 +175,13 @@ def test_a_disk_without_links_is_unsafe(folder: LocalStore, monkeypatch: pytest.
     with pytest.raises(StoreUnsafe, match="hard links"):
         folder.create("a.json", b"1")
     assert folder.keys("") == []
+
+
+def test_without_proc_nothing_is_written_anywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(local_files, "_HELD", f"{tmp_path}/nowhere/")
+    with pytest.raises(StoreError, match="/proc is not mounted"):
+        LocalStore(tmp_path / "store").create("a", b"")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_full_disk_is_told_and_leaves_nothing(folder: LocalStore, monkeypatch: pytest.MonkeyPatch) -> None:
