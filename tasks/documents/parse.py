@@ -228,8 +228,9 @@ def _below(context: dict[str, Any], value: object) -> str:
 
 def _metres(value: object) -> str:
     """Returns how a length is written of which somebody wrote the centimetres; empty for anything else."""
-    shown = isinstance(value, int | float) and 1 < value <= _PERCENT
-    return f" metres; write {value / 100:g} for {value:g} cm" if shown else " metres"
+    if isinstance(value, int | float) and 1 < value <= _PERCENT:
+        return f" metres; write {value / 100:g} for {value:g} cm"
+    return " metres"
 
 
 def _percent(value: object, bound: object) -> str:

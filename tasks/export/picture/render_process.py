@@ -371,7 +371,7 @@ def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
         geom.pos, geom.quat, geom.size = part.position_m, part.turn, part.size
         if part.vertices_m:
             mesh = spec.add_mesh(name=f"filmed-robot/{number}")
-            mesh.uservert = np.ravel(part.vertices_m)
+            mesh.uservert = np.array(part.vertices_m, dtype=np.float64).ravel()
             geom.meshname = mesh.name
     reach = scene.radius_m / 2
     body.add_geom(
