@@ -58,7 +58,7 @@ def test_a_block_is_interrupted_when_its_server_is_gone():
 
 
 def test_a_block_that_goes_on_in_spite_of_the_interrupt_is_given_up():
-    given_up = threading.Event()
+    given_up, inside = threading.Event(), threading.Event()
     told: list[str] = []
 
     def give_up(failure: StageFailed) -> None:
@@ -67,12 +67,14 @@ def test_a_block_that_goes_on_in_spite_of_the_interrupt_is_given_up():
 
     def goes_on() -> None:
         try:
+            inside.set()
             threading.Event().wait(250)
         except KeyboardInterrupt:
             assert given_up.wait(250)
 
     pace = WatchdogPace(look_s=0.01, patience_s=0.0, grace_s=0.05)
-    with guard_run(lambda: False, "it went away", give_up, pace):
+    # The server goes when the block is where it catches: an interrupt before that ends it.
+    with guard_run(lambda: not inside.is_set(), "it went away", give_up, pace):
         goes_on()
     assert told == ["InternalServiceError: it went away"]
 
