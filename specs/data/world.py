@@ -4,11 +4,21 @@ Metres, radians, z up. The origin is where the robot starts: the floor is at z =
 (0, 0) is free (docs/reference/robomaker.md, section 5).
 """
 
-from typing import Literal
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, Literal, Self
+
+from pydantic import Field, model_validator
 
 from specs.base import Spec
+from specs.rules import broken
 
-WORLD_VERSION = "1"
+WORLD_VERSION = "2"
+"""Of what is written where a world holds prisms, a start or a source; all others are of version 1 to the byte."""
+
+MOST_CORNERS = 8
+"""Of a prism; an outline of more is cut, so that engines hold all prisms in arrays of one shape."""
 
 ROBOT_RADIUS_M = 0.25
 """Radius of the robot that worlds are passable for unless somebody asks for another: common indoor bases have less."""
@@ -17,6 +27,11 @@ RoomType = Literal["Bedroom", "Bathroom", "Living", "Dining", "Kitchen", "Hallwa
 Color = tuple[float, float, float]
 """sRGB, each 0-1."""
 Pattern = Literal["plain", "fibres", "planks", "parquet", "tiles", "bricks", "stones", "panels", "stripes"]
+
+
+_later: Any = Field(
+    default=None, exclude_if=lambda value: value is None
+)  # what documents of version 1 have no field for
 
 
 class Rectangle(Spec):
@@ -33,19 +48,46 @@ class Solid(Spec):
 
     Attributes:
         name: Unique in the world; becomes the geom's name.
-        shape: A box, or an upright cylinder whose radius is both of the first two half extents.
+        shape: A box, an upright cylinder whose radius is both of the first two half extents, or an upright prism.
         center_m: Centre (x, y, z).
-        half_extents_m: Half sizes along the solid's own axes (x, y, z), all positive.
+        half_extents_m: Half sizes along the solid's own axes (x, y, z), all positive; a prism's are those of the box
+            around it.
         yaw_rad: Turn about z, counter-clockwise; 0 for cylinders.
         color: sRGB, each 0-1.
+        outline_m: A prism's 3 to 8 corners from its centre along its own axes, counter-clockwise, convex; else none.
     """
 
     name: str
-    shape: Literal["box", "cylinder"]
+    shape: Literal["box", "cylinder", "prism"]
     center_m: tuple[float, float, float]
     half_extents_m: tuple[float, float, float]
     yaw_rad: float
     color: Color
+    outline_m: tuple[tuple[float, float], ...] | None = _later
+
+    @model_validator(mode="after")
+    def _check_outline(self) -> Self:
+        corners = self.outline_m
+        if (corners is None) is (self.shape == "prism"):
+            raise broken("outline_m: corners for a prism, and none for another shape")
+        if corners is not None and not (3 <= len(corners) <= MOST_CORNERS and is_convex(corners)):
+            raise broken(f"outline_m: 3 to {MOST_CORNERS} corners (x, y) of a convex outline, counter-clockwise")
+        half_x, half_y, _ = self.half_extents_m
+        if corners and not (_reaches([x for x, _ in corners], half_x) and _reaches([y for _, y in corners], half_y)):
+            raise broken("outline_m: corners that reach from -half_extents_m to half_extents_m")
+        return self
+
+
+def is_convex(corners: Sequence[tuple[float, float]]) -> bool:
+    """Returns whether an outline turns left at every corner, and once around in all."""
+    sides = [(bx - ax, by - ay) for (ax, ay), (bx, by) in pairwise([*corners, corners[0]])]
+    turns = [math.atan2(ax * by - ay * bx, ax * bx + ay * by) for (ax, ay), (bx, by) in pairwise([*sides, sides[0]])]
+    return min(turns) > 0.0 and abs(sum(turns) - math.tau) < 1e-6
+
+
+def _reaches(values: Sequence[float], most: float) -> bool:
+    """Returns whether coordinates, each rounded to a millionth, reach equally far to both sides."""
+    return max(abs(max(values) - most), abs(min(values) + most)) < 2e-6
 
 
 class Finish(Spec):
@@ -160,7 +202,11 @@ class OccupancyMap(Spec):
 
 
 class Furniture(Spec):
-    """One piece of furniture: a name, what it is, where it stands, and its primitives."""
+    """One piece of furniture, or of an imported scene: a name, what it is, where it stands, and its primitives.
+
+    Attributes:
+        room: The name of its room; empty in a world without rooms.
+    """
 
     name: str
     model_type: str
@@ -242,19 +288,98 @@ class Certificate(Spec):
         return tuple(f"{wish.subject}: {wish.found}, wished {wish.wished}" for wish in self.wishes if not wish.met)
 
 
-class World(Spec):
-    """One apartment.
+class Start(Spec):
+    """Where a robot starts in a world that was imported, in the frame of its source."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+
+
+class WorldSource(Spec):
+    """What an imported world was made from.
 
     Attributes:
-        version: Version of this format.
+        kind: A Gazebo world (SDF), a map of ROS, a MuJoCo scene (MJCF), or a mesh.
+        file: The file's name, without folders.
+        digest: SHA-256 over all that was read: the file, models, meshes and images, by name; lower-case hex.
+        settings: What was asked for beside the file, such as ``wallHeight=2.5``, in order of names.
+    """
+
+    kind: Literal["sdf", "map", "mjcf", "mesh"]
+    file: str
+    digest: str
+    settings: tuple[str, ...] = ()
+
+
+class ImportFinding(Spec):
+    """One part of a source that is not in the world exactly as it was.
+
+    Attributes:
+        subject: Which part, by its names in the source, such as ``table/link/collision``.
+        became: Approximated by upright solids, left out, or not found.
+        why: For a person: what it is, and where it was looked for.
+        off_m: How far surfaces moved at most, where that is known.
+    """
+
+    subject: str
+    became: Literal["approximated", "dropped", "unresolved"]
+    why: str
+    off_m: float | None = None
+
+
+class MapAgreement(Spec):
+    """How an imported world agrees with a map of the same place.
+
+    Attributes:
+        map: The map's file name.
+        height_m: Height at which the world was cut.
+        within_5cm: Share of the map's occupied border cells with a surface of the world within 5 cm, 0-1.
+        mean_m: Mean distance from these cells to the nearest surface.
+        free_iou: Free floor of both over free floor of either, 0-1.
+    """
+
+    map: str
+    height_m: float
+    within_5cm: float
+    mean_m: float
+    free_iou: float
+
+
+class ImportReport(Spec):
+    """What became of a source's parts: an imported world has this in place of wishes.
+
+    Attributes:
+        parts: How many parts the source has that a robot could meet.
+        exact: How many of them are in the world as they were.
+        findings: All others.
+        agreements: With the maps that lay beside the source.
+    """
+
+    parts: int
+    exact: int
+    findings: tuple[ImportFinding, ...] = ()
+    agreements: tuple[MapAgreement, ...] = ()
+
+
+class World(Spec):
+    """One apartment, or an imported building.
+
+    Attributes:
+        version: Version of this format: 2 where anything that version 1 has not is used.
         generator: The generator's name and version; another one may make another world of the same seed.
+        template_digest: Of the template that it was generated from; empty for an imported world, as its seed and
+            indices are 0.
         sub_seed: How many tries were given up before this world kept its guarantees.
         generation: Name of the generation job; with ``name`` it identifies the world in a store.
         name: Name of the world in its job, such as ``world-3-1`` (floor plan 3, interior 1; both from 1).
         footprint: Outer faces of the outer walls.
+        start: Where the robot starts; none for the origin, without a turn.
+        source: What it was imported from; none for a generated world.
+        report: What became of the source's parts.
     """
 
-    version: Literal["1"] = WORLD_VERSION
+    version: Literal["1", "2"] = "1"
     generator: str
     template_digest: str
     seed: int
@@ -275,6 +400,22 @@ class World(Spec):
     lights: tuple[Light, ...]
     map: OccupancyMap
     certificate: Certificate
+    start: Start | None = _later
+    source: WorldSource | None = _later
+    report: ImportReport | None = _later
+
+    @model_validator(mode="after")
+    def _check_version(self) -> Self:
+        if self.version == "1":
+            later = [name for name in ("start", "source", "report") if getattr(self, name) is not None]
+            if later or any(solid.shape == "prism" for solid in solids(self)):
+                raise broken(f'version "{WORLD_VERSION}" for {" and ".join(later or ["prisms"])}')
+        return self
+
+
+def start_pose(world: World) -> Start:
+    """Returns where a robot starts in a world."""
+    return world.start or Start(x_m=0.0, y_m=0.0)
 
 
 def solids(world: World) -> tuple[Solid, ...]:

@@ -61,9 +61,14 @@ def _solid_texts(solids: Sequence[Solid]) -> list[str]:
     yaws = _row_texts([(solid.yaw_rad,) for solid in solids])
     return [
         f'{{"center_m":[{center}],{_paint_text(solid.color, solid.half_extents_m)},'
-        f'"name":{encode_basestring(solid.name)},"shape":"{solid.shape}","yaw_rad":{yaw}}}'
+        f'"name":{encode_basestring(solid.name)},{_outline_text(solid)}"shape":"{solid.shape}","yaw_rad":{yaw}}}'
         for solid, center, yaw in zip(solids, centers, yaws, strict=True)
     ]
+
+
+def _outline_text(solid: Solid) -> str:
+    corners = solid.outline_m
+    return "" if corners is None else f'"outline_m":[{",".join([_numbers_text(corner) for corner in corners])}],'
 
 
 def _row_texts(rows: Sequence[tuple[float, ...]]) -> list[str]:

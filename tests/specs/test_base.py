@@ -19,6 +19,7 @@ FIELDS: dict[str, object] = {
     "half_extents_m": (0.4, 0.4, 0.02),
     "yaw_rad": 0.0,
     "color": (0.5, 0.5, 0.5),
+    "outline_m": None,
 }
 
 

@@ -222,7 +222,12 @@ def build_walls(plan: FloorPlan, ceiling_height_m: float, colors: Sequence[Color
         ceiling_height_m: Height of every wall.
         colors: Colour of each room's walls; an inner wall takes that of the first room beside it.
     """
-    return tuple([Solid.unchecked({**fields, "color": colors[room]}) for fields, room in _bare(plan, ceiling_height_m)])
+    return tuple(
+        [
+            Solid.unchecked({**fields, "color": colors[room], "outline_m": None})
+            for fields, room in _bare(plan, ceiling_height_m)
+        ]
+    )
 
 
 @lru_cache(maxsize=64)

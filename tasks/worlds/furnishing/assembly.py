@@ -99,6 +99,7 @@ def assemble(piece: Piece, name: str, room: str, look: Look) -> Furniture:
                 "half_extents_m": part.half,
                 "yaw_rad": part.yaw,
                 "color": color,
+                "outline_m": None,
             }
         )
         for part, center, color in zip(parts, _centers(piece, parts), colors, strict=True)
