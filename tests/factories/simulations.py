@@ -98,8 +98,13 @@ def pen(side_m: float, seed: int) -> World:
     return world.model_copy(update={"furniture": tuple(_piece(world, number, rng) for number in range(14))})
 
 
-def hall(half_width_m: float) -> World:
-    """Returns two bare rooms in a row along x, of 5 m each, with no wall between them."""
+def hall(half_width_m: float, *, gap_m: float | None = None) -> World:
+    """Returns two bare rooms in a row along x, of 5 m each.
+
+    Args:
+        half_width_m: Along y.
+        gap_m: In the middle of a wall between them, which leaves a metre free at both ends; None for no wall.
+    """
     base = apartment(name="hall")
     west, east = -2.5, 7.5
     walls = tuple(
@@ -113,6 +118,9 @@ def hall(half_width_m: float) -> World:
             ]
         )
     )
+    if gap_m is not None:
+        middle, half = (gap_m / 2 + half_width_m - 1.0) / 2, (half_width_m - 1.0 - gap_m / 2) / 2
+        walls += tuple(_box(f"between{y:+g}", (2.5, y), (0.05, half), 0.0) for y in (middle, -middle))
     spans = ((west, 2.5), (2.5, east))
     rooms = tuple(
         room.model_copy(

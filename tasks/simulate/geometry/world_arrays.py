@@ -20,6 +20,8 @@ from tasks.simulate.geometry.rooms import RoomMap, room_map
 from tasks.simulate.geometry.shortest_path import Ways
 
 CELL_M = 0.1
+# The radius of a disc that every robot has room for on its axis. A narrower one would slip through the seams of walls.
+_NARROWEST_M = 0.01
 _SIZES = (144, 192, 256, 384, 512)
 
 
@@ -84,13 +86,19 @@ _KEPT_BYTES = 96 << 20
 
 
 class WorldArrays(NamedTuple):
-    """One world as arrays: what a hull can touch, what a lidar can see, the map, the rooms on it, and the ways."""
+    """One world as arrays: what a hull can touch, what a lidar can see, the map, the rooms on it, and the ways.
+
+    Attributes:
+        ways: Of a disc as wide as the robot.
+        narrow_ways: Of one that no robot is narrower than.
+    """
 
     contact_obstacles: Obstacles
     lidar_outlines: HostLidarOutlines
     floor: HostMap
     rooms: RoomMap
     ways: Ways
+    narrow_ways: Ways
 
 
 class _Kept(NamedTuple):
@@ -173,9 +181,9 @@ def _new_arrays(world: World, hull: Hull, lidar_m: float) -> WorldArrays:
     floor = floor_map(world, contacts)
     for array in floor:
         array.setflags(write=False)
-    return WorldArrays(
-        contacts, outlines, floor, room_map(world.rooms, floor, hull.radius_m), Ways(contacts, hull.radius_m)
-    )
+    rooms = room_map(world.rooms, floor, hull.radius_m)
+    ways, narrow = (Ways(contacts, radius_m) for radius_m in (hull.radius_m, _NARROWEST_M))
+    return WorldArrays(contacts, outlines, floor, rooms, ways, narrow)
 
 
 def _forget(used: int) -> None:

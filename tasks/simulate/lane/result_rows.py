@@ -11,6 +11,7 @@ from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, fiel
 from tasks.simulate.application.bundle_code import CrashCode
 from tasks.simulate.application.contract import REASONS
 from tasks.simulate.geometry.rooms import Visit, visits
+from tasks.simulate.geometry.shortest_path import shortest_paths_m
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensors.odometry import ODOMETRY
@@ -20,6 +21,8 @@ POSE_STEPS = CONTROL_HZ // 2
 _FINAL = ("final_x_m", "final_y_m", "final_yaw_rad")
 # Poses of lanes that are looked at together: 12 MB, of which there are several copies then.
 _POSES_AT_ONCE = 1 << 20
+# A disc's own way is never so much shorter: the polygons that stand for arcs are off by less.
+_SHORTER = 0.95
 _LEAST_M = 1e-300  # for a division whose quotient is not used
 _CRASHES: dict[int, tuple[CrashCode | Literal[""], str]] = {
     NO_CRASH: ("", ""),
@@ -154,11 +157,21 @@ def _seconds(steps: Int[np.ndarray, " entries"]) -> Float64[np.ndarray, " entrie
 def _measured_ways(
     lanes: Sequence[Lane], driven_m: Float64[np.ndarray, " ended"], passed: Bool[np.ndarray, " ended"]
 ) -> dict[str, Cells]:
-    """Returns shortest ways, and success weighted by path length (Anderson et al. 2018); None if unknown."""
+    """Returns shortest ways, and success weighted by path length (Anderson et al. 2018); None if unknown.
+
+    A robot that is no disc may get through where the disc around it does not. One that passed on a shorter way than the
+    disc's gets the shortest of a disc that no robot is narrower than: what is below that cannot be.
+    """
     known = [lane.shortest_path_m for lane in lanes]
     there = np.array([length is not None for length in known])
     shortest_m = np.array([length or 0.0 for length in known], np.float64)
     weight = np.where(shortest_m > 0.0, shortest_m / np.maximum(np.maximum(driven_m, shortest_m), _LEAST_M), 1.0)
+    shorter = np.flatnonzero(passed & there & (driven_m < _SHORTER * shortest_m)).tolist()
+    if shorter:
+        some = [lanes[number] for number in shorter]
+        ways, placements = [lane.arrays.narrow_ways for lane in some], [lane.placement for lane in some]
+        narrow_m = shortest_paths_m(ways, placements, [placement.arrived_m or 0.0 for placement in placements])
+        shortest_m[shorter] = np.minimum(shortest_m[shorter], narrow_m)
     return {
         "shortest_path_m": Cells(shortest_m, there=there),
         "spl": Cells(np.where(passed & there, weight, 0.0), there=there),

@@ -54,7 +54,8 @@ def simulated(
 def blank_lane(cells: int, goals: int, given: int) -> Lane:
     floor = HostMap(np.zeros((cells, cells), np.float32), *(np.zeros(size, np.float32) for size in (2, (), 4)))
     placement = Placement(np.zeros(3), np.zeros((goals, 2)), (np.zeros(given),))
-    return Lane(looking(0, "hand/small"), WorldArrays(*cast("Any", (None, None, floor, None, None))), placement, None)
+    arrays = WorldArrays(*cast("Any", (None, None, floor, None, None, None)))
+    return Lane(looking(0, "hand/small"), arrays, placement, None)
 
 
 @given(st.lists(st.tuples(st.sampled_from((128, 192)), st.integers(1, 2), st.integers(1, 2)), max_size=8))

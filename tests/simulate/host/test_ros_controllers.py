@@ -5,6 +5,7 @@ import os
 import shutil
 import tempfile
 from pathlib import Path
+from typing import Any, cast
 
 import jax.numpy as jnp
 import numpy as np
@@ -108,7 +109,7 @@ _WIDTH = 8
 
 def lane(index: int, kind: str) -> Lane:
     request = delivery(index, world="hand/one").model_copy(update={"environment": {"KIND": kind, "SPEED": "0.30"}})
-    arrays = WorldArrays(contact_obstacles=None, lidar_outlines=None, floor=_FLOOR, rooms=None, ways=None)  # pyright: ignore[reportArgumentType] - not used
+    arrays = WorldArrays(*cast("Any", (None, None, _FLOOR, None, None, None)))  # the others are not used
     return Lane(request, arrays, Placement(np.zeros(3), np.zeros((1, 2))), None)
 
 

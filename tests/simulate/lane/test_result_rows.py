@@ -10,6 +10,8 @@ import pytest
 from specs.data.column_bytes import encode_columns
 from specs.data.episode import CONTROL_S
 from specs.data.episode_columns import EpisodeColumns
+from tasks.results.gate.impossible_rows import impossible_rows
+from tasks.results.tables.episode_tables import results_table
 from tasks.simulate.application.contract import REASONS, Placement
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.rooms import RoomMap, Visit, visits
@@ -17,8 +19,8 @@ from tasks.simulate.geometry.world_arrays import arrays_of_worlds
 from tasks.simulate.lane import result_rows
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, EpisodeTotals, LaneState
 from tasks.simulate.lane.result_rows import Ended, finished_rows
-from tasks.simulate.lane.staging import Lane
-from tests.factories.simulations import cluttered, delivery
+from tasks.simulate.lane.staging import Lane, with_shortest_paths
+from tests.factories.simulations import cluttered, delivery, hall
 
 LANES, SLICE = 8, 25
 # Of the lanes, in which slice each began, and how many control steps it did; one ended at once.
@@ -107,3 +109,19 @@ def test_a_row_says_what_its_lane_did(state: LaneState, poses: list[np.ndarray])
 def test_a_crash_is_told_with_whose_it_was(state: LaneState, poses: list[np.ndarray]):
     (row,) = finished_rows([Ended(lane(7), 7, 1)], state, poses)
     assert (row.status, row.failure_code, row.outcome) == ("Failed", "RobotApplicationCrash", "Failed")
+
+
+@pytest.mark.parametrize(("gap_m", "shortest_m"), [(0.3, 5.0), (0.0, 15.0)])
+def test_a_narrow_robot_may_go_where_the_disc_around_it_cannot(
+    state: LaneState, poses: list[np.ndarray], gap_m: float, shortest_m: float
+):
+    (arrays,) = arrays_of_worlds({"w/0": hall(8.0, gap_m=gap_m)}, Hull(0.2, 0.02, 0.38), 0.3).values()
+    asked = delivery(0, world="w/0")
+    lanes = with_shortest_paths([Lane(asked, arrays, Placement(np.zeros(3), np.array([[5.0, 0.0]])))])
+    state.totals.path_length_m[0] = 5.0
+    (row,) = finished_rows([Ended(lanes[0], 0, 4)], state, poses).rows()
+    assert row.shortest_path_m == pytest.approx(shortest_m, rel=0.02)
+    assert row.spl == 1.0, "no less than the disc's"
+    sound = row.model_copy(update={"collisions": 0, "impulse_ns": 0.0, "max_impulse_ns": 0.0, "goals_reached": 1})
+    cannot_be = impossible_rows(results_table("simb-1", [asked], [sound]))
+    assert ("less than half of the shortest way" in cannot_be) == (not gap_m), cannot_be
