@@ -6,7 +6,8 @@ SimyardError
 │   ├── IdempotentParameterMismatch   same token, another request
 │   ├── LimitExceeded                 one more than there may be
 │   ├── ResourceAlreadyExists         the name is taken
-│   └── ResourceNotFound              a document names something that does not exist
+│   ├── ResourceNotFound              a document names something that does not exist
+│   └── SourceError                   a file is no world that can be imported (declared where it is raised)
 ├── AccessRefused                     a request over HTTP is not let in: who sent it, or what its key may do
 ├── BundleRefused                     an archive is not what its digest says, or would write where it must not
 ├── LaunchRefused                     a ROS launch file cannot be run here, or roslaunch refuses it
