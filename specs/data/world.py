@@ -296,6 +296,18 @@ class Start(Spec):
     yaw_rad: float = 0.0
 
 
+class Route(Spec):
+    """Places to go to one after the other, as a scenario may ask for by name.
+
+    Attributes:
+        name: Unique in the world.
+        points_m: At least one (x, y), in the frame of the source.
+    """
+
+    name: str
+    points_m: tuple[tuple[float, float], ...]
+
+
 class WorldSource(Spec):
     """What an imported world was made from.
 
@@ -377,6 +389,7 @@ class World(Spec):
         start: Where the robot starts; none for the origin, without a turn.
         source: What it was imported from; none for a generated world.
         report: What became of the source's parts.
+        routes: Ways that came with the source, or named places: routes of one point.
     """
 
     version: Literal["1", "2"] = "1"
@@ -403,11 +416,12 @@ class World(Spec):
     start: Start | None = _later
     source: WorldSource | None = _later
     report: ImportReport | None = _later
+    routes: tuple[Route, ...] | None = _later
 
     @model_validator(mode="after")
     def _check_version(self) -> Self:
         if self.version == "1":
-            later = [name for name in ("start", "source", "report") if getattr(self, name) is not None]
+            later = [name for name in ("start", "source", "report", "routes") if getattr(self, name) is not None]
             if later or any(solid.shape == "prism" for solid in solids(self)):
                 raise broken(f'version "{WORLD_VERSION}" for {" and ".join(later or ["prisms"])}')
         return self

@@ -1,4 +1,4 @@
-"""The coverage scenario: from the origin, see all the floor that the robot gets to, without hitting anything."""
+"""The coverage scenario: from the start, see all the floor that the robot gets to, without hitting anything."""
 
 import functools
 from collections.abc import Mapping
@@ -92,10 +92,12 @@ class Floor:
         self._range_m, self._share = range_m, share
 
     def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
-        """Returns the start at the origin, facing any way, and a tour of viewpoints that show the floor.
+        """Returns the world's start, and a tour of viewpoints that show the floor.
+
+        Where the world says no start, it is the origin, and the robot faces any way.
 
         Raises:
-            ValueError: RANGE or SHARE is out of bounds, or the robot can reach no floor from the origin.
+            ValueError: RANGE or SHARE is out of bounds, or the robot can reach no floor from the start.
         """
         range_m, share = float(self._range_m), float(self._share)
         if not 0.5 <= range_m <= 100.0:
@@ -103,13 +105,14 @@ class Floor:
         if not 0.0 < share <= 1.0:
             raise ValueError(f"SHARE: {share:g}: must be above 0 and at most 1")
         arrays = tuple((each.tobytes(), each.shape) for each in floor)
-        found = _charted(arrays, hull_radius_m, range_m)
+        start_m = (0.0, 0.0) if world.start is None else (world.start.x_m, world.start.y_m)
+        found = _charted(arrays, hull_radius_m, range_m, start_m)
         if found is None:
-            raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around the origin")
+            at = "the origin" if world.start is None else "({:g}, {:g})".format(*start_m)
+            raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around {at}")
         goals_m, chart = found
-        return Placement(
-            np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)]), goals_m, cast("tuple[np.ndarray, ...]", tuple(chart))
-        )
+        yaw = rng.uniform(-np.pi, np.pi) if world.start is None else world.start.yaw_rad
+        return Placement(np.array([*start_m, yaw]), goals_m, cast("tuple[np.ndarray, ...]", tuple(chart)))
 
     def init(self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], *given: jax.Array) -> Progress:
         """Returns the progress before the first step, when nothing was seen."""
@@ -194,17 +197,17 @@ def _first(before_s: Float[jax.Array, ""], now: Bool[jax.Array, ""], time_s: Flo
 
 @functools.lru_cache(maxsize=_CHARTS_KEPT)
 def _charted(
-    arrays: tuple[tuple[bytes, tuple[int, ...]], ...], radius_m: float, range_m: float
+    arrays: tuple[tuple[bytes, tuple[int, ...]], ...], radius_m: float, range_m: float, start_m: tuple[float, float]
 ) -> tuple[Float64[np.ndarray, "goals 2"], Chart] | None:
     """Returns viewpoints and chart of a world, given its map's arrays; kept, since they are the same for all seeds."""
     clearance_m, origin_m, cell_m, bounds_m = (np.frombuffer(raw, np.float32).reshape(shape) for raw, shape in arrays)
     floor = cast("HostMap", _Map(clearance_m, origin_m, cell_m, bounds_m))
-    reachable = _reachable(floor, radius_m + _ROOM_M)
+    reachable = _reachable(floor, radius_m + _ROOM_M, start_m)
     if not reachable.any():
         return None
     squares = squares_of(floor, reachable)
     seen = sights(floor, squares.points_m, range_m)
-    start = int(np.argmin(np.hypot(*squares.points_m.T)))
+    start = int(np.argmin(np.hypot(*(squares.points_m - start_m).T)))
     goals_m = squares.points_m[tour(squares, seen, start, radius_m)]
     more = -len(goals_m) % _VIEWPOINTS_TOGETHER
     goals_m = np.concatenate([goals_m, np.repeat(goals_m[-1:], more, axis=0)])
@@ -233,8 +236,9 @@ def _chart(floor: "HostMap", squares: Squares, sights: np.ndarray, viewpoints: i
     )
 
 
-def _reachable(floor: "HostMap", radius_m: float) -> Bool[np.ndarray, "rows columns"]:
-    """Returns where a disc of that radius gets to from the origin."""
+def _reachable(floor: "HostMap", radius_m: float, start_m: tuple[float, float]) -> Bool[np.ndarray, "rows columns"]:
+    """Returns where a disc of that radius gets to from the start."""
     parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= radius_m, structure=np.ones((3, 3))))
-    column, row = np.rint(-floor.origin_m / floor.cell_m).astype(int)
-    return (parts == parts[row, column]) & (parts > 0)
+    column, row = np.rint((np.array(start_m) - floor.origin_m) / floor.cell_m).astype(int)
+    inside = 0 <= row < parts.shape[0] and 0 <= column < parts.shape[1]
+    return (parts == parts[row, column]) & (parts > 0) if inside else np.zeros(parts.shape, bool)

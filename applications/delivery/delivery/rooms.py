@@ -1,4 +1,4 @@
-"""The delivery scenario: from the origin to goals in other rooms, one after the other, without hitting anything."""
+"""The delivery scenario: from the start to goals in other rooms, one after the other, without hitting anything."""
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
@@ -22,6 +22,8 @@ STUCK_S = 10.0
 STUCK_M = 0.15
 # The hull has this much room on all sides, at a goal and on the way to it.
 _ROOM_M = 0.05
+# In a world without rooms, goals are at least this far from the place before.
+_NEAR_M = 1.0
 _PASSED, _COLLISION, _STUCK, _OUT_OF_BOUNDS = 0, 1, 3, 4
 
 
@@ -38,6 +40,7 @@ class _Ground(NamedTuple):
 
     Attributes:
         clearance_m: Of its map; as long as it is kept, no other array can have its identity.
+        start_m: Where the robot gets there from.
         points: The centres of all cells that the robot gets to.
         within: The floor of each room, and those of the points that lie on it.
     """
@@ -45,6 +48,7 @@ class _Ground(NamedTuple):
     clearance_m: np.ndarray
     rooms: "Sequence[Room]"
     hull_radius_m: float
+    start_m: tuple[float, float]
     points: Float64[np.ndarray, "points 2"]
     within: "list[tuple[Rectangle, Float64[np.ndarray, 'points 2']]]"
 
@@ -76,28 +80,39 @@ class Rooms:
 
     arrived_m = ARRIVED_M
 
-    def __init__(self, goals: "float | Float[jax.Array, '']") -> None:
-        self._goals = goals
+    def __init__(self, goals: "float | Float[jax.Array, ''] | None", route: str | None = None) -> None:
+        self._goals, self._route = goals, route
 
     def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
-        """Returns the start at the origin, facing any way, and goals drawn so that each lies in another room.
+        """Returns the world's start, and goals: a route's, or drawn so that each lies in another room.
+
+        In a world without rooms they are anywhere within reach. Where the world says no start, it is the origin,
+        and the robot faces any way.
 
         Raises:
-            ValueError: GOALS is no number of goals, or the robot can reach no floor from the origin.
+            ValueError: GOALS or ROUTE is none that the world has, or the robot can reach no floor from the start.
         """
-        count = round(float(self._goals))
-        if count != float(self._goals) or not 1 <= count <= MOST_GOALS:
-            raise ValueError(f"GOALS: {float(self._goals):g}: must be a whole number from 1 to {MOST_GOALS}")
-        ground = _ground(world.rooms, floor, hull_radius_m)
+        ground = _ground(world, floor, hull_radius_m)
         if not len(ground.points):
-            raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around the origin")
-        goals: list[Float64[np.ndarray, 2]] = []
-        here = np.zeros(2)
-        for _ in range(count):
+            at = "the origin" if world.start is None else "({:g}, {:g})".format(*ground.start_m)
+            raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around {at}")
+        route = None if self._route is None else _route(world, self._route)
+        count = self._count(DEFAULT_GOALS if route is None else len(route))
+        goals: list[Float64[np.ndarray, 2]] = list(() if route is None else route[:count])
+        here = np.array(ground.start_m)
+        for _ in range(count - len(goals)):
             here = _draw_goal(ground, here, rng)
             goals.append(here)
-        start = np.array([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
-        return Placement(start, np.stack(goals), (np.array(count, np.int32),))
+        yaw = rng.uniform(-np.pi, np.pi) if world.start is None else world.start.yaw_rad
+        return Placement(np.array([*ground.start_m, yaw]), np.stack(goals), (np.array(count, np.int32),))
+
+    def _count(self, most: int) -> int:
+        """Returns how many goals are asked for; as many as a route has, where that is what is asked for."""
+        goals = float(most if self._goals is None else self._goals)
+        most_goals = MOST_GOALS if self._route is None else most
+        if round(goals) != goals or not 1 <= goals <= most_goals:
+            raise ValueError(f"GOALS: {goals:g}: must be a whole number from 1 to {most_goals}")
+        return round(goals)
 
     def init(
         self, start: Float[jax.Array, "3"], goals_m: Float[jax.Array, "goals 2"], total: Int[jax.Array, ""]
@@ -126,25 +141,37 @@ class Rooms:
 
 
 def scenario(environment: Mapping[str, "str | Float[jax.Array, '']"]) -> Rooms:
-    """Returns the scenario; GOALS is the number of goals.
+    """Returns the scenario; GOALS is the number of goals, ROUTE the name of one of the world's routes.
 
     Raises:
         ValueError: GOALS is not a number.
     """
-    goals = environment.get("GOALS", DEFAULT_GOALS)
+    goals, route = environment.get("GOALS"), environment.get("ROUTE")
     if isinstance(goals, str):
         raise ValueError(f"GOALS: {goals!r}: must be a whole number from 1 to {MOST_GOALS}")  # noqa: TRY004 - the text is the wrong value of a variable
-    return Rooms(goals)
+    if not isinstance(route, str | None):
+        raise ValueError(f"ROUTE: {route}: must be a route's name, which no number is")  # noqa: TRY004 - as above
+    return Rooms(goals, route)
 
 
-def _ground(rooms: "Sequence[Room]", floor: "HostMap", hull_radius_m: float) -> _Ground:
+def _route(world: "World", name: str) -> "Sequence[Float64[np.ndarray, '2']]":
+    """Returns the places of a world's route."""
+    routes = {route.name: route.points_m for route in world.routes or ()}
+    if name not in routes:
+        allowed = " or ".join(sorted(routes)) or "left out: the world has no routes"
+        raise ValueError(f"{world.name}: ROUTE: {name!r}: must be {allowed}")
+    return [np.array(point) for point in routes[name]]
+
+
+def _ground(world: "World", floor: "HostMap", hull_radius_m: float) -> _Ground:
     """Returns where goals may be in a world; kept, since many episodes take place in it."""
-    key = id(floor.clearance_m)
+    key, rooms = id(floor.clearance_m), world.rooms
+    start_m = (0.0, 0.0) if world.start is None else (world.start.x_m, world.start.y_m)
     kept = _grounds.get(key)
-    if kept is None or kept.rooms is not rooms or kept.hull_radius_m != hull_radius_m:
-        points = _points(floor, _reachable(floor, hull_radius_m + _ROOM_M))
+    if kept is None or kept.rooms is not rooms or (kept.hull_radius_m, kept.start_m) != (hull_radius_m, start_m):
+        points = _points(floor, _reachable(floor, hull_radius_m + _ROOM_M, start_m))
         within = [(room.floor, points[_inside(points, room.floor)]) for room in rooms]
-        kept = _Ground(floor.clearance_m, rooms, hull_radius_m, points, within)
+        kept = _Ground(floor.clearance_m, rooms, hull_radius_m, start_m, points, within)
         # A map that can be written to may be another one tomorrow.
         if not floor.clearance_m.flags.writeable:
             _grounds.pop(key, None)
@@ -154,11 +181,12 @@ def _ground(rooms: "Sequence[Room]", floor: "HostMap", hull_radius_m: float) -> 
     return kept
 
 
-def _reachable(floor: "HostMap", radius_m: float) -> np.ndarray:
-    """Returns where a disc of that radius gets to from the origin."""
+def _reachable(floor: "HostMap", radius_m: float, start_m: tuple[float, float]) -> np.ndarray:
+    """Returns where a disc of that radius gets to from the start."""
     parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= radius_m, structure=np.ones((3, 3))))
-    column, row = np.rint(-floor.origin_m / floor.cell_m).astype(int)
-    return (parts == parts[row, column]) & (parts > 0)
+    column, row = np.rint((np.array(start_m) - floor.origin_m) / floor.cell_m).astype(int)
+    inside = 0 <= row < parts.shape[0] and 0 <= column < parts.shape[1]
+    return (parts == parts[row, column]) & (parts > 0) if inside else np.zeros(parts.shape, bool)
 
 
 def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 2"]:
@@ -170,6 +198,8 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
 def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "2"]:
     """Returns a point in another room than ``here``; where there is none to go to, a point far away.
 
+    In a world without rooms it is any point that is not quite near.
+
     Args:
         ground: Its rooms are drawn from, each as likely as the other.
         here: Where the robot comes from.
@@ -180,7 +210,8 @@ def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.G
         candidates = rooms[int(rng.integers(len(rooms)))]
     else:
         distance = np.hypot(*(ground.points - here).T)
-        candidates = ground.points[distance >= distance.max() / 2]
+        least_m = distance.max() / 2
+        candidates = ground.points[distance >= (least_m if ground.rooms else min(least_m, _NEAR_M))]
     return candidates[int(rng.integers(len(candidates)))]
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from applications.coverage.coverage.floor import Floor, Placement, Verdict, scenario
 from applications.coverage.coverage.sight import MOST_SQUARES, packed, sights, squares_of
 from applications.coverage.coverage.tour import shortened, viewpoints
-from specs.data.world import World
+from specs.data.world import Start, World
 from tasks.simulate.application.contract import REASONS, HostMap, Truth
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import floor_map
@@ -212,3 +212,12 @@ def test_it_is_looked_at_with_the_range_that_is_asked_for():
     near, far = drive(COURIER, COVERAGE, {"hand/hall": BARE}, [{"RANGE": "1.5"}, {"RANGE": "4"}], duration_s=1.0)
     assert near.metrics["covered_share"] < 0.7 * far.metrics["covered_share"]
     assert near.goals_total >= far.goals_total
+
+
+def test_the_tour_begins_where_the_world_says_that_the_robot_starts():
+    start = Start(x_m=-1.4, y_m=0.6, yaw_rad=1.0)
+    world = WORLD.model_copy(update={"version": "2", "start": start, "rooms": ()})
+    begun = placed(world)
+    assert begun.start.tolist() == [-1.4, 0.6, 1.0]
+    assert not np.array_equal(begun.goals_m[:4], placed(WORLD).goals_m[:4])
+    np.testing.assert_array_equal(begun.start, placed(world, 1).start)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
-from specs.data.world import Rectangle, World
+from specs.data.world import Rectangle, Route, Start, World
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import floor_map
@@ -152,3 +152,62 @@ def test_brushing_along_something_is_no_collision():
 def test_who_moves_on_is_not_stuck():
     steps = [truth(0.5 * k, 0.04 * k, -0.5) for k in range(1, 60)]
     assert not bool(judged(*steps).done)
+
+
+OWN = ONE_ROOM.model_copy(
+    update={
+        "version": "2",
+        "name": "own",
+        "rooms": (),
+        "start": Start(x_m=1.2, y_m=-0.7, yaw_rad=0.5),
+        "routes": (
+            Route(name="round", points_m=((-1.0, -1.0), (1.0, 1.0))),
+            Route(name="dock", points_m=((1.5, 1.5),)),
+        ),
+    }
+)
+FLOORS[OWN.name] = mapped(OWN)
+
+
+def routed(route: str, goals: float | None = None) -> Placement:
+    return Placement(*Rooms(goals, route).place(OWN, FLOORS["own"], RADIUS_M, np.random.default_rng(0)))
+
+
+def test_a_robot_starts_where_its_world_says():
+    assert placed(OWN, 3).start.tolist() == [1.2, -0.7, 0.5]
+
+
+def test_in_a_world_without_rooms_goals_are_anywhere_within_reach():
+    goals = np.concatenate([placed(OWN, seed, 7).goals_m for seed in range(40)])
+    points = [goals[(goals[:, 0] * x > 0) & (goals[:, 1] * y > 0)] for x in (-1, 1) for y in (-1, 1)]
+    assert all(len(some) > 30 for some in points)
+    assert np.hypot(*np.diff(placed(OWN, 1, 7).goals_m, axis=0).T).min() >= 1.0
+
+
+def test_goals_are_those_of_the_route_that_is_named():
+    assert routed("round").goals_m.tolist() == [[-1.0, -1.0], [1.0, 1.0]]
+    assert routed("round", 1).goals_m.tolist() == [[-1.0, -1.0]]
+    assert routed("dock").given[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("route", "goals", "why"),
+    [
+        ("rond", None, "own: ROUTE: 'rond': must be dock or round"),
+        ("round", 3, "GOALS: 3: must be a whole number from 1 to 2"),
+    ],
+)
+def test_a_route_that_is_not_there_is_told(route: str, goals: float | None, why: str):
+    with pytest.raises(ValueError, match=why):
+        routed(route, goals)
+
+
+def test_a_start_outside_of_the_map_reaches_nothing():
+    away = OWN.model_copy(update={"start": Start(x_m=1e3, y_m=0.0)})
+    with pytest.raises(ValueError, match=r"no floor for a robot of 0\.18 m radius around \(1000, 0\)"):
+        Rooms(2).place(away, FLOORS["own"], RADIUS_M, np.random.default_rng(0))
+
+
+def test_a_number_is_no_route():
+    with pytest.raises(ValueError, match="ROUTE"):
+        scenario({"ROUTE": 3.0})
