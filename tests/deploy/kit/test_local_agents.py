@@ -52,7 +52,7 @@ def test_five_robots_get_the_version_and_keep_it_running(yard: Yard) -> None:
         record = yard.deploy(version, "one", **launch)
 
         assert record.status == "Succeeded"
-        assert [programs_of(yard.root(robot)) for robot in robots] == [["sleep 1000"]] * 5
+        eventually(lambda: [programs_of(yard.root(robot)) for robot in robots] == [["sleep 1000"]] * 5)
         assert {yard.current(robot) for robot in robots} == {version.digest}
         assert {(yard.root(robot) / "speed").read_text() for robot in robots} == {"1\n"}
 
@@ -164,7 +164,7 @@ def test_what_the_next_agent_launched_outlives_the_end_of_a_block(yard: Yard) ->
         eventually(lambda: (root / "launches").read_text() == "up\nup\n")
 
     try:
-        assert programs_of(root) == ["sleep 1000"]
+        eventually(lambda: programs_of(root) == ["sleep 1000"])
     finally:
         kill(next_)
 
@@ -174,7 +174,7 @@ def test_what_an_agent_that_was_killed_has_left_ends_with_the_block(yard: Yard) 
     with local_agents(yard.store, FLEET, 1, yard.folder / "robots", grace_s=0.2):
         yard.deploy(version, "one")
         os.kill(_agents(yard.folder)[0], signal.SIGKILL)
-        assert programs_of(yard.root("couriers-1")) == ["sleep 1000"]
+        eventually(lambda: programs_of(yard.root("couriers-1")) == ["sleep 1000"])
 
     assert programs_of(yard.root("couriers-1")) == []
 

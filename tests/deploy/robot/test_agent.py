@@ -120,7 +120,7 @@ def test_an_agent_that_is_killed_in_a_step_finishes_after_its_next_start(
     )
     assert (done.status, done.failure_reason, done.sequence) == ("InSync", "", 2)
     assert yard.current("r1") == new.digest
-    assert programs_of(yard.root("r1")) == ["sleep 1000"]
+    eventually(lambda: programs_of(yard.root("r1")) == ["sleep 1000"])
     assert sorted(path.name for path in (yard.root("r1") / "versions").iterdir()) == sorted([old.digest, new.digest])
 
 

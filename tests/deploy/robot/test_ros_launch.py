@@ -85,7 +85,7 @@ def test_a_robot_without_ros_says_so_and_what_runs_runs_on(one: OneRobot, roamer
 
     assert (reported.status, reported.failure_code, reported.step) == ("Failed", "EnvironmentSetupError", "Validating")
     assert "roam.launch needs ROS 1, and this robot has no roslaunch" in reported.failure_reason
-    assert one.programs == ["sleep 1000"]
+    eventually(lambda: one.programs == ["sleep 1000"])
 
 
 @pytest.mark.usefixtures("roslaunch")

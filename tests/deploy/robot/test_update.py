@@ -490,7 +490,8 @@ def test_a_version_that_cannot_be_put_right_does_not_run_until_it_can(
     one.yard.store.put(bundle_key(version.digest), kept)
     one.robot.supervise()
 
-    assert (one.programs, (one.root / "owned").exists()) == (["sleep 1000"], False)
+    eventually(lambda: one.programs == ["sleep 1000"])
+    assert not (one.root / "owned").exists()
 
 
 def test_what_lies_there_stays_while_the_store_cannot_give_another(one: OneRobot) -> None:
