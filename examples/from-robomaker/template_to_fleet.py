@@ -87,7 +87,7 @@ def batch(robot: str, scenario: str, worlds: list[str]) -> None:
 
 def fleet(robot: str, application: str, version: str) -> None:
     """Brings the tested version to a fleet of one robot, and brings the fleet up to date once more."""
-    couriers = robomaker.create_fleet(name="couriers")["arn"]
+    couriers = robomaker.create_fleet(name="couriers-by-api")["arn"]
     made = robomaker.create_robot(name=robot, architecture="X86_64", greengrassGroupId="none")
     robomaker.register_robot(fleet=couriers, robot=made["arn"])
     launch = {"packageName": "courier", "launchFile": "run.sh"}
