@@ -118,10 +118,15 @@ class _Read(NamedTuple):
 
 
 def document_names(store: Store) -> list[str]:
-    """Returns the names of the documents that have runs in a store, sorted."""
+    """Returns the names of the documents that have a batch and runs in a store, sorted."""
     with ThreadPoolExecutor(_THREADS) as pool:
         runs = pool.map(partial(_run, store), _run_ids(store))
-        return sorted({document_of_run(run) for run in runs if run and run.request.get("flow") == "pipeline"})
+        return sorted({document_of_run(run) for run in runs if run and _has_batch(run)})
+
+
+def _has_batch(run: JobRecord) -> bool:
+    spec = run.request.get("spec")
+    return run.request.get("flow") == "pipeline" and isinstance(spec, dict) and bool(spec.get("simulationBatch"))
 
 
 def read_history(store: Store, document: str, measure: Measure, *, anew: bool = False) -> History:
@@ -351,10 +356,10 @@ def find_trend(store: Store, asked: TrendAsked, *, base: str = "") -> TrendView:
     history = read_history(store, document, asked.measure, anew=asked.anew)
     if not history.nights:
         names = document_names(store)
-        allowed = "a document with a batch that has ended"
+        allowed = "the name of a document with a batch that has ended"
         if document not in names:
             allowed += (
-                f"; the documents of this store are {', '.join(names[:20])}" if names else "; this store has none"
+                f"; documents of this store with a batch: {', '.join(names[:20])}" if names else "; this store has none"
             )
         raise DocumentError.of("DOCUMENT-NAME", repr(document), allowed, source="simyard")
     return _view(make_trend(history.nights, asked.choice), history, asked._replace(document=document), base)
@@ -418,5 +423,5 @@ def _only_document(store: Store) -> str:
     names = document_names(store)
     if len(names) == 1:
         return names[0]
-    allowed = f"one of {', '.join(names[:20])}" if names else "a document that has been run in this store"
+    allowed = f"one of {', '.join(names[:20])}" if names else "a document whose batch was run in this store"
     raise DocumentError.of("DOCUMENT-NAME", "not given", allowed, source="simyard")

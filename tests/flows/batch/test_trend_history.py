@@ -223,5 +223,13 @@ def test_a_measure_that_is_none_is_refused(measure: str):
 
 def test_a_document_that_is_not_there_is_refused_with_those_that_are(file_store: Store, tmp_path: Path):
     stored_night(file_store, tmp_path, 0)
-    with pytest.raises(DocumentError, match="the documents of this store are nightly"):
+    with pytest.raises(DocumentError, match="documents of this store with a batch: nightly"):
         find_trend(file_store, TrendAsked("nighty"))
+
+
+def test_a_document_without_a_batch_is_none_that_a_trend_offers(file_store: Store, tmp_path: Path):
+    stored_night(file_store, tmp_path, 0)
+    submit(file_store, "pipeline-run", {"flow": "pipeline", "spec": {"name": "worlds", "worldGeneration": {}}}, "w")
+    assert find_trend(file_store, TrendAsked()).document == "nightly"
+    with pytest.raises(DocumentError, match=r"with a batch: nightly$"):
+        find_trend(file_store, TrendAsked("worlds"))
