@@ -47,6 +47,8 @@ MOST_LEVELS = 32
 MOST_VALUES = 20_000
 """In a request; the check of each takes memory and time, also of those that are wrong."""
 _MOST_VALUES_OF = {"StartSimulationJobBatch": 200_000}  # of 1,000 jobs
+_MARKS = (b",", b"[", b"{")
+_TEXTS = re.compile(rb'"(?:[^"\\]++|\\.?)*+(?:"|\Z)', re.DOTALL)  # one without an end goes on to the end of all
 _MOST_INTEGER = 1 << 63  # what RoboMaker calls long
 _OBJECT = "one JSON object in UTF-8"
 _URL = re.compile(r"file://[^\s'\";,)]*")
@@ -205,6 +207,8 @@ def written(document: dict[str, JsonValue]) -> HttpAnswer:
 def _body(body: bytes, most_values: int) -> dict[str, JsonValue]:
     if not body.strip():
         return {}
+    if _marks(body, 2 * most_values) > 2 * most_values:  # each value comes after one, and each list begins with one
+        raise _refused("a body of too many values", f"at most {most_values:,} values")
     try:
         found = json.loads(body.decode(), object_pairs_hook=_object, parse_int=_integer, parse_constant=_refuse)
     except (ValueError, RecursionError) as exc:
@@ -213,6 +217,14 @@ def _body(body: bytes, most_values: int) -> dict[str, JsonValue]:
         raise _refused(repr(body[:40]), _OBJECT)
     _check_size(found, most_values)
     return _without_nulls(found)
+
+
+def _marks(body: bytes, enough: int) -> int:
+    """Returns how many commas and openings JSON has, outside its texts if there are more than enough of them."""
+    if (found := sum(map(body.count, _MARKS))) > enough:
+        rest = _TEXTS.sub(b"", body)
+        found = sum(map(rest.count, _MARKS))
+    return found
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

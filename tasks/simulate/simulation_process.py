@@ -34,6 +34,8 @@ from tasks.simulate.devices import prepare_devices
 from tasks.simulate.lane.recording import Ends, RecordingChoice, SliceSamples, Steps, sample_stride, slice_samples
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.protocol import (
+    QUESTION,
+    TEXT_CHARACTERS,
     WORK,
     Audited,
     AuditWork,
@@ -87,7 +89,7 @@ def main(connection: socket.socket, calls: int) -> None:
         while not service.asked() and service.work_ahead():
             pass
         try:
-            document = receive(connection).document
+            document = receive(connection, QUESTION).document
         except (EOFError, OSError):
             return
         if "work" in document:  # else it is told to stop what it has ended already
@@ -145,10 +147,11 @@ class Service:
         except BundleCrash as crash:
             self.say(Crashed(code=crash.code, reason=crash.reason))
         except MemoryError as exc:
-            self.say(NoMemory(text=str(exc)))
+            self.say(NoMemory(text=str(exc)[-TEXT_CHARACTERS:]))
         except Exception as exc:  # noqa: BLE001 - whoever asks raises it
             lack = "RESOURCE_EXHAUSTED" in str(exc)  # XLA's status for an allocation that failed
-            self.say(NoMemory(text=str(exc)) if lack else Defect(text=traceback.format_exc()))
+            text = (str(exc) if lack else traceback.format_exc())[-TEXT_CHARACTERS:]
+            self.say(NoMemory(text=text) if lack else Defect(text=text))
         finally:
             self._asked = False
 
@@ -229,7 +232,7 @@ class Service:
 
     def _should_stop(self) -> bool:
         while not self._stopped and self._poll.poll(0):
-            self._stopped = "stop" in receive(self._connection).document
+            self._stopped = "stop" in receive(self._connection, QUESTION).document
         return self._stopped
 
 

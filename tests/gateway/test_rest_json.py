@@ -9,10 +9,18 @@ from pydantic import JsonValue
 from specs import errors
 from specs.arn import ArnForm, arn
 from specs.base import Fault
-from specs.robomaker.deployment import DescribeFleetResponse
+from specs.robomaker.deployment import DescribeFleetRequest, DescribeFleetResponse
 from specs.robomaker.operations import OPERATIONS
 from specs.robomaker.simulation import BatchDescribeSimulationJobRequest, StartSimulationJobBatchRequest
-from tasks.gateway.rest_json import ErrorAnswers, with_arns, without_places
+from tasks.gateway.rest_json import (
+    MOST_VALUES,
+    ErrorAnswers,
+    HttpRequest,
+    request_members,
+    route,
+    with_arns,
+    without_places,
+)
 
 STORE = "file:///srv/secret place/store"
 ANSWERS = ErrorAnswers(ArnForm("id", "us-west-2"), STORE)
@@ -139,3 +147,24 @@ def test_a_text_names_the_store_and_not_where_it_lies(place: str):
 def test_a_text_without_a_place_stays():
     text = "the robot fell over: /opt/app/run.sh, s3://results"
     assert without_places(text, STORE) == text
+
+
+def members(body: bytes) -> dict[str, JsonValue]:
+    request = HttpRequest("POST", "/describeFleet", "", (), body)
+    return request_members(route(request), request, DescribeFleetRequest)
+
+
+@pytest.mark.parametrize("value", [b"[]", b"{}", b"0", b'"a"'])
+def test_a_body_of_more_values_than_any_request_has_is_refused_unparsed(value: bytes):
+    with pytest.raises(errors.DocumentError, match="too many values"):
+        members(b'{"fleet": [' + b",".join([value] * (2 * MOST_VALUES)) + b"] and no JSON")
+
+
+@pytest.mark.parametrize("end", ['"}', "\\", ""])
+def test_marks_in_texts_are_no_values(end: str):
+    body = b'{"fleet": "' + b',[{\\"' * MOST_VALUES + end.encode()
+    if end == '"}':
+        assert members(body) == {"fleet": ',[{"' * MOST_VALUES}
+    else:
+        with pytest.raises(errors.DocumentError, match="one JSON object"):
+            members(body)

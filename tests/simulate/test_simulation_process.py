@@ -16,7 +16,7 @@ from tasks.simulate.audit.audit_report import AuditDrives
 from tasks.simulate.chunk import runner
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.process_environment import process_environment
-from tasks.simulate.sandbox.protocol import AuditWork, LanesWork, SentWorlds, receive
+from tasks.simulate.sandbox.protocol import QUESTION, AuditWork, LanesWork, SentWorlds, receive
 from tasks.simulate.simulation_process import Service
 from tests.factories.simulations import delivery
 
@@ -61,7 +61,7 @@ def test_a_lack_of_memory_a_crash_and_a_defect_are_different_answers(
     ours, theirs = socket.socketpair()
     with ours, theirs:
         Service(theirs).answer(WORK)
-        document = receive(ours).document
+        document = receive(ours, QUESTION).document
     assert document["kind"] == kind
     assert said in str(document)
 

@@ -70,13 +70,21 @@ class LaunchPlan(NamedTuple):
 _MEMORY_BYTES = 4 << 30
 # Of each file that it writes, what it prints among them.
 _WRITTEN_BYTES = 64 << 20
+# What it answers of an environment: robots' descriptions among the parameters have some megabytes.
+_ANSWER_BYTES = 16 << 20
 _LAST_BYTES = 4000
 
 
 def run_launch_program(
-    command: Sequence[str], environment: Mapping[str, str], folder: Path, text: str, limit_s: float
+    command: Sequence[str],
+    environment: Mapping[str, str],
+    folder: Path,
+    text: str,
+    limit_s: float,
+    *,
+    most_bytes: int = _ANSWER_BYTES,
 ) -> str:
-    """Returns the last line that a program prints.
+    """Returns the last line that a program prints; what it prints before is not read.
 
     Args:
         command: Of the program.
@@ -84,9 +92,10 @@ def run_launch_program(
         folder: Where it runs, and may write.
         text: What it reads.
         limit_s: How long it may take.
+        most_bytes: Of the line.
 
     Raises:
-        LaunchRefused: It cannot be started, takes too long, fails, or prints nothing; says why.
+        LaunchRefused: It cannot be started, takes too long, fails, or prints nothing or too much; says why.
     """
     with tempfile.TemporaryFile(dir=folder) as out, tempfile.TemporaryFile(dir=folder) as errors:
         try:
@@ -102,13 +111,14 @@ def run_launch_program(
         except (OSError, ValueError) as exc:
             raise LaunchRefused(f"it cannot be started: {exc}") from exc
         if _status(process, text, limit_s):
-            said = _last_bytes(errors).splitlines() or ["it says nothing"]
+            said = _last_bytes(errors, _LAST_BYTES).splitlines() or ["it says nothing"]
             raise LaunchRefused(f"it fails: {said[-1][:1000]}")
-        out.seek(0)
-        lines = out.read().decode("utf-8", "replace").splitlines()
-    if not lines:
+        last = _last_bytes(out, most_bytes).rpartition("\n")
+        if not last[1] and out.seek(0, os.SEEK_END) > most_bytes:
+            raise LaunchRefused(f"it answers with a line of more than {most_bytes:,} bytes")
+    if not last[2]:
         raise LaunchRefused("it ends without an answer")
-    return lines[-1]
+    return last[2]
 
 
 def _status(process: "subprocess.Popen[bytes]", text: str, limit_s: float) -> int:
@@ -131,9 +141,9 @@ def _limits() -> tuple[str, ...]:
     return (program, f"--as={_MEMORY_BYTES}", f"--fsize={_WRITTEN_BYTES}", "--core=0:0", "--")
 
 
-def _last_bytes(file: IO[bytes]) -> str:
-    file.seek(max(0, file.seek(0, os.SEEK_END) - _LAST_BYTES))
-    return file.read().decode("utf-8", "replace").strip()
+def _last_bytes(file: IO[bytes], most_bytes: int) -> str:
+    file.seek(max(0, file.seek(0, os.SEEK_END) - most_bytes))
+    return file.read(most_bytes).decode("utf-8", "replace").strip()
 
 
 # One thread each: many lanes share the machine's cores, and sums of floats keep their order.
@@ -341,8 +351,9 @@ def _answers(
     """Returns what roslaunch answers: imported once, it is asked for all environments."""
     command, where = [str(installation.python), "-c", PROGRAM, source.package, source.launch_file], _name(source)
     own = node_environment(installation, source.bundle, "", home, {})
+    limit_s, most_bytes = _LIMIT_S + len(environments), len(environments) * _ANSWER_BYTES
     try:
-        answer = run_launch_program(command, own, home, json.dumps(environments), _LIMIT_S + len(environments))
+        answer = run_launch_program(command, own, home, json.dumps(environments), limit_s, most_bytes=most_bytes)
         return json.loads(answer)
     except LaunchRefused as exc:
         raise LaunchRefused(f"{where}: roslaunch: {exc}") from exc

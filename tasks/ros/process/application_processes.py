@@ -316,7 +316,9 @@ class ApplicationProcesses:
         flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
         with contextlib.suppress(OSError), os.fdopen(os.open(node.log, flags), "rb") as log:
             log.seek(max(0, log.seek(0, os.SEEK_END) - _LOG_END_BYTES))
-            lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
+            lines = [
+                line.strip() for line in log.read(_LOG_END_BYTES).decode(errors="replace").splitlines() if line.strip()
+            ]
             return f": {lines[-1][:300]}" if lines else ""
         return ""
 

@@ -11,7 +11,7 @@ from functools import cached_property, lru_cache
 
 from specs.arn import ArnForm, arn
 from specs.base import Spec
-from specs.data.episode import ApplicationLaunch, EpisodeRequest
+from specs.data.episode import CONTROL_HZ, ApplicationLaunch, EpisodeRequest
 
 JOB_ID = "AWS_ROBOMAKER_SIMULATION_JOB_ID"
 JOB_ARN = "AWS_ROBOMAKER_SIMULATION_JOB_ARN"
@@ -82,6 +82,12 @@ def plan_chunks(requests: Sequence[EpisodeRequest], lanes: int) -> list[Chunk]:
         groups.setdefault(program_key(request), []).append(request)
     parts = [group[start : start + lanes] for group in groups.values() for start in range(0, len(group), lanes)]
     return [Chunk(number=number, requests=tuple(part)) for number, part in enumerate(parts)]
+
+
+def most_steps(requests: Sequence[EpisodeRequest]) -> int:
+    """Returns how many control steps some episodes have at most, the last slice of them whole."""
+    longest_s = max((request.duration_s for request in requests), default=0.0)
+    return SLICE_STEPS * (1 + round(longest_s * CONTROL_HZ) // SLICE_STEPS)
 
 
 def program_key(request: EpisodeRequest) -> ProgramKey:

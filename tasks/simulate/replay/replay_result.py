@@ -79,14 +79,14 @@ def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
     return said, [setting.goals_m, setting.angles_rad, *columns, *log]
 
 
-def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...]) -> ReplayResult:
-    """Returns the episode whose parts came: the inverse of ``replay_message``."""
+def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int) -> ReplayResult:
+    """Returns the episode whose parts came, of so many control steps at most: the inverse of ``replay_message``."""
     if not again.started:
         return ReplayResult(again.row)
     traffic = None
     if again.topics is not None:
         arrays, log = arrays[:-LOG_ARRAYS], arrays[-LOG_ARRAYS:]
-        traffic = log_of(again.topics, log)
+        traffic = log_of(again.topics, log, steps)
     goals_m, angles_rad, *columns = arrays
     count = len(again.columns)
     setting = Setting(
@@ -99,5 +99,5 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...]) -> ReplayRe
         range_m=again.range_m,
         angles_rad=angles_rad,
     )
-    steps, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
-    return ReplayResult(again.row, setting, steps, samples, traffic)
+    each_step, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
+    return ReplayResult(again.row, setting, each_step, samples, traffic)

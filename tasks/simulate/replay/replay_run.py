@@ -11,7 +11,7 @@ from specs.errors import ResourceNotFound
 from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.batch.batch_record import OpenBatch, StopWatch
 from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, batch_mounts, load_worlds
-from tasks.simulate.plan.chunks import Chunk, plan_chunks
+from tasks.simulate.plan.chunks import Chunk, most_steps, plan_chunks
 from tasks.simulate.replay.replay_result import ReplayResult, received_replay
 from tasks.simulate.sandbox.process_pool import ask_exclusive
 from tasks.simulate.sandbox.protocol import Crashed, NoMemory, Replayed, ReplayWork
@@ -54,7 +54,7 @@ def drive_apart(
         return ReplayResult(failed_result(request.index, Failure(crash_code(ended.code), ended.reason)))
     match answer:
         case Replayed() as again:
-            return received_replay(again, arrays)
+            return received_replay(again, arrays, most_steps([request]))
         case Crashed() as crashed:
             return ReplayResult(failed_result(request.index, Failure(crashed.code, crashed.reason)))
         case NoMemory() as lack:

@@ -27,6 +27,8 @@ from tasks.simulate.sandbox.process_environment import process_environment
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
 _LIMIT_S = 90.0
+# Of a report: names of nodes and packages, and for each environment a refusal.
+_REPORT_BYTES, _REPORT_BYTES_EACH = 1 << 20, 1 << 14
 _CLOCK = "/use_sim_time"
 _NOT_OWN = "it is not this document's own bundle, and reading it would run what it says: install bubblewrap"
 _NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
@@ -128,7 +130,8 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
         try:
             command = confined_command(_MODULE, arguments, place, [source.bundle])
             environment = process_environment(os.environ, place.programs) | place.variables()
-            said = run_launch_program(command, environment, place.folder, asked, _LIMIT_S)
+            most_bytes = _REPORT_BYTES + len(environments) * _REPORT_BYTES_EACH
+            said = run_launch_program(command, environment, place.folder, asked, _LIMIT_S, most_bytes=most_bytes)
             answer = LaunchReport.model_validate_json(said)
         except LaunchRefused as exc:
             return {"unread": f"the process that reads it: {exc}"}

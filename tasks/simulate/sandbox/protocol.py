@@ -1,7 +1,7 @@
 """The protocol between a run and the process that simulates for it: what is asked and answered, and how it is sent.
 
 A message is JSON, and arrays as their bytes. Nothing is unpickled: the process has run strangers' code, so that its
-messages are read as data of a known form, and refused otherwise.
+messages are read as data of a known form, of no more than what was asked for can take, and refused otherwise.
 """
 
 import json
@@ -10,24 +10,37 @@ import socket
 import struct
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import Field, JsonValue, TypeAdapter
 
 from specs.base import Spec
 from specs.bundle_files import Topic
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult
 from specs.errors import SimyardError
 from specs.field_types import TagMap
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.ros.bag.message_log import Channel, LogEntry, MessageLog
 from tasks.simulate.chunk.byproducts import ChunkTiming
-from tasks.simulate.lane.recording import RecordingChoice
-from tasks.simulate.plan.chunks import Chunk
+from tasks.simulate.lane.recording import RecordingChoice, sample_stride
+from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk, most_steps
 
-# Far more than the rows of the largest chunk, or than the samples of one of its slices.
-_JSON_BYTES, _ARRAY_BYTES, _ARRAYS = 1 << 30, 1 << 32, 64
+_ARRAYS = 64
+# What comes at a time; no more is asked for than comes, whatever was announced.
+_PIECE_BYTES = 1 << 18
+# Of an answer's document: a text of 32 KiB in JSON, times of chunks; and of each episode its tags (TagMap).
+TEXT_CHARACTERS = 32 << 10
+_JSON_BYTES, _JSON_BYTES_EACH = 1 << 20, 50 * (128 + 256 + 8)
+# Values in it, of which each takes some hundred bytes of memory, however short it is in JSON.
+_VALUES, _VALUES_EACH = 1 << 16, 4 * 50
+# Of the sides of arrays: a bundle's lidar has no more rays (specs.bundle_files), and no robot so many of the others.
+LONGEST_SIDES = {"rays": 4096, "velocity": 4096, "controls": 4096, "goals": 1 << 16}
+WIDEST = 8
+_STEP_BYTES = WIDEST * (8 + LONGEST_SIDES["rays"] + LONGEST_SIDES["velocity"] + LONGEST_SIDES["controls"])
+_END_BYTES = _STEP_BYTES + 2 * WIDEST * LONGEST_SIDES["goals"]
+# Of an episode's row, but for what it has of each step: a reason, metrics, rooms. And of a world's map in a log.
+_ROW_BYTES, _MAP_BYTES = 64 << 10, 64 << 20
 _LENGTHS = struct.Struct("<QQ")
 _KINDS = "biuf"
 Document = Mapping[str, JsonValue]
@@ -35,6 +48,26 @@ Document = Mapping[str, JsonValue]
 
 class MessageRefused(SimyardError):  # noqa: N818 - a state
     """A message is not of the form that messages have."""
+
+
+class Bounds(NamedTuple):
+    """What a message has at most.
+
+    Attributes:
+        json_bytes: Of its document.
+        values: In its document.
+        array_bytes: Of its arrays.
+    """
+
+    json_bytes: int
+    values: int
+    array_bytes: int
+
+
+QUESTION = Bounds(1 << 32, 1 << 32, 0)
+"""Of a question, which the run asks: the process that simulates believes it."""
+READY = Bounds(_JSON_BYTES, _VALUES, 0)
+"""Of an answer before the first question."""
 
 
 class Message(NamedTuple):
@@ -70,8 +103,20 @@ def send(connection: socket.socket, document: Document | str, arrays: Sequence[n
             connection.sendall(memoryview(array.reshape(-1).view(np.uint8).data))
 
 
-def receive(connection: socket.socket) -> Message:
+class Source(Protocol):
+    """What is read of a connection."""
+
+    def recv(self, most: int, /) -> bytes:
+        """Returns what has come, of that length at most; nothing of a connection that has ended."""
+        ...
+
+
+def receive(connection: Source, most: Bounds) -> Message:
     """Returns the next message.
+
+    Args:
+        connection: To the other side.
+        most: What it may have; of one that announces more nothing is read.
 
     Raises:
         MessageRefused: It is none.
@@ -79,10 +124,14 @@ def receive(connection: socket.socket) -> Message:
         OSError: It is gone, or says nothing within the connection's timeout.
     """
     json_bytes, array_bytes = _LENGTHS.unpack(_exactly(connection, _LENGTHS.size))
-    if json_bytes > _JSON_BYTES or array_bytes > _ARRAY_BYTES:
-        raise MessageRefused(f"a message of {json_bytes} and {array_bytes} bytes: at most {_JSON_BYTES}")
+    if json_bytes > most.json_bytes or array_bytes > most.array_bytes:
+        allowed = f"at most {most.json_bytes:,} and {most.array_bytes:,} were asked for"
+        raise MessageRefused(f"a message of {json_bytes:,} and {array_bytes:,} bytes: {allowed}")
+    body = _exactly(connection, json_bytes)
+    if (values := sum(map(body.count, (b",", b"[", b"{")))) > most.values:
+        raise MessageRefused(f"a message of {values:,} values: at most {most.values:,} were asked for")
     try:
-        head = json.loads(_exactly(connection, json_bytes))
+        head = json.loads(body)
         forms = [(np.dtype(form["dtype"]), tuple(int(side) for side in form["shape"])) for form in head["arrays"]]
         document = dict(head["document"])
     except (ValueError, TypeError, KeyError, RecursionError) as exc:
@@ -104,18 +153,19 @@ def _check_forms(forms: Sequence[tuple[np.dtype, tuple[int, ...]]], array_bytes:
         raise MessageRefused("a message whose arrays have other lengths than it says")
 
 
-def _exactly(connection: socket.socket, length: int) -> bytearray:
-    buffer = bytearray(length)
-    view, done = memoryview(buffer), 0
-    while done < length:
-        count = connection.recv_into(view[done:], min(length - done, 1 << 20))
-        if not count:
+def _exactly(connection: Source, length: int) -> bytearray:
+    buffer = bytearray()
+    while len(buffer) < length:  # it grows with what comes, not with what was announced
+        piece = connection.recv(min(length - len(buffer), _PIECE_BYTES))
+        if not piece:
             raise EOFError("the other side is gone")
-        done += count
+        buffer += piece
     return buffer
 
 
 LOG_ARRAYS = 4
+# A robot has a dozen, and the command that drives it (tasks.ros.lockstep.robot_topics).
+_TOPICS = 64
 
 
 class SentTopic(Spec):
@@ -140,8 +190,13 @@ def log_parts(log: MessageLog) -> tuple[tuple[SentTopic, ...], list[np.ndarray]]
     return topics, arrays
 
 
-def log_of(topics: Sequence[SentTopic], arrays: Sequence[np.ndarray]) -> MessageLog:
+def log_of(topics: Sequence[SentTopic], arrays: Sequence[np.ndarray], steps: int) -> MessageLog:
     """Returns the log whose parts came.
+
+    Args:
+        topics: Of its messages.
+        arrays: As ``log_parts`` has them.
+        steps: How many control steps the episode had at most; a topic has one message in each, and one before.
 
     Raises:
         MessageRefused: They are not those of a log.
@@ -149,6 +204,7 @@ def log_of(topics: Sequence[SentTopic], arrays: Sequence[np.ndarray]) -> Message
     times, numbers, lengths, body = arrays
     ends = np.concatenate([[0], np.cumsum(lengths)])
     sound = len(times) == len(numbers) == len(lengths) and not np.any(lengths < 0) and ends[-1] == len(body)
+    sound = sound and len(topics) <= _TOPICS and len(times) <= len(topics) * (steps + 1)
     if not sound or np.any((numbers < 0) | (numbers >= len(topics))):
         raise MessageRefused(f"a log of {len(times)} messages and {len(body)} bytes, whose parts do not fit together")
     whole, spans = body.tobytes(), pairwise(ends.tolist())
@@ -226,6 +282,35 @@ class ReplayWork(Spec):
 
 Work = Annotated[LanesWork | AuditWork | ReplayWork, Field(discriminator="kind")]
 WORK: TypeAdapter[LanesWork | AuditWork | ReplayWork] = TypeAdapter(Work)
+
+
+def answer_bounds(work: LanesWork | AuditWork | ReplayWork, chunk: Sequence[EpisodeRequest] = ()) -> Bounds:
+    """Returns what an answer to a question has at most.
+
+    Args:
+        work: The question.
+        chunk: Of one for lanes: the episodes of its first chunk.
+    """
+    match work:
+        case LanesWork():
+            steps, lanes = most_steps(chunk), max(work.lanes, len(chunk))
+            samples = 0 if work.rate_hz is None else 2 + SLICE_STEPS // sample_stride(work.rate_hz, CONTROL_S)
+            return _bounds(len(chunk), steps, lanes * max(samples * _STEP_BYTES, _END_BYTES * (samples > 0)))
+        case AuditWork():
+            requests = (*work.here, *work.others) * 2  # a control drives them in two directions
+            return _bounds(len(requests), most_steps(requests), WIDEST * most_steps(requests) * len(requests))
+        case ReplayWork():
+            steps = most_steps([work.request])
+            return _bounds(1, steps, 3 * steps * _STEP_BYTES + _END_BYTES + _MAP_BYTES)
+
+
+def _bounds(episodes: int, steps: int, array_bytes: int) -> Bounds:
+    """Returns bounds of rows, each with up to a number for each step, and of arrays beside them."""
+    return Bounds(
+        _JSON_BYTES + episodes * _JSON_BYTES_EACH,
+        _VALUES + episodes * _VALUES_EACH + steps,
+        (1 << 20) + episodes * (_ROW_BYTES + WIDEST * steps) + array_bytes,
+    )
 
 
 class Ready(Spec):

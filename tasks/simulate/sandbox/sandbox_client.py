@@ -23,16 +23,18 @@ import numpy as np
 from jaxtyping import Int
 
 from specs.data.column_bytes import decode_columns
-from specs.data.episode import CONTROL_HZ, EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
+from specs.data.episode import EpisodeRequest, EpisodeResult, Failure, failed_result, unfinished_result
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.chunk.byproducts import JobTags
 from tasks.simulate.host.declaration import FEWEST_LANES, most_lanes
 from tasks.simulate.lane.recording import Ends, Recorder, RecordingChoice, SliceSamples
-from tasks.simulate.plan.chunks import SLICE_STEPS, Chunk
+from tasks.simulate.plan.chunks import Chunk, most_steps
 from tasks.simulate.sandbox.process_pool import simulator
 from tasks.simulate.sandbox.protocol import (
+    LONGEST_SIDES,
+    WIDEST,
     Answer,
     Crashed,
     LanesWork,
@@ -143,9 +145,6 @@ def _out_of_memory(requests: Sequence[EpisodeRequest], lack: str) -> list[Episod
 # have a lane first; lanes beyond those that hold episodes may follow.
 _SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps")
 _ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7")
-# Of sides with names: a bundle's lidar has no more rays (specs.bundle_files), and no robot so many of the others.
-_LONGEST_SIDES = {"rays": 4096, "velocity": 4096, "controls": 4096, "goals": 1 << 16}
-_WIDEST = 8
 
 
 class RecordingCheck:
@@ -205,7 +204,7 @@ class RecordingCheck:
             lanes, sides = array.shape[:1], array.shape[1:]
             if not lanes or lanes[0] < self._lanes:
                 raise ValueError("a recording that lacks lanes")
-            if array.dtype.itemsize > _WIDEST:
+            if array.dtype.itemsize > WIDEST:
                 raise ValueError("a recording of numbers that no engine has")
             for side, name in zip(sides, form.split(), strict=True):
                 if not self._fits(side, name, most):
@@ -216,7 +215,7 @@ class RecordingCheck:
             return side <= most
         if name.isdecimal():
             return side == int(name)
-        return side <= _LONGEST_SIDES.get(name, side) and side == self._sides.setdefault(name, side)
+        return side <= LONGEST_SIDES.get(name, side) and side == self._sides.setdefault(name, side)
 
 
 def _check_counts(*arrays: np.ndarray) -> None:
@@ -371,7 +370,7 @@ class _Listener:
     ) -> None:
         self._process, self._progress, self._recorder = process, progress, recorder
         self._wanted = [request.index for request in requests]
-        self._most_steps = _most_steps(requests)
+        self._most_steps = most_steps(requests)
         self._run: RecordingCheck | None = None
         self._lanes_left = _RECORDED_AT_MOST * len(self._wanted)
         self.rows: list[EpisodeColumns] = []
@@ -418,12 +417,6 @@ class _Listener:
             raise self._process.refused(exc) from None
         self.rows.append(found)
         return found
-
-
-def _most_steps(requests: Sequence[EpisodeRequest]) -> int:
-    """Returns how many control steps a recording of some episodes has at most, which ends with a slice."""
-    longest_s = max(request.duration_s for request in requests)
-    return SLICE_STEPS * (1 + round(longest_s * CONTROL_HZ) // SLICE_STEPS)
 
 
 def _checked(

@@ -34,6 +34,7 @@ from tasks.simulate.sandbox.confinement import Place, confined_command, programs
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.simulate.sandbox.protocol import (
     ANSWER,
+    READY,
     Answer,
     Audited,
     AuditWork,
@@ -50,6 +51,7 @@ from tasks.simulate.sandbox.protocol import (
     Rows,
     Samples,
     SentWorlds,
+    answer_bounds,
     receive,
     send,
 )
@@ -240,7 +242,7 @@ class Simulator:
         self._poll.register(self._connection, select.POLLIN)
         assert self._process.stdout is not None  # noqa: S101 - asked for
         self.output, self._compilations = CapturedOutput(self._process.stdout), Compilations()
-        self._ready, self._knows_ahead, self._beside_others = False, False, False
+        self._ready, self._knows_ahead, self._beside_others, self._bounds = False, False, False, READY
 
     @property
     def alive(self) -> bool:
@@ -265,6 +267,8 @@ class Simulator:
             SimulatorEnded: The process ended, took too long over a call, or answered what is no answer.
             SimulatorDefect: It met a defect.
         """
+        first = self._chunks.get(work.numbers[0], ()) if isinstance(work, LanesWork) else ()
+        self._bounds = answer_bounds(work, first)
         ahead = isinstance(work, LanesWork) and len(work.numbers) > 1
         before, self._knows_ahead = self._knows_ahead, ahead
         self._beside_others = before or ahead
@@ -297,7 +301,9 @@ class Simulator:
 
     def refused(self, answer: Exception) -> SimulatorEnded:
         """Ends the process, whose answer is none, and returns how it ended."""
-        return self.broke_off(f"it answered what is no answer: {str(answer)[:200]!r}")
+        call = running_call(self._calls)
+        during = f" during {call.what}" if call else ""
+        return self.broke_off(f"the process that simulates answered what is no answer{during}: {str(answer)[:200]!r}")
 
     def broke_off(self, why: str) -> SimulatorEnded:
         """Ends the process, which did not answer as it has to, and returns how it ended."""
@@ -368,7 +374,7 @@ class Simulator:
         if not self._poll.poll(1000.0 * max(0.0, until_s - time.monotonic())):
             return None, Message({})
         try:
-            message = receive(self._connection)
+            message = receive(self._connection, self._bounds if self._ready else READY)
             answer = ANSWER.validate_python(message.document)
         except (EOFError, OSError):
             raise self._ended() from None

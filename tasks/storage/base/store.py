@@ -223,14 +223,15 @@ def decode_document(model: type[Document], stored: StoredObject, store: Store, k
         raise ObjectCorrupt(f"{store.url}: {key} was not written by this version of Simyard: {reason}") from exc
 
 
-def find_document(store: Store, key: str, model: type[Document]) -> Document | None:
+def find_document(store: Store, key: str, model: type[Document], most_bytes: int = UNBOUNDED) -> Document | None:
     """Returns the document under a key; None if there is none.
 
     Raises:
         ObjectCorrupt: There is something else.
+        ObjectTooBig: It has more bytes than that.
     """
     try:
-        return decode_document(model, store.get(key), store, key)
+        return decode_document(model, store.get(key, most_bytes), store, key)
     except ObjectNotFound:
         return None
 

@@ -19,6 +19,7 @@ from tasks.storage.base.keys import claim_key, queue_key, queue_prefix
 from tasks.storage.base.store import Entry, Store, decode_document, encode_document, find_document, update
 
 _LOG = logging.getLogger(__name__)
+_MOST_BYTES = 1 << 20  # of an entry, which has some hundred
 
 
 class QueueEntry(Spec):
@@ -56,7 +57,7 @@ def enqueue(store: Store, kind: JobKind, job: str, options: dict[str, JsonValue]
 
 def queued_jobs(store: Store) -> list[QueueEntry]:
     """Returns the queue, oldest first."""
-    found = (find_document(store, key, QueueEntry) for key in store.keys(queue_prefix()))
+    found = (find_document(store, key, QueueEntry, _MOST_BYTES) for key in store.keys(queue_prefix()))
     there = (entry for entry in found if entry)  # workers have removed the others since they were listed
     return sorted(there, key=lambda entry: (entry.queued_at_s, entry.id))
 
@@ -66,8 +67,9 @@ def queued_entry(store: Store, key: str) -> QueueEntry:
 
     Raises:
         ObjectNotFound: There is none.
+        ObjectTooBig: It is larger than any entry.
     """
-    return decode_document(QueueEntry, store.get(key), store, key)
+    return decode_document(QueueEntry, store.get(key, _MOST_BYTES), store, key)
 
 
 def is_queued(store: Store, kind: JobKind, job: str) -> bool:
@@ -91,7 +93,7 @@ def turn_key(kind: JobKind, job: str) -> str:
 
 def find_entry(store: Store, kind: JobKind, job: str) -> QueueEntry | None:
     """Returns a job's entry as it stands; None if it has left the queue."""
-    return find_document(store, queue_key(kind, job), QueueEntry)
+    return find_document(store, queue_key(kind, job), QueueEntry, _MOST_BYTES)
 
 
 def change_entry(store: Store, kind: JobKind, job: str, **fields: JsonValue) -> QueueEntry | None:
@@ -130,7 +132,7 @@ class QueueView:
         if self._damaged.get(listed.key) == listed.mark:
             return None
         try:
-            found = find_document(self._store, listed.key, QueueEntry)
+            found = find_document(self._store, listed.key, QueueEntry, _MOST_BYTES)
         except StoreAway:
             raise
         except StoreError as exc:  # the jobs of the others do not wait for it

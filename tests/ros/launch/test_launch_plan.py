@@ -27,6 +27,7 @@ def test_the_last_line_is_the_answer(tmp_path: Path) -> None:
         ("import sys; sys.exit('no such thing')", "it fails: no such thing"),
         ("import os; os._exit(3)", "it fails: it says nothing"),
         ("import os; os._exit(0)", "it ends without an answer"),
+        ("print('1' * 16_777_217)", "it answers with a line of more than 16,777,216 bytes"),
         ("held = b'1' * (5 << 30)", "it fails: MemoryError"),
         ("import os\nwhile True: os.write(1, b'1' * (1 << 20))", "it fails: OSError: .*File too large"),
     ],
@@ -34,6 +35,10 @@ def test_the_last_line_is_the_answer(tmp_path: Path) -> None:
 def test_whatever_goes_wrong_is_a_refusal_with_words(tmp_path: Path, program: str, why: str) -> None:
     with pytest.raises(LaunchRefused, match=why):
         read(tmp_path, program)
+
+
+def test_what_is_printed_before_the_answer_may_be_longer(tmp_path: Path) -> None:
+    assert read(tmp_path, "print('1\\n' * 16_777_216 + 'last')") == "last"
 
 
 def test_it_ends_in_time(tmp_path: Path) -> None:

@@ -287,7 +287,7 @@ def test_a_recording_that_ends_without_rows_is_no_answer(simulate: Simulate):
 LANES = 4
 HOSTILE = "b" * 64
 SOUND, LEAVES, SLEEPS, INTERRUPTS, TELLS, WRITES, CONNECTS, LOOKS, PRINTS = range(9)
-EXITS, COMPLEX, NOTHING, BOOLS, TEXTS = range(9, 14)
+EXITS, COMPLEX, NOTHING, BOOLS, TEXTS, ANNOUNCES = range(9, 15)
 DRIVING = ApplicationLaunch(name="hostile", version="1", digest=HOSTILE, package="hostile", launch_file="driving")
 KEYS = "/where/keys/are"
 needs_bubblewrap = pytest.mark.skipif(
@@ -432,6 +432,15 @@ def test_a_robot_that_patches_its_process_changes_no_row_of_another(
         rows.append(client.simulate(chunk, pens).rows())
     assert rows[0][0].path_length_m == 0.0
     assert rows[1] == sound
+
+
+def test_an_application_that_announces_more_than_was_asked_for_fails_by_name(run: Run):
+    """On 1b6713fb the run made room for what was announced."""
+    (row,) = run([ANNOUNCES])
+    assert (row.status, row.failure_code) == ("Failed", "RobotApplicationCrash")
+    said = "the process that simulates answered what is no answer during "
+    assert row.failure_reason.startswith(said)
+    assert "a message of 629,145,600 and 0 bytes: at most 1," in row.failure_reason
 
 
 def test_what_applications_print_is_kept(run: Run, sound: list[EpisodeResult]):

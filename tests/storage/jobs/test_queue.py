@@ -77,10 +77,14 @@ def test_a_view_reads_an_entry_once_as_long_as_nobody_changes_it(tmp_path: Path,
     assert view.entries() == first
 
 
-def test_a_damaged_entry_keeps_nobody_from_the_others(tmp_path: Path):
+SOUND = b'{"kind": "world-export-job", "id": "spoilt", "queued_at_s": 1.0}'
+
+
+@pytest.mark.parametrize("body", [b"{", SOUND.ljust(2 << 20)])
+def test_a_damaged_entry_keeps_nobody_from_the_others(tmp_path: Path, body: bytes):
     store = open_store(tmp_path.as_uri())
     enqueue(store, "world-export-job", "mine")
-    store.put("queue/world-export-job/spoilt.json", b"{")
+    store.put("queue/world-export-job/spoilt.json", body)
     view = QueueView(store, ["world-export-job"])
 
     assert [entry.id for entry in view.entries()] == ["mine"]
