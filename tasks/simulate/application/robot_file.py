@@ -25,6 +25,7 @@ from tasks.simulate.application.robot_model import (
     compile_robot,
     geom_label,
     joint_label,
+    no_log,
     outline_of,
     resting,
     robot_geoms,
@@ -199,6 +200,8 @@ _MOST_FLOATING = 0.5
 _HIGHEST_M, _LOWEST_M = 0.3, 0.03
 # Whoever walks is often let fall at the start: gymnasium's ant from 0.5 m.
 _HIGHEST_FALL_M = 1.0
+# What it is thrown with is seen within tenths of a second; who stands up from its knees rises less.
+_THROWN_WITHIN_S, _MOST_STEPS, _HIGHEST_THROW_M = 0.5, 500, 0.5
 _LEAST_HULL = 0.5
 
 
@@ -364,6 +367,25 @@ def _heights(robot: _Robot) -> Iterator[str]:
         yield f"the hull is from {robot.low_m:.3g} to {robot.high_m:.3g} m above the floor at the start"
 
 
+def _thrown(robot: _Robot) -> Iterator[str]:
+    """Yields how high a robot that nobody drives is thrown: by what of it is in the floor, or by its springs."""
+    model, base = robot.model, robot.base
+    gravity = -float(model.opt.gravity[2])
+    if not base.free or gravity <= 0:
+        return
+    data, most_m = resting(model), 0.0
+    mujoco.mj_comPos(model, data)
+    begin_m = data.subtree_com[base.body][2]
+    with no_log():
+        for _ in range(min(_MOST_STEPS, int(_THROWN_WITHIN_S / model.opt.timestep))):
+            mujoco.mj_step(model, data)
+            mujoco.mj_subtreeVel(model, data)
+            upward = max(data.subtree_linvel[base.body][2], 0.0)
+            most_m = max(most_m, data.subtree_com[base.body][2] - begin_m + upward**2 / (2 * gravity))
+    if most_m > _HIGHEST_THROW_M:
+        yield f"the floor, or a spring, throws the robot {most_m:.2g} m up at the start"
+
+
 def _small_hull(robot: _Robot) -> Iterator[str]:
     hull_m, seen_m, widest = _reaches_m(robot)
     if hull_m < _LEAST_HULL * seen_m:
@@ -466,6 +488,12 @@ RULES: tuple[Rule, ...] = (
         "set the base's pos, or the keyframe, so that it stands on the floor",
         "it would pass over, or below, what stands in its way",
         _heights,
+    ),
+    Rule(
+        "a robot that rises more than 0.5 m by itself, left alone at the start",
+        "put its parts on the floor and not into it, margins counted, and leave springs at rest",
+        "it would fly over what stands in its way",
+        _thrown,
     ),
     Rule(
         "a hull that reaches less than half as far as what is seen of the robot",

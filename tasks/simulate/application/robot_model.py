@@ -3,8 +3,11 @@
 Also what messages call a robot's parts, and its pose and velocity in the plane from its coordinates, and back.
 """
 
+import contextlib
+import logging
 import warnings
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from threading import Lock
 from types import ModuleType
 from typing import Any, NamedTuple
 
@@ -305,3 +308,28 @@ def _turned_about_z(yaw_rad: Arrays, quaternion: Arrays, numbers: ModuleType) ->
     cos, sin = numbers.cos(yaw_rad / 2.0), numbers.sin(yaw_rad / 2.0)
     w, x, y, z = (quaternion[..., k] for k in range(4))
     return numbers.stack([cos * w - sin * z, cos * x - sin * y, cos * y + sin * x, cos * z + sin * w], axis=-1)
+
+
+logger = logging.getLogger(__name__)
+
+
+class _QuietSteps:
+    """How many threads step now, while MuJoCo's warnings go to this module's log."""
+
+    turn = Lock()
+    threads = 0
+
+
+@contextlib.contextmanager
+def no_log() -> Generator[None]:
+    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory: a state that blows up is a row."""
+    with _QuietSteps.turn:
+        _QuietSteps.threads += 1
+        mujoco.set_mju_user_warning(logger.debug)
+    try:
+        yield
+    finally:
+        with _QuietSteps.turn:
+            _QuietSteps.threads -= 1
+            if not _QuietSteps.threads:
+                mujoco.set_mju_user_warning(None)

@@ -112,6 +112,8 @@ def test_what_takes_away_what_a_planar_base_is_judged_by_is_refused(
         ({"base": 'gravcomp="1"'}, "gravcomp of body 'base': 80 % of the robot's weight"),
         ({"floor": 'margin="-1"'}, "the floor: margin -1"),
         ({"floor": 'solref="100 1"'}, "the floor: solref 100 1"),
+        ({"floor": 'margin="0.3"'}, "the floor, or a spring, throws the robot .* m up at the start"),
+        ({"z": "-0.06"}, "the floor, or a spring, throws the robot .* m up at the start"),
         ({"z": "5"}, "the hull is from 4.9 to 5.1 m above the floor"),
         ({"more": '<contact><exclude body1="base" body2="world"/></contact>'}, "contact exclude of body 'base'"),
         ({"more": '<equality><weld body1="base"/></equality>'}, r"equality 1 \(weld\)"),

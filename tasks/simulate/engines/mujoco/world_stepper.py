@@ -3,12 +3,9 @@
 All geoms are as they are, and so is the solver of the ``robot.xml``.
 """
 
-import contextlib
-import logging
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Lock
 from typing import NamedTuple
 
 import mujoco
@@ -28,6 +25,7 @@ from tasks.simulate.application.robot_model import (
     compile_robot,
     coordinates_at,
     hull_of,
+    no_log,
     pose_of,
     rest_position,
     velocity_of,
@@ -153,7 +151,6 @@ def _name_parts(spec: mujoco.MjSpec) -> None:
             part.name = part.name or f"simyard/{prefix}/{number}"
 
 
-logger = logging.getLogger(__name__)
 _STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 _TIME = 1  # comes first in a state, then qpos, qvel and act
 _PUSH_NUMBERS = 3
@@ -248,7 +245,7 @@ class Stepper:
         steps = self._robot.physics_steps
         states = np.empty((len(chosen), steps, self._states.shape[1]))
         sensed = np.empty((len(chosen), steps, self._models[0].nsensordata))
-        with _no_log():
+        with no_log():
             self._pool.rollout(
                 [self._models[lane] for lane in chosen],
                 self._datas,
@@ -281,25 +278,3 @@ class Stepper:
 def _single(values: Float64[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:
     """Returns values for the applications; what MuJoCo calls bad is no number."""
     return np.where(np.abs(values) < _MOST, values, np.nan).astype(np.float32)
-
-
-class _QuietSteps:
-    """How many threads step now, while MuJoCo's warnings go to this module's log."""
-
-    turn = Lock()
-    threads = 0
-
-
-@contextlib.contextmanager
-def _no_log() -> Generator[None]:
-    """Keeps MuJoCo from writing MUJOCO_LOG.TXT into the working directory: a state that blows up is a row."""
-    with _QuietSteps.turn:
-        _QuietSteps.threads += 1
-        mujoco.set_mju_user_warning(logger.debug)
-    try:
-        yield
-    finally:
-        with _QuietSteps.turn:
-            _QuietSteps.threads -= 1
-            if not _QuietSteps.threads:
-                mujoco.set_mju_user_warning(None)

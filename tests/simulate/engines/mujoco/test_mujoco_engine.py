@@ -9,7 +9,8 @@ import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.engines.mujoco.world_stepper import Stepper, _no_log, host_robot, world_model, world_models
+from tasks.simulate.application.robot_model import no_log
+from tasks.simulate.engines.mujoco.world_stepper import Stepper, host_robot, world_model, world_models
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FAULTY, FOLDERS, cluttered, pushing, simulate_lanes
 from tests.simulate.conftest import PUSHER_LANES
@@ -133,7 +134,7 @@ def test_two_threads_that_step_share_who_hears_warnings_of_mujoco(monkeypatch: p
     heard: list[object] = []
     monkeypatch.setattr(mujoco, "set_mju_user_warning", heard.append)
 
-    with _no_log(), _no_log():
+    with no_log(), no_log():
         pass
 
     assert heard[-1] is None
