@@ -1,8 +1,8 @@
-"""Random streams: one for each floor plan and each furnished room, so that none depends on how many there are."""
+"""Random streams: one for each floor plan, furnished room and variant, so that none depends on how many there are."""
 
 import numpy as np
 
-_FLOOR_PLAN, _MATERIALS, _ROOM, _DOORS = 1, 2, 3, 4
+_FLOOR_PLAN, _MATERIALS, _ROOM, _DOORS, _VARIANT = 1, 2, 3, 4, 5
 
 
 def floor_plan_stream(seed: int, floorplan_index: int, attempt: int = 0) -> np.random.Generator:
@@ -41,6 +41,17 @@ def room_stream(
         attempt: From 0; each attempt has its own stream.
     """
     return _stream(seed, _ROOM, floorplan_index, interior_index, sub_seed, room, attempt)
+
+
+def variant_stream(seed: int, variant: int, sub_seed: int) -> np.random.Generator:
+    """Returns the stream that changes a building of one's own.
+
+    Args:
+        seed: At least 0.
+        variant: From 1.
+        sub_seed: How many tries were given up before.
+    """
+    return _stream(seed, _VARIANT, variant, sub_seed)
 
 
 def _stream(seed: int, *key: int) -> np.random.Generator:
