@@ -353,7 +353,7 @@ class ChunkRunner:
         """Returns the rows of a part, in request order."""
         # What does not fit into memory is not driven beside more.
         coming = self.coming() if part.whole and len(part.chunk.requests) <= part.lanes else ()
-        lanes = SandboxClient(
+        client = SandboxClient(
             bundles=self.bundles,
             lanes=part.lanes,
             engine=self.engine,
@@ -367,7 +367,7 @@ class ChunkRunner:
             recorded=part.recorded,
         )
         worlds = {name: world for each in coming for name, world in each.worlds.items()}
-        return lanes.simulate(part.chunk, {**worlds, **part.worlds})
+        return client.simulate(part.chunk, {**worlds, **part.worlds})
 
 
 def tag_jobs(batch: OpenBatch, tags: Mapping[int, Mapping[str, str]]) -> None:

@@ -91,7 +91,7 @@ class ChunkPipeline:
 
     def work_ahead(self) -> bool:
         """Drives a slice of what is going to be asked for; returns False if nothing is known of that."""
-        if not self._works:
+        if not self._pending:
             return False
         try:
             return self._turn()
@@ -107,14 +107,14 @@ class ChunkPipeline:
         self.forget()
 
     def _forget(self) -> None:
-        self._works = deque[PendingChunk]()
-        self._streams: dict[_Key, LanePool] = {}
+        self._pending = deque[PendingChunk]()
+        self._pools: dict[_Key, LanePool] = {}
         self._rows_to_make = deque[EpisodeGroup]()
         self._watch = TurnWatch()
 
     def _expect(self, chunks: Sequence[Chunk], worlds: Mapping[str, World], setting: LaneSetting) -> None:
         """Lets chunks come next, in this order; what else is under way is left."""
-        known = [work.chunk for work in self._works]
+        known = [pending.chunk for pending in self._pending]
         if setting != self._setting or known != list(chunks[: len(known)]):
             self._forget()
             self._setting, known = setting, []
@@ -122,7 +122,7 @@ class ChunkPipeline:
             if any(request.world not in worlds for request in chunk.requests):
                 return
             steps = placing(chunk.requests, worlds, setting.bundles, lanes=setting.lanes, engine=setting.engine)
-            self._works.append(PendingChunk(chunk, steps))
+            self._pending.append(PendingChunk(chunk, steps))
 
     def _rows_of_first(
         self,
@@ -130,33 +130,33 @@ class ChunkPipeline:
         progress: Callable[[int], None],
         recorder: SampleRecorder | None,
     ) -> EpisodeColumns:
-        work = self._works[0]
-        while not work.placed:
+        pending = self._pending[0]
+        while not pending.placed:
             self._place_some()
-        while (ended := work.ended) < len(work.chunk.requests):
+        while (ended := pending.ended) < len(pending.chunk.requests):
             if should_stop():
-                rows = self._answer(work, recorder)
+                rows = self._answer(pending, recorder)
                 self.forget()
                 return rows
             self._turn()
-            if work.ended > ended:
-                progress(work.ended)
-        self._works.popleft()
+            if pending.ended > ended:
+                progress(pending.ended)
+        self._pending.popleft()
         self._begin_next(at_once=True)
-        rows = self._answer(work, recorder)
-        self._keep_timing(work)
+        rows = self._answer(pending, recorder)
+        self._keep_timing(pending)
         # A chunk whose ways are not known yet holds lanes that nothing of it waits for.
-        held = {id(stream) for each in self._works for _, stream in each.parts}
-        self._streams = {key: each for key, each in self._streams.items() if each.left or id(each) in held}
+        held = {id(pool) for each in self._pending for _, pool in each.parts}
+        self._pools = {key: each for key, each in self._pools.items() if each.left or id(each) in held}
         return rows
 
-    def _answer(self, work: PendingChunk, recorder: SampleRecorder | None) -> EpisodeColumns:
-        found = [EpisodeColumns.of(work.failed)]
-        for part, _ in work.parts:
+    def _answer(self, pending: PendingChunk, recorder: SampleRecorder | None) -> EpisodeColumns:
+        found = [EpisodeColumns.of(pending.failed)]
+        for part, _ in pending.parts:
             found.append(part.all_rows())
             if recorder is not None:
                 part.tell(recorder, found[-1])
-        known, requests = EpisodeColumns.join(found), work.chunk.requests
+        known, requests = EpisodeColumns.join(found), pending.chunk.requests
         if len(known) < len(requests):  # a chunk that was stopped before it was placed
             there = set(known.index.tolist())
             stopped = [stopped_row(request) for request in requests if request.index not in there]
@@ -165,23 +165,23 @@ class ChunkPipeline:
 
     def _turn(self) -> bool:
         """Drives a slice of the lanes that hold the first chunk that is not done; does other work meanwhile."""
-        if not self._works[0].placed:
+        if not self._pending[0].placed:
             return self._place_some()
         began_s = running_s()
-        stream = self._begin_next()
-        if stream is None:
+        pool = self._begin_next()
+        if pool is None:
             return self._place_some()
-        while stream.computing and self._work_beside():
+        while pool.computing and self._work_beside():
             pass
         with timed_call("slice", "", f"a slice of {SLICE_STEPS} control steps"):
-            self._rows_to_make.extend(dict.fromkeys(each.part for each in stream.collect()))
+            self._rows_to_make.extend(dict.fromkeys(each.part for each in pool.collect()))
         self._watch.drove(running_s() - began_s)
         self._require_room()
         return True
 
     def _require_room(self) -> None:
         """Leaves chunks whose samples are too many to be kept until they are asked for."""
-        parts = [part for work in self._works for part, _ in work.parts]
+        parts = [part for pending in self._pending for part, _ in pending.parts]
         if (kept := sum(part.kept_bytes for part in parts)) > _KEPT_BYTES:
             raise MemoryError(f"{kept} bytes of samples: at most {_KEPT_BYTES} are kept")
 
@@ -191,27 +191,27 @@ class ChunkPipeline:
         A slice that is on its way stays the one. At once, only lanes begin that others have driven in: to compile a
         program, or to place a chunk, would keep rows waiting that are done.
         """
-        stream = self._next_stream()
-        if stream is None or stream.begun or (at_once and not stream.filled):
-            return stream
-        while not at_once and 2 * stream.left < stream.program.lanes and self._place_some():
+        pool = self._next_pool()
+        if pool is None or pool.begun or (at_once and not pool.filled):
+            return pool
+        while not at_once and 2 * pool.left < pool.program.lanes and self._place_some():
             pass  # lanes that rest cost as much as others
         with timed_call("compile", "", "the first control step, which is compiled before"):
-            stream.fill()
-            stream.dispatch()
-        stream.prepare()
-        return stream
+            pool.fill()
+            pool.dispatch()
+        pool.prepare()
+        return pool
 
-    def _next_stream(self) -> LanePool | None:
-        begun = (stream for stream in self._streams.values() if stream.begun)
-        parts = (part for work in self._works if work.placed for part in work.parts)
-        return next(begun, None) or next((stream for part, stream in parts if part.ended < len(part.lanes)), None)
+    def _next_pool(self) -> LanePool | None:
+        begun = (pool for pool in self._pools.values() if pool.begun)
+        parts = (part for pending in self._pending if pending.placed for part in pending.parts)
+        return next(begun, None) or next((pool for part, pool in parts if part.ended < len(part.lanes)), None)
 
     def _work_beside(self) -> bool:
         """Does a piece of work that needs no lanes; returns False if there is none."""
-        work = next((each for each in self._works if each.placed and not each.measured), None)
-        if work is not None:
-            work.measure_some()
+        pending = next((each for each in self._pending if each.placed and not each.measured), None)
+        if pending is not None:
+            pending.measure_some()
             return True
         while self._rows_to_make:
             part = self._rows_to_make.popleft()
@@ -222,66 +222,66 @@ class ChunkPipeline:
 
     def _place_some(self, *, beside: bool = False) -> bool:
         """Does a piece of placing the first chunk that is not placed; returns False if all are."""
-        work = next((each for each in self._works if not each.placed), None)
-        if work is None:
+        pending = next((each for each in self._pending if not each.placed), None)
+        if pending is None:
             return False
         began_s = running_s()
         try:
-            self._step(work)
+            self._step(pending)
         except (Exception, SystemExit):
-            if work is self._works[0]:
+            if pending is self._pending[0]:
                 raise
-            logger.debug("chunk %d: not begun ahead", work.chunk.number, exc_info=True)
-            while self._works[-1] is not work:
-                self._works.pop()
-            self._works.pop()
+            logger.debug("chunk %d: not begun ahead", pending.chunk.number, exc_info=True)
+            while self._pending[-1] is not pending:
+                self._pending.pop()
+            self._pending.pop()
             return False
         if not beside:
             self._watch.placed(running_s() - began_s)
         return True
 
-    def _step(self, work: PendingChunk) -> None:
+    def _step(self, pending: PendingChunk) -> None:
         """Does a piece of placing a chunk, or of measuring its ways: then its longest episodes begin first.
 
         Where there are free lanes for all its episodes, they begin at once, and their ways are measured beside.
         """
-        if work.steps is None:
-            work.measure_some()
+        if pending.steps is None:
+            pending.measure_some()
         else:
             try:
-                next(work.steps)
+                next(pending.steps)
             except StopIteration as end:
-                self._take(work, end.value)
+                self._take(pending, end.value)
             else:
                 return
-        if work.measured or work.fits_into_free_lanes:
-            work.wait_for_lanes()
+        if pending.measured or pending.fits_into_free_lanes:
+            pending.wait_for_lanes()
 
-    def _take(self, work: PendingChunk, found: PlacedChunk) -> None:
+    def _take(self, pending: PendingChunk, found: PlacedChunk) -> None:
         for lanes in found.parts:
             check_applications(found.program, lanes[0])
-        work.steps, work.failed = None, found.rows
-        work.parts = [self._part_of(found, lanes) for lanes in found.parts]
+        pending.steps, pending.failed = None, found.rows
+        pending.parts = [self._part_of(found, lanes) for lanes in found.parts]
 
     def _part_of(self, found: PlacedChunk, lanes: list[Lane]) -> tuple[EpisodeGroup, LanePool]:
         setting = self._setting
         if setting is None:
             raise RuntimeError("no chunk was asked for")
         key = (found.program, *lane_forms(lanes[0]))
-        if key not in self._streams:
+        if key not in self._pools:
             program = part_program(found, lanes, setting.bundles, lanes=setting.lanes, engine=setting.engine)
             if not _is_refillable(program):
                 raise TypeError(f"{program.engine} fills no lanes")
             stride = None if setting.rate_hz is None else sample_stride(setting.rate_hz, CONTROL_S)
-            self._streams[key] = LanePool(program, stride)
-        stream = self._streams[key]
-        return EpisodeGroup(stream.program, lanes), stream
+            self._pools[key] = LanePool(program, stride)
+        pool = self._pools[key]
+        return EpisodeGroup(pool.program, lanes), pool
 
-    def _keep_timing(self, work: PendingChunk) -> None:
+    def _keep_timing(self, pending: PendingChunk) -> None:
         """Notes what went by since the chunk before."""
         watch, self._watch = self._watch, TurnWatch()
-        if work.parts:
-            note_timing(watch.timing(max(stream.program.lanes for _, stream in work.parts)))
+        if pending.parts:
+            note_timing(watch.timing(max(pool.program.lanes for _, pool in pending.parts)))
 
 
 def _is_refillable(program: Program) -> TypeGuard[CompiledProgram]:
