@@ -164,7 +164,7 @@ class BatchJudgement(NamedTuple):
 def judge_batch(
     store_url: str,
     batch: str,
-    rule: Gate,
+    gate: Gate,
     *,
     other: Baseline | NoBaseline | None,
     ships: Shipment | None,
@@ -175,18 +175,18 @@ def judge_batch(
     Args:
         store_url: Where the batch is, and evidence is kept.
         batch: The batch's id.
-        rule: What the document asks for.
+        gate: What the document asks for.
         other: The version that ``noWorseThan`` compares with, or why there is none; None if nobody asks.
         ships: What the document ships, if it deploys.
         attempts: Of each earlier attempt, how often it passes wrongly by chance.
     """
     store = open_store(store_url)
     record = read(store, KIND, batch)
-    found = replace(gate_material(rule, record, store, other), attempts=attempts)
-    verdict = judge(rule, found)
+    found = replace(gate_material(gate, record, store, other), attempts=attempts)
+    verdict = judge(gate, found)
     baseline = other if isinstance(other, Baseline) else None
     tested, left_out = tested_facts(plan_of(record), record), found.lacks.left_out
-    evidence = gather(batch, rule, verdict, tested, left_out=left_out, baseline=baseline, ships=ships)
+    evidence = gather(batch, gate, verdict, tested, left_out=left_out, baseline=baseline, ships=ships)
     return BatchJudgement(verdict, write_evidence(store, evidence), evidence_digest(evidence))
 
 
@@ -226,13 +226,13 @@ def gate_answer(
     episodes = cache(lambda: episodes_name(store, plan_of(batch)))  # for which each world is read
     # A run that goes on says what it said, whatever was attempted meanwhile.
     attempts = pinned.attempts if pinned else attempts_before(store, name_of_attempts, episodes)
-    verdict, url, digest = judged(store.url, name, gate, other=other, ships=ships, attempts=attempts)
+    verdict, url, sha256 = judged(store.url, name, gate, other=other, ships=ships, attempts=attempts)
     answer = GateAnswer(
         batch=batch.id,
         verdict=verdict.verdict,
         sentence=verdict.sentence,
         evidence_url=url,
-        evidence=digest,
+        evidence=sha256,
         rooms=verdict.rooms,
         attempts=attempts,
     )

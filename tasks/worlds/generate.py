@@ -1,8 +1,7 @@
 """One world from a template, a seed and two indices: a pure function.
 
-Floor plans that a robot gets about in with their doors open.
-
-A plan is drawn for its walls alone; that wide leaves, standing open, take a narrow way shows only when they hang.
+A floor plan is drawn for its walls alone. Whether wide doors, standing open, block a narrow way shows only when they
+hang: such a plan is drawn again.
 """
 
 from collections.abc import Sequence

@@ -171,7 +171,7 @@ def tested_batch(
 
 def gather(
     batch_id: str,
-    rule: Gate,
+    gate: Gate,
     verdict: GateVerdict,
     facts: TestedBatch,
     *,
@@ -183,7 +183,7 @@ def gather(
 
     Args:
         batch_id: The batch.
-        rule: What was asked for.
+        gate: What was asked for.
         verdict: What the gate answered.
         facts: What was tested.
         left_out: Episodes that were not needed any more.
@@ -195,7 +195,7 @@ def gather(
         batch=batch_id,
         verdict=verdict.verdict,
         sentence=verdict.sentence,
-        rule=rule,
+        rule=gate,
         numbers=verdict.counts,
         rules=verdict.rules,
         left_out=left_out,

@@ -178,8 +178,10 @@ def both_tables(
     columns, schemas = (*FAILURES_COLUMNS, *_sweep_columns(variables)), extended_schemas(variables)
     arrays = {each.name: arrow_array(each.cells(episodes), _ARROW_TYPES[each.type]) for each in columns}
     whole, explained = (pa.table([arrays[name] for name in schema.names], schema=schema) for schema in schemas)
-    ways, codes = episodes.results.endings
-    failed = np.array([success(way) is False for way in ways], np.bool_)[codes] if ways else np.zeros(0, np.bool_)
+    endings, codes = episodes.results.endings
+    failed = (
+        np.array([success(each) is False for each in endings], np.bool_)[codes] if endings else np.zeros(0, np.bool_)
+    )
     return whole, explained if failed.all() else explained.filter(arrow_mask(failed))
 
 
