@@ -78,6 +78,15 @@ class Solid(Spec):
         return self
 
 
+def corners_m(solid: Solid) -> list[tuple[float, float]]:
+    """Returns the corners of a solid's outline, counter-clockwise; of a cylinder, of the square around it."""
+    x_m, y_m, _ = solid.center_m
+    half_x_m, half_y_m, _ = solid.half_extents_m
+    cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
+    box = ((-half_x_m, -half_y_m), (half_x_m, -half_y_m), (half_x_m, half_y_m), (-half_x_m, half_y_m))
+    return [(x_m + u * cos - v * sin, y_m + u * sin + v * cos) for u, v in solid.outline_m or box]
+
+
 def is_convex(corners: Sequence[tuple[float, float]]) -> bool:
     """Returns whether an outline turns left at every corner, and once around in all."""
     sides = [(bx - ax, by - ay) for (ax, ay), (bx, by) in pairwise([*corners, corners[0]])]

@@ -33,6 +33,23 @@ def block(name: str, center_m: tuple[float, float], size_m: tuple[float, float],
     )
 
 
+WEDGE = ((-0.5, -0.4), (0.5, -0.4), (0.3, 0.4), (-0.5, 0.2))
+"""Corners of a prism whose centre is in the middle of the box around them."""
+
+
+def wedge(name: str, center_m: tuple[float, float], yaw_rad: float = 0.0, low_m: float = 0.0) -> Solid:
+    """Returns an upright prism of 1 m height, which no half turn maps to itself."""
+    return Solid(
+        name=name,
+        shape="prism",
+        center_m=(*center_m, low_m + 0.5),
+        half_extents_m=(0.5, 0.4, 0.5),
+        yaw_rad=yaw_rad,
+        color=(0.2, 0.4, 0.6),
+        outline_m=WEDGE,
+    )
+
+
 def piece(name: str, *solids: Solid) -> Furniture:
     """Returns a piece made of solids."""
     return Furniture(name=name, model_type=name, room="", center_m=solids[0].center_m[:2], yaw_rad=0.0, solids=solids)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from specs.base import digest
-from specs.data.world import Door, Finish, Pattern, Rectangle, Room, Solid, World
+from specs.data.world import Door, Finish, Pattern, Rectangle, Room, Solid, World, start_pose
 from tasks.export.drawing.furniture_symbols import piece_box
 from tasks.export.drawing.plan_page import (
     Attributes,
@@ -66,6 +66,13 @@ def pattern_key(finish: Finish, sheet: PageScale) -> str:
     if finish.pattern not in _PATHS or min(finish.repeat_m) * sheet.units_per_m < _FEWEST_UNITS:
         return ""
     return f"floor-{digest(finish)[:8]}"
+
+
+def floor_m2(world: World) -> float:
+    """Returns the floor of all rooms; of a world without rooms, what its map has free."""
+    if world.rooms:
+        return sum(area_m2(room.floor) for room in world.rooms)
+    return sum(world.map.runs[::2]) * world.map.resolution_m**2
 
 
 def area_m2(area: Rectangle) -> float:
@@ -305,12 +312,14 @@ def draw_walls(parent: ET.Element, walls: Sequence[Solid], sheet: PageScale) -> 
         draw_solid(parent, wall, sheet, {"class_": _wall_class(wall)})
 
 
-def draw_start(parent: ET.Element, sheet: PageScale) -> PageBox:
-    """Adds the origin, the circle of 1 m that is free and the axes (x red, y green); returns the box of its text."""
+def draw_start(parent: ET.Element, world: World, sheet: PageScale) -> PageBox:
+    """Adds the start, the circle that is free and the axes (x red, y green); returns the box of its text."""
     group = element(parent, "g", class_="start")
-    element(group, "title", "Start of the robot: the origin (0, 0); 1 m around it is free")
-    x, y, unit = sheet.x(0.0), sheet.y(0.0), sheet.units_per_m
-    element(group, "circle", cx=x, cy=y, r=START_RADIUS_M * unit, class_="clear")
+    start, free_m = start_pose(world), free_at_start_m(world)
+    place = "the origin (0, 0)" if world.start is None else f"({start.x_m:g}, {start.y_m:g})"
+    element(group, "title", f"Start of the robot: {place}; {free_m:g} m around it is free")
+    x, y, unit = sheet.x(start.x_m), sheet.y(start.y_m), sheet.units_per_m
+    element(group, "circle", cx=x, cy=y, r=free_m * unit, class_="clear")
     arm = 0.35 * unit
     element(group, "path", d=f"M{x:.2f} {y:.2f}h{arm:.2f}m-5 -4l5 4l-5 4", class_="axis-x")
     element(group, "path", d=f"M{x:.2f} {y:.2f}v{-arm:.2f}m-4 5l4 -5l4 5", class_="axis-y")
@@ -319,10 +328,15 @@ def draw_start(parent: ET.Element, sheet: PageScale) -> PageBox:
     return PageBox(x - 6 - text_width(_MARK, _MARK_SIZE), y + 4, x - 6, y + 18)
 
 
+def free_at_start_m(world: World) -> float:
+    """Returns the radius of the circle around the start that is drawn as free."""
+    return START_RADIUS_M if world.start is None else min(START_RADIUS_M, world.certificate.origin_clear_radius_m)
+
+
 def draw_room_labels(parent: ET.Element, world: World, sheet: PageScale) -> list[PageBox]:
     """Adds name, area and free share of every room, where they cover least; returns the boxes of the texts."""
-    reach = START_RADIUS_M * sheet.units_per_m
-    x, y = sheet.x(0.0), sheet.y(0.0)
+    reach, begin = START_RADIUS_M * sheet.units_per_m, start_pose(world)
+    x, y = sheet.x(begin.x_m), sheet.y(begin.y_m)
     axes = PageBox(x - 0.55 * reach, y - 0.45 * reach, x + 0.45 * reach, y + 0.3 * reach)
     obstacles = [piece_box(piece, sheet).grown(3.0) for piece in world.furniture]
     obstacles += [axes, *(swing_box(door, sheet) for door in world.doors)]

@@ -9,7 +9,6 @@ from xml.etree import ElementTree as ET
 
 from specs.data.world import Certificate, Wish, World
 from tasks.export.drawing.building_plan import (
-    area_m2,
     draw_doors,
     draw_floors,
     draw_passages,
@@ -19,6 +18,7 @@ from tasks.export.drawing.building_plan import (
     draw_walls,
     draw_windows,
     floor_color,
+    floor_m2,
     pattern_key,
 )
 from tasks.export.drawing.furniture_symbols import draw_furniture, draw_piece_labels
@@ -32,12 +32,10 @@ _SWATCH = PageBox(0.0, 0.0, 22.0, 14.0)
 
 def draw_title(parent: ET.Element, world: World, box: PageBox) -> None:
     """Adds the world's name and, below it, where it comes from."""
-    total_m2 = sum(area_m2(room.floor) for room in world.rooms)
-    plural = "" if len(world.rooms) == 1 else "s"
-    facts = (
-        f"{len(world.rooms)} room{plural}, {total_m2:.1f} m² · ceiling {world.ceiling_height_m:.2f} m · "
-        f"seed {world.seed} · {world.generation}"
-    )
+    source, plural = world.source, "" if len(world.rooms) == 1 else "s"
+    rooms = f"{len(world.rooms)} room{plural}, " if world.rooms else "free floor "
+    made = f"seed {world.seed} · {world.generation}" if source is None else f"{source.file} · {world.generation}"
+    facts = f"{rooms}{floor_m2(world):.1f} m² · ceiling {world.ceiling_height_m:.2f} m · {made}"
     name = fit_text(world.name, _TITLE_SIZE, box.width)
     element(parent, "text", name, x=box.left, y=box.top + _TITLE_SIZE, font_size=_TITLE_SIZE, class_="name")
     shown = fit_text(facts, _SUBTITLE_SIZE, box.width)
@@ -171,13 +169,14 @@ def wishes_met(certificate: Certificate) -> str:
 def _facts(world: World) -> list[tuple[str, str]]:
     certificate = world.certificate
     as_set = (f"{certificate.doors_as_set_robot_radius_m:.2f} m", "doors as they stand")
+    passage = (f"{certificate.narrowest_passage_m:.2f} m" if world.passages else "none", "narrowest passage")
     return [
         (f"{certificate.origin_clear_radius_m:.2f} m", "clear around start"),
         (f"{certificate.reachable_robot_radius_m:.2f} m", "largest robot radius"),
         *([as_set] if world.doors else []),
-        (f"{certificate.narrowest_passage_m:.2f} m" if world.passages else "none", "narrowest passage"),
+        *([] if world.source else [passage]),
         (f"{100 * certificate.free_floor_share:.0f} %", "free floor"),
-        (f"{100 * certificate.area_error_mean:.1f} %", "mean area error"),
+        *([] if world.source else [(f"{100 * certificate.area_error_mean:.1f} %", "mean area error")]),
         (f"{certificate.overlaps}", "overlaps"),
     ]
 
@@ -314,7 +313,7 @@ def _root(world: World, page: PageBox) -> ET.Element:
         },
     )
     element(root, "title", f"Floor plan of {world.name}", id="plan-title")
-    names = ", ".join(f"{room.name} ({room.type})" for room in world.rooms)
+    names = ", ".join(f"{room.name} ({room.type})" for room in world.rooms) or "none"
     element(root, "desc", f"Rooms: {names}. {len(world.furniture)} pieces of furniture.", id="plan-description")
     element(root, "style", PLAN_STYLE)
     return root
@@ -334,6 +333,6 @@ def _plan(root: ET.Element, world: World, sheet: PageScale) -> None:
     draw_walls(element(root, "g", class_="walls"), world.walls, sheet)
     draw_windows(element(root, "g", class_="windows"), world, sheet)
     draw_doors(element(root, "g", class_="doors"), world, sheet)
-    texts = [draw_start(root, sheet)]
+    texts = [draw_start(root, world, sheet)]
     texts += draw_room_labels(element(root, "g", class_="labels"), world, sheet)
     draw_piece_labels(element(root, "g", class_="piece-labels"), world.furniture, sheet, texts)

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Furniture, Rectangle, Solid
+from specs.data.world import Furniture, Rectangle, Solid, corners_m
 from tasks.export.drawing.plan_page import (
     Attributes,
     PageBox,
     PageScale,
     bottom_m,
-    corners_m,
     covers,
     css_color,
     draw_solid,

@@ -10,9 +10,10 @@ import re
 import unicodedata
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Rectangle, Solid
+from specs.data.world import Rectangle, Solid, corners_m
 
 # What XML 1.0 (5th edition, production 2) does not allow in a document, escaped or not.
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -161,6 +162,10 @@ def draw_solid(parent: ET.Element, solid: Solid, sheet: PageScale, attributes: A
     if solid.shape == "cylinder":
         element(parent, "circle", cx=x, cy=y, r=half_x, **attributes)
         return
+    if solid.shape == "prism":
+        corners = " ".join(f"{sheet.x(x_m):.2f},{sheet.y(y_m):.2f}" for x_m, y_m in corners_m(solid))
+        element(parent, "polygon", points=corners, **attributes)
+        return
     # Counter-clockwise with y up is negative with y down.
     turn: Attributes = (
         {"transform": f"rotate({-math.degrees(solid.yaw_rad):.3f} {x:.2f} {y:.2f})"} if solid.yaw_rad else {}
@@ -175,24 +180,16 @@ def page_box(solids: Iterable[Solid], center_m: tuple[float, float], sheet: Page
     return PageBox(sheet.x(min(xs)), sheet.y(max(ys)), sheet.x(max(xs)), sheet.y(min(ys)))
 
 
-def corners_m(solid: Solid) -> list[tuple[float, float]]:
-    """Returns the corners of a solid's outline; of a cylinder, of the square around it."""
-    x_m, y_m, _ = solid.center_m
-    half_x_m, half_y_m, _ = solid.half_extents_m
-    cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    return [
-        (x_m + sx * half_x_m * cos - sy * half_y_m * sin, y_m + sx * half_x_m * sin + sy * half_y_m * cos)
-        for sx, sy in signs
-    ]
-
-
 def covers(solid: Solid, x_m: float, y_m: float) -> bool:
     """Returns whether a place on the floor is below a solid."""
     dx_m, dy_m = x_m - solid.center_m[0], y_m - solid.center_m[1]
     half_x_m, half_y_m, _ = solid.half_extents_m
     if solid.shape == "cylinder":
         return math.hypot(dx_m, dy_m) <= half_x_m
+    if solid.shape == "prism":
+        corners = corners_m(solid)
+        sides = pairwise([*corners, corners[0]])
+        return all((bx - ax) * (y_m - ay) >= (by - ay) * (x_m - ax) for (ax, ay), (bx, by) in sides)
     cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
     return abs(cos * dx_m + sin * dy_m) <= half_x_m and abs(cos * dy_m - sin * dx_m) <= half_y_m
 

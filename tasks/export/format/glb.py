@@ -15,7 +15,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from specs.data.world import Color, Finish, Solid, World
-from tasks.export.surface.sheets import finish_key, sheets, window_parts
+from tasks.export.surface.sheets import finish_key, prism_mesh, sheets, triangles_of, window_parts
 from tasks.export.surface.textures import texture_of
 
 CYLINDER_SIDES = 32
@@ -69,6 +69,9 @@ def _add_solid(
     half_m = solid.half_extents_m
     if solid.shape == "cylinder":
         mesh = trimesh.creation.cylinder(radius=half_m[0], height=2 * half_m[2], sections=CYLINDER_SIDES)
+    elif solid.shape == "prism":
+        corners, faces = prism_mesh(solid)
+        mesh = trimesh.Trimesh(corners, triangles_of(faces), process=False)
     else:
         mesh = trimesh.creation.box(extents=[2 * side for side in half_m])
     mesh.vertices = np.round(mesh.vertices, _DIGITS)

@@ -21,6 +21,8 @@ from tasks.export.surface.sheets import (
     WALLS_PREFIX,
     Panel,
     finish_key,
+    prism_mesh,
+    triangles_of,
     wall_panels,
     window_parts,
 )
@@ -28,32 +30,55 @@ from tasks.export.surface.textures import texture_of
 
 # Groups 0 to 2 are drawn by default: the walls and the ceiling can be switched off one by one.
 GROUND_GROUP, WALL_GROUP, FURNITURE_GROUP, CEILING_GROUP = 0, 1, 2, 3
+_GEOMS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "prism": mujoco.mjtGeom.mjGEOM_MESH,
+}
 GRID_SPACING_M = 0.5  # MuJoCo lights corners and interpolates: no corner is further than this from the next
 
 
 def add_solid_geom(
-    body: mujoco.MjsBody, solid: Solid, group: int, *, origin_m: tuple[float, float] = (0.0, 0.0)
+    spec: mujoco.MjSpec,
+    solid: Solid,
+    group: int,
+    *,
+    body: mujoco.MjsBody | None = None,
+    origin_m: tuple[float, float] = (0.0, 0.0),
 ) -> mujoco.MjsGeom:
     """Returns a new geom of a solid's name, shape and colour in a body that stands, not turned, at ``origin_m``.
 
     Args:
-        body: What the geom becomes part of.
+        spec: The model.
         solid: The solid.
         group: MuJoCo's visual group.
+        body: What the geom becomes part of; the world body if None.
         origin_m: Where the body stands.
     """
     x_m, y_m, z_m = solid.half_extents_m
-    cylinder = solid.shape == "cylinder"
     half_yaw_rad = solid.yaw_rad / 2
-    return body.add_geom(
+    geom = (body or spec.worldbody).add_geom(
         name=solid.name,
-        type=mujoco.mjtGeom.mjGEOM_CYLINDER if cylinder else mujoco.mjtGeom.mjGEOM_BOX,
+        type=_GEOMS[solid.shape],
         pos=[solid.center_m[0] - origin_m[0], solid.center_m[1] - origin_m[1], solid.center_m[2]],
-        size=[x_m, z_m, 0.0] if cylinder else [x_m, y_m, z_m],
         quat=[math.cos(half_yaw_rad), 0.0, 0.0, math.sin(half_yaw_rad)],
         rgba=[*solid.color, 1.0],
         group=group,
     )
+    if solid.shape == "prism":
+        geom.meshname = _prism(spec, solid)
+    else:
+        geom.size = [x_m, z_m, 0.0] if solid.shape == "cylinder" else [x_m, y_m, z_m]
+    return geom
+
+
+def _prism(spec: mujoco.MjSpec, solid: Solid) -> str:
+    """Returns the name of a new mesh with a prism's corners, about its centre."""
+    corners, faces = prism_mesh(solid)
+    mesh = spec.add_mesh(name=solid.name, inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX)
+    mesh.uservert = corners.ravel()
+    mesh.userface = np.array(triangles_of(faces)).ravel()
+    return solid.name
 
 
 def add_plane(spec: mujoco.MjSpec, name: str, area: Rectangle, z_m: float, *, margin_m: float = 0.0) -> mujoco.MjsGeom:
@@ -102,7 +127,7 @@ def add_door(spec: mujoco.MjSpec, door: Door) -> None:
         damping=_DAMPING_NM_S,
         frictionloss=_FRICTION_NM,
     )
-    add_solid_geom(body, door.leaf, FURNITURE_GROUP, origin_m=door.hinge_m).density = _DENSITY_KG_M3
+    add_solid_geom(spec, door.leaf, FURNITURE_GROUP, body=body, origin_m=door.hinge_m).density = _DENSITY_KG_M3
 
 
 TEXTURE_FOLDER = "textures"
@@ -162,7 +187,7 @@ def add_walls(spec: mujoco.MjSpec, world: World, room: Room, number: int) -> Non
 def add_windows(spec: mujoco.MjSpec, world: World, room: Room) -> None:
     """Adds a room's windows."""
     for part in window_parts(world, room):
-        _untouchable(add_solid_geom(spec.worldbody, part, WALL_GROUP))
+        _untouchable(add_solid_geom(spec, part, WALL_GROUP))
 
 
 def _add_material(spec: mujoco.MjSpec, name: str, finish: Finish) -> mujoco.MjsMaterial:
@@ -240,12 +265,12 @@ def world_spec(world: World, *, ceiling: bool = False) -> mujoco.MjSpec:
         add_walls(spec, world, room, number)
         add_windows(spec, world, room)
     for wall in world.walls:
-        add_solid_geom(spec.worldbody, wall, WALL_GROUP)
+        add_solid_geom(spec, wall, WALL_GROUP)
     for door in world.doors:
         add_door(spec, door)
     for piece in world.furniture:
         for solid in piece.solids:
-            add_solid_geom(spec.worldbody, solid, FURNITURE_GROUP)
+            add_solid_geom(spec, solid, FURNITURE_GROUP)
     if ceiling:
         _ceiling(spec, world)
     _lights(spec, world)

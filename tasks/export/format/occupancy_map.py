@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, UInt8
 from scipy import ndimage
 
-from specs.data.world import OccupancyMap, World
+from specs.data.world import OccupancyMap, Start, World, start_pose
 
 MAP_FILE, PICTURE_FILE = "map.yaml", "map.pgm"
 FREE, UNKNOWN, OCCUPIED = 254, 205, 0
@@ -20,11 +20,11 @@ _FREE_THRESHOLD, _OCCUPIED_THRESHOLD = 0.196, 0.65
 def map_files(world: World) -> dict[str, bytes]:
     """Returns the picture (PGM) and its description (YAML).
 
-    Floor that no way leads to from the origin, such as a gap behind a wardrobe, is unknown: a robot that mapped the
+    Floor that no way leads to from the start, such as a gap behind a wardrobe, is unknown: a robot that mapped the
     apartment would not have seen it either. Doors are as they stand.
     """
     grid = world.map
-    levels = map_levels(grid)
+    levels = map_levels(grid, start_pose(world))
     picture = b"P5\n%d %d\n255\n" % (grid.columns, grid.rows) + levels[::-1].tobytes()  # its first row is the upper one
     x_m, y_m = grid.origin_m
     lines = (
@@ -39,11 +39,11 @@ def map_files(world: World) -> dict[str, bytes]:
     return {PICTURE_FILE: picture, MAP_FILE: ("\n".join(lines) + "\n").encode()}
 
 
-def map_levels(grid: OccupancyMap) -> UInt8[np.ndarray, "rows columns"]:
+def map_levels(grid: OccupancyMap, start: Start) -> UInt8[np.ndarray, "rows columns"]:
     """Returns each cell's level of grey, from the lowest y and x on."""
     occupied = occupied_cells(grid)
-    x_m, y_m = grid.origin_m
-    column, row = (int(-start_m / grid.resolution_m) for start_m in (x_m, y_m))
+    low = grid.origin_m
+    column, row = (int((at - low_m) / grid.resolution_m) for at, low_m in zip((start.x_m, start.y_m), low, strict=True))
     regions, _ = cast("tuple[np.ndarray, int]", ndimage.label(~occupied))
     reached = ~occupied & (regions == regions[row, column])
     return np.where(occupied, OCCUPIED, np.where(reached, FREE, UNKNOWN)).astype(np.uint8)

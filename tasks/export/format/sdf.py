@@ -110,8 +110,9 @@ def add_solid_to_link(link: ET.Element, solid: Solid, pose: Pose, *, touched: bo
         pose: Where it is, in the link's frame.
         touched: Whether it collides.
     """
+    placed = (*pose[:2], _height_m(solid, pose[2]), pose[3])
     for kind in ("collision", "visual") if touched else ("visual",):
-        _add_shape(link, kind, solid.name, _pose_text(pose), solid)
+        _add_shape(link, kind, solid.name, _pose_text(placed), solid)
 
 
 def add_mesh(link: ET.Element, name: str, uri: str) -> None:
@@ -144,6 +145,11 @@ def _add_shape(link: ET.Element, kind: str, name: str, pose: str, shape: "Solid 
         cylinder = ET.SubElement(geometry, "cylinder")
         add_text(cylinder, "radius", numbers_text((x_m,)))
         add_text(cylinder, "length", numbers_text((2 * z_m,)))
+    elif shape.outline_m is not None:
+        polyline = ET.SubElement(geometry, "polyline")
+        for corner in shape.outline_m:
+            add_text(polyline, "point", numbers_text(corner))
+        add_text(polyline, "height", numbers_text((2 * z_m,)))
     else:
         add_text(ET.SubElement(geometry, "box"), "size", numbers_text((2 * x_m, 2 * y_m, 2 * z_m)))
     if kind == "visual":
@@ -169,17 +175,19 @@ class _Part(NamedTuple):
     """All that a model says of a solid, the pose as text: parts that are equal are the same in a model."""
 
     name: str
-    shape: Literal["box", "cylinder"]
+    shape: Literal["box", "cylinder", "prism"]
     half_extents_m: tuple[float, float, float]
     color: Color
     pose: str
+    outline_m: tuple[tuple[float, float], ...] | None
 
 
 @functools.lru_cache(maxsize=_MODELS_KEPT)
 def _shared_model(model_type: str, parts: tuple[_Part, ...]) -> tuple[str, dict[str, bytes]]:
     """Returns a model's name and files; kept, since most pieces of a world are of a make that another world has."""
     kind = _NOT_IN_A_NAME.sub("_", model_type.lower()).strip("_")
-    shape = hashlib.sha256(repr([tuple(part) for part in parts]).encode()).hexdigest()[:_DIGEST_CHARACTERS]
+    told = [tuple(part) if part.outline_m else tuple(part)[:-1] for part in parts]
+    shape = hashlib.sha256(repr(told).encode()).hexdigest()[:_DIGEST_CHARACTERS]
     model_name = f"aws_robomaker_{kind}_{shape}"
     root = document()
     model = ET.SubElement(root, "model", name=model_name)
@@ -208,10 +216,15 @@ def _part(piece: Furniture, solid: Solid) -> _Part:
     x_m, y_m = turn(solid.center_m[0] - piece.center_m[0], solid.center_m[1] - piece.center_m[1], -piece.yaw_rad)
     yaw_rad = 0.0 if solid.shape == "cylinder" else math.remainder(solid.yaw_rad - piece.yaw_rad, 2 * math.pi)
     # A box looks the same after half a turn; which half it is shall not depend on the last bit.
-    yaw_rad = round(math.remainder(round(yaw_rad, 6), round(math.pi, 6)), 5)
-    pose = numbers_text((round(x_m, 5), round(y_m, 5), solid.center_m[2], yaw_rad))
+    yaw_rad = round(yaw_rad if solid.outline_m else math.remainder(round(yaw_rad, 6), round(math.pi, 6)), 5)
+    pose = numbers_text((round(x_m, 5), round(y_m, 5), _height_m(solid, solid.center_m[2]), yaw_rad))
     name = solid.name.removeprefix(piece.name).strip("_/")
-    return _Part(name, solid.shape, solid.half_extents_m, solid.color, pose)
+    return _Part(name, solid.shape, solid.half_extents_m, solid.color, pose, solid.outline_m)
+
+
+def _height_m(solid: Solid, center_m: float) -> float:
+    """Returns at which height SDF has a solid that is centred at one: a polyline is drawn upwards from where it is."""
+    return center_m - solid.half_extents_m[2] if solid.shape == "prism" else center_m
 
 
 WORLDS_PACKAGE, MODELS_PACKAGE = "aws_robomaker_worldforge_worlds", "aws_robomaker_worldforge_shared_models"

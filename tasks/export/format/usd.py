@@ -13,7 +13,7 @@ import math
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, Vt
 
 from specs.data.world import Color, Door, Finish, Solid, World
-from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
+from tasks.export.surface.sheets import Covering, finish_key, prism_mesh, sheets, window_parts
 from tasks.export.surface.textures import texture_of
 
 USD_FILE = "world.usda"
@@ -26,6 +26,9 @@ _LAMP_RADIUS_M, _LAMP_INTENSITY = 0.12, 12_000.0
 def usd_files(world: World) -> dict[str, bytes]:
     """Returns the stage as text, and the pictures that it names; the same bytes for the same world."""
     return _Stage(world).files()
+
+
+_KINDS = {"box": "Cube", "cylinder": "Cylinder", "prism": "Mesh"}
 
 
 class _Stage:
@@ -99,16 +102,22 @@ class _Stage:
         self, parent: Sdf.Path, solid: Solid, *, origin_m: tuple[float, float] = (0.0, 0.0), touched: bool = True
     ) -> None:
         half_m = solid.half_extents_m
-        cylinder = solid.shape == "cylinder"
-        shape = self._named("Cylinder" if cylinder else "Cube", parent, solid.name)
+        shape = self._named(_KINDS[solid.shape], parent, solid.name)
         place_m = (solid.center_m[0] - origin_m[0], solid.center_m[1] - origin_m[1], solid.center_m[2])
         _place(shape, place_m, solid.yaw_rad)
-        if cylinder:
+        extent = half_m
+        if solid.shape == "prism":
+            corners, faces = prism_mesh(solid)
+            mesh = UsdGeom.Mesh(shape)
+            mesh.CreatePointsAttr([Gf.Vec3f(*corner) for corner in corners.tolist()])
+            mesh.CreateFaceVertexCountsAttr([len(face) for face in faces])
+            mesh.CreateFaceVertexIndicesAttr([corner for face in faces for corner in face])
+            mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
+        elif solid.shape == "cylinder":
             drum = UsdGeom.Cylinder(shape)
             drum.CreateAxisAttr(UsdGeom.Tokens.z)
             drum.CreateRadiusAttr(half_m[0])
             drum.CreateHeightAttr(2 * half_m[2])
-            extent = half_m
         else:
             UsdGeom.Cube(shape).CreateSizeAttr(2.0)
             shape.AddScaleOp().Set(Gf.Vec3f(*half_m))
@@ -119,6 +128,9 @@ class _Stage:
         _bind(shape, self._plain(solid.color))
         if touched:
             UsdPhysics.CollisionAPI.Apply(shape.GetPrim())
+            if solid.shape == "prism":
+                hull = UsdPhysics.MeshCollisionAPI.Apply(shape.GetPrim())
+                hull.CreateApproximationAttr(UsdPhysics.Tokens.convexHull)
 
     def _sheet(self, parent: Sdf.Path, sheet: Covering) -> None:
         mesh = UsdGeom.Mesh(self._named("Mesh", parent, sheet.name))

@@ -4,15 +4,16 @@ from collections.abc import Iterable, Sequence
 from itertools import islice
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Certificate, Rectangle, World
+from specs.data.world import Certificate, Rectangle, World, start_pose
 from tasks.export.drawing.building_plan import (
     START_RADIUS_M,
-    area_m2,
     draw_doors,
     draw_passages,
     draw_walls,
     draw_windows,
     floor_color,
+    floor_m2,
+    free_at_start_m,
 )
 from tasks.export.drawing.floor_plan import PLAN_STYLE, draw_scale_bar
 from tasks.export.drawing.furniture_symbols import lowest_first, piece_box, solid_style
@@ -113,14 +114,15 @@ def _header(root: ET.Element, worlds: Sequence[World], title: str, count: int, w
 def summary(worlds: Sequence[World], count: int) -> str:
     """Returns what the worlds on a sheet have in common, in one line."""
     certificates = [world.certificate for world in worlds]
-    areas_m2 = [sum(area_m2(room.floor) for room in world.rooms) for world in worlds]
+    areas_m2 = [floor_m2(world) for world in worlds]
     wishes = [wish for certificate in certificates for wish in certificate.wishes]
     plural = "" if count == 1 else "s"
     parts = [f"{count} world{plural}" if count == len(worlds) else f"the first {len(worlds)} of {count} worlds"]
     smallest, largest = f"{min(areas_m2):.0f}", f"{max(areas_m2):.0f}"
     parts.append(f"{smallest} m²" if smallest == largest else f"{smallest} to {largest} m²")
     radius_m = min(certificate.reachable_robot_radius_m for certificate in certificates)
-    parts.append(f"every room within reach of a robot of {radius_m:.2f} m radius")
+    what = "every room" if all(world.rooms for world in worlds) else "the floor"
+    parts.append(f"{what} within reach of a robot of {radius_m:.2f} m radius")
     as_set_m = min(certificate.doors_as_set_robot_radius_m for certificate in certificates)
     if as_set_m < radius_m:
         parts.append(f"with doors as set: up to {as_set_m:.2f} m")
@@ -162,8 +164,9 @@ def _miniature(parent: ET.Element, world: World, sheet: PageScale) -> None:
     draw_walls(parent, world.walls, sheet)
     draw_windows(parent, world, sheet)
     draw_doors(parent, world, sheet)
-    x, y = sheet.x(0.0), sheet.y(0.0)
-    element(parent, "circle", cx=x, cy=y, r=START_RADIUS_M * sheet.units_per_m, class_="clear")
+    start = start_pose(world)
+    x, y = sheet.x(start.x_m), sheet.y(start.y_m)
+    element(parent, "circle", cx=x, cy=y, r=free_at_start_m(world) * sheet.units_per_m, class_="clear")
     element(parent, "circle", cx=x, cy=y, r=1.6, class_="origin")
     _room_names(parent, world, sheet)
 
@@ -194,9 +197,8 @@ def _place(inner: PageBox, width: float, across: float, down: float) -> PageBox:
 
 def _caption(root: ET.Element, world: World, box: PageBox) -> None:
     certificate = world.certificate
-    total_m2 = sum(area_m2(room.floor) for room in world.rooms)
     facts = (
-        f"{total_m2:.1f} m² · {100 * certificate.free_floor_share:.0f} % free · "
+        f"{floor_m2(world):.1f} m² · {100 * certificate.free_floor_share:.0f} % free · "
         f"robot up to {certificate.reachable_robot_radius_m:.2f} m"
     )
     name = fit_text(world.name, _NAME_SIZE, box.width)

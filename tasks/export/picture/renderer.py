@@ -21,7 +21,7 @@ from specs.base import Spec
 from specs.data.robot_shape import RobotPart
 from specs.data.world import World
 from specs.errors import SimyardError
-from tasks.export.drawing.building_plan import area_m2
+from tasks.export.drawing.building_plan import floor_m2
 from tasks.export.picture.contact_sheet import MOST_WORLDS, wishes_kept
 from tasks.export.surface.textures import encode_rgb
 
@@ -242,10 +242,9 @@ def render_sheet_png(worlds: Iterable[World], most: int = MOST_WORLDS) -> bytes 
 
 def _caption(world: World) -> tuple[str, ...]:
     certificate = world.certificate
-    total_m2 = sum(area_m2(room.floor) for room in world.rooms)
     return (
         world.name,
-        f"{total_m2:.1f} m2, {100 * certificate.free_floor_share:.0f} % free, "
+        f"{floor_m2(world):.1f} m2, {100 * certificate.free_floor_share:.0f} % free, "
         f"robot up to {certificate.reachable_robot_radius_m:.2f} m",
         wishes_kept(certificate),
     )

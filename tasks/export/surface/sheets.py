@@ -6,6 +6,7 @@ covers, so that nothing flickers.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -106,7 +107,12 @@ def _covered(side: Side, walls: Sequence[Solid]) -> Iterator[Panel]:
         face_m = wall.center_m[across] + side.inwards * half_m[across]
         start_m = max(side.start_m, wall.center_m[along] - half_m[along])
         end_m = min(side.end_m, wall.center_m[along] + half_m[along])
-        if not wall.yaw_rad and abs(face_m - side.at_m) < _TOLERANCE_M and end_m - start_m > _TOLERANCE_M:
+        if (
+            wall.shape == "box"
+            and not wall.yaw_rad
+            and abs(face_m - side.at_m) < _TOLERANCE_M
+            and end_m - start_m > _TOLERANCE_M
+        ):
             yield Panel(side, start_m, end_m, wall.center_m[2] - half_m[2], wall.center_m[2] + half_m[2])
 
 
@@ -187,6 +193,9 @@ def _part(face: Side, name: str, middle_m: tuple[float, float], half_m: tuple[fl
 
 
 FLOOR_PREFIX = "floor/"
+BARE_FLOOR = "floor"
+_CONCRETE: Color = (0.62, 0.62, 0.6)
+_BARE = Finish(material="Concrete", pattern="plain", color=_CONCRETE, accent=_CONCRETE, repeat_m=(1.0, 1.0))
 WALLS_PREFIX = "walls/"
 _DIGITS = 6
 
@@ -217,23 +226,41 @@ def finish_key(finish: Finish) -> str:
 
 
 def sheets(world: World) -> list[Covering]:
-    """Returns the coverings of all rooms, a floor and, where there is any wall, walls for each."""
-    found: list[Covering] = []
+    """Returns the coverings of all rooms, a floor and, where there is any wall, walls for each.
+
+    A world without rooms has one bare floor.
+    """
+    found: list[Covering] = [] if world.rooms else [_floor_sheet(BARE_FLOOR, world.footprint, _BARE)]
     for room in world.rooms:
-        found.append(floor_sheet(room))
+        found.append(_floor_sheet(FLOOR_PREFIX + room.name, room.floor, room.flooring))
         panels = wall_panels(world, room)
         if panels:
             found.append(_sheet(WALLS_PREFIX + room.name, room.walls, [_upright(panel) for panel in panels]))
     return found
 
 
-def floor_sheet(room: Room) -> Covering:
-    """Returns the covering of a room's floor."""
-    area = room.floor
+def _floor_sheet(name: str, area: Rectangle, finish: Finish) -> Covering:
     corners = [(area.x_min_m, area.y_min_m), (area.x_max_m, area.y_min_m), (area.x_max_m, area.y_max_m)]
     corners.append((area.x_min_m, area.y_max_m))
     quad = [(x_m, y_m, SKIN_LIFT_M, x_m - area.x_min_m, y_m - area.y_min_m) for x_m, y_m in corners]
-    return _sheet(FLOOR_PREFIX + room.name, room.flooring, [quad])
+    return _sheet(name, finish, [quad])
+
+
+def prism_mesh(solid: Solid) -> tuple[Float64[np.ndarray, "corners 3"], list[list[int]]]:
+    """Returns a prism's corners about its centre, along its own axes, and its faces, anticlockwise from outside.
+
+    The lower corners come first, then the upper ones; the bottom is the first face, the top the second.
+    """
+    outline, half_m = solid.outline_m or (), solid.half_extents_m[2]
+    count = len(outline)
+    corners = [(x_m, y_m, z_m) for z_m in (-half_m, half_m) for x_m, y_m in outline]
+    sides = [[one, (one + 1) % count, count + (one + 1) % count, count + one] for one in range(count)]
+    return np.array(corners), [list(range(count))[::-1], list(range(count, 2 * count)), *sides]
+
+
+def triangles_of(faces: Sequence[Sequence[int]]) -> list[tuple[int, int, int]]:
+    """Returns convex faces as triangles, a fan each."""
+    return [(face[0], one, other) for face in faces for one, other in pairwise(face[1:])]
 
 
 def _sheet(name: str, finish: Finish, quads: list[list[tuple[float, ...]]]) -> Covering:

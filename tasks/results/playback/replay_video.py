@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageChops, ImageDraw
 
-from specs.data.world import Color, Solid, World
+from specs.data.world import Color, Solid, World, corners_m
 from tasks.results.playback.playback import Playback
 
 Pixels = UInt8[np.ndarray, "rows columns 3"]
@@ -131,13 +131,10 @@ class _Stage:
         return image
 
     def _solid(self, draw: ImageDraw.ImageDraw, solid: Solid, fill: tuple[int, int, int]) -> None:
-        (x, y, _), (half_x, half_y, _) = solid.center_m, solid.half_extents_m
         if solid.shape == "cylinder":
-            self._disc(draw, (x, y), half_x, outline=_INK, fill=fill, width=1)
+            self._disc(draw, solid.center_m[:2], solid.half_extents_m[0], outline=_INK, fill=fill, width=1)
             return
-        cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
-        corners = [(half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y)]
-        draw.polygon([self._at((x + cos * u - sin * v, y + sin * u + cos * v)) for u, v in corners], fill, _INK)
+        draw.polygon([self._at(corner) for corner in corners_m(solid)], fill, _INK)
 
     def _disc(
         self,

@@ -4,7 +4,6 @@ A report shows a few failures that differ, and not the first hundred of one kind
 right, y down the page.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -16,7 +15,7 @@ from jaxtyping import Bool, Float
 from specs.arn import arn
 from specs.base import Spec
 from specs.data.outcomes import mark_of
-from specs.data.world import Rectangle, Solid, World
+from specs.data.world import Rectangle, Solid, World, corners_m
 from tasks.results.report.batch_facts import BatchFacts
 from tasks.results.report.rate_tables import clip, short_world
 from tasks.results.report.report_columns import (
@@ -115,10 +114,7 @@ def _outline(solid: Solid) -> str:
     if solid.shape == "cylinder":
         r = max(1, _cm(solid.half_extents_m[0]))
         return f"M{x - r} {y}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z"
-    (x_m, y_m, _), (a_m, b_m, _) = solid.center_m, solid.half_extents_m
-    c, s = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    corners = [(_cm(x_m + i * a_m * c - j * b_m * s), -_cm(y_m + i * a_m * s + j * b_m * c)) for i, j in signs]
+    corners = [(_cm(x_m), -_cm(y_m)) for x_m, y_m in corners_m(solid)]
     return f"M{corners[0][0]} {corners[0][1]}L" + " ".join(f"{cx} {cy}" for cx, cy in corners[1:]) + "z"
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image
 
-from specs.data.world import OccupancyMap, World
+from specs.data.world import OccupancyMap, World, start_pose
 from tasks.export.format.occupancy_map import FREE, MAP_FILE, OCCUPIED, PICTURE_FILE, UNKNOWN, map_files, map_levels
 from tests.factories.worlds import apartment
 
@@ -68,7 +68,8 @@ def test_the_description_places_the_picture_in_the_world():
 @given(st.lists(st.text("#.", min_size=7, max_size=7), min_size=3, max_size=9))
 def test_cells_keep_their_places_whatever_the_floor_is_like(rows: list[str]):
     rows[1] = rows[1][:3] + "o" + rows[1][4:]
-    levels = map_levels(world_of(tuple(rows)).map)
+    world = world_of(tuple(rows))
+    levels = map_levels(world.map, start_pose(world))
     for row, line in zip(levels[::-1], rows, strict=True):
         assert [level == OCCUPIED for level in row] == [cell == "#" for cell in line]
         assert set(np.unique(row)) <= {FREE, UNKNOWN, OCCUPIED}
