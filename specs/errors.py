@@ -43,8 +43,8 @@ SimyardError
 All of them survive the way from a worker's process: pickled and read again, an error is the same.
 """
 
-from collections.abc import Sequence
-from typing import Self
+from collections.abc import Callable, Sequence
+from typing import Self, TypeVar
 
 from specs.base import Fault
 from specs.data.run_report import PipelineReport
@@ -89,6 +89,38 @@ class DocumentError(SimyardError):
             source: Which document it is.
         """
         return cls([Fault(path=path, value=value, allowed=allowed)], source=source)
+
+
+T = TypeVar("T")
+
+
+class KeptFaults:
+    """The faults of several looks at one document, which are told at once; it is true if there are any."""
+
+    def __init__(self) -> None:
+        self._refusals: list[DocumentError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._refusals)
+
+    def keep(self, look: Callable[[], T]) -> T | None:
+        """Returns what was looked up; None where it is at fault, and the faults are kept."""
+        try:
+            return look()
+        except DocumentError as exc:
+            self._refusals.append(exc)
+            return None
+
+    def add(self, faults: Sequence[Fault]) -> None:
+        """Keeps faults that somebody else has found."""
+        if faults:
+            self._refusals.append(DocumentError(faults))
+
+    def together(self) -> DocumentError:
+        """Returns all that was kept as one refusal, each fault once, of the kind that all of them are."""
+        kinds = {type(each) for each in self._refusals}
+        kind = kinds.pop() if len(kinds) == 1 else DocumentError
+        return kind(list(dict.fromkeys(fault for each in self._refusals for fault in each.faults)))
 
 
 class ConcurrentDeployment(DocumentError):  # noqa: N818 - RoboMaker's name

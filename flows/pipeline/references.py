@@ -5,11 +5,10 @@ written: to refuse a new one would break the first steps, so `plan` and `run` na
 """
 
 import os
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
 from urllib.parse import unquote
 
 from pydantic import JsonValue
@@ -27,7 +26,7 @@ from flows.pipeline.tested_batch import (
 from flows.pipeline.version_retention import latest_version, publish_brought
 from specs.arn import parse_reference, reference_path
 from specs.base import Fault
-from specs.errors import BucketNotFound, DocumentError, ObjectNotFound
+from specs.errors import BucketNotFound, DocumentError, KeptFaults, ObjectNotFound
 from specs.field_types import OutputLocation
 from specs.pipeline.document import ApplicationSource, PipelineSpec
 from specs.pipeline.section_requests import fleet_reference
@@ -112,7 +111,6 @@ def _had(plan: BatchPlan, digest: str) -> list[Driven]:
     return [{**{name: (value,) for name, value in each.items()}, **plan.sweep} for each in texts]
 
 
-T = TypeVar("T")
 Pins = dict[str, JsonValue]
 Numbers = dict[str, str]
 _TESTED = "the bundle that simulationBatch tests; leave applicationVersion out to deploy it:"
@@ -204,37 +202,37 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         DocumentError: Something is missing or contradicts itself; carries every fault.
         StoreUnreachable: A bucket does not answer.
     """
-    faults: list[Fault] = []
+    faults = KeptFaults()
     bundled: dict[str, Version] = {}
-    _keep(faults, lambda: check_robot_files(spec, base))
+    faults.keep(lambda: check_robot_files(spec, base))
     for source in spec.applications:
-        _keep(faults, lambda source=source: bundled.update(_publish(source, store, base, spec)))
+        faults.keep(lambda source=source: bundled.update(_publish(source, store, base, spec)))
     find, found = finder(store, bundled), Resolved(bundled)
     if section := spec.worldGeneration:
-        template = _keep(faults, lambda: find_template(section.template, store, base))
+        template = faults.keep(lambda: find_template(section.template, store, base))
         found = replace(found, template=template_digest(template) if template else "")
     if export := spec.worldExport:
-        _keep(faults, lambda: _require_bucket(store, export.outputLocation, "worldExport"))
-        _keep(faults, lambda: require_writable(export.formats, "document", "worldExport.formats"))
+        faults.keep(lambda: _require_bucket(store, export.outputLocation, "worldExport"))
+        faults.keep(lambda: require_writable(export.formats, "document", "worldExport.formats"))
         worlds = () if export.worlds == "all" else export.worlds
-        found = replace(found, exported=_keep(faults, lambda: world_digests(worlds, store)))
+        found = replace(found, exported=faults.keep(lambda: world_digests(worlds, store)))
     if batch := spec.simulationBatch:
-        _keep(faults, lambda: require_environment(os.environ))
-        plan = _keep(faults, lambda: _checked_plan(batch, store, find))
-        _keep(faults, lambda: check_planned_names(spec.gate, plan, store) if plan else None)
-        compared = _keep(faults, lambda: compared_digest(spec.gate, batch, find))
+        faults.keep(lambda: require_environment(os.environ))
+        plan = faults.keep(lambda: _checked_plan(batch, store, find))
+        faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
+        compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
         if spec.gate and plan:
             judged = plan
-            _keep(faults, lambda: require_one_version(judged, compared or ""))
+            faults.keep(lambda: require_one_version(judged, compared or ""))
         found = replace(found, batch=plan, compared_with=compared or "")
     if (deployment := spec.deployment) and not faults:
         tested = tested_bundles(found.batch, found.compared_with) if found.batch else None
-        version = _keep(faults, lambda: _deployable_version(deployment, tested, store, find))
+        version = faults.keep(lambda: _deployable_version(deployment, tested, store, find))
         batch_judged, other = found.batch if spec.gate else None, found.compared_with
-        ships = _keep(faults, lambda: _shipment(deployment, version, batch_judged, other)) if version else None
+        ships = faults.keep(lambda: _shipment(deployment, version, batch_judged, other)) if version else None
         found = replace(found, deployed=version, ships=ships)
     if faults:
-        raise DocumentError(list(dict.fromkeys(faults)))
+        raise faults.together()
     return found
 
 
@@ -312,11 +310,14 @@ def _publish(source: ApplicationSource, store: Store, base: Path, spec: Pipeline
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:
     """Returns the plan of a batch whose output bucket is there, and whose bundles have what is launched."""
-    _require_bucket(store, output_location(section), "simulationBatch")
-    require_bag_writers(section.recordings.bags)
-    plan = batch_plan(section, (), store, find)
-    if faults := launch_faults(plan, store):
-        raise DocumentError(faults)
+    faults = KeptFaults()
+    faults.keep(lambda: _require_bucket(store, output_location(section), "simulationBatch"))
+    faults.keep(lambda: require_bag_writers(section.recordings.bags))
+    plan = faults.keep(lambda: batch_plan(section, (), store, find))
+    if plan:
+        faults.add(launch_faults(plan, store))
+    if plan is None or faults:
+        raise faults.together()
     return plan
 
 
@@ -387,15 +388,6 @@ def _key(kind: ApplicationKind, name: str) -> str:
 
 def _kind(text: str) -> ApplicationKind:
     return "robot-application" if text == "robot-application" else "simulation-application"
-
-
-def _keep(faults: list[Fault], look: Callable[[], T]) -> T | None:
-    """Returns what was looked up; None where it is at fault, and the faults are kept."""
-    try:
-        return look()
-    except DocumentError as exc:
-        faults.extend(exc.faults)
-        return None
 
 
 _FOLDER = "file://"

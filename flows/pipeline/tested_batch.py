@@ -8,7 +8,7 @@ from flows.pipeline.bundle_checks import simulated_fault
 from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
+from specs.errors import DocumentError, KeptFaults, ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
@@ -40,18 +40,26 @@ def batch_plan(
         gate: The document's gate if it may end the batch early; the plan is shuffled then.
 
     Raises:
-        ResourceNotFound: A world or an application is missing.
+        ResourceNotFound: Worlds or applications are missing; names all of them.
         DocumentError: A request cannot be run.
     """
+    faults = KeptFaults()
     matrix = matrix_worlds(section, worlds)
-    digests = world_digests([*matrix, *requested_worlds(section)], store)
+    digests = faults.keep(lambda: world_digests([*matrix, *requested_worlds(section)], store))
 
     @cache
     def pin(source: str) -> PinnedSource:
         return pin_source(store, cache_folder() / "data", DataSourceConfig.model_validate_json(source))
 
-    files = bundle_files_in(store)
-    plan = plan_batch(section, matrix, digests, find, lambda source: pin(source.model_dump_json()), find_files=files)
+    def planned() -> BatchPlan:
+        files = bundle_files_in(store)
+        return plan_batch(
+            section, matrix, digests or {}, find, lambda one: pin(one.model_dump_json()), find_files=files
+        )
+
+    plan = faults.keep(planned)
+    if plan is None or faults:
+        raise faults.together()
     return shuffle_if_endable(plan, gate)
 
 
@@ -111,9 +119,16 @@ def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunc
 
 
 def world_digests(references: Sequence[str], store: Store) -> dict[str, str]:
-    """Returns the SHA-256 of each world's document, by ``<generation>/<world>``."""
-    paths = dict.fromkeys(parse_reference(reference).path for reference in references)
-    return {path: _world_digest(path, store) for path in paths}
+    """Returns the SHA-256 of each world's document, by ``<generation>/<world>``.
+
+    Raises:
+        ResourceNotFound: Some are missing.
+    """
+    paths, faults = dict.fromkeys(parse_reference(reference).path for reference in references), KeptFaults()
+    found = {path: faults.keep(lambda path=path: _world_digest(path, store)) for path in paths}
+    if faults:
+        raise faults.together()
+    return {path: digest for path, digest in found.items() if digest}
 
 
 def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion) -> str:

@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
-from specs.errors import DocumentError
+from specs.errors import DocumentError, KeptFaults
 from specs.field_types import Architecture, OutputLocation, TagMap
 from specs.launched_file import module_file, module_name, names_ros_launch, simulated_file
 from specs.pipeline.section_requests import REQUESTS, undriven_faults
@@ -65,9 +65,15 @@ def plan_batch(
     if faults := [*undriven_faults(section), *named]:
         raise DocumentError(faults)
     data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
-    launches = _Launches(find_version, find_files)
+    launches, faults = _Launches(find_version, find_files), KeptFaults()
+    templates = [
+        faults.keep(lambda number=number, request=request: _template(number, request, launches, data[number]))
+        for number, request in enumerate(requests)
+    ]
+    if faults:
+        raise _first_of_each(faults.together())
     plan = BatchPlan(
-        templates=tuple(_template(number, request, launches, data[number]) for number, request in enumerate(requests)),
+        templates=tuple(each for each in templates if each),
         worlds=tuple(worlds),
         seeds=seed_list(section),
         sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
@@ -125,9 +131,14 @@ def _template(
     where = f"{REQUESTS}[{number}]"
     robot = next(iter(request.robotApplications or ()))
     scenario = next(iter(request.simulationApplications or ()))
+    faults, place = KeptFaults(), f"{where}.simulationApplications[0]"
+    driver = faults.keep(lambda: launches.resolved(f"{where}.robotApplications[0]", "robot-application", robot))
+    judge = faults.keep(lambda: launches.resolved(place, "simulation-application", scenario))
+    if driver is None or judge is None:
+        raise faults.together()
     return JobTemplate(
-        robot=launches.resolved(f"{where}.robotApplications[0]", "robot-application", robot),
-        scenario=launches.resolved(f"{where}.simulationApplications[0]", "simulation-application", scenario),
+        robot=driver,
+        scenario=judge,
         environment={
             **(scenario.launchConfig.environmentVariables or {}),
             **(robot.launchConfig.environmentVariables or {}),
@@ -138,6 +149,14 @@ def _template(
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
         record=bool(request.loggingConfig and request.loggingConfig.recordAllRosTopics),
     )
+
+
+def _first_of_each(refusal: DocumentError) -> DocumentError:
+    """Returns a refusal that names what many requests have in common once, where the first of them has it."""
+    first: dict[tuple[str, str], Fault] = {}
+    for fault in refusal.faults:
+        first.setdefault((fault.value, fault.allowed), fault)
+    return type(refusal)([*first.values()])
 
 
 class _Launches(NamedTuple):

@@ -195,6 +195,16 @@ def test_all_that_is_missing_is_told_at_once(file_store: Store):
     assert told == ["'nowhere'", "'none/none'", "'nobody'"]
 
 
+def test_every_world_and_application_that_a_batch_lacks_is_told_at_once(file_store: Store):
+    one, other = _request("nobody"), _request("nobody", worldConfigs=[{"world": "g/own"}])
+    other["simulationApplications"][0]["application"] = "noplace"
+    batch = {"matrix": {"worlds": ["g/w1", "g/w2"]}, "createSimulationJobRequests": [one, other]}
+    with pytest.raises(ResourceNotFound) as refused:
+        resolve_references(_spec(simulationBatch=batch), file_store, ROOT / "examples")
+    told = [fault.value for fault in refused.value.faults]
+    assert told == ["'g/w1'", "'g/w2'", "'g/own'", "'nobody'", "'noplace'"], "each once, as often as it is launched"
+
+
 def test_tables_go_where_the_requests_agree(file_store: Store):
     here, there = {"s3Bucket": "mybucket", "s3Prefix": "x"}, {"s3Bucket": "other"}
     agreed = _generated({**_request(), "outputLocation": here}, _request()).simulationBatch
