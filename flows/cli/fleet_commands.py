@@ -29,6 +29,7 @@ from tasks.deploy.fleet.reservation import delete_robot as delete_named
 from tasks.deploy.fleet_descriptions import describe_fleet, describe_robot
 from tasks.deploy.kit.robot_kit import write_kit
 from tasks.deploy.rollout.deployment_job import run_sync_job
+from tasks.deploy.rollout.observation import recorded_progress, rollout_standing
 from tasks.deploy.rollout.operator_commands import active_deployment, steer
 from tasks.deploy.rollout.resolved_request import latest_deployment, plan_sync, robots_without_build, sync_request
 from tasks.deploy.trust.keyring import ROLES, ROOT_FILE, Role, checked_role, keyring
@@ -252,13 +253,12 @@ def sync(
         opened,
         fleet,
         token=request.clientRequestToken,
-        progress=lambda in_sync, robots: echo(f"{in_sync} of {robots} robots in sync"),
+        progress=lambda in_sync, robots: echo(f"{in_sync} of {robots} robots run it"),
         only_failed=failed,
         signer=signer,
     )
-    echo(
-        f"{record.status} {record.arn}" + (f": {terminal_line(record.failure_reason)}" if record.failure_reason else "")
-    )
+    said = "; ".join(filter(None, rollout_standing(record, recorded_progress(record))))
+    echo(f"{record.status} {record.arn}: {terminal_line(said)}")
     raise typer.Exit(0 if record.status == "Succeeded" else 1)
 
 

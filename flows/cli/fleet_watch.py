@@ -15,12 +15,13 @@ from specs.untrusted_text import terminal_line
 from tasks.deploy.fleet.fleet_registry import fleet_name, members, read_fleet
 from tasks.deploy.fleet_descriptions import (
     ROBOT_COLUMNS,
+    DeploymentView,
     RobotNow,
-    describe_deployment_job,
     robot_cells,
-    robot_counts,
     robots_now,
+    view_deployment,
 )
+from tasks.deploy.rollout.observation import ABORTED
 from tasks.deploy.rollout.operator_commands import active_deployment, command_of
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
 from tasks.storage.base.keys import claim_key
@@ -50,14 +51,14 @@ def watch_deployment(
     Raises:
         ResourceNotFound: No such job.
     """
-    found = describe_deployment_job(store, job)
+    found = view_deployment(store, job)
     claim = ClaimWatch(store, claim_key(_KIND, job))
     with Live(_view(store, job, found, claim), console=console, refresh_per_second=4) as live:
-        while found.status not in _ENDED:
+        while found.job.status not in _ENDED:
             sleep(_LOOK_S)
-            found = describe_deployment_job(store, job)
+            found = view_deployment(store, job)
             live.update(_view(store, job, found, claim))
-    return found
+    return found.job
 
 
 def next_deployment(store: Store, fleet: str, sleep: Callable[[float], None] = time.sleep) -> str:
@@ -107,28 +108,25 @@ def wish_notes(store: Store, job: str) -> list[str]:
     return [f"{job} is {wanted}"] if wanted and not is_terminal(record) else []
 
 
-def deployment_table(
-    job: DescribeDeploymentJobResponse, wish: str = "go", now: Mapping[str, RobotNow] | None = None
-) -> Table:
+def deployment_table(view: DeploymentView, wish: str = "go", now: Mapping[str, RobotNow] | None = None) -> Table:
     """Returns a deployment job as a table, a row a robot.
 
     Args:
-        job: What is shown.
+        view: What is shown.
         wish: ``go``, ``pause`` or ``cancel``.
-        now: The robots since it ended, by name: what they reported last is a column.
+        now: The robots since it ended, by name: what they reported last is shown.
     """
-    wanted = {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "") if job.status not in _ENDED else ""
-    table = Table(title=Text(f"{job.status}{wanted}: {robot_counts(job)}"), title_justify="left")
-    for name in (*ROBOT_COLUMNS, *(("reported last",) if now is not None else ())):
+    job, wanted = view.job, {"pause": ", paused", "cancel": ", being canceled"}.get(wish, "")
+    title = f"{job.status}{wanted if job.status not in _ENDED else ''}: {view.standing}"
+    table = Table(title=Text(terminal_line(title)), title_justify="left")
+    for name in ROBOT_COLUMNS:
         table.add_column(name, justify="right" if name == "done" else "left", overflow="fold")
+    runs = {**view.runs, **{name: each.runs for name, each in (now or {}).items()}}
     for robot in job.robotDeploymentSummary or ():
-        cells = robot_cells(robot)
-        since = now.get(cells[0]) if now else None
-        runs = () if now is None else (since.runs if since else "",)
         # Text, and not str: what a robot or a stranger wrote is no markup.
-        table.add_row(
-            *(Text(terminal_line(cell)) for cell in (*cells, *runs)), style=_STYLES.get(robot.status or "", "")
-        )
+        cells = (Text(terminal_line(cell)) for cell in robot_cells(robot, runs))
+        # One that was not asked runs what it ran.
+        table.add_row(*cells, style="" if robot.failureCode == ABORTED else _STYLES.get(robot.status or "", ""))
     return table
 
 
@@ -143,16 +141,15 @@ def _changed_robots(job: DescribeDeploymentJobResponse, now: Mapping[str, RobotN
     return lines
 
 
-def _view(store: Store, job: str, found: DescribeDeploymentJobResponse, claim: ClaimWatch) -> Group:
+def _view(store: Store, job: str, found: DeploymentView, claim: ClaimWatch) -> Group:
     """Returns the deployment's id and times, its table, and what there is to know beyond it."""
-    record = read(store, _KIND, job)
-    head, below = f"{job}, begun at {_time(record.created_at_s)}", [found.failureReason]
-    if found.status in _ENDED:
-        names = [parse_reference(robot.arn or "").path for robot in found.robotDeploymentSummary or ()]
-        now = {robot.name: robot for robot in robots_now(store, names)}
+    record = found.record
+    head, below = f"{job}, begun at {_time(record.created_at_s)}", [found.why]
+    if found.job.status in _ENDED:
+        now = {robot.name: robot for robot in robots_now(store, found.runs)}
         head += f", as it ended at {_time(record.updated_at_s)}"
         table = deployment_table(found, now=now)
-        below += _changed_robots(found, now)
+        below += _changed_robots(found.job, now)
     else:
         table = deployment_table(found, command_of(store, job))
         below += [ABANDONED] if claim.is_left() else []

@@ -189,10 +189,11 @@ def _answer(report: PipelineReport) -> Text:
         return Text(
             "Done. No gate was asked for, so nobody judged the batch: look at its numbers.", style="bold yellow"
         )
-    behind = next((stage.facts["behind"] for stage in report.stages if "behind" in stage.facts), None)
-    if report.passed and behind:
-        why = "as many as may fail; simyard fleet watch tells who, and why"
-        return Text(f"Done, but robots that are not in sync: {behind}, {why}.", style="bold yellow")
+    rolled = next((stage for stage in report.stages if stage.name == "deployment"), None)
+    standing = rolled.summary.partition("; ")[0] if rolled else ""
+    if report.passed and rolled and "behind" in rolled.facts:
+        why = "as many may fail; simyard fleet watch tells who, and why"
+        return Text(_text(f"Done, and {standing}: {why}."), style="bold yellow")
     unmet = next((stage.facts["unmet_wishes"] for stage in report.stages if "unmet_wishes" in stage.facts), None)
     if report.passed and unmet:
         said = f"Done, but wishes of the template that its worlds do not fulfil: {unmet}; the contact sheet shows them."
@@ -202,7 +203,7 @@ def _answer(report: PipelineReport) -> Text:
     if report.verdict not in (None, "PASS"):
         left = "" if report.shipped is None else ": nothing was deployed"
         return Text(f"The gate says {report.verdict}{left}.", style="bold red")
-    return Text("The deployment failed.", style="bold red")
+    return Text(_text(": ".join(filter(None, ("The deployment failed", standing))) + "."), style="bold red")
 
 
 def _text(text: str) -> str:

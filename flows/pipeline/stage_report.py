@@ -18,7 +18,7 @@ from specs.data.world import Certificate
 from specs.errors import DocumentError, ObjectCorrupt, ResourceNotFound, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.simulation import SimulationJobErrorCode
-from tasks.deploy.rollout.observation import recorded_progress
+from tasks.deploy.rollout.observation import count_in_sync, recorded_progress, rollout_standing
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
 from tasks.results.statistics.intervals import in_worlds
@@ -173,14 +173,9 @@ def gate_report(
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:
     """Returns how a roll-out went."""
-    statuses = [robot.status for robot in recorded_progress(record).values()]
-    in_sync, away = statuses.count("InSync"), statuses.count("NoResponse")
-    summary = f"{in_sync} of {len(statuses)} robots in sync"
-    if away:
-        summary += f"; {away} not reached, which take it when they are back"
-    if record.failure_code:
-        summary += f"; {record.failure_code}: {record.failure_reason}"
-    facts: dict[str, JsonValue] = {"behind": len(statuses) - in_sync} if in_sync < len(statuses) else {}
+    seen = recorded_progress(record)
+    summary, in_sync = "; ".join(filter(None, rollout_standing(record, seen))), count_in_sync(seen)
+    facts: dict[str, JsonValue] = {"behind": len(seen) - in_sync} if in_sync < len(seen) else {}
     stage = _stage("deployment", record, summary, seconds, ()).model_copy(update={"facts": facts})
     if not is_unsigned(record):
         return stage

@@ -41,7 +41,7 @@ from specs.robomaker.world_jobs import CreateWorldExportJobRequest, CreateWorldG
 from specs.untrusted_text import escape_markdown, table_rows
 from tasks.applications import step as application_step
 from tasks.deploy import step as deploy_step
-from tasks.deploy.fleet_descriptions import deployment_sentence, describe_deployment_job, robot_rows
+from tasks.deploy.fleet_descriptions import deployment_sentence, robot_rows, view_deployment
 from tasks.export import step as export_step
 from tasks.progress.listener import (
     Progress,
@@ -229,8 +229,8 @@ def sync_name(parameters: Parameters) -> str:
 
 
 def _show_robots(parameters: Parameters, record: JobRecord) -> None:
-    job = describe_deployment_job(open_store(parameters["store_url"]), record.id)
-    rows, said = table_rows(robot_rows(job)), escape_markdown(deployment_sentence(job, record))
+    view = view_deployment(open_store(parameters["store_url"]), record.id)
+    rows, said = table_rows(robot_rows(view)), escape_markdown(deployment_sentence(view))
     create_table_artifact(rows, key=document_artifact_key("deployment-robots"), description=said)
 
 

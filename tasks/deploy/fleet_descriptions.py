@@ -1,17 +1,14 @@
 """Deployment jobs, fleets and robots in RoboMaker's words: one, in pages oldest first, and as rows for a person."""
 
 import time
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cache
 
 from pydantic import ValidationError
 
 from specs.arn import arn, parse_reference, reference_path, store_id_of
 from specs.errors import DocumentError, ObjectCorrupt, ObjectNotFound
 from specs.job_kinds import JobKind
-from specs.robomaker.bundle import Application
 from specs.robomaker.deployment import (
     CreateDeploymentJobRequest,
     DeploymentJob,
@@ -41,10 +38,16 @@ from tasks.deploy.fleet.fleet_registry import (
     robots,
 )
 from tasks.deploy.fleet.states import Desired, FleetRecord, RobotProgress, RobotRecord, progress_of
-from tasks.deploy.rollout.observation import live_progress, recorded_progress
+from tasks.deploy.rollout.observation import (
+    NOTHING,
+    VersionNames,
+    live_progress,
+    recorded_progress,
+    rollout_standing,
+)
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
-from tasks.storage.base.keys import application_key, reported_key
-from tasks.storage.base.store import Store, find_document
+from tasks.storage.base.keys import reported_key
+from tasks.storage.base.store import Store
 from tasks.storage.jobs.job_index import IndexEntry, all_entries, index_page, place_of
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
 from tasks.storage.store_url import store_id
@@ -54,7 +57,7 @@ _REASON_CHARACTERS = 1024
 _FLEET, _ROBOT = "deployment-fleet", "robot"
 _PLACE = (int, str)
 _MOST = 200
-ROBOT_COLUMNS = ("robot", "status", "step", "done", "why")
+ROBOT_COLUMNS = ("robot", "status", "runs", "step", "done", "why")
 
 
 @dataclass(frozen=True)
@@ -79,21 +82,14 @@ class RobotNow:
 
 def robots_now(store: Store, names: Iterable[str]) -> list[RobotNow]:
     """Returns how those of the named robots are that were ever asked for something, in the same order."""
-
-    @cache  # as many as this call's robots have applications
-    def versions(application: str) -> dict[str, int]:
-        return _versions(store, application)
-
-    found: list[RobotNow] = []
+    versions, found = VersionNames(store), list[RobotNow]()
     for name in names:
         desired, _ = read_desired(store, name)
         if desired is None:
             continue
         reported = read_reported(store, name)
         now = progress_of(desired, reported, now_s=time.time())
-        digest = reported.running_digest if reported else ""
-        numbers = {**versions(desired.application), desired.digest: desired.version}
-        runs = _version_text(desired, digest, numbers.get(digest))
+        runs = versions.of(reported, desired) if reported else NOTHING
         found.append(RobotNow(name, desired.deployment, now.status, now.failure_reason, runs, _reported_s(store, name)))
     return found
 
@@ -105,21 +101,36 @@ def _reported_s(store: Store, robot: str) -> float | None:
         return None
 
 
-def _version_text(desired: Desired, digest: str, number: int | None) -> str:
-    if not digest:
-        return "nothing"
-    return f"{desired.application} {number}" if number else f"bundle {digest[:12]}"
-
-
-def _versions(store: Store, application: str) -> dict[str, int]:
-    """Returns the number of each version of a robot application, by the digest of each of its bundles."""
-    record = find_document(store, application_key("robot-application", application), Application)
-    versions = record.versions if record else ()
-    return {digest: version.number for version in versions for digest in (version.digest, *version.digests.values())}
-
-
 def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResponse:
     """Returns a deployment job and how far each of its robots is; ``job`` is its id.
+
+    Raises:
+        ResourceNotFound: No such job.
+    """
+    return view_deployment(store, job).job
+
+
+@dataclass(frozen=True)
+class DeploymentView:
+    """A deployment as a person sees it.
+
+    Attributes:
+        job: RoboMaker's answer.
+        record: The job's.
+        standing: Which robots run which version, who went back, and who was never asked.
+        why: What stopped it, with RoboMaker's code; or empty.
+        runs: What each robot ran by the report that was read; empty where none was looked up.
+    """
+
+    job: DescribeDeploymentJobResponse
+    record: JobRecord
+    standing: str
+    why: str
+    runs: Mapping[str, str]
+
+
+def view_deployment(store: Store, job: str) -> DeploymentView:
+    """Returns a deployment job, its robots, and what they run; ``job`` is its id.
 
     Raises:
         ResourceNotFound: No such job.
@@ -128,13 +139,15 @@ def describe_deployment_job(store: Store, job: str) -> DescribeDeploymentJobResp
     progress = recorded_progress(record) if is_terminal(record) else live_progress(store, record, time.time())
     summary = tuple(_robot_deployment(name, each, record.arn) for name, each in progress.items())
     # The fields that a list shows, and the robots and tags.
-    return DescribeDeploymentJobResponse.model_validate(
+    told = DescribeDeploymentJobResponse.model_validate(
         {
             **summarise_deployment_job(record).model_dump(),
             "robotDeploymentSummary": summary,
             "tags": record.request.get("tags"),
         }
     )
+    runs = {name: each.runs for name, each in progress.items()}
+    return DeploymentView(told, record, *rollout_standing(record, progress), runs)
 
 
 def describe_fleet(store: Store, reference: str) -> DescribeFleetResponse:
@@ -326,31 +339,27 @@ def _robot_documents(
                 yield place, robot
 
 
-def robot_cells(robot: RobotDeployment) -> tuple[str, str, str, str, str]:
-    """Returns what there is to say of a robot, in the order of `ROBOT_COLUMNS`."""
+def robot_cells(robot: RobotDeployment, runs: Mapping[str, str]) -> tuple[str, str, str, str, str, str]:
+    """Returns what there is to say of a robot, in the order of `ROBOT_COLUMNS`; ``runs`` says what each one runs."""
     detail = robot.progressDetail
-    percent = detail.percentDone if detail else None
+    percent, name = detail.percentDone if detail else None, parse_reference(robot.arn or "").path
     return (
-        parse_reference(robot.arn or "").path,
+        name,
         robot.status or "",
+        runs.get(name, ""),
         (detail.currentProgress or "") if detail else "",
         f"{percent:.0f} %" if percent is not None else "",
         ": ".join(filter(None, (robot.failureCode, robot.failureReason))),
     )
 
 
-def robot_rows(job: DescribeDeploymentJobResponse) -> list[dict[str, str]]:
+def robot_rows(view: DeploymentView) -> list[dict[str, str]]:
     """Returns a row a robot, by column."""
-    return [dict(zip(ROBOT_COLUMNS, robot_cells(robot), strict=True)) for robot in job.robotDeploymentSummary or ()]
+    robots = view.job.robotDeploymentSummary or ()
+    return [dict(zip(ROBOT_COLUMNS, robot_cells(robot, view.runs), strict=True)) for robot in robots]
 
 
-def robot_counts(job: DescribeDeploymentJobResponse) -> str:
-    """Returns how many robots are in which state, such as ``2 Failed, 3 InSync``."""
-    counts = Counter(robot.status for robot in job.robotDeploymentSummary or ())
-    return ", ".join(f"{count} {status}" for status, count in sorted(counts.items(), key=str)) or "no robot"
-
-
-def deployment_sentence(job: DescribeDeploymentJobResponse, record: JobRecord) -> str:
+def deployment_sentence(view: DeploymentView) -> str:
     """Returns how a deployment went, in a sentence, with the alarm if it is unsigned."""
-    sentence = f"{job.status}: {robot_counts(job)}" + (f"; {job.failureReason}" if job.failureReason else "")
-    return f"{sentence}. {UNSIGNED_ALARM}" if is_unsigned(record) else sentence
+    sentence = "; ".join(filter(None, (f"{view.job.status}: {view.standing}", view.why)))
+    return f"{sentence}. {UNSIGNED_ALARM}" if is_unsigned(view.record) else sentence

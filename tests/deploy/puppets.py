@@ -39,6 +39,7 @@ class PuppetRobots:
         self.pace_sleep: Callable[[float], None] | None = None
         self._now_s = time.time()
         self._step_s = step_s
+        self._runs = dict[str, str]()  # digests, by robots
         for name in self.names:
             create_robot(store, name)
             register_robot(store, FLEET, name)
@@ -74,9 +75,11 @@ class PuppetRobots:
             status="Failed" if failed else "InSync",
             step="ExecutingPreLaunch" if failed else "Finished",
             failure_code="PreLaunchFileFailure" if failed else None,
+            running_digest=self._runs.get(desired.robot, "") if failed else desired.digest,
             started_at_s=self._now_s,
             finished_at_s=self._now_s,
         )
+        self._runs[desired.robot] = reported.running_digest
         self.store.put(reported_key(desired.robot), encode_document(reported))
 
 

@@ -1,5 +1,6 @@
 """Deployments, fleets and robots in RoboMaker's words: one, in pages, and as rows for a person."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ from tasks.deploy.fleet_descriptions import (
     list_robots,
     list_robots_page,
     robot_rows,
+    view_deployment,
 )
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM
 from tasks.storage.base.keys import job_key, reported_key
@@ -150,9 +152,9 @@ def deployed(store: Store, folder: Path) -> JobRecord:
 
 
 def test_each_robot_is_a_row_that_says_why_it_failed(file_store: Store, tmp_path: Path) -> None:
-    job = describe_deployment_job(file_store, deployed(file_store, tmp_path).id)
+    view = view_deployment(file_store, deployed(file_store, tmp_path).id)
 
-    rows = {row["robot"]: row for row in robot_rows(job)}
+    rows = {row["robot"]: row for row in robot_rows(view)}
 
     assert {name: row["status"] for name, row in rows.items()} == {"r0": "InSync", "r1": "Failed", "r2": "InSync"}
     assert rows["r1"]["why"].startswith("PreLaunchFileFailure")
@@ -160,8 +162,9 @@ def test_each_robot_is_a_row_that_says_why_it_failed(file_store: Store, tmp_path
 
 def test_a_deployment_that_nobody_signed_says_so(file_store: Store, tmp_path: Path) -> None:
     record = deployed(file_store, tmp_path)
-    job = describe_deployment_job(file_store, record.id)
+    view = view_deployment(file_store, record.id)
+    said = "Succeeded: 2 of 3 robots run courier 1 (r0, r2), 1 runs nothing; failed, left with nothing: r1"
 
-    assert deployment_sentence(job, record) == f"Succeeded: 1 Failed, 2 InSync. {UNSIGNED_ALARM}"
+    assert deployment_sentence(view) == f"{said}. {UNSIGNED_ALARM}"
     signed = record.model_copy(update={"detail": {**record.detail, "trust": "somebody"}})
-    assert deployment_sentence(job, signed) == "Succeeded: 1 Failed, 2 InSync"
+    assert deployment_sentence(replace(view, record=signed)) == said

@@ -30,7 +30,8 @@ from specs.robomaker.bundle import Application, ApplicationKind, Version
 from tasks.applications.versions import read_application
 from tasks.deploy.fleet.fleet_registry import known_robot, read_desired, read_fleet, read_reported
 from tasks.deploy.fleet.states import FleetRecord, RobotRecord
-from tasks.deploy.fleet_descriptions import RobotNow, describe_deployment_job, robot_cells, robot_counts, robots_now
+from tasks.deploy.fleet_descriptions import RobotNow, robot_cells, robots_now, view_deployment
+from tasks.deploy.rollout.observation import recorded_progress, rollout_standing
 from tasks.gateway.page.content import Cell, Facts, Page, Table
 from tasks.storage.base.keys import applications_prefix
 from tasks.storage.jobs.records import JobRecord, is_terminal
@@ -164,7 +165,7 @@ def fleet_page(context: RequestContext, name: str) -> Page:
         ("robots", Cell(f"{len(members):,}")),
         ("made", when(fleet.created_at_s)),
         *(
-            ("last deployment", Cell(each.id, address(_DEPLOYMENT, each.id), each.status))
+            ("last deployment", Cell(each.id, address(_DEPLOYMENT, each.id), context.plain(_standing(each))))
             for found in last
             for each in found
         ),
@@ -175,6 +176,12 @@ def fleet_page(context: RequestContext, name: str) -> Page:
     return Page(
         fleet.name, "Fleet", trail=(("Fleets", "/fleets"),), blocks=(table, Facts("The fleet", rows)), is_going=going
     )
+
+
+def _standing(record: JobRecord) -> str:
+    """Returns a deployment's status, and which robots ran which version when its record was written last."""
+    seen = recorded_progress(record)
+    return f"{record.status}: {rollout_standing(record, seen)[0]}" if seen else record.status
 
 
 def robots_page(context: RequestContext) -> Page:
@@ -247,20 +254,28 @@ def deployment_page(context: RequestContext, name: str) -> Page:
         DocumentError: The name can be no deployment's.
     """
     record = job(context, _DEPLOYMENT, name)
-    described = describe_deployment_job(context.store, name)
+    view = view_deployment(context.store, name)
+    described = view.job
     shown, steps = step_of(context, described.robotDeploymentSummary or (), address(_DEPLOYMENT, name))
     rows: list[tuple[Cell, ...]] = []
     for each in shown:
-        robot, status, step, percent, why = robot_cells(each)
+        robot, status, runs, step, percent, why = robot_cells(each, view.runs)
         done = Cell(step, small=percent)
         ended = when(each.deploymentFinishTime)
-        rows.append((Cell(robot, address("robot", robot)), state(status), done, ended, Cell(context.plain(why))))
-    table = Table(
-        "Robots", ("Robot", "Status", "Step", "Ended", "Why not"), tuple(rows), "Not planned yet.", steps=steps
-    )
+        row = (
+            Cell(robot, address("robot", robot)),
+            state(status),
+            Cell(context.plain(runs)),
+            done,
+            ended,
+            Cell(context.plain(why)),
+        )
+        rows.append(row)
+    columns = ("Robot", "Status", "Runs", "Step", "Ended", "Why not")
+    table = Table("Robots", columns, tuple(rows), "Not planned yet.", steps=steps)
     config = described.deploymentConfig
     facts = [
-        ("robots", Cell(robot_counts(described))),
+        ("robots", Cell(context.plain(view.standing))),
         ("fleet", named(record.request.get("fleet"), "deployment-fleet")),
         ("application", _application(record)),
         ("at once", Cell(f"{config.concurrentDeploymentPercentage} % of the fleet"))
@@ -269,12 +284,11 @@ def deployment_page(context: RequestContext, name: str) -> Page:
         ("signed", Cell(context.plain(str(record.detail["trust"])))) if "trust" in record.detail else None,
         ("begun", when(record.created_at_s)),
         ("changed", when(record.updated_at_s)),
-        ("failure code", Cell(record.failure_code)) if record.failure_code else None,
         *context.arn_rows(record.arn),
         *tag_rows(context, _DEPLOYMENT, name, described.tags),
     ]
     blocks = (table, Facts("The deployment", tuple(row for row in facts if row)))
-    why, trail = context.plain(record.failure_reason), (("Deployments", "/deployments"),)
+    why, trail = context.plain(view.why), (("Deployments", "/deployments"),)
     return Page(name, "Deployment job", record.status, why, trail, blocks=blocks, is_going=not is_terminal(record))
 
 

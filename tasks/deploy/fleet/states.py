@@ -129,6 +129,7 @@ class Reported(Spec):
         boot_id: Random, one for each start of the agent.
         percent_done: Of the download and extraction.
         running_digest: Of the bundle that runs now, or empty.
+        is_up: Whether it does; false while it cannot be started.
         started_at_s: When the robot began, by its own clock; seconds since 1970.
         finished_at_s: When it ended, or 0 while it has not.
     """
@@ -143,6 +144,7 @@ class Reported(Spec):
     failure_code: DeploymentJobErrorCode | None = None
     failure_reason: Annotated[str, Field(max_length=1024)] = ""
     running_digest: str = ""
+    is_up: bool = True
     started_at_s: Seconds
     finished_at_s: Seconds = 0.0
 
@@ -151,6 +153,7 @@ class RobotProgress(Spec):
     """One robot in a deployment job's record, which RobotDeployment shows later.
 
     Attributes:
+        runs: What it runs by its last report, such as ``courier 1`` or ``nothing``; empty where that was not looked up.
         started_at_s: When the robot was asked, or 0.
         finished_at_s: When it ended, or 0.
     """
@@ -160,6 +163,7 @@ class RobotProgress(Spec):
     percent_done: float = 0.0
     failure_code: DeploymentJobErrorCode | None = None
     failure_reason: str = ""
+    runs: str = ""
     started_at_s: float = 0.0
     finished_at_s: float = 0.0
 

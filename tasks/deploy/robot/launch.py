@@ -155,7 +155,7 @@ class RunningApplication:
 
         Raises:
             CrashLoop: It has ended five times, none of them long after its start; raised again after five more.
-            StepFailed: The launch file is missing or cannot be executed.
+            StepFailed: The bundle cannot be brought, or the launch file is missing or cannot be executed.
         """
         code = self._running.exit_code
         if code is None:
@@ -168,6 +168,11 @@ class RunningApplication:
             self._ended_s = None
             self._pause_s = min(self._pause_s * 2, _LONGEST_PAUSE_S)
             self._running = self._launch()
+
+    @property
+    def has_settled(self) -> bool:
+        """Whether it runs, and has run for longer than one that crashes in a loop."""
+        return self._running.exit_code is None and time.monotonic() - self._started_s > _LONGEST_PAUSE_S
 
     def _count(self, code: int) -> None:
         if time.monotonic() - self._started_s > _LONGEST_PAUSE_S:

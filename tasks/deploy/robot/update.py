@@ -13,12 +13,12 @@ from specs.errors import DocumentError, StoreError, TrustExpired, TrustRefused
 from specs.field_types import S3Object
 from specs.robomaker.deployment import RobotDeploymentStep
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
-from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired
+from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle, retry
 from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_program, run_script
 from tasks.deploy.robot.processes import StopRequested, end_all, reap_orphans
-from tasks.deploy.robot.reported_state import Attempt, Reporter, one_line
+from tasks.deploy.robot.reported_state import REASON_CHARACTERS, Attempt, Reporter, one_line
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 
@@ -98,11 +98,13 @@ class RobotUpdater:
             StopRequested: The agent has to end.
         """
         end_all(self._disk.root)
+        missed = ""
         if self._state.outcome or self._state.target:  # else nothing is known, and nothing is taken away
-            self._restore()
+            missed = self._restore()
         if self._state.target and self._is_still_wanted(self._state.target):
             self._deploy(self._state.target)
         elif self._state.outcome:
+            self._note_up(is_up=not missed)
             self._reporter.tell(self._state.outcome)
 
     def accept(self, desired: Desired) -> bool:
@@ -139,12 +141,23 @@ class RobotUpdater:
             if self._application:
                 self._application.supervise()
             elif self._state.running and time.monotonic() >= self._restore_at_s:
-                self._restore()
+                self._note_up(is_up=not self._restore())
+            if self._application and self._application.has_settled:
+                self._note_up(is_up=True)
         except StepFailed as exc:
             _LOG.warning("cannot start the application again: %s", exc)
+            self._note_up(is_up=False)
         except CrashLoop as exc:
             _LOG.warning("%s", exc)
             self._go_back_for_good(str(exc))
+
+    def _note_up(self, *, is_up: bool) -> None:
+        """Reports whether what the robot is said to run does run, if that has changed."""
+        outcome = self._state.outcome
+        if outcome and outcome.is_up != is_up:
+            changed = outcome.model_copy(update={"is_up": is_up})
+            self._save(outcome=changed)
+            self._reporter.tell(changed)
 
     def end(self) -> None:
         """Ends the application and everything that was ever started in this folder."""
@@ -237,7 +250,7 @@ class RobotUpdater:
             outcome = attempt.failed(exc.code, exc.reason)
             # First that it failed, so that it is not tried again after a loss of power; then the way back.
             self._save(target=None, outcome=outcome)
-            self._go_back()
+            outcome = self._left_with(outcome, self._go_back())
         else:
             outcome = attempt.succeeded(desired.digest)
             same = running and running.digest == desired.digest
@@ -281,9 +294,13 @@ class RobotUpdater:
             run_script(self._place, desired, launch.postLaunchFile, "post-launch", "PostLaunchFileFailure")
 
     def _bring(self, desired: Desired) -> None:
-        """Makes sure that nothing runs but what the digest says."""
+        """Makes sure that nothing runs but what the digest says.
+
+        A store that is away is asked once: whoever launches comes again, and the agent does not stand still meanwhile.
+        """
+        once = desired.model_copy(update={"timeout_s": 0.0})
         try:
-            fetch_bundle(self._store, self._disk, desired, Patience(self._place.stop), lambda _percent: None)
+            fetch_bundle(self._store, self._disk, once, Patience(self._place.stop), lambda _percent: None)
         except OSError as exc:  # what the store cannot do is another error: it would end the agent
             raise StepFailed("EnvironmentSetupError", f"this robot's disk: {exc}") from exc
 
@@ -299,10 +316,23 @@ class RobotUpdater:
         self._place.stop.check()
         attempt.at(step)
 
-    def _go_back(self) -> None:
+    def _go_back(self) -> str:
+        """Returns why what ran before does not run again; an empty text if it does, or nothing ran."""
         if self._application and self._application.desired != self._state.running:
             self._end_application()
-        self._restore()
+        return self._restore()
+
+    def _left_with(self, outcome: Reported, missed: str) -> Reported:
+        """Returns the report of a failure, kept, with why the robot has not gone back to what ran before, if so."""
+        running = self._state.running
+        lacking = "" if running else "there is no version to go back to"
+        left = f"cannot go back to version {running.version}: {missed}" if running and missed else lacking
+        if not left:
+            return outcome
+        reason = f"{outcome.failure_reason[: REASON_CHARACTERS // 2]}; {one_line(left)}"[:REASON_CHARACTERS]
+        told = outcome.model_copy(update={"failure_reason": reason, "is_up": running is None})
+        self._save(outcome=told)
+        return told
 
     def _go_back_for_good(self, why: str) -> None:
         """Returns from a version that does not stay up to the one before it, and reports that; without one, tries on.
@@ -310,25 +340,27 @@ class RobotUpdater:
         The status changes from InSync to Failed, so that the fleet does not show a version that does not run.
         """
         running, previous, outcome = self._state.running, self._state.previous, self._state.outcome
-        if not (running and previous and outcome) or previous.digest == running.digest:
+        if not (running and outcome):
             return
-        reason = f"{why}; went back to version {previous.version}"
+        change: dict[str, object] = {"status": "Failed", "failure_code": "EnvironmentSetupError"}
+        change |= {"finished_at_s": time.time()}
+        if not previous or previous.digest == running.digest:
+            if outcome.is_up:
+                reason = one_line(f"{why}; there is no version to go back to: it is tried again and again")
+                failed = outcome.model_copy(update={**change, "failure_reason": reason, "is_up": False})
+                self._save(outcome=failed)
+                self._reporter.tell(failed)
+            return
+        reason = one_line(f"{why}; went back to version {previous.version}")
         failed = outcome.model_copy(
-            update={
-                "status": "Failed",
-                "failure_code": "EnvironmentSetupError",
-                "failure_reason": one_line(reason),
-                "running_digest": previous.digest,
-                "finished_at_s": time.time(),
-            }
+            update={**change, "failure_reason": reason, "running_digest": previous.digest, "is_up": True}
         )
         self._end_application()
         self._save(running=previous, previous=None, outcome=failed)
-        self._restore()
-        self._reporter.tell(failed)
+        self._reporter.tell(self._left_with(failed, self._restore()))
 
-    def _restore(self) -> None:
-        """Makes the links show what runs, and runs it."""
+    def _restore(self) -> str:
+        """Makes the links show what runs, and runs it; returns why that is not possible, or an empty text."""
         running = self._state.running
         self._disk.switch(running.digest if running else None)
         self._keep_versions()
@@ -338,6 +370,8 @@ class RobotUpdater:
             except StepFailed as exc:
                 _LOG.error("cannot start what ran before: %s", exc)
                 self._restore_at_s = time.monotonic() + _RESTORE_AGAIN_S
+                return exc.reason
+        return ""
 
     def _keep_versions(self) -> None:
         self._disk.remember(self._state.previous.digest if self._state.previous else None)

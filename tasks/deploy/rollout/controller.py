@@ -275,7 +275,8 @@ class _Controller:
             seen = self._watch.look(seen, now_s, everyone=True)
             move = next_move(phases(seen), self._plan.limits, command)
         announced = RobotProgress(status="PendingNewDeployment", started_at_s=now_s)
-        return seen | dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s)), move
+        seen |= dict.fromkeys(move.start, announced) | dict.fromkeys(move.abort, _aborted(now_s))
+        return self._watch.with_versions(seen) if move.verdict else seen, move
 
     def _withdraw(self) -> None:
         """Has robots accept this deployment no more, before the record says that it is canceled."""
@@ -288,7 +289,9 @@ class _Controller:
         silent = [robot for robot, each in seen.items() if each.status == "PendingNewDeployment"]
         taken_back = _aborted(now_s, "the deployment was canceled before this robot answered")
         return {
-            robot: taken_back for robot in silent if withdraw_request(self._store, robot, self._job, self._check_claim)
+            robot: taken_back.model_copy(update={"started_at_s": seen[robot].started_at_s})
+            for robot in silent
+            if withdraw_request(self._store, robot, self._job, self._check_claim)
         }
 
     def _warn_of_silence(self, seen: Mapping[str, RobotProgress]) -> None:

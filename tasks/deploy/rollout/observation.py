@@ -1,19 +1,26 @@
 """Progress of the robots of a deployment, from their desired states and reports, in few requests; and its end.
 
-The end is a status, a failure code and a reason for the job's record.
+The end is a status, a failure code and a reason for the job's record. Who runs what is said in one wording, everywhere.
 """
 
-from collections.abc import Callable, Mapping
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import islice
+from pathlib import PurePosixPath
 from typing import Literal
 
 from pydantic import JsonValue, TypeAdapter
 
+from specs.errors import StoreError, StoreUnreachable
+from specs.robomaker.bundle import Application
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.fleet_registry import read_desired, read_reported
-from tasks.deploy.fleet.states import WAITING, Desired, RobotProgress, progress_of
+from tasks.deploy.fleet.states import WAITING, Desired, Reported, RobotProgress, progress_of
 from tasks.deploy.rollout.rollout_plan import Move, Phase, RolloutPlan
-from tasks.storage.base.store import Store
+from tasks.storage.base.keys import application_key, applications_prefix
+from tasks.storage.base.store import Store, find_document
 from tasks.storage.jobs.records import JobRecord
 
 ABORTED = "RobotDeploymentAborted"
@@ -30,11 +37,65 @@ _PHASES: Mapping[str, Phase] = {
 # An application that crashes in a loop is given up after eight seconds at the soonest (tasks.deploy.robot.launch).
 _FIRST_AGAIN_S = 10.0
 _NAMED = 5
+_MOST_APPLICATIONS = 200
+_KIND = "robot-application"
+_DIGEST = re.compile(r"[0-9a-f]{64}")
+# The steps after which a robot no longer runs what it ran before.
+_CHANGED = frozenset({"ExecutingPreLaunch", "Launching", "ExecutingPostLaunch", "Finished"})
+NOTHING = "nothing"
 _WHY: Mapping[str, str] = {
     "canary": "a canary failed",
     "time": "the fleet's time was over",
     "canceled": "canceled on request",
 }
+
+
+class VersionNames:
+    """Names of the versions that robots run, such as ``courier 1``, by the digests that they report.
+
+    Args:
+        store: Where the applications are; each is read once.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._names = dict[str, str]()
+        self._read = set[str]()
+
+    def of(self, reported: Reported, asked: Desired | None = None) -> str:
+        """Returns what a robot runs, by its last report; ``asked`` is what it is asked for."""
+        digest = reported.running_digest
+        if not digest:
+            return NOTHING
+        name = self._name(digest, asked)
+        return name if reported.is_up else f"{NOTHING} ({name} cannot be started)"
+
+    def _name(self, digest: str, asked: Desired | None) -> str:
+        if asked and digest == asked.digest:
+            return f"{asked.application} {asked.version}"
+        if digest not in self._names and asked:
+            self._learn(asked.application)
+        if digest not in self._names:  # it ran another application before
+            found = islice(self._store.keys(applications_prefix(_KIND)), _MOST_APPLICATIONS)
+            for name in [PurePosixPath(key).stem for key in found]:
+                self._learn(name)
+        # Whoever wrote the report chose what stands there.
+        unnamed = f"bundle {digest[:12]}" if _DIGEST.fullmatch(digest) else "an unknown bundle"
+        return self._names.get(digest, unnamed)
+
+    def _learn(self, application: str) -> None:
+        if application in self._read:
+            return
+        self._read.add(application)
+        try:
+            record = find_document(self._store, application_key(_KIND, application), Application)
+        except StoreUnreachable:
+            raise
+        except StoreError:  # it is damaged: its versions have no names
+            return
+        for version in record.versions if record else ():
+            for digest in (version.digest, *version.digests.values()):
+                self._names[digest] = f"{application} {version.number}"
 
 
 class RobotWatch:
@@ -58,6 +119,7 @@ class RobotWatch:
         self._own = own
         self._asked: dict[str, Desired] = {}
         self._again: dict[str, tuple[float, float]] = {}  # when next, and the pause before that
+        self._versions = VersionNames(store)
 
     def remember(self, desired: Desired) -> None:
         """Remembers what a robot was asked."""
@@ -99,9 +161,20 @@ class RobotWatch:
         desired = self._desired(robot)
         if desired is None:
             return known
-        seen = progress_of(desired, read_reported(self._store, robot), now_s=now_s)
+        reported = read_reported(self._store, robot)
+        seen = progress_of(desired, reported, now_s=now_s)
         # In sync it has answered; only an answer takes that back.
-        return known if known.status == "InSync" and seen.status != "Failed" else seen
+        if known.status == "InSync" and seen.status != "Failed":
+            return known
+        return seen.model_copy(update={"runs": self._versions.of(reported, desired) if reported else ""})
+
+    def with_versions(self, seen: Mapping[str, RobotProgress]) -> dict[str, RobotProgress]:
+        """Returns the robots with what each runs, also those that were never asked: a request for each of these."""
+        return {robot: each if each.runs else self._with_version(robot, each) for robot, each in seen.items()}
+
+    def _with_version(self, robot: str, seen: RobotProgress) -> RobotProgress:
+        reported, (asked, _) = read_reported(self._store, robot), read_desired(self._store, robot)
+        return seen.model_copy(update={"runs": self._versions.of(reported, asked)}) if reported else seen
 
     def _desired(self, robot: str) -> Desired | None:
         if robot not in self._asked:
@@ -152,6 +225,70 @@ def statuses(seen: Mapping[str, RobotProgress]) -> dict[str, str]:
     return {robot: progress.status for robot, progress in seen.items()}
 
 
+def standing(what: str, seen: Mapping[str, RobotProgress]) -> str:
+    """Returns which robots run which version, who went back, and who was never asked.
+
+    Args:
+        what: The version that is rolled out, such as ``courier 2``.
+        seen: How far the robots are.
+    """
+    if not seen:
+        return f"no robot was asked to run {what}"
+    done = [robot for robot, each in seen.items() if phase_of(each) is Phase.IN_SYNC]
+    rest = {robot: _runs(each, what) for robot, each in seen.items() if phase_of(each) is not Phase.IN_SYNC}
+    named = f" ({', '.join(done)})" if done and rest and len(done) <= _NAMED else ""
+    first = f"{len(done)} of {len(seen)} robots {_verb(len(done))} {what}{named}"
+    counts = sorted(Counter(runs for runs in rest.values() if runs).items(), key=lambda each: (-each[1], each[0]))
+    others = [f"{count} {_verb(count)} {runs}" for runs, count in counts]
+    fates = dict[str, list[str]]()
+    for robot, runs in rest.items():
+        fates.setdefault(_fate(seen[robot], runs), []).append(robot)
+    return "; ".join([", ".join([first, *others]), *(f"{fate}: {_names(robots)}" for fate, robots in fates.items())])
+
+
+def _verb(robots: int) -> str:
+    return "runs" if robots == 1 else "run"
+
+
+def _names(robots: Iterable[str]) -> str:
+    shown = list(islice(robots, _NAMED + 1))
+    return ", ".join([*shown[:_NAMED], *(["..."] if len(shown) > _NAMED else [])])
+
+
+def _runs(robot: RobotProgress, what: str) -> str:
+    return f"{what} as before" if robot.runs == what else robot.runs
+
+
+def _fate(robot: RobotProgress, runs: str) -> str:
+    """Returns what became of a robot that does not run what is rolled out."""
+    left = f", left on {runs}" if runs else ""
+    if not robot.started_at_s:
+        return "not asked yet" if phase_of(robot) is Phase.WAITING else f"never asked{left}"
+    if phase_of(robot) is Phase.IN_FLIGHT:
+        return "under way"
+    if robot.status == "NoResponse":
+        return "no answer in time, will take it when back"
+    if phase_of(robot) is Phase.ABORTED:
+        return f"asked no more{left}"
+    if robot.step in _CHANGED and runs:
+        return f"failed, left with {runs}" if runs.startswith(NOTHING) else f"went back to {runs}"
+    return f"failed{left}"
+
+
+def rollout_standing(record: JobRecord, seen: Mapping[str, RobotProgress]) -> tuple[str, str]:
+    """Returns a deployment in words: who runs what, and what stopped it, or an empty text.
+
+    Args:
+        record: The job.
+        seen: How far its robots are.
+    """
+    plan = record.detail.get("plan")
+    what = f"{plan.get('application')} {plan.get('version')}" if isinstance(plan, dict) else "a version"
+    text = standing(what, seen)
+    why = record.failure_reason.removeprefix(text).removeprefix("; ")
+    return text, ": ".join(filter(None, (record.failure_code, why)))
+
+
 @dataclass(frozen=True)
 class RolloutEnd:
     """Attributes: status, failure_code, failure_reason: As RoboMaker has them; empty for a success."""
@@ -171,10 +308,11 @@ def rollout_end(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]
     """
     if move.verdict == "Succeeded":
         return RolloutEnd("Succeeded")
+    now = standing(f"{plan.application} {plan.version}", seen)
     if move.verdict == "Canceled":
-        return RolloutEnd("Canceled", failure_reason=_left_out(_WHY["canceled"], seen))
+        return RolloutEnd("Canceled", failure_reason=f"{now}; {_WHY['canceled']}")
     code: DeploymentJobErrorCode = "FleetDeploymentTimeout" if move.why == "time" else "FailureThresholdBreached"
-    return RolloutEnd("Failed", code, _left_out(_failures(plan, move, seen), seen))
+    return RolloutEnd("Failed", code, f"{now}; {_failures(plan, move, seen)}")
 
 
 def _failures(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]) -> str:
@@ -185,9 +323,3 @@ def _failures(plan: RolloutPlan, move: Move, seen: Mapping[str, RobotProgress]) 
     if move.why in _WHY:
         return f"{_WHY[move.why]}; {what}{why}"
     return f"{what}, and {plan.failures} stop the roll-out{why}"
-
-
-def _left_out(reason: str, seen: Mapping[str, RobotProgress]) -> str:
-    aborted = sum(phase_of(each) is Phase.ABORTED for each in seen.values())
-    left = "1 was left as it was" if aborted == 1 else f"{aborted} were left as they were"
-    return reason + (f"; {left}" if aborted else "")

@@ -10,9 +10,10 @@ import pytest
 from specs.errors import StoreUnreachable
 from specs.field_types import S3Object
 from tasks.deploy.fleet.fleet_registry import read_reported
-from tasks.deploy.fleet.states import Reported
+from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.robot.disk import Disk, RobotState
-from tasks.deploy.robot.launch import LaunchPlace
+from tasks.deploy.robot.install import StepFailed
+from tasks.deploy.robot.launch import LaunchPlace, RunningApplication
 from tasks.deploy.robot.processes import Stop, StopRequested
 from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.update import RobotUpdater
@@ -352,6 +353,43 @@ def test_a_crash_loop_goes_back_and_is_told(one: OneRobot) -> None:
     assert [program for program in one.programs if "sleep 1000" in program]
 
 
+def test_a_robot_that_cannot_go_back_says_so_and_also_when_it_can(
+    one: OneRobot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good, bad = one.yard.publish(GOOD), one.yard.publish({"run.sh": "#!/bin/sh\nexit 3\n"})
+    one.deploy(good, 1)
+    monkeypatch.setattr("tasks.deploy.robot.update._RESTORE_AGAIN_S", 0.0)
+    with monkeypatch.context() as broken:
+        broken.setattr(RunningApplication, "__init__", _failing_for(good.digest))
+        told = one.deploy(bad, 2)
+        one.robot.supervise()
+
+    assert (told.status, told.running_digest, told.is_up) == ("Failed", good.digest, False)
+    assert told.failure_reason.endswith(f"; cannot go back to version {good.number}: no camera")
+    assert one.programs == []
+    one.robot.supervise()
+    later = read_reported(one.yard.store, NAME)
+    assert later == told.model_copy(update={"is_up": True})
+    eventually(lambda: one.programs == ["sleep 1000"])
+
+
+def _failing_for(digest: str) -> Callable[..., None]:
+    begin = RunningApplication.__init__
+
+    def fail(self: RunningApplication, place: LaunchPlace, desired: Desired, bring: Callable[[Desired], None]) -> None:
+        if desired.digest == digest:
+            raise StepFailed("BadPermissionError", "no camera")
+        begin(self, place, desired, bring)
+
+    return fail
+
+
+def test_a_robot_without_a_version_before_says_so(one: OneRobot) -> None:
+    told = one.deploy(one.yard.publish({"run.sh": "#!/bin/sh\nexit 3\n"}), 1)
+    assert (told.running_digest, told.is_up) == ("", True)
+    assert told.failure_reason.endswith("; there is no version to go back to")
+
+
 def test_after_a_restart_it_still_runs_what_it_went_back_to(one: OneRobot) -> None:
     good, bad = one.yard.publish(GOOD), one.yard.publish({"run.sh": CRASHES})
     one.deploy(good, 1)
@@ -365,9 +403,13 @@ def test_after_a_restart_it_still_runs_what_it_went_back_to(one: OneRobot) -> No
     assert reported.status == "Failed"
 
 
-def test_the_only_version_there_is_is_tried_for_ever(one: OneRobot) -> None:
+def test_the_only_version_there_is_is_tried_for_ever_and_that_is_told(one: OneRobot) -> None:
     bad = one.yard.publish({"run.sh": CRASHES})
     one.deploy(bad, 1)
+
+    told = supervised(one, "Failed")
+    assert (told.running_digest, told.is_up) == (bad.digest, False)
+    assert told.failure_reason.endswith("there is no version to go back to: it is tried again and again")
 
     def often() -> bool:
         one.robot.supervise()

@@ -208,7 +208,7 @@ def test_a_canary_that_crashes_later_stops_the_roll_out(yard: Yard) -> None:
 
     record = run(yard, robots, request.model_copy(update={"deploymentConfig": modest}), version.digest, rules=rules)
 
-    assert record.failure_reason.startswith("a canary failed; 1 of 20 robots failed (r0: PreLaunchFileFailure)")
+    assert "; a canary failed; 1 of 20 robots failed (r0: PreLaunchFileFailure)" in record.failure_reason
     assert len(robots.asked()) < 5
 
 

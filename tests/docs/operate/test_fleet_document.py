@@ -15,7 +15,9 @@ import pytest
 from specs.pipeline.simulation_section import RollOutRules
 from specs.robomaker.deployment import DeploymentConfig, DeploymentJobErrorCode
 from tasks.deploy.fleet.fleet_registry import read_fleet, read_reported
+from tasks.deploy.fleet.states import RobotProgress
 from tasks.deploy.robot.processes import end_all
+from tasks.deploy.rollout.observation import standing
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
@@ -43,6 +45,13 @@ def robots_ended(tmp_path: Path) -> Iterator[None]:
     for name in ("r1", "r2"):
         if (tmp_path / name).is_dir():
             end_all(tmp_path / name)
+
+
+def test_a_roll_back_reads_as_it_says():
+    back = RobotProgress(status="Failed", step="Launching", runs="courier 1", started_at_s=1.0)
+    never = RobotProgress(status="Failed", failure_code="RobotDeploymentAborted", runs="courier 1")
+    seen = {"couriers-1": back, "couriers-2": back, "couriers-3": never}
+    assert blocks("text") == [f"{standing('courier 2', seen)}\n"]
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from flows.cli.shell import app
 from specs.errors import StageFailed
 from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
 from tasks.deploy.fleet.fleet_registry import create_fleet, read_reported
-from tasks.deploy.fleet_descriptions import describe_deployment_job
+from tasks.deploy.fleet_descriptions import DeploymentView, describe_deployment_job, view_deployment
 from tasks.deploy.rollout.operator_commands import command_of, steer
 from tasks.storage.base.keys import claim_key, reported_key
 from tasks.storage.base.store import Store, encode_document
@@ -34,7 +34,7 @@ def test_every_robot_has_a_row_with_its_status_and_why(file_store: Store, tmp_pa
 
     assert job.status == record.status == "Succeeded"
     lines = shown.getvalue().splitlines()
-    assert any("Succeeded: 1 Failed, 2 InSync" in line for line in lines)
+    assert any("Succeeded: 2 of 3 robots run courier 1 (r0, r2), 1 runs nothing" in line for line in lines)
     assert any("r1" in line and "Failed" in line and "PreLaunchFileFailure" in line for line in lines)
     assert sum("InSync" in line and "Finished" in line for line in lines) == 2
 
@@ -43,9 +43,10 @@ def test_what_a_robot_reports_is_no_markup_and_steers_nothing() -> None:
     reason = "no camera at [/dev/video0] [bold]\x1b[2J\u202e"
     robot = RobotDeployment(arn="arn:simyard:robot:0123456789ab:r1", status="Failed", failureReason=reason)
     job = DescribeDeploymentJobResponse(status="Failed", robotDeploymentSummary=(robot,))
+    record = JobRecord.model_construct(failure_reason="")
     shown = io.StringIO()
 
-    Console(file=shown, width=200).print(deployment_table(job))
+    Console(file=shown, width=200).print(deployment_table(DeploymentView(job, record, standing="", why="", runs={})))
 
     assert "no camera at [/dev/video0] [bold][2J" in shown.getvalue()
     assert not set(shown.getvalue()) & set("\x1b\u202e")
@@ -88,7 +89,7 @@ def test_a_paused_deployment_is_shown_as_paused(file_store: Store, tmp_path: Pat
                 arn = describe_deployment_job(file_store, job).arn or ""
                 told.append(CliRunner().invoke(app, ["describe", arn, "--store", file_store.url]).stderr)
                 titles.append(
-                    str(deployment_table(describe_deployment_job(file_store, job), command_of(file_store, job)).title)
+                    str(deployment_table(view_deployment(file_store, job), command_of(file_store, job)).title)
                 )
 
     run(yard, robots, yard.request(version, "one"), version.digest, pause)
@@ -126,7 +127,7 @@ def test_each_robot_of_a_fleet_is_told_with_what_it_runs(file_store: Store, tmp_
     deployed(file_store, tmp_path)
     assert fleet_notes(file_store, FLEET) == [
         "r0 has courier 2; its agent last reported 0 min ago",
-        "r1 has nothing; its agent last reported 0 min ago",
+        "r1 has courier 2; its agent last reported 0 min ago",
         "r2 has courier 1; its agent last reported 0 min ago",
         "agents report changes only: whether an agent or its version still runs is not known here",
     ]

@@ -118,29 +118,45 @@ def test_a_batch_tells_passes_and_where_its_tables_lie(file_store: Store):
     assert [artefact.url for artefact in stage.artefacts] == ["file:///r", "file:///f"]
 
 
-def test_a_deployment_counts_robots_in_sync_and_says_what_stopped_it(file_store: Store):
-    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": "Failed"}}
+def test_a_deployment_says_who_runs_what_and_what_stopped_it(file_store: Store):
+    progress: dict[str, JsonValue] = {
+        "r1": {"status": "InSync"},
+        "r2": {"status": "Failed", "step": "Launching", "runs": "courier 1", "started_at_s": 1.0},
+    }
+    plan: dict[str, JsonValue] = {"application": "courier", "version": 2}
+    runs = "1 of 2 robots runs courier 2 (r1), 1 runs courier 1"
     record = _ended(
         file_store,
         "deployment-job",
         "Failed",
-        {"progress": progress},
+        {"progress": progress, "plan": plan},
         failure_code="FailureThresholdBreached",
-        failure_reason="1 of 2 robots failed",
+        failure_reason=f"{runs}; went back to courier 1: r2; 1 of 2 robots failed",
     )
-    summary = deployment_report(record, 1.0).summary
-    assert summary == "1 of 2 robots in sync; FailureThresholdBreached: 1 of 2 robots failed"
+    stage = deployment_report(record, 1.0)
+    assert stage.summary == f"{runs}; went back to courier 1: r2; FailureThresholdBreached: 1 of 2 robots failed"
+    console = Console(file=io.StringIO(), width=200, record=True)
+    show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), shipped=False), console)
+    assert f"The deployment failed: {runs}." in console.export_text()
 
 
-@pytest.mark.parametrize(("status", "said"), [("NoResponse", "Done, but robots"), ("InSync", "everything that was")])
+@pytest.mark.parametrize(
+    ("status", "said"),
+    [
+        ("NoResponse", "Done, and 1 of 2 robots runs courier 2 (r1): as many"),
+        ("InSync", "everything that was"),
+    ],
+)
 def test_a_deployment_that_succeeded_without_a_robot_says_so(file_store: Store, status: str, said: str):
-    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": status}}
-    stage = deployment_report(_ended(file_store, "deployment-job", "Succeeded", {"progress": progress}), 1.0)
+    progress: dict[str, JsonValue] = {"r1": {"status": "InSync"}, "r2": {"status": status, "started_at_s": 1.0}}
+    plan: dict[str, JsonValue] = {"application": "courier", "version": 2}
+    record = _ended(file_store, "deployment-job", "Succeeded", {"progress": progress, "plan": plan})
+    stage = deployment_report(record, 1.0)
     console = Console(file=io.StringIO(), width=200, record=True)
     show_report(PipelineReport(run="run-1", name="nightly", stages=(stage,), shipped=True), console)
     shown = console.export_text()
     assert said in shown
-    assert ("1 not reached, which take it when they are back" in stage.summary) == (status == "NoResponse")
+    assert ("no answer in time, will take it when back: r2" in stage.summary) == (status == "NoResponse")
 
 
 @pytest.mark.parametrize(

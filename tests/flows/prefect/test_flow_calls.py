@@ -71,7 +71,7 @@ def stage(name: StageName, summary: str, status: str = "Completed") -> StageRepo
         ),
         ("world-export-job", "Completed", {"zip": "s3://b/x.zip"}, "1 zip: s3://b/x.zip ({arn})"),
         ("simulation-job-batch", "Completed", BATCH, "380 of 384 episodes passed, 12 simulated seconds: {arn}"),
-        ("deployment-job", "Succeeded", {}, "0 of 0 robots in sync: {arn}"),
+        ("deployment-job", "Succeeded", {}, "no robot was asked to run a version: {arn}"),
     ],
 )
 def test_a_jobs_state_says_what_it_made_and_where(
@@ -96,12 +96,12 @@ def test_a_runs_state_has_the_verdict_and_the_first_figures_of_each_stage():
         stage("worldGeneration", "8 worlds"),
         stage("simulationBatch", "380 of 384 episodes passed, 12 simulated seconds; audit SOUND"),
         stage("gate", "success rate 0.99", "PASS"),
-        stage("deployment", "5 of 5 robots in sync; UNSIGNED", "Succeeded"),
+        stage("deployment", "5 of 5 robots run courier 1; UNSIGNED", "Succeeded"),
     )
     report = PipelineReport(run="run-1", name="nightly", stages=stages, verdict="PASS", shipped=True)
 
     assert state(completed_run(report)).message == (
-        "PASS, shipped: 8 worlds; 380 of 384 episodes passed, 12 simulated seconds; 5 of 5 robots in sync (run-1)"
+        "PASS, shipped: 8 worlds; 380 of 384 episodes passed, 12 simulated seconds; 5 of 5 robots run courier 1 (run-1)"
     )
 
 
@@ -117,9 +117,9 @@ def test_a_failed_gates_message_has_the_rule_and_its_figures():
 
 
 def test_a_failed_roll_outs_message_has_the_robots():
-    stages = (stage("gate", "all well", "PASS"), stage("deployment", "1 of 5 robots in sync", "Failed"))
+    stages = (stage("gate", "all well", "PASS"), stage("deployment", "1 of 5 robots runs courier 2", "Failed"))
     report = PipelineReport(run="run-1", name="nightly", stages=stages, verdict="PASS", shipped=False)
-    assert str(PipelineNotPassed(report)) == "nightly: the deployment failed: 1 of 5 robots in sync (run-1)"
+    assert str(PipelineNotPassed(report)) == "nightly: the deployment failed: 1 of 5 robots runs courier 2 (run-1)"
 
 
 def test_reaping_counts_what_became_of_the_jobs():

@@ -55,7 +55,7 @@ def test_sub_flows_hand_on_worlds_to_a_batch_and_a_roll_out(team: Team) -> None:
 
     kinds = re.findall(r"^arn:simyard:([\w-]+):", told, re.MULTILINE)
     assert kinds == ["world-generation-job", "simulation-job-batch", "deployment-job"]
-    assert "1 of 1 robots in sync: arn:simyard:deployment-job:" in told.replace("\n", "")
+    assert "1 of 1 robots runs courier 1: arn:simyard:deployment-job:" in told.replace("\n", "")
 
 
 @pytest.mark.soak

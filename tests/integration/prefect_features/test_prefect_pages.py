@@ -24,7 +24,7 @@ from tests.servers.prefect_pages import complaints, painted, pictured, say_passw
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 NAME = "nightly-in-pages"
 TABLES = {
-    "pipeline-report": ("worldGeneration", "simulationBatch", "PASS", "2 of 2 robots in sync"),
+    "pipeline-report": ("worldGeneration", "simulationBatch", "PASS", "2 of 2 robots run courier 1"),
     "batch-results": ("640", "MAX_SPEED=0.4", "world-2-1", "interval"),
     "batch-metrics": ("physics steps", "real time", "compiling"),
     "deployment-robots": ("couriers-1", "couriers-2", "InSync"),
