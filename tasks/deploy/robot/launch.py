@@ -165,9 +165,10 @@ class RunningApplication:
             self._ended_s = time.monotonic()
             self._count(code)
         if time.monotonic() - self._ended_s >= self._pause_s:
-            self._ended_s = None
             self._pause_s = min(self._pause_s * 2, _LONGEST_PAUSE_S)
+            self._ended_s = time.monotonic()  # if it cannot be started, that is no crash: again after the pause
             self._running = self._launch()
+            self._ended_s = None
 
     @property
     def has_settled(self) -> bool:

@@ -1,6 +1,8 @@
 """One robot: what it accepts, refuses, survives and takes up again."""
 
 import errno
+import os
+import signal
 import time
 from collections.abc import Callable, Generator, Mapping
 from pathlib import Path
@@ -21,7 +23,7 @@ from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
-from tests.deploy.yard import STAYS_UP, Yard, eventually
+from tests.deploy.yard import STAYS_UP, Yard, eventually, marked_by
 
 # Stays up for longer than the grace period of a launch, the first time.
 CRASHES = """#!/bin/sh
@@ -534,6 +536,32 @@ def test_a_version_that_cannot_be_put_right_does_not_run_until_it_can(
 
     eventually(lambda: one.programs == ["sleep 1000"])
     assert not (one.root / "owned").exists()
+
+
+def test_a_store_that_is_away_makes_no_crash_loop(one: OneRobot, monkeypatch: pytest.MonkeyPatch) -> None:
+    good, new = one.yard.publish(GOOD), one.yard.publish({"run.sh": f"{STAYS_UP}# new"})
+    one.deploy(good, 1)
+    one.deploy(new, 2)
+    kept = one.yard.store.get(bundle_key(new.digest)).body
+    one.yard.store.delete(bundle_key(new.digest))
+    _changed(one, new.digest)
+    (one.root / "archives" / new.digest).unlink()
+    for pid in marked_by(one.root):
+        os.kill(pid, signal.SIGKILL)
+
+    for _ in range(40):
+        one.robot.supervise()
+        time.sleep(0.005)
+    told = read_reported(one.yard.store, NAME)
+    assert told
+    assert (told.status, told.running_digest, told.is_up) == ("InSync", new.digest, False)
+
+    monkeypatch.setattr("tasks.deploy.robot.launch._LONGEST_PAUSE_S", 0.01)
+    one.yard.store.put(bundle_key(new.digest), kept)
+    eventually(lambda: bool(one.robot.supervise() or one.programs))
+    eventually(
+        lambda: one.robot.supervise() or read_reported(one.yard.store, NAME) == told.model_copy(update={"is_up": True})
+    )
 
 
 def test_what_lies_there_stays_while_the_store_cannot_give_another(one: OneRobot) -> None:
