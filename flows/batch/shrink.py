@@ -42,7 +42,8 @@ from tasks.storage.base.keys import template_key
 from tasks.storage.base.store import Store
 from tasks.storage.resource_names import find_resource
 from tasks.storage.worlds import encode_world, write_world
-from tasks.worlds.certificate import SHRUNK, broken_guarantees, keep_furniture
+from tasks.worlds.certificate import SHRUNK, broken_guarantees
+from tasks.worlds.importer.own_floor import keep_pieces
 
 _DIGEST_SHOWN = 8
 
@@ -135,7 +136,7 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         small_ending=ending,
         episodes=search.episodes,
         minimal=minimal,
-        broken=broken_guarantees(world.certificate),
+        broken=() if world.source else broken_guarantees(world.certificate),
     )
 
 
@@ -176,7 +177,7 @@ class _Search:
         return smallest_case(self.case, still_fails)
 
     def furnished(self, names: Names) -> World:
-        return keep_furniture(self.world, names, self._template)
+        return keep_pieces(self.world, names, self._template)
 
     def simulated(self, trials: Sequence[Trial]) -> list[Ending]:
         report_progress("Episodes", self.episodes, self._most + 1)

@@ -1,11 +1,14 @@
 """The floor of a world of one's own, measured: the map, and how large a robot gets about on it from the start."""
 
 import math
+from collections.abc import Collection
 
 import numpy as np
 from jaxtyping import Bool
 
 from specs.data.world import Certificate, Start, World, solids, start_pose
+from specs.template.body import TemplateBody
+from tasks.worlds.certificate import SHRUNK, keep_furniture
 from tasks.worlds.geometry import (
     CELL_M,
     RADIUS_MAX_M,
@@ -79,3 +82,19 @@ def measured(world: World, guaranteed_robot_radius_m: float = 0.0) -> World:
         overlaps=count_overlaps(world.furniture, world.walls),
     )
     return world.model_copy(update={"map": grid.occupancy(), "certificate": certificate})
+
+
+def keep_pieces(world: World, kept: Collection[str], template: TemplateBody | None = None) -> World:
+    """Returns any world with some of its pieces, its map and its certificate measured anew.
+
+    Args:
+        world: Generated, or imported: then its certificate has no wishes to weigh.
+        kept: Names of the pieces to keep.
+        template: What a generated world was made from; None where that is not known.
+    """
+    if world.source is None:
+        return keep_furniture(world, kept, template)
+    generator = world.generator if world.generator.endswith(SHRUNK) else f"{world.generator}-{SHRUNK}"
+    furniture = tuple(piece for piece in world.furniture if piece.name in kept)
+    fewer = world.model_copy(update={"generator": generator, "furniture": furniture})
+    return measured(fewer, world.certificate.guaranteed_robot_radius_m)

@@ -64,9 +64,9 @@ def add_world(store: Store, file: Path) -> str:
 
 def _wrong_fields(world: World) -> list[str]:
     """Returns what a world's document says of it and is not so."""
-    from tasks.worlds.certificate import keep_furniture  # noqa: PLC0415 - NumPy, which a gateway's answers do not need
+    from tasks.worlds.importer.own_floor import keep_pieces  # noqa: PLC0415 - NumPy, which a gateway's answers do not need
 
-    measured = keep_furniture(world, {piece.name for piece in world.furniture}, None)
+    measured = keep_pieces(world, {piece.name for piece in world.furniture})
     said, found = world.certificate, measured.certificate
     wrong = [f"certificate.{name}" for name in _MEASURED if getattr(said, name) != getattr(found, name)]
     return [*wrong, *(["map"] if measured.map != world.map else [])]

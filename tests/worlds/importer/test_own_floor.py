@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from specs.data.world import Start
-from tasks.worlds.importer.own_floor import cell_at, largest_radius_m, measured, own_floor, reached_from
+from tasks.worlds.importer.own_floor import cell_at, keep_pieces, largest_radius_m, measured, own_floor, reached_from
 from tests.factories.own_worlds import block, piece, walled_hall
 
 START = Start(x_m=11.0, y_m=6.0)
@@ -44,3 +44,14 @@ def test_a_measured_world_has_the_map_and_the_figures_of_its_floor():
     assert certificate.free_floor_share == pytest.approx(23 / (6.2 * 4.2), abs=0.02)
     assert (world.map.columns, world.map.rows) == cells.shape
     assert sum(world.map.runs[1::2]) == np.count_nonzero(cells.touched)
+
+
+def test_with_fewer_pieces_a_world_of_ones_own_is_measured_anew():
+    pieces = [piece(name, block(name, (x, 7.0), (1.0, 1.0))) for name, x in (("rack", 14.0), ("box", 12.5))]
+    world = measured(walled_hall((6.0, 4.0), pieces), 0.2)
+    fewer = keep_pieces(world, {"box"})
+    assert [each.name for each in fewer.furniture] == ["box"]
+    assert fewer.generator == keep_pieces(fewer, {"box"}).generator == "simyard-import-1-shrunk"
+    assert fewer.certificate.free_floor_share > world.certificate.free_floor_share
+    assert fewer.certificate.guaranteed_robot_radius_m == 0.2
+    assert keep_pieces(world, {"rack", "box"}).certificate == world.certificate
