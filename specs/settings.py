@@ -6,11 +6,13 @@ identity of a run names it.
 
 import os
 import re
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 from specs.base import Spec
 from specs.errors import DocumentError
 
+ACCESS_FILE = "SIMYARD_ACCESS_FILE"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 REGION = "SIMYARD_REGION"
 TRUST_APPLICATIONS = "SIMYARD_TRUST_APPLICATIONS"
@@ -66,6 +68,15 @@ STEP_LIMIT = CountSetting("SIMYARD_STEP_LIMIT_S", 300, "seconds")
 """How long any other call of an application may take, such as a slice of control steps of all lanes of a chunk."""
 ACTIONS_DAYS = CountSetting("SIMYARD_ACTIONS_DAYS", 90, "days")
 """For how many days a gateway keeps who did what."""
+
+
+def access_file() -> Path:
+    """Returns where clients' keys are: SIMYARD_ACCESS_FILE, else ``simyard/access-keys`` in the folder for settings."""
+    chosen = os.environ.get(ACCESS_FILE)
+    if chosen:
+        return Path(chosen)
+    settings = os.environ.get("XDG_CONFIG_HOME") or Path(os.environ.get("HOME") or Path.home()) / ".config"
+    return Path(settings) / "simyard" / "access-keys"
 
 
 def region() -> str:

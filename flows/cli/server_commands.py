@@ -17,8 +17,8 @@ from flows.gateway.serve import serve as serve_store
 from flows.prefect.prefect_server import pages_url, prefect_home
 from flows.queue.supervisor import QueueWorkers, lead, log_to_stderr, require_lasting_server, wait_for_ever
 from specs.errors import DocumentError
+from specs.settings import access_file
 from tasks.gateway.access.access_keys import (
-    access_file,
     add_key,
     export_lines,
     find_key,

@@ -25,6 +25,7 @@ from specs.pipeline.gate_section import Gate, metric_faults
 from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import LATEST, ApplicationKind
+from specs.settings import chosen_workers
 from tasks.applications.registry import shipped_application, unpack
 from tasks.simulate.application.declared_metrics import declared_metrics
 from tasks.simulate.application.mjcf_check import RobotRefused, refusal_lines
@@ -147,6 +148,46 @@ def check_modules(spec: PipelineSpec, base: Path) -> None:
         if launch.simulated and (folder / name).is_file() and (wrong := _no_python(folder / name)):
             allowed = f"a module in Python, and {name} is none: {wrong}"
             faults.append(Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=allowed))
+    if faults:
+        raise DocumentError(list(dict.fromkeys(faults)))
+
+
+def check_confinement(spec: PipelineSpec, base: Path) -> None:
+    """Refuses the document's own bundles that this process would not let run, as nothing shuts them in.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    own = dict.fromkeys(
+        (launch.application, folder) for launch, folder in _own_launches(spec, base) if launch.simulated
+    )
+    _require_confined(own)
+
+
+def check_planned_confinement(plan: BatchPlan, store: Store) -> None:
+    """Refuses applications of a batch that this process would not let run, before anything else does.
+
+    Args:
+        plan: The batch.
+        store: Where its bundles are.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    launched = (launch for template in plan.templates for launch in (template.robot, template.scenario))
+    named = dict.fromkeys((launch.name, launch.digest) for launch in launched)
+    _require_confined((name, unpack(store, digest, cache_folder() / "bundles")) for name, digest in named)
+
+
+def _require_confined(bundles: Iterable[tuple[str, Path]]) -> None:
+    """Lets bundles pass, by their names; where workers elsewhere simulate, they are asked when it comes to that."""
+    from tasks.simulate.sandbox.confinement import confinement_faults  # noqa: PLC0415 - as in own_ros_launches
+
+    faults = [] if chosen_workers() else confinement_faults(bundles)
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
 
@@ -418,6 +459,7 @@ _CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
     check_robot_files,
     check_policies,
     check_own_names,
+    check_confinement,
 )
 
 

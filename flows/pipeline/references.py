@@ -13,7 +13,7 @@ from urllib.parse import unquote
 
 from pydantic import JsonValue
 
-from flows.pipeline.bundle_checks import check_planned_names, check_robot_files
+from flows.pipeline.bundle_checks import check_planned_confinement, check_planned_names, check_robot_files
 from flows.pipeline.tested_batch import (
     batch_plan,
     candidates,
@@ -220,6 +220,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         faults.keep(lambda: require_environment(os.environ))
         plan = faults.keep(lambda: _checked_plan(batch, store, find))
         faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
+        faults.keep(lambda: check_planned_confinement(plan, store) if plan else None)
         compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
         if spec.gate and plan:
             judged = plan

@@ -1,9 +1,11 @@
 """Settings of a machine are read from the environment, or refused with what is allowed."""
 
+from pathlib import Path
+
 import pytest
 
 from specs.errors import DocumentError
-from specs.settings import MAX_WORLDS, SERVER_WAIT, WORKERS, Workers, chosen_workers
+from specs.settings import MAX_WORLDS, SERVER_WAIT, WORKERS, Workers, access_file, chosen_workers
 
 
 def test_the_limit_is_robomakers_unless_a_team_raises_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,3 +54,11 @@ def test_anything_else_is_refused_with_what_there_is(text: str, monkeypatch: pyt
     monkeypatch.setenv(WORKERS, text)
     with pytest.raises(DocumentError, match=r"SIMYARD_WORKERS.*tcp://host:8786"):
         chosen_workers()
+
+
+def test_keys_of_clients_are_in_the_folder_for_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SIMYARD_ACCESS_FILE", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    assert access_file() == tmp_path / "simyard" / "access-keys"
+    monkeypatch.setenv("SIMYARD_ACCESS_FILE", str(tmp_path / "mine"))
+    assert access_file() == tmp_path / "mine"

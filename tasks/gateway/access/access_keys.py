@@ -31,7 +31,6 @@ RIGHTS: tuple[KeyRight, ...] = get_args(KeyRight)
 _ID, _SECRET, _RIGHTS, _ON = "aws_access_key_id", "aws_secret_access_key", "simyard_rights", "simyard_on"
 _FIELDS = frozenset({_ID, _SECRET, _RIGHTS, _ON})
 _NO_SECTION = "\0"
-ACCESS_FILE = "SIMYARD_ACCESS_FILE"
 FIRST = "default"
 _OTHERS = 0o077
 _EVERYWHERE = frozenset({"0.0.0.0", "::", ""})  # noqa: S104 - to be told apart from names that clients can ask for
@@ -198,15 +197,6 @@ def _parser() -> configparser.ConfigParser:
 
 def _fault(source: str, value: str, allowed: str) -> DocumentError:
     return DocumentError.of("access key", repr(value), allowed, source=source)
-
-
-def access_file() -> Path:
-    """Returns SIMYARD_ACCESS_FILE, else ``simyard/access-keys`` in the user's folder for settings."""
-    chosen = os.environ.get(ACCESS_FILE)
-    if chosen:
-        return Path(chosen)
-    settings = os.environ.get("XDG_CONFIG_HOME") or Path(os.environ.get("HOME") or Path.home()) / ".config"
-    return Path(settings) / "simyard" / "access-keys"
 
 
 def read_keys(path: Path) -> Mapping[str, AccessKey]:

@@ -22,9 +22,10 @@ from typing import Literal, NamedTuple, get_args
 
 import specs
 import tasks
+from specs.base import Fault
 from specs.errors import DocumentError, StageFailed
 from specs.launched_file import PACKAGE_XML
-from specs.settings import TRUST_APPLICATIONS, WORKS_FOR_OTHERS
+from specs.settings import OWNER_KEY, TRUST_APPLICATIONS, WORKS_FOR_OTHERS, access_file
 from tasks.simulate.devices import device_kind
 from tasks.simulate.sandbox.process_environment import module_path
 from tasks.simulate.sandbox.self_confinement import OWN_NETWORK, PROBE, self_confined
@@ -57,13 +58,14 @@ _MAPPED_BYTES, _MAPPED_A_CORE_BYTES = 16 << 30, 1 << 30
 # Secrets that strangers' code could read out of this process, where nothing shuts it in.
 _SECRETS = {
     "SIMYARD_KEYS": "the keys of fleets (SIMYARD_KEYS)",
-    "SIMYARD_ACCESS_FILE": "the keys of a gateway's clients (SIMYARD_ACCESS_FILE)",
+    OWNER_KEY: "the key by which the owner vouches (SIMYARD_OWNER_KEY)",
     "AWS_SECRET_ACCESS_KEY": "AWS's credentials (AWS_SECRET_ACCESS_KEY)",
     "AWS_SESSION_TOKEN": "AWS's credentials (AWS_SESSION_TOKEN)",
     "AWS_WEB_IDENTITY_TOKEN_FILE": "AWS's credentials (AWS_WEB_IDENTITY_TOKEN_FILE)",
     WORKS_FOR_OTHERS: "jobs of a queue, which others may fill",
     "PREFECT__FLOW_RUN_ID": "flow runs for a Prefect server, which others may ask for",
 }
+_INSTALL = "apt-get install bubblewrap"
 
 
 class Confinement(NamedTuple):
@@ -151,26 +153,45 @@ def require_confined(bundles: Iterable[Path]) -> None:
     Raises:
         StageFailed: Strangers' code would reach what this process holds.
     """
-    found, bundles = confinement(), list(bundles)
-    if not found.network and any(any(bundle.rglob(PACKAGE_XML)) for bundle in bundles):
+    if why := next((why for bundle in bundles if (why := _refusal(bundle))), ""):
+        raise StageFailed("InternalServiceError", f"applications do not run: {why}")
+
+
+def confinement_faults(bundles: Iterable[tuple[str, Path]]) -> list[Fault]:
+    """Returns a fault for each application of a document that `require_confined` would not let run.
+
+    Args:
+        bundles: Names and folders of applications; not looked at where all are shut in.
+    """
+    if confinement().level != "process" and confinement().network:
+        return []
+    found = ((name, _refusal(folder)) for name, folder in bundles)
+    allowed = "an application that comes with Simyard, or one that is shut in:"
+    return [Fault(path="simulationBatch", value=repr(name), allowed=f"{allowed} {why}") for name, why in found if why]
+
+
+def _refusal(bundle: Path) -> str:
+    """Returns why an application does not run in this process's name, and what to do; empty where it does."""
+    found = confinement()
+    if not found.network and any(bundle.rglob(PACKAGE_XML)):
         why = "nodes of ROS talk over a network, and Landlock gives them none of their own on this machine"
-        raise StageFailed(
-            "InternalServiceError", f"{why}: apt-get install bubblewrap, or for your own nodes {CONFINEMENT}=process"
-        )
-    if found.level != "process" or os.environ.get(TRUST_APPLICATIONS) or all(map(is_shipped, bundles)):
-        return
+        return f"{why}: {_INSTALL}, or for your own nodes {CONFINEMENT}=process"
+    if found.level != "process" or os.environ.get(TRUST_APPLICATIONS) or is_shipped(bundle):
+        return ""
+    own = f"if all applications are your own: simyard --trust-applications ..., or {TRUST_APPLICATIONS}=1"
     if found.broken:
         other = f", or choose another confinement: {CONFINEMENT}=landlock" if not _landlock_probe().why else ""
-        raise _refusal(f"{found.why}; repair it{other}")
-    held = [what for name, what in _SECRETS.items() if os.environ.get(name)]
-    if held:
-        why = f"nothing shuts them in ({found.why}), and this process has {held[0]}"
-        raise _refusal(f"{why}: apt-get install bubblewrap")
+        return f"{found.why}; repair it{other}; or, {own}"
+    held = next(_held(), "")
+    remedy = f"unset {CONFINEMENT}" if os.environ.get(CONFINEMENT) else _INSTALL
+    return f"nothing shuts them in ({found.why}), and this process has {held}: {remedy}; or, {own}" if held else ""
 
 
-def _refusal(why: str) -> StageFailed:
-    own = f"if all applications are your own: simyard --trust-applications ..., or {TRUST_APPLICATIONS}=1"
-    return StageFailed("InternalServiceError", f"applications do not run: {why}; or, {own}")
+def _held() -> Iterator[str]:
+    """Yields what strangers' code could take where nothing shuts it in."""
+    yield from (what for name, what in _SECRETS.items() if os.environ.get(name))
+    if os.access(access_file(), os.R_OK):
+        yield f"the keys of a gateway's clients ({access_file()})"
 
 
 class Place(NamedTuple):

@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from flows.cli.shell import app
 from flows.pipeline.bundle_checks import (
+    check_confinement,
     check_launch_files,
     check_own_bundles,
     check_policies,
@@ -19,6 +20,7 @@ from flows.pipeline.references import resolve_references
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from tasks.simulate.plan.plan_batch import plan_batch
+from tasks.simulate.sandbox import confinement
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.factories.policies import DECLARED, bundle, network, weights
@@ -105,6 +107,32 @@ def test_references_are_looked_up_in_a_store_that_is_named(tmp_path: Path, file_
 
 def test_what_is_there_is_not_refused(tmp_path: Path):
     check_launch_files(_spec(tmp_path, _use("mine", "courier", "go_to_goal")), tmp_path)
+
+
+@pytest.fixture
+def bare(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """A machine on which nothing shuts applications in, and a process that holds keys."""
+    monkeypatch.setattr(confinement, "confinement", lambda: confinement.Confinement("process", "as told"))
+    monkeypatch.setenv("SIMYARD_KEYS", "keys")
+    return monkeypatch
+
+
+UNCONFINED = (
+    r"simulationBatch: 'mine': an application that .* is shut in: nothing .* \(as told\), .* has the keys .*install"
+)
+
+
+def test_an_own_bundle_that_nothing_shuts_in_is_refused_by_who_holds_keys_before_anything_runs(
+    tmp_path: Path, bare: pytest.MonkeyPatch
+):
+    """On 1b6713fb it ran; later the worlds were made before its process was refused."""
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"))
+    check_confinement(spec, tmp_path)  # the folder holds what the courier that comes with Simyard does
+    (tmp_path / "mine/note.txt").write_text("mine")
+    with pytest.raises(DocumentError, match=UNCONFINED):
+        check_own_bundles(spec, tmp_path)
+    bare.setenv("SIMYARD_WORKERS", "tcp://there:8786")  # whose machines are asked when it comes to that
+    check_confinement(spec, tmp_path)
 
 
 def test_what_only_the_store_knows_is_listed_once(tmp_path: Path):

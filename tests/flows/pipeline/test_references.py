@@ -22,6 +22,7 @@ from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, regist
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import output_location
+from tasks.simulate.sandbox import confinement
 from tasks.storage.base.keys import bundle_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -111,6 +112,20 @@ def test_a_request_with_its_own_world_keeps_it_to_itself(file_store: Store):
     plan = batch_plan(spec.simulationBatch, (), file_store, finder(file_store, {}))
     assert [request.world for request in Layout(plan).requests()] == [mine, theirs]
     assert set(plan.world_digests) == {mine, theirs}
+
+
+def test_applications_that_nothing_shuts_in_are_refused_by_who_holds_keys_before_anything_runs(
+    file_store: Store, bundle: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(confinement, "confinement", lambda: confinement.Confinement("process", "as told"))
+    monkeypatch.setenv("SIMYARD_KEYS", "keys")
+    shutil.copytree(ROOT / "examples/templates", bundle.parent / "templates")
+    resolve_references(_with_own(bundle), file_store, bundle.parent)
+    (bundle / "note.txt").write_text("changed")
+    publish_bundle(file_store, ROBOT, "theirs", bundle)
+    for spec in (_with_own(bundle), _generated(_request("theirs"))):
+        with pytest.raises(DocumentError, match=r"simulationBatch: '\w+': an application that .*\(SIMYARD_KEYS\)"):
+            resolve_references(spec, file_store, bundle.parent)
 
 
 def test_a_bundle_that_no_batch_tests_is_not_shipped(file_store: Store, bundle: Path):

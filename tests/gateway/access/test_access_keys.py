@@ -11,7 +11,6 @@ from specs.arn import ResourceKind
 from specs.errors import DocumentError, ResourceAlreadyExists, ResourceNotFound
 from tasks.gateway.access.access_keys import (
     KeyFile,
-    access_file,
     add_key,
     first_key,
     parse_scope,
@@ -191,11 +190,3 @@ def test_of_keys_that_are_added_at_once_all_are_there(path: Path) -> None:
         made = list(threads.map(lambda name: add_key(path, name, ["read"]), names))
     assert {key.name for key in read_keys(path).values()} == {*names}
     assert len({key.secret for key in made}) == len(names)
-
-
-def test_the_file_is_in_the_folder_for_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("SIMYARD_ACCESS_FILE", raising=False)
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    assert access_file() == tmp_path / "simyard" / "access-keys"
-    monkeypatch.setenv("SIMYARD_ACCESS_FILE", str(tmp_path / "mine"))
-    assert access_file() == tmp_path / "mine"

@@ -162,7 +162,13 @@ def test_only_what_is_needed_of_opt_and_of_the_folder_of_python_is_readable():
 def bare(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """A machine on which nothing shuts applications in, and a process that holds nothing."""
     set_confinement(monkeypatch, Confinement("process", "as told"))
-    for name in (*confinement_module._SECRETS, "SIMYARD_TRUST_APPLICATIONS"):
+    monkeypatch.setenv("XDG_CONFIG_HOME", "/nonexistent")
+    for name in (
+        *confinement_module._SECRETS,
+        "SIMYARD_TRUST_APPLICATIONS",
+        "SIMYARD_ACCESS_FILE",
+        "SIMYARD_CONFINEMENT",
+    ):
         monkeypatch.delenv(name, raising=False)
     return monkeypatch
 
@@ -185,6 +191,24 @@ def test_who_holds_keys_or_works_for_others_runs_no_strangers_code_unconfined(ba
         require_confined(HOSTILE)
     bare.setenv("SIMYARD_TRUST_APPLICATIONS", "1")
     require_confined(HOSTILE)
+
+
+def test_who_has_the_keys_of_a_gateway_where_they_are_looked_for_runs_no_strangers_code_unconfined(
+    bare: pytest.MonkeyPatch, tmp_path: Path
+):
+    bare.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    require_confined(HOSTILE)
+    (tmp_path / "simyard").mkdir()
+    (tmp_path / "simyard" / "access-keys").write_text("")
+    with pytest.raises(StageFailed, match=rf"has the keys of a gateway's clients \({tmp_path}.*install"):
+        require_confined(HOSTILE)
+
+
+def test_who_asked_for_no_confinement_is_told_to_ask_no_more(bare: pytest.MonkeyPatch):
+    bare.setenv("SIMYARD_KEYS", "keys")
+    bare.setenv("SIMYARD_CONFINEMENT", "process")
+    with pytest.raises(StageFailed, match=r"\(SIMYARD_KEYS\): unset SIMYARD_CONFINEMENT; or, if all"):
+        require_confined(HOSTILE)
 
 
 @pytest.mark.parametrize("level", HERE)
