@@ -302,7 +302,8 @@ class _Controller:
         if silent:
             self._silent.update(silent)
             names = ", ".join(silent[:_NAMED_AT_MOST]) + (", ..." if len(silent) > _NAMED_AT_MOST else "")
-            why = silence_note(self._store, silent[0]) or "its log says why, if it is on"
+            note = silence_note(self._store, silent[0])
+            why = "start its agent, or see in its log why" + (f"; {note}" if note else "")
             _LOG.warning("no answer for %.0f s from %d robots (%s): %s", _SILENT_S, len(silent), names, why)
 
     def _tell(self, seen: Mapping[str, RobotProgress]) -> None:

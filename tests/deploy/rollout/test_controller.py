@@ -133,7 +133,7 @@ def test_who_waits_for_a_silent_robot_learns_soon_and_once_who_may_write_where_i
     run(yard, robots, yard.request(version, "one"), version.digest)
 
     (told,) = [each for each in caplog.messages if each.startswith("no answer for")]
-    assert "25 s from 1 robots (r1): only " in told
+    assert "25 s from 1 robots (r1): start its agent, or see in its log why; only " in told
     assert f"may write in {folder}" in told
 
 
