@@ -575,4 +575,13 @@ _HARMLESS = (
 _GRAVITY, _GRAVITY_SLACK = 9.81, 0.1
 _MOSTLY_HULL = 0.85
 _JAMMED_M = 1e-3
-_STRANGE = (_other_flags, _unlike_earth, _some_motors_off, _carried, _seen_beyond, _jammed)
+
+
+def _unread(robot: _Robot) -> Iterator[str]:
+    for camera in robot.spec.cameras:
+        yield f"camera {camera.name!r} takes no pictures: there are none yet"
+    if robot.spec.sensors:
+        yield f"{len(robot.spec.sensors)} <sensor> elements are not read: a controller declares its sensors"
+
+
+_STRANGE = (_other_flags, _unlike_earth, _some_motors_off, _carried, _seen_beyond, _jammed, _unread)

@@ -173,6 +173,16 @@ def test_what_is_only_strange_is_said(tmp_path: Path, changes: dict[str, str], l
     assert strange_in_robot(path) == (line,)
 
 
+def test_cameras_and_sensors_of_the_file_are_told_to_have_no_effect(tmp_path: Path):
+    path = planar(tmp_path, inside='<camera name="front"/><site name="imu"/>')
+    sensor = '<sensor><gyro site="imu"/></sensor>'
+    path.write_text(path.read_text().replace("</actuator>", f"</actuator>{sensor}"))
+    assert strange_in_robot(path) == (
+        "camera 'front' takes no pictures: there are none yet",
+        "1 <sensor> elements are not read: a controller declares its sensors",
+    )
+
+
 def test_a_motor_that_is_switched_off_is_strange(tmp_path: Path):
     path = planar(tmp_path, option='actuatorgroupdisable="1"')
     path.write_text(path.read_text().replace("</actuator>", '<motor name="b" joint="x" group="1"/></actuator>'))
