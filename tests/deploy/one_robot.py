@@ -26,8 +26,9 @@ class OneRobot:
         self.store: Any = yard.store  # or something in front of it
         self.robot = self.restarted()
 
-    def restarted(self) -> RobotUpdater:
-        place = LaunchPlace(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=0.15)
+    def restarted(self, grace_s: float = 0.15) -> RobotUpdater:
+        """Returns the robot with a new agent; a long grace is for applications that end by themselves."""
+        place = LaunchPlace(robot=NAME, disk=Disk(self.root), stop=self.stop, grace_s=grace_s)
         self.robot = RobotUpdater(self.store, place, Reporter(self.store, NAME))
         return self.robot
 

@@ -124,8 +124,24 @@ def eventually(condition: Callable[[], bool]) -> None:
 
 
 def programs_of(root: Path) -> list[str]:
-    """Returns the command lines of everything that agents on a robot's folder started and that lives."""
-    return [command_line(Path("/proc") / str(pid)) for pid in marked_by(root)]
+    """Returns the command lines of everything that agents on a robot's folder started and that lives.
+
+    A shell that is about to become another program is waited for: on a busy machine it outlasts a launch's grace.
+    """
+    found: list[str] = []
+
+    def look() -> bool:
+        found[:] = [command_line(Path("/proc") / str(pid)) for pid in marked_by(root)]
+        return not any(map(_becomes_another, found))
+
+    eventually(look)
+    return found
+
+
+def _becomes_another(command: str) -> bool:
+    """Returns whether a command is a shell with a script of ours that ends in an exec."""
+    script = Path(command.rpartition(" ")[2])
+    return command.startswith("/bin/sh ") and script.is_file() and "\nexec " in script.read_text()
 
 
 def marked_by(root: Path) -> list[int]:

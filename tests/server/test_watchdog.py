@@ -49,11 +49,17 @@ def _must_not(failure: StageFailed) -> None:
 
 
 def test_a_block_is_interrupted_when_its_server_is_gone():
+    inside = threading.Event()  # an interrupt before that would not come to the block
+
+    def waits() -> None:
+        inside.set()
+        threading.Event().wait(250)
+
     with (
         pytest.raises(StageFailed, match="it went away"),
-        guard_run(lambda: False, "it went away", _must_not, _AT_ONCE) as watch,
+        guard_run(lambda: not inside.is_set(), "it went away", _must_not, _AT_ONCE) as watch,
     ):
-        threading.Event().wait(250)
+        waits()
     assert watch.gone.is_set()
 
 

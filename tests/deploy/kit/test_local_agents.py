@@ -18,7 +18,17 @@ from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fl
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.jobs.records import JobRecord
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill, programs_of, wait_for_report
+from tests.deploy.yard import (
+    FLEET,
+    PATIENCE_S,
+    STAYS_UP,
+    Yard,
+    command_line,
+    eventually,
+    kill,
+    programs_of,
+    wait_for_report,
+)
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 PARENT = """
@@ -40,7 +50,7 @@ def test_five_robots_get_the_version_and_keep_it_running(yard: Yard) -> None:
     scripts = {
         "run.sh": STAYS_UP,
         "before.sh": '#!/bin/sh\necho "$MAX_SPEED" > "$HOME/speed"\n',
-        "after.sh": '#!/bin/sh\ntest "$(cat "$HOME/launches")" = up\n',
+        "after.sh": '#!/bin/sh\nuntil [ -s "$HOME/launches" ]; do sleep 0.01; done\ntest "$(cat ~/launches)" = up\n',
     }
     version = yard.publish(scripts)
     with local_agents(yard.store, FLEET, 5, yard.folder / "robots", grace_s=0.3) as robots:
@@ -82,7 +92,7 @@ def test_a_script_that_fails_on_one_robot_fails_that_robot_alone(yard: Yard) -> 
 
 def test_a_version_that_fails_everywhere_stops_at_the_threshold(yard: Yard) -> None:
     version = yard.publish({"run.sh": "#!/bin/sh\nexit 3\n"})
-    with local_agents(yard.store, FLEET, 5, yard.folder / "robots", grace_s=0.2):
+    with local_agents(yard.store, FLEET, 5, yard.folder / "robots", grace_s=PATIENCE_S):  # it ends when it ends
         record = yard.deploy(version, "one")
 
     assert (record.status, record.failure_code) == ("Failed", "FailureThresholdBreached")
@@ -159,6 +169,7 @@ def test_what_the_next_agent_launched_outlives_the_end_of_a_block(yard: Yard) ->
     root = yard.root("couriers-1")
     with local_agents(yard.store, FLEET, 1, yard.folder / "robots", grace_s=0.2):
         yard.deploy(version, "one")
+        assert programs_of(root) == ["sleep 1000"]
         os.kill(_agents(yard.folder)[0], signal.SIGTERM)
         next_ = yard.start_agent("couriers-1")
         eventually(lambda: (root / "launches").read_text() == "up\nup\n")

@@ -20,7 +20,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD, desired, scripted
 from tests.deploy.reach import open_folder
-from tests.deploy.yard import Yard, kill, wait_for_report
+from tests.deploy.yard import Yard, kill, programs_of, wait_for_report
 from tests.storage.two_accounts import as_two_accounts
 
 # Other tests of this process may have imported JAX, which has threads; no agent has.
@@ -89,6 +89,7 @@ def test_a_program_of_roots_agent_runs_as_nobody_and_reads_nothing_of_it(agent: 
     assert "read-" not in seen
     home = (yard.root("r1") / "home").stat()
     assert (home.st_uid, home.st_mode & 0o777) == (pwd.getpwnam("nobody").pw_uid, 0o700)
+    assert programs_of(yard.root("r1")) == ["sleep 1000"]
     assert (yard.root("r1") / "home" / "launches").read_text() == "up\n"
 
 

@@ -23,7 +23,7 @@ from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
-from tests.deploy.yard import STAYS_UP, Yard, eventually, marked_by
+from tests.deploy.yard import PATIENCE_S, STAYS_UP, Yard, eventually, marked_by
 
 # Stays up for longer than the grace period of a launch, the first time.
 CRASHES = """#!/bin/sh
@@ -125,7 +125,6 @@ def test_what_is_meant_for_another_robot_is_refused(one: OneRobot) -> None:
         (GOOD, {"preLaunchFile": "none.sh"}, "PreLaunchFileFailure", "ExecutingPreLaunch"),
         (GOOD, {"launchFile": "none.sh"}, "MissingRobotDeploymentResource", "Launching"),
         (GOOD, {"launchFile": ".."}, "MissingRobotDeploymentResource", "Validating"),
-        ({"run.sh": "#!/bin/sh\nexit 0\n"}, {}, "EnvironmentSetupError", "Launching"),
         ({"run.sh": "no program"}, {}, "BadPermissionError", "Launching"),
     ],
 )
@@ -140,10 +139,25 @@ def test_a_failing_step_is_reported_and_the_version_before_runs_on(
     assert (reported.status, reported.failure_code, reported.step) == ("Failed", code, step)
     assert reported.failure_reason
     assert one.yard.current(NAME) == good.digest
-    eventually(lambda: one.programs == ["sleep 1000"])  # a moment ago it was still the shell
+    eventually(lambda: one.programs == ["sleep 1000"])  # a moment ago it was started again
+
+
+def test_an_application_that_ends_soon_is_reported_and_the_version_before_runs_on(one: OneRobot) -> None:
+    good = one.yard.publish({"run.sh": STAYS_UP + "# good\n"})
+    one.deploy(good, 1)
+    one.robot.end()
+    one.restarted(PATIENCE_S).recover()
+
+    reported = one.deploy(one.yard.publish({"run.sh": "#!/bin/sh\nexit 0\n"}), 2)
+
+    assert (reported.status, reported.failure_code, reported.step) == ("Failed", "EnvironmentSetupError", "Launching")
+    assert "run.sh" in reported.failure_reason
+    assert one.yard.current(NAME) == good.digest
+    eventually(lambda: one.programs == ["sleep 1000"])  # a moment ago it was started again
 
 
 def test_a_first_version_that_fails_leaves_nothing_running(one: OneRobot) -> None:
+    one.restarted(PATIENCE_S)
     reported = one.deploy(one.yard.publish({"run.sh": "#!/bin/sh\nexit 1\n"}), 1)
 
     assert reported.status == "Failed"
