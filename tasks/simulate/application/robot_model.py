@@ -153,9 +153,10 @@ def robot_geoms(model: mujoco.MjModel) -> list[int]:
 
 
 def resting(model: mujoco.MjModel) -> mujoco.MjData:
-    """Returns where a robot's parts are at the start."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = rest_position(model)
+    """Returns where a robot's parts are at the start, in the base's own frame: unturned about z, at x = y = 0."""
+    data, base, rest = mujoco.MjData(model), base_of(model), rest_position(model)
+    turned_rad = pose_of(base, rest, np)[2] if base.free else 0.0
+    data.qpos[:] = coordinates_at(base, rest, np.array([0.0, 0.0, -turned_rad]), np)
     mujoco.mj_kinematics(model, data)
     return data
 

@@ -9,7 +9,7 @@ from jaxtyping import Float64
 
 from specs.data.robot_shape import PartKind, RobotPart
 from tasks.simulate.application.robot_file import read_robot_mjcf
-from tasks.simulate.application.robot_model import base_of, compile_robot, rest_position, resting
+from tasks.simulate.application.robot_model import base_of, compile_robot, resting
 
 # An outline has at most so many corners; of a rounder one, the points farthest out in as many directions are taken.
 _MOST_CORNERS = 32
@@ -45,10 +45,7 @@ def hull_parts(model: mujoco.MjModel) -> tuple[HullPart, ...]:
     Spheres, boxes, capsules that lie or stand, and cylinders that stand are exact; the outline of what is rounder has
     its corners on the true one, and lies within a hundredth of its size.
     """
-    data = mujoco.MjData(model)
-    data.qpos[:] = rest_position(model)
-    mujoco.mj_forward(model, data)
-    base = base_of(model)
+    data, base = resting(model), base_of(model)
     origin = data.xpos[base.body][:2]
     parts = [
         _part(model, data, geom, origin, rigid=not (base.free or base.articulated))

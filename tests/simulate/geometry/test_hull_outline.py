@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from tasks.simulate.geometry.hull_outline import robot_shape
+from tasks.simulate.application.robot_file import read_robot_mjcf
+from tasks.simulate.application.robot_model import compile_robot
+from tasks.simulate.geometry.hull_outline import hull_parts, robot_shape
 from tests.factories.simulations import ROOT_ROBOTS
 from tests.repository import ROOT
 
@@ -44,3 +47,28 @@ def test_a_mesh_has_its_vertices_and_what_nobody_sees_is_left_out(tmp_path: Path
         <actuator><motor joint="j"/></actuator></mujoco>"""
     )
     assert sorted((part.kind, len(part.vertices_m)) for part in robot_shape(path)) == [("mesh", 4), ("sphere", 0)]
+
+
+@pytest.mark.parametrize(
+    ("joints", "turned"),
+    [
+        ('<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint axis="0 0 1"/>', {"key": "1 2 9"}),
+        ("<freejoint/>", {"base": 'euler="0 0 90" pos="1 2 0.1"'}),
+        ("<freejoint/>", {"key": "0 0 0.1 0.6 0 0 0.8"}),
+    ],
+)
+def test_a_hull_is_where_it_is_in_the_bases_frame_however_the_base_is_turned_at_rest(
+    tmp_path: Path, joints: str, turned: dict[str, str]
+):
+    def parts(base: str = 'pos="0 0 0.1"', key: str = "") -> list[list[float]]:
+        path = tmp_path / "robot.xml"
+        path.write_text(
+            f"""<mujoco><worldbody><body name="base" {base}>{joints}<geom type="box" size=".2 .1 .05" pos=".3 .1 0"/>
+            <site name="s"/></body></worldbody><keyframe>{f'<key qpos="{key}"/>' if key else ""}</keyframe>
+            <actuator><motor site="s"/></actuator></mujoco>"""
+        )
+        seen = [[*part.position_m[:2], *np.ravel(part.outline_m)] for part in robot_shape(path)]
+        return [*seen, *(np.ravel(part.corners).tolist() for part in hull_parts(compile_robot(read_robot_mjcf(path))))]
+
+    for before, after in zip(parts(), parts(**turned), strict=True):
+        assert {*np.round(before, 6)} == {*np.round(after, 6)}
