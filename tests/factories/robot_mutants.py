@@ -1,8 +1,12 @@
-"""Robots whose files were changed at random, driven blindly into a wall by C MuJoCo, and judged by a gate."""
+"""Robots whose files were changed at random, driven blindly into a wall by an engine, and judged by a gate."""
 
+import functools
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Literal, NamedTuple
+from types import SimpleNamespace
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -11,14 +15,20 @@ import numpy as np
 
 from specs.data.episode import CONTROL_S, EpisodeResult
 from specs.data.world import World
+from specs.field_types import EngineName
 from specs.pipeline.gate_section import Gate
 from tasks.results.gate.gate_verdict import judge
 from tasks.results.gate.rules.rule import GateMaterial
 from tasks.results.tables.episode_tables import results_table
+from tasks.simulate.application.contract import Body
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.engines.mujoco.world_stepper import HostRobot, Stepper, host_robot, world_model
+from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.engines.mjx.mjx_engine import mjx_mechanics
+from tasks.simulate.engines.mujoco.world_stepper import Stepper, host_robot, world_model
+from tasks.simulate.engines.planar.planar_engine import planar_mechanics
 from tasks.simulate.geometry.hull_distance import hull_distance_m
 from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
+from tasks.simulate.lane.control_step import Mechanics
 from tests.factories.episodes import counted, passed, request
 from tests.factories.simulations import ROOT_ROBOTS, pen
 from tests.repository import ROOT
@@ -45,13 +55,13 @@ _AHEAD = {
     "carrier": (0.8, 0.0, 0.0),
     "arm-on-base": (0.8, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
-_START_X_M = 2.0
+_START = np.array([2.0, 0.0, 0.0], np.float32)
 # The goal is behind the wall, and the shortest way to it leads around.
 _GOAL_X_M, _AROUND_M = 3.5, 12.0
 _STEPS = 160
 _EPISODES = 80
-Answer = Literal["refused", "FAIL", "NOT JUDGED", "crashed", "never there", "PASS"]
-"""What came of a mutant; ``never there``: a PASS of one that stood, or went elsewhere, and was never at a wall."""
+Answer = Literal["refused", "not on this engine", "FAIL", "NOT JUDGED", "crashed", "never there", "PASS"]
+"""What came of a mutant; ``refused``: by all engines; ``never there``: a PASS of one that was never at a wall."""
 GATE = Gate.model_validate({"collisionRate": {"atMost": 0.05}})
 
 
@@ -192,57 +202,101 @@ def _set(element: ET.Element, name: str, value: str) -> str:
     return f"{element.tag} {element.get('name', '')} {name}={value}"
 
 
-def answer_to(each: Mutant, folder: Path) -> Answer:
-    """Returns what comes of a mutant that drives blindly at a wall, in as many episodes as a gate needs."""
+def answer_to(each: Mutant, folder: Path, engine: EngineName = "mujoco") -> Answer:
+    """Returns what comes of a mutant that drives blindly at a wall, in as many episodes as a gate needs.
+
+    Args:
+        each: The robot.
+        folder: For its file.
+        engine: What drives it.
+    """
     path = folder / "robot.xml"
     path.write_text(each.text)
-    try:
-        robot = host_robot(path)
-    except RobotRefused:
-        return "refused"
     world = pen(6.0, 1).model_copy(update={"furniture": ()})
-    driven = _driven(robot, world, each.name)
-    if driven is None:
+    drive = _driven_by_c if engine == "mujoco" else functools.partial(_driven_by_jax, _MECHANICS[engine])
+    try:
+        drove = drive(path, world, np.array(_AHEAD[each.name], np.float32))
+    except RobotRefused as refused:
+        return "not on this engine" if re.search("engine refuses|MJX refuses", str(refused)) else "refused"
+    if not all(np.isfinite(part).all() for part in (drove.way, drove.pushes_ns)):
         return "crashed"
-    results = [driven.model_copy(update={"index": number}) for number in range(_EPISODES)]
+    measured = _measured(drove)
+    results = [measured.model_copy(update={"index": number}) for number in range(_EPISODES)]
     rows = results_table("simb-1", [request(result.index) for result in results], results)
     found = judge(GATE, GateMaterial(counted(results), rows=rows))
     if "NOT JUDGED" in found.sentence:
         return "NOT JUDGED"
     if found.verdict != "PASS":
         return "FAIL"
-    return "never there" if driven.min_clearance_m > 0 else "PASS"
+    return "never there" if measured.min_clearance_m > 0 else "PASS"
 
 
-def _driven(robot: HostRobot, world: World, name: str) -> EpisodeResult | None:
-    """Returns what an episode would measure; None of a state that blows up."""
-    start = np.array([[_START_X_M, 0.0, 0.0]], np.float32)
-    stepper = Stepper(robot, [world_model(robot, world)], start, 1)
-    controls = np.resize(np.array(_AHEAD[name], np.float32), (1, robot.actuators))
-    poses, pushes = [start[0]], list[float]()
+class _Drove(NamedTuple):
+    """What a robot did in each control step.
+
+    Attributes:
+        way: Its poses, the start first.
+        pushes_ns: What contacts pushed it with.
+        apart_m: How far its hull was from the wall, seen from above.
+    """
+
+    way: np.ndarray
+    pushes_ns: np.ndarray
+    apart_m: np.ndarray
+
+
+def _driven_by_c(path: Path, world: World, ahead: np.ndarray) -> _Drove:
+    robot = host_robot(path)
+    stepper = Stepper(robot, [world_model(robot, world)], _START[None], 1)
+    controls = np.resize(ahead, (1, robot.actuators))
+    poses, pushes = [_START], list[float]()
     for _ in range(_STEPS):
         body, work = stepper.drive(controls, np.ones(1, np.bool_))
         poses.append(body.qpos[0])
         pushes.append(float(work.impulse_ns[0]))
     way = np.array(poses)
-    if not np.isfinite(way).all() or not np.isfinite(pushes).all():
-        return None
-    (solids,) = pad_obstacles([obstacles(world, robot.hull.low_m, robot.hull.high_m)])
-    boxes, cylinders = jnp.asarray(solids.boxes), jnp.asarray(solids.cylinders)
-    apart_m = np.asarray(jax.vmap(lambda pose: hull_distance_m(robot.parts, boxes, cylinders, pose))(way[1:]))
-    pushed = np.array(pushes) > 0
-    least_m = float(np.where(pushed, apart_m, np.maximum(apart_m, 0.0)).min())
-    passed_through = way[:, 0].max() > _GOAL_X_M
+    boxes, cylinders = _solids(world, robot.hull)
+    apart_m = jax.vmap(lambda pose: hull_distance_m(robot.parts, boxes, cylinders, pose))(way[1:])
+    return _Drove(way, np.array(pushes), np.asarray(apart_m))
+
+
+def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world: World, ahead: np.ndarray) -> _Drove:
+    mechanics = mechanics_of(path)
+    boxes, cylinders = _solids(world, mechanics.hull)
+    inputs: Any = SimpleNamespace(boxes=boxes, cylinders=cylinders, near=None)
+    control = jnp.asarray(np.resize(ahead, mechanics.actuators))
+
+    def step(body: Body, _: None) -> tuple[Body, tuple[jax.Array, ...]]:
+        motion = mechanics.drive(inputs, body, control)
+        return motion.body, (motion.body.qpos, motion.work.impulse_ns, motion.clearance_m)
+
+    run = jax.jit(lambda body: jax.lax.scan(step, body, None, length=_STEPS)[1])
+    poses, pushes, apart_m = map(np.asarray, run(mechanics.first_body(jnp.asarray(_START))))
+    return _Drove(np.concatenate([_START[None], poses]), pushes, apart_m)
+
+
+_MECHANICS: Mapping[EngineName, Callable[[Path], Mechanics]] = {"mjx": mjx_mechanics, "planar": planar_mechanics}
+
+
+def _solids(world: World, hull: Hull) -> tuple[jax.Array, jax.Array]:
+    (solids,) = pad_obstacles([obstacles(world, hull.low_m, hull.high_m)])
+    return jnp.asarray(solids.boxes), jnp.asarray(solids.cylinders)
+
+
+def _measured(drove: _Drove) -> EpisodeResult:
+    """Returns what an episode would measure."""
+    pushed = drove.pushes_ns > 0
+    passed_through = drove.way[:, 0].max() > _GOAL_X_M
     return passed(0).model_copy(
         update={
             "simulated_s": _STEPS * CONTROL_S,
-            "path_length_m": float(np.hypot(*np.diff(way[:, :2], axis=0).T).sum()),
+            "path_length_m": float(np.hypot(*np.diff(drove.way[:, :2], axis=0).T).sum()),
             "shortest_path_m": _AROUND_M,
             **({} if passed_through else {"outcome": "Failed", "outcome_reason": "timeout", "goals_reached": 0}),
             "collisions": int(pushed[0]) + int((pushed[1:] & ~pushed[:-1]).sum()),
-            "impulse_ns": sum(pushes),
-            "max_impulse_ns": max(pushes),
-            "min_clearance_m": least_m,
-            "final_x_m": float(way[-1, 0]),
+            "impulse_ns": float(drove.pushes_ns.sum()),
+            "max_impulse_ns": float(drove.pushes_ns.max()),
+            "min_clearance_m": float(np.where(pushed, drove.apart_m, np.maximum(drove.apart_m, 0.0)).min()),
+            "final_x_m": float(drove.way[-1, 0]),
         }
     )
