@@ -3,6 +3,7 @@
 The rest is known to a store alone; see `flows.pipeline.references`.
 """
 
+import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -23,10 +24,12 @@ from specs.launched_file import (
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate, metric_faults
 from specs.pipeline.section_requests import undriven_faults
-from specs.pipeline.simulation_section import SimulationBatch
+from specs.pipeline.simulation_section import LocalFleet, SimulationBatch
+from specs.program_file import HEAD_BYTES
 from specs.robomaker.bundle import LATEST, ApplicationKind
 from specs.settings import chosen_workers
 from tasks.applications.registry import shipped_application, unpack
+from tasks.deploy.rollout.resolved_request import launch_files, outside_package, program_fault
 from tasks.simulate.application.declared_metrics import declared_metrics
 from tasks.simulate.application.mjcf_check import RobotRefused, refusal_lines
 from tasks.simulate.plan.batch_plan import BatchPlan
@@ -130,6 +133,47 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
             faults.append(fault)
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
+
+
+def check_programs(spec: PipelineSpec, base: Path) -> None:
+    """Refuses files of the document's own bundles that robots are to start, and that do not start.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    own, faults = {each.name: each.source for each in spec.applications if each.kind == "robot"}, list[Fault]()
+    section = spec.deployment
+    here = section is not None and isinstance(section.fleet, LocalFleet) and section.fleet.localAgents > 0
+    for number, use in enumerate(section.deploymentApplicationConfigs if section else ()):
+        source = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
+        if source is None:
+            continue
+        launch, where = use.launchConfig, f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
+        outside = [*outside_package(launch, where)]
+        faults += outside
+        for field, name in launch_files(launch).items():
+            # `check_launch_files` names a launch file that is not there, and knows those of ROS.
+            if field == "launchFile" and (names_ros_launch(name) or not (base / source / name).is_file()):
+                continue
+            path = f"{where}.{field}"
+            if path not in {fault.path for fault in outside} and (why := _own_fault(base, source, name, here=here)):
+                allowed = f"a file that can be started; {why}"
+                faults.append(Fault(path=path, value=repr(getattr(launch, field)), allowed=allowed))
+    if faults:
+        raise DocumentError(faults)
+
+
+def _own_fault(base: Path, source: str, name: str, *, here: bool) -> str:
+    path, shown = base / source / name, f"{source}/{name}"
+    if not path.is_file():
+        return program_fault(shown, None, (), executable=False, here=here)
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    return program_fault(shown, head, (), executable=bool(path.stat().st_mode & stat.S_IXUSR), here=here)
 
 
 def check_modules(spec: PipelineSpec, base: Path) -> None:
@@ -455,6 +499,7 @@ def _sweep(spec: PipelineSpec) -> dict[str, tuple[str, ...]]:
 _CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
     check_driven_requests,
     check_launch_files,
+    check_programs,
     check_modules,
     check_robot_files,
     check_policies,

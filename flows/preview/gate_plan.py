@@ -17,7 +17,7 @@ from specs.pipeline.section_requests import deployment_request, fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet
 from tasks.deploy.fleet import launch_environment
 from tasks.deploy.fleet.fleet_registry import fleet_name, members
-from tasks.deploy.rollout.resolved_request import bounds_for, timeout_s
+from tasks.deploy.rollout.resolved_request import bounds_for, interpreter_notes, timeout_s
 from tasks.results.gate.gate_verdict import GATE_RULES
 from tasks.results.gate.rules.rule import PlannedEpisodes
 from tasks.results.gate.shipped_builds import Shipment, shipment_lines, unjudged_lines
@@ -182,7 +182,8 @@ def deployment_lines(
         simulated_clock: Launch files that make their nodes wait for a simulation's clock.
     """
     use, fleet = section.deploymentApplicationConfigs[0], section.fleet
-    number = find("robot-application", use.application, use.applicationVersion).number
+    found = find("robot-application", use.application, use.applicationVersion)
+    number = found.number
     newest = "version tested" if batch else f"newest version, {number}"
     version = newest if use.applicationVersion is None else f"version {use.applicationVersion}"
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
@@ -190,6 +191,8 @@ def deployment_lines(
     yield f"{use.application} ({version}) to fleet {fleet_reference(section)}{local}, bundle {ships.digest[:12]}"
     yield from _shipped_lines(section, ships, batch, judged=judged)
     yield from _launch_lines(section, batch, simulated_clock)
+    if not agents:
+        yield from interpreter_notes(store, use.launchConfig, found)
     robots = [] if agents else members(store, fleet_name(fleet_reference(section)))
     yield from _tag_lines({*(section.tags or {}), *(key for robot in robots for key in robot.tags)})
     yield from _rules(section, store, str(number), agents or len(robots))

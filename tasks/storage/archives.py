@@ -12,13 +12,14 @@ import shutil
 import tarfile
 import tempfile
 import uuid
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import IO, BinaryIO, cast
 
 from specs.errors import BundleRefused
+from specs.program_file import HEAD_BYTES
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.local_files import OF_THE_DISK, flush_to_disk, room_in, settle_names
 from tasks.storage.base.store import Store
@@ -176,12 +177,36 @@ def list_bundle_files(store: Store, digest: str) -> dict[str, bool]:
         ObjectNotFound: The store has no such bundle.
         BundleRefused: It has another digest, or is not a plain tar.
     """
+    return read_bundle(store, digest)[0]
+
+
+def read_bundle(store: Store, digest: str, heads: Collection[str] = ()) -> tuple[dict[str, bool], dict[str, bytes]]:
+    """Returns what `list_bundle_files` does, and the first bytes of some of the files, by name.
+
+    Args:
+        store: Where the bundle is.
+        digest: Its SHA-256.
+        heads: Which files are looked into.
+
+    Raises:
+        ObjectNotFound: The store has no such bundle.
+        BundleRefused: It has another digest, or is not a plain tar.
+    """
+    files, begun = dict[str, bool](), dict[str, bytes]()
     with tempfile.TemporaryDirectory() as folder:
         archive = Path(folder) / "bundle"
         store.download(bundle_key(digest), archive)
         _require_digest(archive, digest)
         with open_tar(archive) as tar:
-            return {each.name: bool(each.mode & 0o111) for each in list_members(tar.headers()) if each.type in _FILES}
+            for member in list_members(tar.headers()):
+                if member.type not in _FILES:
+                    continue
+                files[member.name] = bool(member.mode & 0o111)
+                if member.name in heads:
+                    with _explained():
+                        source = tar.file.extractfile(member)
+                        begun[member.name] = source.read(HEAD_BYTES) if source else b""
+    return files, begun
 
 
 def install(

@@ -2,9 +2,11 @@
 
 import fnmatch
 import re
+import shutil
 from collections.abc import Iterable, Mapping
 
 from specs.base import Fault
+from specs.program_file import needed_programs
 
 TAG_PREFIX = "AWS_ROBOMAKER_ROBOT_TAG_KEY_"
 BASE_VARIABLES: Mapping[str, str] = {
@@ -71,6 +73,16 @@ def environment(
     """
     tags = {f"{TAG_PREFIX}{key}": value for key, value in {**robot_tags, **deployment_tags}.items()}
     return {**variables, **tags}
+
+
+def absent_program(head: bytes) -> str:
+    """Returns the first of the programs that a script needs to start which this machine lacks; empty if none is.
+
+    Args:
+        head: The script's first bytes.
+    """
+    needed = needed_programs(head)
+    return next((name for name in needed if shutil.which(name, path=BASE_VARIABLES["PATH"]) is None), "")
 
 
 def variable_faults(names: Iterable[str], path: str) -> list[Fault]:

@@ -1,6 +1,8 @@
 """Runs a bundle's scripts and its application on a robot, and starts the application again when it ends."""
 
+import errno
 import os
+import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,8 +11,9 @@ from typing import NamedTuple
 
 from specs.errors import BundleRefused, LaunchRefused
 from specs.launched_file import names_ros_launch
+from specs.program_file import HEAD_BYTES, built_for, start_fault
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
-from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, variable_faults
+from tasks.deploy.fleet.launch_environment import BASE_VARIABLES, absent_program, variable_faults
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.account import Account, let_add_files
 from tasks.deploy.robot.disk import Disk
@@ -22,6 +25,7 @@ from tasks.storage.archives import safe_parts
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 30.0
 _CRASHES = 5
+_SETUP: DeploymentJobErrorCode = "EnvironmentSetupError"
 # roslaunch reads its file and starts a master before the first node, and ends a while after the last one.
 _ROS_START_S = 5.0
 
@@ -101,7 +105,7 @@ def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, 
         StepFailed: With the code, when it exits with another code than 0, or takes too long.
         StopRequested: The agent has to end.
     """
-    running = _start(place, desired, program, step)
+    running = _start(place, desired, program, step, code=code)
     try:
         ended = wait(running, desired.timeout_s, place.stop)
     finally:
@@ -197,7 +201,7 @@ class RunningApplication:
             return _start_ros(self._place, self.desired)
         program = _program(self._place.disk, self.desired, name, "MissingRobotDeploymentResource")
         self._started_s = time.monotonic()
-        return _start(self._place, self.desired, program, "launch")
+        return _start(self._place, self.desired, program, "launch", code=_SETUP)
 
 
 def _ros(desired: Desired) -> RobotRos:
@@ -218,7 +222,7 @@ def _start_ros(place: LaunchPlace, desired: Desired) -> RunningProgram:
     path = f"{BASE_VARIABLES['PATH']}:{make_python(place.disk.root / 'bin')}"
     # What nodes print shows in the log as they print it, and not when they end.
     variables = {**own_variables(os.environ), "PATH": path, "PYTHONUNBUFFERED": "1"}
-    return _start(place, desired, ros.program, "launch", Command(command, variables))
+    return _start(place, desired, ros.program, "launch", code=_SETUP, command=Command(command, variables))
 
 
 class Command(NamedTuple):
@@ -229,8 +233,15 @@ class Command(NamedTuple):
 
 
 def _start(
-    place: LaunchPlace, desired: Desired, program: Path, step: str, command: Command | None = None
+    place: LaunchPlace,
+    desired: Desired,
+    program: Path,
+    step: str,
+    *,
+    code: DeploymentJobErrorCode,
+    command: Command | None = None,
 ) -> RunningProgram:
+    """Returns a program, started; the code is that of one that cannot be, for another reason than its rights."""
     arguments, more = command or Command([str(program)], {})
     own = {
         "SIMYARD_ROBOT": place.robot,
@@ -244,8 +255,31 @@ def _start(
         if place.account and cwd == folder:
             let_add_files(place.account, folder)
         return start(arguments, cwd, variables, place.disk.root, _log(place, desired, step), account=place.account)
-    except (OSError, ValueError) as exc:
-        raise StepFailed("BadPermissionError", f"{program.name} cannot be started: {exc}") from exc
+    except OSError as exc:
+        told: DeploymentJobErrorCode = "BadPermissionError" if isinstance(exc, PermissionError) else code
+        raise StepFailed(told, f"{program.name} cannot be started: {_cause(program, exc)}") from exc
+    except ValueError as exc:  # a variable that no program can be given
+        raise StepFailed(_SETUP, f"{program.name} cannot be started: {exc}") from exc
+
+
+def _cause(program: Path, exc: OSError) -> str:
+    """Returns why a program did not start, by what it begins with: the system says little, and of the wrong file."""
+    if exc.errno == errno.EACCES:
+        return f"{exc}: a folder above it is closed to the account that runs programs, or mounted with noexec"
+    if exc.errno not in {errno.ENOENT, errno.ENOEXEC, errno.ELIBBAD}:
+        return str(exc)
+    try:
+        with program.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except OSError:
+        return str(exc)
+    if absent := absent_program(head):
+        lacking = f"it needs {absent} (line 1), which this robot does not have"
+    elif exc.errno == errno.ENOEXEC and (built := built_for(head)):
+        lacking = f"it is compiled for {built}, and this robot is of architecture {platform.machine()}"
+    else:
+        lacking = f"{exc}: it is damaged, or built for another system than this robot's ({platform.machine()})"
+    return start_fault(head, program.name) or lacking
 
 
 def _program(disk: Disk, desired: Desired, name: str, code: DeploymentJobErrorCode) -> Path:

@@ -3,7 +3,7 @@
 SyncDeploymentJob brings a fleet's latest deployment to those of its robots that do not run it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Literal
 
 from specs.arn import parse_reference
@@ -12,6 +12,7 @@ from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceN
 from specs.field_types import Architecture
 from specs.launched_file import ros_launch_file
 from specs.pipeline.simulation_section import RollOutRules
+from specs.program_file import built_for, start_fault
 from specs.robomaker.bundle import Application, Version
 from specs.robomaker.deployment import (
     CreateDeploymentJobRequest,
@@ -25,7 +26,7 @@ from tasks.deploy.fleet.states import RobotRecord
 from tasks.deploy.kit.local_agents import local_names, machine_architecture
 from tasks.deploy.rollout.rollout_plan import Limits, RolloutPlan, digests_for, limits
 from tasks.deploy.trust.trust_record import Signer
-from tasks.storage.archives import list_bundle_files, safe_parts
+from tasks.storage.archives import read_bundle, safe_parts
 from tasks.storage.base.keys import application_key, checked_name
 from tasks.storage.base.store import Store, find_document
 from tasks.storage.buckets import source_faults
@@ -124,7 +125,9 @@ def preflight(
         signer: Whose keys must vouch that robots which the run does not make belong to the fleet; None for nobody's.
     """
     path = f"{_SECTION_PATH}.launchConfig"
-    bundles = dict.fromkeys(version.digests.values() or [version.digest])
+    robots: list[Architecture] = [robot.architecture for robot in _known_members(store, fleet)]
+    asked: list[Architecture] = [machine_architecture()] if local_agents else robots
+    builds: list[tuple[str, list[Architecture]]] = [(digest, [built]) for built, digest in version.digests.items()]
     return [
         *(
             _local_faults(store, fleet, local_agents, version)
@@ -132,7 +135,11 @@ def preflight(
             else _member_faults(store, fleet, version, signer)
         ),
         *outside_package(launch, path),
-        *(fault for digest in bundles for fault in _file_faults(store, launch, digest, path)),
+        *(
+            fault
+            for digest, built in builds or [(version.digest, asked)]
+            for fault in _file_faults(store, launch, digest, built, here=local_agents > 0)
+        ),
         *launch_environment.variable_faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
     ]
 
@@ -189,20 +196,81 @@ def _local_faults(store: Store, fleet: str, count: int, version: Version) -> lis
     return [*faults, *_architecture_faults(robots, version, path)]
 
 
-def _file_faults(store: Store, launch: DeploymentLaunchConfig, digest: str, path: str) -> Iterator[Fault]:
+def _known_members(store: Store, reference: str) -> list[RobotRecord]:
+    """Returns the robots of a fleet; none of one that is not there, which is a fault of its own."""
+    try:
+        return members(store, read_fleet(store, reference).name)
+    except DocumentError:
+        return []
+
+
+def _file_faults(
+    store: Store, launch: DeploymentLaunchConfig, digest: str, robots: Collection[Architecture], *, here: bool
+) -> Iterator[Fault]:
+    """Yields what is wrong with the files that robots of some architectures launch of a bundle.
+
+    Args:
+        store: Where the bundle is.
+        launch: What is launched.
+        digest: Of the bundle.
+        robots: Their architectures.
+        here: Whether they are on this machine, which then has to have what scripts need.
+    """
+    path = f"{_SECTION_PATH}.launchConfig"
     outside = {fault.path for fault in outside_package(launch, path)}
     try:
-        found = list_bundle_files(store, digest)
+        found, heads = read_bundle(store, digest, launch_files(launch).values())
     except (ObjectNotFound, BundleRefused) as exc:
         yield Fault(path=f"{_SECTION_PATH}.application", value=digest, allowed=f"a bundle that is whole: {exc}")
         return
     of_ros = ros_launch_file(found, launch.packageName, launch.launchFile) is not None  # which need not be executable
     for field, name in launch_files(launch).items():
         place = f"{path}.{field}"
-        if found.get(name) or place in outside or (field, of_ros) == ("launchFile", True):
+        if place in outside or (field, of_ros) == ("launchFile", True):
             continue
-        wrong = "is not executable: chmod +x it and publish again" if name in found else "is not in the bundle"
-        yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"an executable file; {name} {wrong}")
+        why = program_fault(name, heads.get(name), robots, executable=found.get(name, False), here=here)
+        if why:
+            yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"a file that can be started; {why}")
+
+
+def program_fault(
+    name: str, head: bytes | None, robots: Collection[Architecture], *, executable: bool, here: bool
+) -> str:
+    """Returns why a bundle's file cannot be started on robots, and what to do; empty if nothing is known to be wrong.
+
+    Args:
+        name: What to call it.
+        head: Its first bytes; None if it is not there.
+        robots: Their architectures, if they are known.
+        executable: Whether its mode says so.
+        here: Whether the robots are on this machine, which then has to have what the file needs.
+    """
+    if head is None:
+        return f"the bundle has no {name}"
+    if not executable:
+        return f"{name} is not executable: chmod +x {name}"
+    if wrong := start_fault(head, name):
+        return wrong
+    built, others = built_for(head), sorted({*robots} - {built_for(head)})
+    if built and others:
+        return f"{name} is compiled for {built}, and not for robots of {', '.join(others)}"
+    if here and (absent := launch_environment.absent_program(head)):
+        return f"{name}, line 1: needs {absent}, which this machine lacks: install it, or name another interpreter"
+    return ""
+
+
+def interpreter_notes(store: Store, launch: DeploymentLaunchConfig, version: Version) -> Iterator[str]:
+    """Yields a line for each program that a version's scripts need on robots elsewhere, and that is not here.
+
+    Raises:
+        ObjectNotFound: The store has no such bundle.
+        BundleRefused: It has another digest, or is not a plain tar.
+    """
+    for digest in dict.fromkeys(version.digests.values() or [version.digest]):
+        _, heads = read_bundle(store, digest, launch_files(launch).values())
+        for name, head in heads.items():
+            if absent := launch_environment.absent_program(head):
+                yield f"{name} needs {absent} on each robot; this machine has none"
 
 
 def check_request(

@@ -1,7 +1,10 @@
 """What robots run: with which variables, for how long, and what is left of it."""
 
+from collections.abc import Mapping
+
 import pytest
 
+from specs.robomaker.bundle import Version
 from tasks.applications.registry import publish_bundle
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, scripted
 from tests.deploy.yard import STAYS_UP, eventually
@@ -15,6 +18,45 @@ def test_a_file_that_is_not_executable_is_told_with_the_remedy(one: OneRobot) ->
     reported = one.deploy(version, 1)
 
     assert (reported.failure_code, "chmod +x" in reported.failure_reason) == ("BadPermissionError", True)
+
+
+_STRANGE_ELF = "\x7fELF\x02\x01\x01" + "\0" * 11 + "\xb7\0" + "\0" * 40
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            "#!/bin/sh\r\nexec sleep 9\r\n",
+            "line 1: ends in CR LF, and the CR counts to the interpreter's name: dos2unix",
+        ),
+        ("#!/usr/bin/python2\n", "it needs /usr/bin/python2 (line 1), which this robot does not have"),
+        ("exec sleep 9\n", "line 1: says not what runs it: begin it with #!/bin/sh"),
+        (_STRANGE_ELF, "it is compiled for ARM64, and this robot is of architecture"),
+        ("\0" * 64, "it is damaged, or built for another system than this robot's"),
+    ],
+)
+@pytest.mark.parametrize("step", ["launchFile", "preLaunchFile"])
+def test_why_a_file_cannot_be_started_is_told(text: str, said: str, step: str, one: OneRobot) -> None:
+    launch = scripted() if step == "launchFile" else scripted(preLaunchFile="first.sh")
+    good = one.yard.publish(GOOD)
+    one.deploy(good, 1)
+
+    told = one.deploy(_latin(one, {**GOOD, {"launchFile": "run.sh"}.get(step, "first.sh"): text}), 2, launch=launch)
+
+    code = "EnvironmentSetupError" if step == "launchFile" else "PreLaunchFileFailure"
+    assert (told.failure_code, told.running_digest, told.is_up) == (code, good.digest, True)
+    assert said in told.failure_reason
+
+
+def _latin(one: OneRobot, files: Mapping[str, str]) -> Version:
+    """Publishes a package of executable files with these texts, in Latin-1."""
+    package = one.yard.folder / "latin" / "courier"
+    package.mkdir(parents=True)
+    for name, text in files.items():
+        (package / name).write_bytes(text.encode("latin-1"))
+        (package / name).chmod(0o755)
+    return publish_bundle(one.yard.store, "robot-application", "courier", package.parent)
 
 
 def test_variables_that_change_which_code_runs_are_refused_by_the_robot_too(one: OneRobot) -> None:

@@ -8,13 +8,14 @@ import pytest
 from specs.base import Fault
 from specs.errors import DocumentError, IdempotentParameterMismatch, ResourceNotFound
 from specs.pipeline.simulation_section import RollOutRules
+from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fleet
 from tasks.deploy.rollout.deployment_job import run_deployment_job, run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
-from tasks.deploy.rollout.resolved_request import check_request, plan_deployment, preflight
+from tasks.deploy.rollout.resolved_request import check_request, interpreter_notes, plan_deployment, preflight
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.jobs.records import JobRecord
 from tests.deploy.puppets import PuppetRobots, run
@@ -83,7 +84,7 @@ def test_all_faults_of_a_launch_configuration_are_told_at_once(yard: Yard) -> No
         f"{LAUNCH}.postLaunchFile",
         f"{LAUNCH}.environmentVariables.PATH",
     ]
-    assert "courier/none.sh is not in the bundle" in faults[1].allowed
+    assert "the bundle has no courier/none.sh" in faults[1].allowed
 
 
 def test_a_launch_file_must_be_executable(yard: Yard) -> None:
@@ -95,6 +96,47 @@ def test_a_launch_file_must_be_executable(yard: Yard) -> None:
     (fault,) = preflight(yard.store, fleet=FLEET, local_agents=1, launch=_launch(), version=version)
 
     assert (fault.path, "chmod +x" in fault.allowed) == (f"{LAUNCH}.launchFile", True)
+
+
+CRLF = "#!/bin/sh\r\nexec sleep 1000\r\n"
+OLD = "#!/usr/bin/env python2\n"
+ELF_OF_ARM = "\x7fELF\x02\x01\x01" + "\0" * 11 + "\xb7\0" + "\0" * 40
+
+
+@pytest.mark.parametrize(
+    ("text", "here", "said"),
+    [
+        (CRLF, 1, "courier/run.sh, line 1: ends in CR LF, and the CR counts to the interpreter's name: dos2unix"),
+        (CRLF, 0, "courier/run.sh, line 1: ends in CR LF"),
+        ("exec sleep 1000\n", 0, "courier/run.sh, line 1: says not what runs it: begin it with #!/bin/sh"),
+        (OLD, 1, "courier/run.sh, line 1: needs python2, which this machine lacks"),
+        (ELF_OF_ARM, 1, "courier/run.sh is compiled for ARM64, and not for robots of X86_64"),
+        (ELF_OF_ARM, 0, "courier/run.sh is compiled for ARM64, and not for robots of X86_64"),
+    ],
+)
+def test_a_launch_file_that_starts_nowhere_is_a_fault(text: str, here: int, said: str, yard: Yard) -> None:
+    version = _published(yard, text)
+    (fault,) = preflight(yard.store, fleet=FLEET, local_agents=here, launch=_launch(), version=version)
+    assert fault.path == f"{LAUNCH}.launchFile"
+    assert f"a file that can be started; {said}" in fault.allowed
+
+
+def test_what_a_script_needs_may_be_on_robots_alone(yard: Yard) -> None:
+    version = _published(yard, OLD)
+    assert preflight(yard.store, fleet=FLEET, local_agents=0, launch=_launch(), version=version) == []
+    notes = list(interpreter_notes(yard.store, _launch(), version))
+    assert notes == ["courier/run.sh needs python2 on each robot; this machine has none"]
+
+
+def _published(yard: Yard, text: str) -> Version:
+    """Returns a version whose launch file is this text, in Latin-1, and a fleet of one robot."""
+    create_robot(yard.store, "r1")
+    register_robot(yard.store, FLEET, "r1")
+    package = yard.folder / "started" / "courier"
+    package.mkdir(parents=True)
+    (package / "run.sh").write_bytes(text.encode("latin-1"))
+    (package / "run.sh").chmod(0o755)
+    return publish_bundle(yard.store, "robot-application", "courier", package.parent)
 
 
 @pytest.mark.parametrize("body", [b"", b"noise" * 1000, None])

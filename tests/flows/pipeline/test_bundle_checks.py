@@ -13,6 +13,7 @@ from flows.pipeline.bundle_checks import (
     check_launch_files,
     check_own_bundles,
     check_policies,
+    check_programs,
     check_robot_files,
     unchecked_references,
 )
@@ -54,6 +55,26 @@ def test_a_script_that_the_own_bundle_does_not_have_is_refused(tmp_path: Path):
     spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=deployment)
     with pytest.raises(DocumentError, match=r"deploymentApplicationConfigs\[0\].launchConfig.launchFile: 'walk.sh'"):
         check_launch_files(spec, tmp_path)
+
+
+def test_each_file_of_the_own_bundle_that_a_robot_cannot_start_is_refused_with_what_to_do(tmp_path: Path):
+    launch = {"packageName": "courier", "launchFile": "run.sh", "preLaunchFile": "first.sh", "postLaunchFile": "no.sh"}
+    use = {"application": "mine", "launchConfig": launch}
+    local = {"fleet": {"name": "team", "localAgents": 1}, "deploymentApplicationConfigs": [use]}
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"), deployment=local)
+    (tmp_path / "mine/courier/run.sh").write_bytes(b"#!/bin/sh\r\nexec sleep 9\r\n")
+    (tmp_path / "mine/courier/first.sh").write_text("#!/usr/bin/python2\n")
+    with pytest.raises(DocumentError) as refused:
+        check_programs(spec, tmp_path)
+    assert [fault.allowed.removeprefix("a file that can be started; ") for fault in refused.value.faults] == [
+        "mine/courier/first.sh is not executable: chmod +x mine/courier/first.sh",
+        "mine/courier/run.sh, line 1: ends in CR LF, and the CR counts to the interpreter's name: "
+        "dos2unix mine/courier/run.sh",
+        "the bundle has no mine/courier/no.sh",
+    ]
+    (tmp_path / "mine/courier/first.sh").chmod(0o755)
+    with pytest.raises(DocumentError, match=r"first\.sh, line 1: needs /usr/bin/python2, which this machine lacks"):
+        check_programs(spec, tmp_path)
 
 
 @pytest.mark.parametrize(
