@@ -127,7 +127,7 @@ def writer(tmp_path: Path) -> Writer:
 
 
 @pytest.fixture
-def owner(writer: Writer, tmp_path: Path, attack_cache: Path, prefect_server: str) -> Owner:
+def owner(writer: Writer, tmp_path: Path, attack_cache: Path) -> Owner:
     """The owner, in an empty folder."""
     url, folder = writer.folder.as_uri(), tmp_path / "owner"
     folder.mkdir()

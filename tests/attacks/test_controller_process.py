@@ -101,13 +101,14 @@ def _document(owner: Owner, hurt: str) -> str:
 
 def test_a_controller_that_ends_its_process_turns_no_pipeline_green(owner: Owner, writer: Writer):
     """A controller exits with 0, so that CI sees a green run with nothing judged; it has a process of its own."""
-    ended = owner.simyard("run", _document(owner, "os._exit(0)"))
+    ended = owner.simyard("run", _document(owner, "os._exit(0)"), "--direct")
     assert ended.returncode == _INCONCLUSIVE, ended.stdout
     assert "The gate says INCONCLUSIVE" in ended.stdout
     said = "exit code 0"
     assert said in ended.stdout or any(said.encode() in writer.get(key) for key in writer.keys("jobs/"))
 
 
+@pytest.mark.usefixtures("prefect_server")
 def test_a_run_whose_controller_hangs_can_be_interrupted(owner: Owner, writer: Writer):
     """A controller sleeps for ever, so that the run can be neither ended nor cancelled; its process is killed."""
     run = owner.start("run", _document(owner, "time.sleep(10_000)"))

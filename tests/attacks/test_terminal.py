@@ -24,7 +24,7 @@ def records(owner: Owner, writer: Writer) -> list[str]:
     (owner.folder / "templates/two-rooms.json").write_text(template)
     generation = {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}}
     (owner.folder / "worlds.yaml").write_text(json.dumps({"name": "worlds", "worldGeneration": generation}))
-    assert owner.simyard("run", "worlds.yaml").returncode == 0
+    assert owner.simyard("run", "worlds.yaml", "--direct").returncode == 0
     found: list[str] = []
     for key in (key for kind in KINDS for key in writer.keys(f"jobs/{kind}/")):
         record = json.loads(writer.get(key))

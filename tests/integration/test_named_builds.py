@@ -17,11 +17,10 @@ pytestmark = [pytest.mark.integration, pytest.mark.long]
 
 
 @pytest.fixture
-def owner(tmp_path: Path, prefect_server: str) -> Owner:
+def owner(tmp_path: Path) -> Owner:
     """Somebody with an ARM64 robot."""
     folder, url = tmp_path / "owner", (tmp_path / "store").as_uri()
     folder.mkdir()
-    assert prefect_server
     made = Owner(url, folder, {**os.environ, "SIMYARD_STORE": url, "SIMYARD_CACHE": own_cache(tmp_path / "cache")})
     done(made, "fleet", "create", FLEET)
     done(made, "fleet", "register", FLEET, ROBOT, "--architecture", "ARM64")
@@ -58,7 +57,7 @@ def _evidence(owner: Owner) -> dict[str, Any]:
 def test_a_build_that_the_document_names_reaches_its_robots_and_the_report_says_so(owner: Owner, tmp_path: Path):
     digest = _published(owner, tmp_path)
     file = _changed(owner, {"untestedBuilds": {"ARM64": {"testedAs": "X86_64", "digest": digest}}})
-    ended = owner.simyard("run", file)
+    ended = owner.simyard("run", file, "--direct")
     assert ended.returncode == 0, ended.stdout
     assert (tmp_path / "other-ran").exists()
     assert {"architecture": "ARM64", "digest": digest, "tested_as": "X86_64"} in _evidence(owner)["ships"]["builds"]
@@ -71,7 +70,7 @@ def test_a_build_that_the_document_names_reaches_its_robots_and_the_report_says_
 @pytest.mark.soak
 def test_a_build_that_a_request_drives_reaches_its_robots_by_the_evidence(owner: Owner, tmp_path: Path):
     digest = _published(owner, tmp_path)
-    ended = owner.simyard("run", _changed(owner, {}, driven=True))
+    ended = owner.simyard("run", _changed(owner, {}, driven=True), "--direct")
     assert ended.returncode == 0, ended.stdout
     assert (tmp_path / "other-ran").exists()
     evidence = _evidence(owner)

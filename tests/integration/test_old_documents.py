@@ -65,7 +65,7 @@ def answer(store: Store, *command: str) -> Any:  # noqa: ANN401 - JSON
 
 
 @pytest.mark.long
-def test_an_old_document_of_a_single_job_runs_as_it_stands(prefect_server: str, tmp_path: Path, store: Store):
+def test_an_old_document_of_a_single_job_runs_as_it_stands(tmp_path: Path, store: Store):
     file = document(tmp_path)
     request = json.loads(file.read_text())
     planned = finished("plan", str(file), "--store", store.url)
@@ -73,7 +73,7 @@ def test_an_old_document_of_a_single_job_runs_as_it_stands(prefect_server: str, 
     assert "old-job" in planned.stdout
     assert "no effect         simulationBatch.createSimulationJobRequests[*].vpcConfig" in planned.stdout
     assert "dataSources" not in planned.stdout
-    ran = finished("run", str(file), "--store", store.url)
+    ran = finished("run", "--direct", str(file), "--store", store.url)
     assert ran.returncode == 0, ran.stderr
     line = answer(store, "list", "simulation-jobs", "--json")
     assert (line["status"], line["dataSourceNames"]) == ("Completed", ["maps"])

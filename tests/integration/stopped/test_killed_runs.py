@@ -59,7 +59,7 @@ def test_a_run_killed_in_every_stage_ends_like_an_unbroken_one(
 ):
     file = write_document(tmp_path, small_document())
     broken = tmp_path / "broken"
-    command = ("run", str(file), "--store", broken.as_uri())
+    command = ("run", "--direct", str(file), "--store", broken.as_uri())
     for trace in map(_STAGES.__getitem__, stages):
         kill_when(simyard(*command), lambda trace=trace: any(broken.glob(trace)))
     result = finished(*command)
@@ -76,7 +76,7 @@ def test_all_changed_files_are_named_by_the_run_that_goes_on(tmp_path: Path):
     gate = {"successRate": {"atLeast": 0.5}, "collisionRate": {"atMost": 0.6}, "stopEarly": True}
     file = write_document(tmp_path, small_document(gate=gate))
     store = tmp_path / "store"
-    command = ("run", str(file), "--store", store.as_uri())
+    command = ("run", "--direct", str(file), "--store", store.as_uri())
     kill_when(simyard(*command), lambda: any(store.glob("results/*/evidence.json")))
     world = sorted(store.glob("worlds/*/world-*.json"))[0]
     world.write_bytes(world.read_bytes().replace(b"0", b"1", 1))
