@@ -1,5 +1,10 @@
 """Simyard for Python and notebooks: documents run, planned and looked at. No other package imports it."""
 
+from simyard.start import is_command, leave_quietly
+
+if is_command():
+    leave_quietly()
+
 from simyard.hidden_packages import require_own_packages
 
 require_own_packages()

@@ -1,8 +1,8 @@
 """The command `simyard`, here so that it says what hides Simyard's packages, if anything does."""
 
 import os
-import signal
-from types import FrameType
+
+from simyard.start import leave_quietly
 
 # COLUMNS of programs that do not know how wide they are; rich would print nothing.
 _NO_WIDTH = ("0", "1")
@@ -10,9 +10,7 @@ _NO_WIDTH = ("0", "1")
 
 def main() -> None:
     """Runs the command line and exits with its codes; an interrupt while it is imported shows no traceback either."""
-    for number in (signal.SIGINT, signal.SIGTERM):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _leave)
+    leave_quietly()
     if os.environ.get("COLUMNS", "") in _NO_WIDTH:
         os.environ.pop("COLUMNS", None)
     from flows.cli.shell import app  # noqa: PLC0415 - takes a third of a second
@@ -21,11 +19,6 @@ def main() -> None:
 
     with end_process(), log_in_chosen_format():
         app()
-
-
-def _leave(number: int, _frame: FrameType | None) -> None:
-    os.write(2, b"interrupted before anything began\n")
-    os._exit(128 + number)
 
 
 if __name__ == "__main__":

@@ -7,9 +7,10 @@ would be imported in the place of Simyard's, and fail somewhere deep inside it w
 import os
 import sys
 from importlib.machinery import ModuleSpec, PathFinder
-from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
+
+from simyard.start import is_command
 
 PACKAGES = ("flows", "tasks", "specs")
 _OWN = Path(__file__).resolve().parent.parent
@@ -28,18 +29,10 @@ def require_own_packages() -> None:
         found = _place(loaded) if loaded else _place(PathFinder.find_spec(name))
         if found is not None and found != own:
             message = _message(name, found, own, loaded=loaded is not None)
-            if _is_command():
+            if is_command():
                 sys.stderr.write(f"{message}\n")
                 raise SystemExit(_REFUSED)
             raise ImportError(message, name=name, path=str(found))
-
-
-def _is_command() -> bool:
-    """Returns whether this process is the command `simyard`, started by its name or with `python -m`."""
-    started = sys.argv[0] if sys.argv else ""
-    if started == "-m":  # as long as Python looks for the module
-        return any(pair == ("-m", "simyard") for pair in pairwise(sys.orig_argv))
-    return Path(started).name == "simyard"
 
 
 def _place(found: ModuleType | ModuleSpec | None) -> Path | None:

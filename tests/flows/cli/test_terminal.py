@@ -128,18 +128,23 @@ def test_a_variable_that_an_exception_names_is_to_blame_and_its_value_is_not_pri
 
 INTERRUPTED = """
 import os, signal, sys
-sys.modules["flows.cli.shell"] = None  # whoever imports it meets the interrupt first
+
+class Finder:
+    def find_spec(name, *_):
+        if name == "{module}":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.argv = ["simyard"]
+sys.meta_path.insert(0, Finder)
 from simyard.__main__ import main
-sys.meta_path.insert(0, type("Finder", (), {"find_spec": lambda *_: os.kill(os.getpid(), signal.SIGINT)})())
-del sys.modules["flows.cli.shell"]
 main()
 """
 
 
-def test_an_interrupt_while_the_command_is_imported_shows_no_traceback():
-    ended = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
-    )
+@pytest.mark.parametrize("module", ["simyard.hidden_packages", "simyard.__main__", "flows.cli.shell"])
+def test_an_interrupt_while_the_command_is_imported_shows_no_traceback(module: str):
+    program = [sys.executable, "-c", INTERRUPTED.format(module=module)]
+    ended = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
     assert (ended.returncode, ended.stderr) == (130, "interrupted before anything began\n")
 
 
