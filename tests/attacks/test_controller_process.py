@@ -11,11 +11,16 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 import pytest
 
-from tests.attacks.conftest import Owner, Writer
+from tasks.applications.registry import publish_bundle
+from tasks.storage.store_url import open_store
+from tests.attacks.conftest import Owner, Writer, attacked_python
+from tests.factories.gateway.served import Served, served
+from tests.flows.gateway.asked import Asked
 from tests.integration.runs import write_document
 from tests.repository import ROOT
 
@@ -55,24 +60,30 @@ def controller(environment):
 """
 
 
-# Where the owner's secrets are: in the process that started this one, in the owner's folder, below /opt.
+# Where secrets are: in the process that started this one, in all others, and in files.
 _LOOKS = """
-    for place in (f"/proc/{{os.getppid()}}/environ", {key!r}, {other!r}):
+    others = (f"/proc/{{each}}/environ" for each in os.listdir("/proc") if each.isdigit())
+    for place in (f"/proc/{{os.getppid()}}/environ", *others, *{files!r}):
         try:
             with open(place, "rb") as file:
                 print("found", file.read(), flush=True)
         except OSError as exc:
             print("nothing", exc, flush=True)
-    print("it has looked", flush=True)
+    print("it has", "looked", flush=True)  # which stands in no bundle
+    time.sleep(1.0)  # until older versions have read it
 """
+
+
+def _write_stranger(folder: Path, hurt: str) -> None:
+    """Writes the bundle of a stranger's robot application."""
+    (folder / "stranger").mkdir(parents=True)
+    (folder / "robot.xml").write_bytes((ROOT / "applications/courier/robot.xml").read_bytes())
+    (folder / "stranger/drive.py").write_text(_CONTROLLER.format(hurt=hurt))
 
 
 def _document(owner: Owner, hurt: str) -> str:
     """Returns a document whose robot application is a stranger's; its gate asks for nothing but an answer."""
-    folder = owner.folder / "stranger"
-    (folder / "stranger").mkdir(parents=True)
-    (folder / "robot.xml").write_bytes((ROOT / "applications/courier/robot.xml").read_bytes())
-    (folder / "stranger/drive.py").write_text(_CONTROLLER.format(hurt=hurt))
+    _write_stranger(owner.folder / "stranger", hurt)
     robot = {"application": "stranger", "launchConfig": {"packageName": "stranger", "launchFile": "drive"}}
     request = {
         "maxJobDurationInSeconds": 2,
@@ -152,7 +163,7 @@ def test_a_controller_finds_no_secret_of_its_owner(
     key, other = owner.folder / "key", place_in_opt / "key"
     key.write_text(secrets[1])
     other.write_text(secrets[2])
-    looks = _LOOKS.format(key=str(key), other=str(other)).strip()
+    looks = _LOOKS.format(files=[str(key), str(other)]).strip()
     path = _without_bubblewrap(tmp_path / "programs") if way == "no bubblewrap" else os.environ["PATH"]
     ended = owner.simyard(
         "run",
@@ -166,3 +177,53 @@ def test_a_controller_finds_no_secret_of_its_owner(
     assert not [each for each in secrets if each.encode() in written or each in ended.stdout]
     assert b"it has looked" in written, ended.stdout
     assert ended.returncode == _INCONCLUSIVE
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("way", ["bubblewrap", "no bubblewrap", "nothing"])
+def test_with_a_key_that_may_simulate_nobody_gets_the_secrets_of_a_gateway(
+    tmp_path: Path, prefect_server: str, way: str
+):
+    """Whoever has a key with that right has a controller run by the gateway's own worker, and reads what it prints.
+
+    On commit 1b6713fb it read the file with all keys, and the worker's environment, where bubblewrap was not.
+    """
+    home, secrets = tmp_path / "home", [uuid4().hex for _ in range(3)]
+    for file, secret in ((".config/simyard/access-keys", secrets[0]), (".aws/credentials", secrets[1])):
+        (home / file).parent.mkdir(parents=True)
+        (home / file).write_text(secret)
+    settings = {"HOME": str(home), "XDG_CONFIG_HOME": str(home / ".config"), "AWS_SECRET_ACCESS_KEY": secrets[2]}
+    settings |= {"PREFECT_API_URL": prefect_server, "PYTHONPATH": ""}
+    if way == "no bubblewrap":
+        settings["PATH"] = _without_bubblewrap(tmp_path / "programs")
+    if way == "nothing":
+        settings["SIMYARD_CONFINEMENT"] = "process"
+    with served(tmp_path / "served", workers=1, settings=settings, python=attacked_python()) as gateway:
+        files = [gateway.keys, *home.glob(".*/**/*"), tmp_path / "served/cache/owner/key"]
+        described = _batch_of_a_stranger(gateway, tmp_path, _LOOKS.format(files=[*map(str, files)]).strip())
+        secrets.append(gateway.owner.secret)
+    written = b"".join(path.read_bytes() for path in gateway.store.rglob("*") if path.is_file())
+    secrets.append(repr((tmp_path / "served/cache/owner/key").read_bytes())[2:-1])  # as it is printed
+    assert not [each for each in secrets if each.encode() in written]
+    if way == "nothing":
+        assert (described["status"], b"it has looked" in written) == ("Failed", False)
+        assert "applications do not run: nothing shuts them in" in described["failureReason"]
+    else:
+        assert (described["status"], b"it has looked" in written) == ("Completed", True)
+
+
+def _batch_of_a_stranger(gateway: Served, folder: Path, hurt: str) -> dict[str, Any]:
+    """Returns a batch that has ended: a stranger's, whose key may simulate, with a robot application of hers."""
+    asked, mallory = Asked(open_store(gateway.store.as_uri())), gateway.key("mallory", "read", "simulate")
+    shipped = Path(attacked_python()).parents[2] / "applications"
+    publish_bundle(asked.store, "simulation-application", "delivery", shipped / "delivery")
+    _write_stranger(folder / "stranger", hurt)
+    asked.publish(folder / "stranger")
+    request = asked.job_request(asked.world(), maxJobDurationInSeconds=2, outputLocation={"s3Bucket": "results"})
+    request["robotApplications"][0]["launchConfig"] = {"packageName": "stranger", "launchFile": "drive"}
+    batch = gateway.call("/startSimulationJobBatch", {"createSimulationJobRequests": [request]}, mallory)["arn"]
+    while True:
+        described = gateway.call("/describeSimulationJobBatch", {"batch": batch}, mallory)
+        if described["status"] in {"Completed", "Failed", "Canceled", "TimedOut"}:
+            return described
+        time.sleep(0.2)

@@ -1,6 +1,7 @@
 """`simyard serve` as a client meets it: the real command, on a port of 127.0.0.1."""
 
 import http.client
+import json
 import os
 import socket
 import subprocess
@@ -9,7 +10,9 @@ import time
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
+from typing import Any
 
 from tasks.gateway.access.access_keys import AccessKey, add_key, first_key
 from tasks.gateway.rest_json import HttpRequest
@@ -54,6 +57,16 @@ class Served:
 
     def send(self, request: HttpRequest, *, raw_path: str | None = None) -> tuple[int, str]:
         """Returns status and error of the answer to a request, sent as it is."""
+        status, error, _ = self._answered(request, raw_path)
+        return status, error
+
+    def call(self, target: str, members: Mapping[str, object], key: AccessKey | None = None) -> dict[str, Any]:
+        """Returns the members of the answer to a call, which succeeds."""
+        status, error, body = self._answered(self.signed(target, json.dumps(members).encode(), key))
+        assert status == HTTPStatus.OK, (error, body)
+        return json.loads(body)
+
+    def _answered(self, request: HttpRequest, raw_path: str | None = None) -> tuple[int, str, bytes]:
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
         target = (raw_path or request.raw_path) + (f"?{request.query}" if request.query else "")
         connection.putrequest(request.method, target, skip_host=True, skip_accept_encoding=True)
@@ -63,9 +76,9 @@ class Served:
         connection.putheader("content-length", str(len(request.body)))
         connection.endheaders(request.body)
         answer = connection.getresponse()
-        answer.read()
+        body = answer.read()
         connection.close()
-        return answer.status, answer.getheader("x-amzn-errortype", "")
+        return answer.status, answer.getheader("x-amzn-errortype", ""), body
 
     def signed_in(self, key: AccessKey | None = None) -> str:
         """Returns the cookie of a browser that the owner, or whoever has another key, has signed in with."""
@@ -110,6 +123,7 @@ def served(
     workers: int = 0,
     beside: Served | None = None,
     settings: Mapping[str, str] | None = None,
+    python: str = sys.executable,
 ) -> Generator[Served]:
     """Yields a gateway.
 
@@ -119,6 +133,7 @@ def served(
         workers: How many batches it works on at once.
         beside: One whose store and keys it has; else it has new ones.
         settings: Variables of its environment.
+        python: The interpreter of the version that is served.
     """
     folder.mkdir(parents=True, exist_ok=True)
     port = free_port()
@@ -129,7 +144,7 @@ def served(
         "PYTHONPATH": str(ROOT),
         **(settings or {}),
     }
-    command = [sys.executable, "-m", "simyard", "serve", "--workers", str(workers), "--port", str(port)]
+    command = [python, "-m", "simyard", "serve", "--workers", str(workers), "--port", str(port)]
     how = [*(options or ("--access-keys", str(keys))), "--store", store.as_uri()]
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen([*command, *how], env=environment, stdout=log, stderr=log, cwd=folder)
