@@ -1,7 +1,7 @@
 """Planar bases and obstacles for the planar engine's tests, and C MuJoCo beside them."""
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,11 +11,14 @@ import mujoco
 import numpy as np
 
 from specs.data.episode import CONTROL_S
+from specs.data.world import MOST_CORNERS
 from tasks.simulate.application.contract import Body, Motion
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import add_obstacle, collision_bits
+from tasks.simulate.engines.mujoco.world_stepper import add_prism_mesh
 from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
 from tasks.simulate.engines.planar.planar_robot import PlanarRobot, planar_robot
+from tasks.simulate.geometry.hull_distance import LaneObstacles
 
 WHEELS = """
     <velocity name="forward" site="drive" gear="1 0 0 0 0 0" kv="40" ctrlrange="-1 1" forcerange="-15 15"/>
@@ -38,16 +41,17 @@ DRUM: Parts = {"hull/type": "cylinder", "hull/size": "0.18 0.1"}
 CAPSULE: Parts = {"hull/type": "capsule", "hull/size": "0.18 0.1"}
 # A weight off the axis, so that the mass matrix turns with the base.
 LOAD = '<geom type="box" size=".02 .02 .02" pos="0.12 0.05 0" mass="3" contype="0" conaffinity="0"/>'
-NO_BOXES, NO_CYLINDERS = np.zeros((0, 8)), np.zeros((0, 5))
+NO_BOXES, NO_CYLINDERS, NO_PRISMS = np.zeros((0, 8)), np.zeros((0, 5)), np.zeros((0, 20))
 _LEAST_BOXES, _LEAST_CYLINDERS = 2, 1
 _READ: dict[str, PlanarRobot] = {}
 
 
 class Obstacles(NamedTuple):
-    """Boxes (n, 8) and cylinders (n, 5) as the engine has them."""
+    """Boxes (n, 8), cylinders (n, 5) and prisms (n, 20) as the engine has them."""
 
     boxes: np.ndarray
     cylinders: np.ndarray
+    prisms: np.ndarray = NO_PRISMS
 
 
 class Path3(NamedTuple):
@@ -88,6 +92,12 @@ def box(
     return [x, y, z, half_x, half_y, half_z, np.cos(yaw), np.sin(yaw)]
 
 
+def prism(x: float, y: float, corners: np.ndarray, *, z: float = 0.5, half_z: float = 0.5) -> list[float]:
+    """Returns a prism as the engine has it."""
+    filled = np.concatenate([corners, np.repeat(corners[-1:], MOST_CORNERS - len(corners), axis=0)])
+    return [x, y, z, half_z, *filled.ravel().tolist()]
+
+
 def among(path: Path, obstacles: Obstacles) -> mujoco.MjModel:
     """Returns a robot for C MuJoCo among obstacles."""
     spec = read_robot_mjcf(path)
@@ -100,6 +110,11 @@ def among(path: Path, obstacles: Obstacles) -> mujoco.MjModel:
     for number, (x, y, z, radius, half_z) in enumerate(obstacles.cylinders):
         geom = add_obstacle(spec, f"cylinder-{number}", mujoco.mjtGeom.mjGEOM_CYLINDER, bits)
         geom.pos, geom.size = [x, y, z], [radius, half_z, 0.0]
+    for number, prism in enumerate(obstacles.prisms):
+        (x, y, z, half_z), corners = prism[:4], prism[4:].reshape(-1, 2)
+        add_prism_mesh(spec, f"prism-{number}", corners, half_z)
+        geom = add_obstacle(spec, f"prism-{number}", mujoco.mjtGeom.mjGEOM_MESH, bits)
+        geom.meshname, geom.pos = f"prism-{number}", [x, y, z]
     return spec.compile()
 
 
@@ -132,19 +147,18 @@ def drive_planar(
         states: Poses and velocities that the control steps begin in, (steps, lanes, 6); where the one before ended
             if there are none.
     """
-    boxes, cylinders = (jnp.asarray(each, jnp.float32) for each in obstacles)
+    around = on_device(obstacles)
     begin = jax.vmap(functools.partial(first_body, robot))(jnp.asarray(starts, jnp.float32))
     afresh = jnp.asarray(states is not None)
     given = np.zeros((*controls.shape[:2], 6)) if states is None else states
     told = (jnp.asarray(controls, jnp.float32), jnp.asarray(given, jnp.float32))
-    return jax.device_get(_drive(robot, boxes, cylinders, begin, told, afresh))
+    return jax.device_get(_drive(robot, around, begin, told, afresh))
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def _drive(  # noqa: PLR0917 - as jit passes them
+def _drive(
     robot: PlanarRobot,
-    boxes: jax.Array,
-    cylinders: jax.Array,
+    around: LaneObstacles,
     begin: Body,
     told: tuple[jax.Array, jax.Array],
     afresh: jax.Array,
@@ -154,7 +168,7 @@ def _drive(  # noqa: PLR0917 - as jit passes them
     def advance(body: Body, now: tuple[jax.Array, jax.Array]) -> tuple[Body, Motion]:
         control, state = now
         pose, velocity = jnp.where(afresh, state[:, :3], body.qpos), jnp.where(afresh, state[:, 3:], body.qvel)
-        motion = step(boxes, cylinders, body._replace(qpos=pose, qvel=velocity), control)
+        motion = step(around, body._replace(qpos=pose, qvel=velocity), control)
         return motion.body, motion
 
     return jax.lax.scan(advance, begin, told)[1]
@@ -167,7 +181,13 @@ def padded(obstacles: Obstacles) -> Obstacles:
     return Obstacles(
         np.concatenate([obstacles.boxes, np.array(boxes)[len(obstacles.boxes) :]]),
         np.concatenate([obstacles.cylinders, np.array(cylinders)[len(obstacles.cylinders) :]]),
+        obstacles.prisms,
     )
+
+
+def on_device(obstacles: Iterable[np.ndarray]) -> LaneObstacles:
+    """Returns obstacles as the engine is given them."""
+    return LaneObstacles(*(jnp.asarray(kind, jnp.float32) for kind in obstacles))
 
 
 def both(path: Path, obstacles: Obstacles, start: list[float], controls: np.ndarray) -> tuple[Motion, Path3]:

@@ -26,7 +26,7 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.engines.mjx.mjx_engine import mjx_mechanics
 from tasks.simulate.engines.mujoco.world_stepper import Stepper, host_robot, world_model
 from tasks.simulate.engines.planar.planar_engine import planar_mechanics
-from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m
 from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
 from tasks.simulate.lane.control_step import Mechanics
 from tests.factories.episodes import counted, passed, request
@@ -255,15 +255,14 @@ def _driven_by_c(path: Path, world: World, ahead: np.ndarray) -> _Drove:
         poses.append(body.qpos[0])
         pushes.append(float(work.impulse_ns[0]))
     way = np.array(poses)
-    boxes, cylinders = _solids(world, robot.hull)
-    apart_m = jax.vmap(lambda pose: hull_distance_m(robot.parts, boxes, cylinders, pose))(way[1:])
+    around = _solids(world, robot.hull)
+    apart_m = jax.vmap(lambda pose: hull_distance_m(robot.parts, around, pose))(way[1:])
     return _Drove(way, np.array(pushes), np.asarray(apart_m))
 
 
 def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world: World, ahead: np.ndarray) -> _Drove:
     mechanics = mechanics_of(path)
-    boxes, cylinders = _solids(world, mechanics.hull)
-    inputs: Any = SimpleNamespace(boxes=boxes, cylinders=cylinders, near=None)
+    inputs: Any = SimpleNamespace(obstacles=_solids(world, mechanics.hull), near=None)
     control = jnp.asarray(np.resize(ahead, mechanics.actuators))
 
     def step(body: Body, _: None) -> tuple[Body, tuple[jax.Array, ...]]:
@@ -278,9 +277,9 @@ def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world:
 _MECHANICS: Mapping[EngineName, Callable[[Path], Mechanics]] = {"mjx": mjx_mechanics, "planar": planar_mechanics}
 
 
-def _solids(world: World, hull: Hull) -> tuple[jax.Array, jax.Array]:
+def _solids(world: World, hull: Hull) -> LaneObstacles:
     (solids,) = pad_obstacles([obstacles(world, hull.low_m, hull.high_m)])
-    return jnp.asarray(solids.boxes), jnp.asarray(solids.cylinders)
+    return LaneObstacles(*map(jnp.asarray, solids))
 
 
 def _measured(drove: _Drove) -> EpisodeResult:

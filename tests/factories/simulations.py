@@ -98,6 +98,59 @@ def pen(side_m: float, seed: int) -> World:
     return world.model_copy(update={"furniture": tuple(_piece(world, number, rng) for number in range(14))})
 
 
+def with_prisms(world: World) -> World:
+    """Returns a world whose boxes are written as prisms, each by its four corners."""
+
+    def prism(solid: Solid) -> Solid:
+        x, y, _ = solid.half_extents_m
+        corners = ((-x, -y), (x, -y), (x, y), (-x, y))
+        return solid if solid.shape != "box" else solid.model_copy(update={"shape": "prism", "outline_m": corners})
+
+    pieces = [
+        each.model_copy(update={"solids": tuple(prism(solid) for solid in each.solids)}) for each in world.furniture
+    ]
+    return world.model_copy(
+        update={
+            "version": "2",
+            "walls": tuple(prism(wall) for wall in world.walls),
+            "doors": tuple(door.model_copy(update={"leaf": prism(door.leaf)}) for door in world.doors),
+            "furniture": tuple(pieces),
+        }
+    )
+
+
+def with_wedges(world: World, seed: int) -> World:
+    """Returns a world in which prisms of 3 to 8 corners stand in the place of pieces of furniture."""
+    rng = np.random.default_rng(seed)
+    pieces = [
+        each.model_copy(update={"solids": tuple(_wedge(solid, rng) for solid in each.solids)})
+        for each in world.furniture
+    ]
+    return world.model_copy(update={"version": "2", "furniture": tuple(pieces)})
+
+
+def _wedge(solid: Solid, rng: np.random.Generator) -> Solid:
+    corners = convex(rng, max(solid.half_extents_m[:2]))
+    half = np.ptp(corners, axis=0) / 2
+    return solid.model_copy(
+        update={
+            "shape": "prism",
+            "outline_m": tuple((float(x), float(y)) for x, y in corners),
+            "half_extents_m": (float(half[0]), float(half[1]), solid.half_extents_m[2]),
+            "yaw_rad": float(rng.uniform(-3.0, 3.0)),
+        }
+    )
+
+
+def convex(rng: np.random.Generator, size_m: float) -> np.ndarray:
+    """Returns 3 to 8 corners of a convex outline, counter-clockwise, about the middle of the box around it."""
+    turns = np.sort(rng.uniform(0.0, 2 * np.pi, rng.integers(3, 9)))
+    corners = np.stack([np.cos(turns), np.sin(turns)], axis=1) * rng.uniform(0.1, 1.0, 2) * size_m
+    turn = rng.uniform(-np.pi, np.pi)
+    corners = corners @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return corners - (corners.min(axis=0) + corners.max(axis=0)) / 2
+
+
 def hall(half_width_m: float, *, gap_m: float | None = None) -> World:
     """Returns two bare rooms in a row along x, of 5 m each.
 

@@ -30,10 +30,24 @@ def distances(solid: Solid, points: Float[np.ndarray, "points 2"]) -> Float[np.n
     offset = points - np.array(solid.center_m[:2])
     if solid.shape == "cylinder":
         return np.maximum(np.hypot(offset[:, 0], offset[:, 1]) - solid.half_extents_m[0], 0.0)
+    if solid.shape == "prism":
+        return _to_polygon(polygon(solid), points)
     cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
     local = np.abs(np.stack([cos * offset[:, 0] + sin * offset[:, 1], cos * offset[:, 1] - sin * offset[:, 0]], axis=1))
     beyond = np.maximum(local - np.array(solid.half_extents_m[:2]), 0.0)
     return np.hypot(beyond[:, 0], beyond[:, 1])
+
+
+def _to_polygon(corners: Float[np.ndarray, "corners 2"], points: Float[np.ndarray, "points 2"]) -> np.ndarray:
+    """Returns how far points are from a polygon's edges; 0 where a ray along x crosses an odd number of them."""
+    point, begin = points @ [1.0, 1.0j], corners @ [1.0, 1.0j]
+    nearest, odd = np.full(len(points), np.inf), np.zeros(len(points), dtype=bool)
+    for one, other in zip(begin, np.roll(begin, -1), strict=True):
+        seen = (point - one) / (other - one)  # the edge as the way from 0 to 1
+        nearest = np.minimum(nearest, np.abs(seen - np.clip(seen.real, 0.0, 1.0)) * abs(other - one))
+        between = (one.imag > point.imag) != (other.imag > point.imag)
+        odd ^= between & ((seen.imag > 0.0) == (other.imag > one.imag))
+    return np.where(odd, 0.0, nearest)
 
 
 def in_the_way(world: World) -> list[Solid]:
@@ -54,7 +68,8 @@ def polygon(solid: Solid) -> Float[np.ndarray, "corners 2"]:
         angles = np.linspace(0.0, 2 * math.pi, 32, endpoint=False)
         return np.array(solid.center_m[:2]) + half_x * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
-    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
+    square = ((-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y))
+    corners = np.array(solid.outline_m or square)
     return corners @ np.array([[cos, sin], [-sin, cos]]) + np.array(solid.center_m[:2])
 
 

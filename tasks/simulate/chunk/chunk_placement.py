@@ -127,10 +127,13 @@ def alike(lanes: Sequence[Lane]) -> list[list[Lane]]:
 
 
 def _shape(lane: Lane) -> Shape:
-    """Returns the shapes of all that an episode's applications get of it, and the types of what may have any."""
-    placement = lane.placement
+    """Returns the shapes of all that an episode's applications get of it, and the types of what may have any.
+
+    And whether its world has prisms: the others run in programs without them, and no bit hangs on what is beside them.
+    """
+    placement, prisms = lane.placement, (lane.arrays.contact_obstacles.prisms, lane.arrays.lidar_outlines.prisms)
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
-    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given)
+    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, *map(len, prisms))
 
 
 def lane_forms(lane: Lane) -> tuple[object, ...]:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float64, Int, UInt8
 
+from specs.data.world import MOST_CORNERS
+from tasks.simulate.geometry.hull_outline import inner_distance_m
 from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles
 
 Points = Float64[np.ndarray, "points 2"]
@@ -20,39 +22,61 @@ _SLACK_M = 1e-3
 
 
 class Solids(NamedTuple):
-    """Outlines of what the hull can touch: boxes (a circle is one without extent) with rounded rims.
+    """Outlines of what the hull can touch: boxes (a circle is one without extent) with rounded rims, and prisms.
 
     Attributes:
-        center_m, half_m: Middle and half extents.
+        center_m, half_m: Middle and half extents; of a prism, of the upright box around it.
         axis: Cosine and sine of the yaw.
         rim_m: Radius around the box that belongs to it: a cylinder's, else 0.
+        corners_m: Of the prisms, which come last, counter-clockwise; the last one repeated where there are fewer.
     """
 
     center_m: Float64[np.ndarray, "solids 2"]
     half_m: Float64[np.ndarray, "solids 2"]
     axis: Float64[np.ndarray, "solids 2"]
     rim_m: Float64[np.ndarray, "solids"]
+    corners_m: Float64[np.ndarray, "prisms corners 2"]
+
+    @property
+    def round_or_square(self) -> "Solids":
+        """Returns the boxes and circles alone."""
+        count = len(self.rim_m) - len(self.corners_m)
+        return Solids(*(each[:count] for each in self[:-1]), corners_m=self.corners_m[:0])
+
+    @property
+    def prism_bounds(self) -> tuple[Points, Points]:
+        """Returns the middles and half extents of the upright boxes around prisms."""
+        first = len(self.rim_m) - len(self.corners_m)
+        return self.center_m[first:], self.half_m[first:]
 
 
 def solids_of(touched: Obstacles) -> Solids:
-    """Returns the outlines of obstacles without those that are parked, the cylinders last."""
-    boxes, cylinders = (each[np.abs(each[:, 0]) < PARKING_M].astype(np.float64) for each in touched)
-    flat = np.zeros((len(cylinders), 2))
+    """Returns the outlines of obstacles without those that are parked: boxes, then cylinders, then prisms."""
+    boxes, cylinders, prisms = (each[np.abs(each[:, 0]) < PARKING_M].astype(np.float64) for each in touched)
+    corners = prisms[:, None, :2] + prisms[:, 4:].reshape(-1, MOST_CORNERS, 2)
+    low, high = corners.min(axis=1), corners.max(axis=1)
     return Solids(
-        center_m=np.concatenate([boxes[:, :2], cylinders[:, :2]]),
-        half_m=np.concatenate([boxes[:, 3:5], flat]),
-        axis=np.concatenate([boxes[:, 6:8], np.tile([1.0, 0.0], (len(cylinders), 1))]),
-        rim_m=np.concatenate([np.zeros(len(boxes)), cylinders[:, 3]]),
+        center_m=np.concatenate([boxes[:, :2], cylinders[:, :2], (low + high) / 2]),
+        half_m=np.concatenate([boxes[:, 3:5], np.zeros((len(cylinders), 2)), (high - low) / 2]),
+        axis=np.concatenate([boxes[:, 6:8], np.tile([1.0, 0.0], (len(cylinders) + len(prisms), 1))]),
+        rim_m=np.concatenate([np.zeros(len(boxes)), cylinders[:, 3], np.zeros(len(prisms))]),
+        corners_m=corners,
     )
 
 
 def clearance_m(solids: Solids, points: Points) -> Float64[np.ndarray, "points"]:
-    """Returns each point's distance to the nearest solid; 0 inside a box."""
+    """Returns each point's distance to the nearest solid; 0 inside a box or a prism."""
     if not len(solids.rim_m):
         return np.full(len(points), np.inf)
     step = max(1, _PAIRS_TOGETHER // len(solids.rim_m))
-    some = [_nearest_m(solids, points[first : first + step]) for first in range(0, len(points), step)]
-    return np.maximum(np.concatenate([np.empty(0), *some]), 0.0)
+    others = solids.round_or_square
+    some = [_nearest_m(others, points[first : first + step]) for first in range(0, len(points), step)]
+    nearest = np.concatenate([np.empty(0), *some])
+    for corners, center, half in zip(solids.corners_m, *solids.prism_bounds, strict=True):
+        # A prism is no nearer than the upright box around it.
+        near = np.hypot(*np.maximum(np.abs(points - center) - half, 0.0).T) < nearest
+        nearest[near] = np.minimum(nearest[near], inner_distance_m(corners, points[near]))
+    return np.maximum(nearest, 0.0)
 
 
 def _nearest_m(solids: Solids, points: Points) -> Float64[np.ndarray, "points"]:
@@ -61,7 +85,7 @@ def _nearest_m(solids: Solids, points: Points) -> Float64[np.ndarray, "points"]:
     x, y = cos * dx + sin * dy, cos * dy - sin * dx
     beyond_x = np.maximum(np.abs(x) - solids.half_m[:, :1], 0.0)
     beyond_y = np.maximum(np.abs(y) - solids.half_m[:, 1:], 0.0)
-    return (np.hypot(beyond_x, beyond_y) - solids.rim_m[:, None]).min(axis=0)
+    return (np.hypot(beyond_x, beyond_y) - solids.rim_m[:, None]).min(axis=0, initial=np.inf)
 
 
 def is_free(solids: Solids, starts: Points, ends: Points, radius_m: float) -> Bool[np.ndarray, "points"]:
@@ -120,6 +144,38 @@ def _blocks(
     solids: Solids, solid: Int[np.ndarray, "pairs"], starts: Points, ends: Points, radius_m: float
 ) -> Bool[np.ndarray, "pairs"]:
     """Returns whether a line comes nearer to its solid than the radius: it crosses it, or passes a corner too near."""
+    first = len(solids.rim_m) - len(solids.corners_m)
+    blocked, prism = np.zeros(len(solid), bool), solid >= first
+    for pairs, blocks, among in (
+        (~prism, _box_blocks, solid), (prism, _prism_blocks, solid - first)
+    ):  # fmt: skip
+        blocked[pairs] = blocks(solids, among[pairs], starts[pairs], ends[pairs], radius_m)
+    return blocked
+
+
+def _prism_blocks(
+    solids: Solids, prism: Int[np.ndarray, "pairs"], starts: Points, ends: Points, radius_m: float
+) -> Bool[np.ndarray, "pairs"]:
+    corners, way = solids.corners_m[prism], ends - starts
+    along = np.roll(corners, -1, axis=1) - corners
+    from_corner = starts[:, None] - corners
+    # How far right of each edge a line begins, and how much further it ends (Cyrus and Beck, 1978): right is outside.
+    right = along[..., 1] * from_corner[..., 0] - along[..., 0] * from_corner[..., 1]
+    further = along[..., 1] * way[:, None, 0] - along[..., 0] * way[:, None, 1]
+    known = np.where(further == 0.0, _TOUCH_M**2, further)
+    passes = np.where(further == 0.0, np.where(right > 0.0, np.inf, -np.inf), -right / known)
+    entry = np.where(further <= 0.0, passes, 0.0).max(axis=1, initial=0.0)
+    leave = np.where(further > 0.0, passes, 1.0).min(axis=1, initial=1.0)
+    blocked = entry <= leave
+    for corner in np.moveaxis(corners, 1, 0):
+        beside = _to_segment((corner[:, 0], corner[:, 1]), (starts[:, 0], starts[:, 1]), (way[:, 0], way[:, 1]))
+        blocked |= beside < radius_m - _TOUCH_M
+    return blocked
+
+
+def _box_blocks(
+    solids: Solids, solid: Int[np.ndarray, "pairs"], starts: Points, ends: Points, radius_m: float
+) -> Bool[np.ndarray, "pairs"]:
     center, half, axis = solids.center_m[solid], solids.half_m[solid], solids.axis[solid]
     allowed = solids.rim_m[solid] + radius_m - _TOUCH_M
     start, end = _local(starts, center.T, axis.T), _local(ends, center.T, axis.T)
@@ -194,8 +250,9 @@ def open_floor(solids: Solids, radius_m: float) -> OpenFloor:
     cell_m = max(_CELL_M, float((high - low).max()) / _MOST_CELLS)
     columns, rows = np.ceil((high - low) / cell_m).astype(int) + 2
     floor = OpenFloor(solids, radius_m, low - cell_m, cell_m, np.full((rows, columns), ROOM, np.uint8))
-    for center, half, axis, rim in zip(*solids, strict=True):
-        _mark(floor, center, half, axis, float(rim))
+    first = len(solids.rim_m) - len(solids.corners_m)
+    for number in range(len(solids.rim_m)):
+        _mark(floor, number, None if number < first else solids.corners_m[number - first])
     floor.cells[[0, -1]] = UNSURE
     floor.cells[:, [0, -1]] = UNSURE
     return floor
@@ -235,11 +292,10 @@ def _cells_at(floor: OpenFloor, x: Float64[np.ndarray, "..."], y: Float64[np.nda
     return row * columns + column
 
 
-def _mark(
-    floor: OpenFloor, center: Float64[np.ndarray, "2"], half: Float64[np.ndarray, "2"], axis: Float64[np.ndarray, "2"],
-    rim_m: float,
-) -> None:  # fmt: skip
-    """Marks the cells around a solid."""
+def _mark(floor: OpenFloor, number: int, corners_m: Float64[np.ndarray, "corners 2"] | None) -> None:
+    """Marks the cells around a solid, which is a prism if there are corners."""
+    center, half, axis = (each[number] for each in floor.solids[:3])
+    rim_m = float(floor.solids.rim_m[number])
     away_m = floor.cell_m * np.sqrt(0.5) + _SURE_M
     cos, sin = np.abs(axis)
     extent = np.array([cos * half[0] + sin * half[1], sin * half[0] + cos * half[1]]) + rim_m + floor.radius_m + away_m
@@ -252,6 +308,10 @@ def _mark(
     along, across = axis[0] * x + axis[1] * y[:, None], axis[0] * y[:, None] - axis[1] * x
     beyond_x, beyond_y = np.maximum(np.abs(along) - half[0], 0.0), np.maximum(np.abs(across) - half[1], 0.0)
     squared = beyond_x**2 + beyond_y**2
+    if corners_m is not None:
+        places = np.stack(np.broadcast_arrays(x + center[0], y[:, None] + center[1]), axis=-1)
+        to_prism = inner_distance_m(corners_m, places.reshape(-1, 2)).reshape(squared.shape)
+        squared = np.maximum(to_prism, 0.0) ** 2
     near_m, shut_m = rim_m + floor.radius_m + away_m, rim_m + floor.radius_m - away_m
     np.maximum(cells, squared < near_m**2, out=cells)
     if shut_m > 0.0:

@@ -1,15 +1,31 @@
 """The distance of a point, or of a robot's hull part by part, from the obstacles of a world, seen from above."""
 
+import functools
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64
 
+from specs.data.world import MOST_CORNERS
 from tasks.simulate.geometry.hull_outline import HullPart
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
 from tasks.simulate.geometry.obstacles import PARKING_M
+
+Boxes = Float[Array, "boxes 8"]
+Cylinders = Float[Array, "cylinders 5"]
+Prisms = Float[Array, "prisms 20"]
+# Divisors are at least this: the edge of a rod, or a prism's, that is no longer than a speck.
+_TINY_M2 = 1e-12
+
+
+class LaneObstacles(NamedTuple):
+    """Obstacles of a lane, on its device; as in ``Obstacles``. Where no world of a program has prisms, none are."""
+
+    boxes: Boxes
+    cylinders: Cylinders
+    prisms: Prisms
 
 
 def to_boxes_m(boxes: Boxes, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "boxes"]:
@@ -27,10 +43,64 @@ def to_cylinders_m(cylinders: Cylinders, center_m: Float[jax.Array, "2"]) -> Flo
     return jnp.sqrt(dx**2 + dy**2) - cylinders[:, 3]
 
 
-# Obstacles nearest to the robot's centre that an outline is compared with; a disc is compared with all.
-_BOXES_LOOKED_AT, _CYLINDERS_LOOKED_AT = 8, 4
-# Divisors are at least this: the edge of a rod that is no longer than a speck.
-_TINY_M2 = 1e-12
+Numbers = Float[Array, "..."]
+
+
+class Outline(NamedTuple):
+    """A convex outline as numbers, or many as vectors: all that is done with them is elementwise.
+
+    Attributes:
+        corners: Counter-clockwise; a repeated one is an edge without a length, which changes nothing.
+        per_square: One by the square of the length of the edge that begins at each corner.
+    """
+
+    corners: list[tuple[Numbers, Numbers]]
+    per_square: list[Numbers]
+
+
+def outline_of(columns: Float[Array, "16 ..."]) -> Outline:
+    """Returns outlines, given x and y of each corner in turn."""
+    corners = [(columns[2 * k], columns[2 * k + 1]) for k in range(MOST_CORNERS)]
+    edges = [(x - from_x, y - from_y) for (from_x, from_y), (x, y) in _edges(corners)]
+    return Outline(corners, [1.0 / jnp.maximum(along_x**2 + along_y**2, _TINY_M2) for along_x, along_y in edges])
+
+
+def _edges(
+    corners: list[tuple[Numbers, Numbers]],
+) -> list[tuple[tuple[Numbers, Numbers], tuple[Numbers, Numbers]]]:
+    return list(zip(corners, [*corners[1:], corners[0]], strict=True))
+
+
+def from_border(outline: Outline, x: Numbers, y: Numbers) -> tuple[Numbers, Numbers, Numbers, Bool[Array, "..."]]:
+    """Returns the way to a point from the nearest place on an outline (x, y, its square), and whether it is inside."""
+    nearest, way_x, way_y, inside = jnp.full_like(x, jnp.inf), x, y, jnp.ones_like(x, bool)
+    for ((from_x, from_y), (to_x, to_y)), per_square in zip(_edges(outline.corners), outline.per_square, strict=True):
+        along_x, along_y, off_x, off_y = to_x - from_x, to_y - from_y, x - from_x, y - from_y
+        share = jnp.clip((along_x * off_x + along_y * off_y) * per_square, 0.0, 1.0)
+        beside_x, beside_y = off_x - share * along_x, off_y - share * along_y
+        squared = beside_x**2 + beside_y**2
+        nearer = squared < nearest
+        nearest = jnp.where(nearer, squared, nearest)
+        way_x, way_y = jnp.where(nearer, beside_x, way_x), jnp.where(nearer, beside_y, way_y)
+        inside &= along_x * off_y - along_y * off_x >= 0.0
+    return way_x, way_y, nearest, inside
+
+
+def to_prisms_m(prisms: Prisms, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "prisms"]:
+    """Returns how far a point is from each prism; 0 inside one."""
+    x, y = center_m[0] - prisms[:, 0], center_m[1] - prisms[:, 1]
+    *_, squared, inside = from_border(outline_of(prisms[:, 4:].T), x, y)
+    return jnp.where(inside, 0.0, jnp.sqrt(squared))
+
+
+def to_obstacles_m(obstacles: LaneObstacles, center_m: Float[jax.Array, "2"]) -> list[Float[jax.Array, "n"]]:
+    """Returns how far a point is from each obstacle, kind by kind, of those kinds that there are."""
+    found = [to_boxes_m(obstacles.boxes, center_m), to_cylinders_m(obstacles.cylinders, center_m)]
+    return [*found, to_prisms_m(obstacles.prisms, center_m)] if len(obstacles.prisms) else found
+
+
+# Boxes, cylinders and prisms nearest to the robot's centre that an outline is compared with; a disc: with all.
+_LOOKED_AT = (8, 4, 8)
 Points = Float[Array, "obstacles points 2"]
 
 
@@ -38,21 +108,21 @@ Points = Float[Array, "obstacles points 2"]
 # outlines that overlap are as deep in each other as the least gap along any of their edges' normals says; two that do
 # not are as far apart as the nearest corner of one and edge of the other.
 def hull_distance_m(
-    parts: Sequence[HullPart], boxes: Boxes, cylinders: Cylinders, pose: Float[jax.Array, "3"]
+    parts: Sequence[HullPart], obstacles: LaneObstacles, pose: Float[jax.Array, "3"]
 ) -> Float[jax.Array, ""]:
     """Returns how far the nearest part of a robot is from the nearest obstacle at its heights; below 0 inside one.
 
     Args:
         parts: Of the hull.
-        boxes: Obstacles in the hull's band of heights.
-        cylinders: Likewise.
+        obstacles: In the hull's band of heights.
         pose: Of the robot's base.
     """
     alone, round_one = len(parts) == 1, all(len(part.corners) == 1 for part in parts)
     if not round_one:
-        boxes = _nearest(boxes, to_boxes_m(boxes, pose[:2]), _BOXES_LOOKED_AT)
-        cylinders = _nearest(cylinders, to_cylinders_m(cylinders, pose[:2]), _CYLINDERS_LOOKED_AT)
-    distances = [_part_distance_m(part, boxes, cylinders, pose, alone=alone) for part in parts]
+        apart_m = to_obstacles_m(obstacles, pose[:2])
+        near = [_nearest(*kind) for kind in zip(obstacles, apart_m, _LOOKED_AT, strict=False)]
+        obstacles = LaneObstacles(*near, *obstacles[len(near) :])
+    distances = [_part_distance_m(part, obstacles, pose, alone=alone) for part in parts]
     return jnp.stack(distances).min()
 
 
@@ -68,18 +138,21 @@ def _nearest(obstacles: Array, distances: Float[Array, "n"], count: int) -> Arra
 
 
 def _part_distance_m(
-    part: HullPart, boxes: Boxes, cylinders: Cylinders, pose: Float[jax.Array, "3"], *, alone: bool
+    part: HullPart, obstacles: LaneObstacles, pose: Float[jax.Array, "3"], *, alone: bool
 ) -> Float[jax.Array, ""]:
+    boxes, cylinders, prisms = obstacles
     cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
     if len(part.corners) == 1:
         center = pose[:2] if not part.corners.any() else pose[:2] + _turned(jnp.asarray(part.corners[0]), cos, sin)
-        to_boxes, to_cylinders = to_boxes_m(boxes, center), to_cylinders_m(cylinders, center)
+        found = to_obstacles_m(obstacles, center)
     else:
-        to_boxes, to_cylinders = _outline_to_boxes_m(part, boxes, pose), _outline_to_cylinders_m(part, cylinders, pose)
+        found = [_outline_to_boxes_m(part, boxes, pose), _outline_to_cylinders_m(part, cylinders, pose)]
+        found += [_outline_to_prisms_m(part, prisms, pose)] if len(prisms) else []
     if not alone and np.isfinite(part.low_m):
-        to_boxes = jnp.where(_beside(part, boxes[:, 2], boxes[:, 5]), to_boxes, PARKING_M)
-        to_cylinders = jnp.where(_beside(part, cylinders[:, 2], cylinders[:, 4]), to_cylinders, PARKING_M)
-    return jnp.minimum(to_boxes.min(), to_cylinders.min()) - part.radius_m
+        heights = [(boxes[:, 2], boxes[:, 5]), (cylinders[:, 2], cylinders[:, 4]), (prisms[:, 2], prisms[:, 3])]
+        beside = [_beside(part, *each) for each in heights]
+        found = [jnp.where(*kind, PARKING_M) for kind in zip(beside, found, strict=False)]
+    return functools.reduce(jnp.minimum, [each.min() for each in found]) - part.radius_m
 
 
 def _beside(part: HullPart, height: Float[Array, "n"], half_height: Float[Array, "n"]) -> Bool[Array, "n"]:
@@ -112,6 +185,24 @@ def _outline_to_cylinders_m(
     to_edges, gaps = _to_edges_m(part.corners, here)
     gap = gaps[:, 0].max(axis=-1)
     return jnp.where(gap > 0.0, to_edges[:, 0], gap) - cylinders[:, 3]
+
+
+def _outline_to_prisms_m(part: HullPart, prisms: Prisms, pose: Float[jax.Array, "3"]) -> Float[Array, "prisms"]:
+    cos, sin, own = jnp.cos(pose[2]), jnp.sin(pose[2]), jnp.asarray(part.corners, pose.dtype)
+    outline = outline_of(prisms[:, 4:].T)
+    # The part's corners beside each prism, and each prism's corners in the part's frame.
+    placed = (pose[:2] + _turned(own, cos, sin))[None] - prisms[:, None, :2]
+    whole = Outline(*jax.tree.map(lambda column: column[:, None], tuple(outline)))
+    *_, squared, _ = from_border(whole, placed[..., 0], placed[..., 1])
+    corners = prisms[:, None, :2] + prisms[:, 4:].reshape(-1, MOST_CORNERS, 2)
+    to_edges, part_gap = _to_edges_m(part.corners, _turned(corners - pose[:2], cos, -sin))
+    apart = jnp.minimum(jnp.sqrt(squared).min(axis=1), to_edges.min(axis=1))
+    gap = part_gap.min(axis=1).max(axis=-1)
+    for ((from_x, from_y), (to_x, to_y)), per_square in zip(_edges(whole.corners), whole.per_square, strict=True):
+        beyond = ((to_y - from_y) * (placed[..., 0] - from_x) - (to_x - from_x) * (placed[..., 1] - from_y)).min(axis=1)
+        known = per_square[:, 0] < 1.0 / _TINY_M2  # an edge without a length has no side
+        gap = jnp.where(known, jnp.maximum(gap, beyond * jnp.sqrt(per_square[:, 0])), gap)
+    return jnp.where(gap > 0.0, apart, gap)
 
 
 def _to_edges_m(

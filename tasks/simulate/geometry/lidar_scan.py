@@ -1,8 +1,8 @@
 """The scan of a planar lidar: exact intersections of rays with outlines, all lanes at once.
 
-The outlines of a world in the lidar's plane are sorted by what a ray costs: upright boxes, turned boxes, circles. Rays
-lie in the last axis, so vector units work on neighbouring rays of one lane and every outline is read once. How many
-outlines are looked at is decided while running, by the fullest world among the lanes: padding costs nothing.
+The outlines of a world in the lidar's plane are sorted by what a ray costs: upright boxes, turned boxes, circles,
+prisms. Rays lie in the last axis, so vector units work on neighbouring rays of one lane and every outline is read once.
+How many outlines are looked at is decided while running, by the fullest world among the lanes: padding costs nothing.
 """
 
 import functools
@@ -14,13 +14,22 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
-from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles
+from specs.data.world import MOST_CORNERS
+from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size, half_planes
 
 # A box counts as upright when its corners lie this near to those of the upright one: no ray can tell.
 _UPRIGHT_M = 1e-6
 # Unused places cost memory and no time, so one size fits nearly all worlds; beyond it sizes double.
-_LEAST = (256, 64, 64)
+_LEAST = (256, 64, 64, 64)
 _SPECK_M = 0.05
+_FAR_M = (PARKING_M, PARKING_M)
+# Specks, and what is on the inner side of no half-plane.
+_UNUSED = (
+    (*_FAR_M, _SPECK_M, _SPECK_M),
+    (*_FAR_M, _SPECK_M, _SPECK_M, 1.0, 0.0),
+    (*_FAR_M, _SPECK_M),
+    (*_FAR_M, *(0.0, 0.0, -1.0) * MOST_CORNERS),
+)
 
 
 class LidarOutlines(NamedTuple):
@@ -30,13 +39,16 @@ class LidarOutlines(NamedTuple):
         upright: Boxes along the axes (x, y, half x, half y).
         turned: Other boxes (x, y, half x, half y, cos yaw, sin yaw).
         circles: (x, y, radius).
+        prisms: (x, y, half-planes): eight (outward normal x, y, how far out from the middle); empty where no world of
+            the chunk has any.
         counts: How many of each there are; what follows them is padding.
     """
 
     upright: Float[jax.Array, "upright 4"]
     turned: Float[jax.Array, "turned 6"]
     circles: Float[jax.Array, "circles 3"]
-    counts: Int[jax.Array, "3"]
+    prisms: Float[jax.Array, "prisms 26"]
+    counts: Int[jax.Array, "4"]
 
 
 class HostLidarOutlines(NamedTuple):
@@ -45,7 +57,8 @@ class HostLidarOutlines(NamedTuple):
     upright: Float32[np.ndarray, "upright 4"]
     turned: Float32[np.ndarray, "turned 6"]
     circles: Float32[np.ndarray, "circles 3"]
-    counts: Int32[np.ndarray, "3"]
+    prisms: Float32[np.ndarray, "prisms 26"]
+    counts: Int32[np.ndarray, "4"]
 
 
 def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
@@ -59,44 +72,33 @@ def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
     straight = np.hstack([boxes[:, :2], half_along])[upright]
     turned = np.hstack([boxes[:, :2], half, turn])[~upright]
     circles = seen.cylinders[:, [0, 1, 3]]
-    counts = np.array([len(straight), len(turned), len(circles)], np.int32)
-    return HostLidarOutlines(straight.astype(np.float32), turned.astype(np.float32), circles.astype(np.float32), counts)
+    prisms = np.hstack([seen.prisms[:, :2], half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)])
+    kinds = [each.astype(np.float32) for each in (straight, turned, circles, prisms)]
+    return HostLidarOutlines(*kinds, counts=np.array([len(each) for each in kinds], np.int32))
 
 
 def pad_lidar_outlines(worlds: Iterable[HostLidarOutlines]) -> list[HostLidarOutlines]:
     """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes."""
     given = list(worlds)
     # By what the arrays hold, not by how many outlines there are: some may be filled up already.
-    most = np.max([[len(array) for array in each[:3]] for each in given], axis=0) if given else np.zeros(3, np.int32)
-    upright, turned, circles = (_bucket(int(count), least) for count, least in zip(most, _LEAST, strict=True))
+    most = [max((len(each[kind]) for each in given), default=0) for kind in range(len(_LEAST))]
+    sizes = [bucket_size(count, least) for count, least in zip(most, _LEAST, strict=True)]
+    sizes[-1] = sizes[-1] if most[-1] else 0
     return [
-        HostLidarOutlines(
-            _filled(each.upright, upright), _filled(each.turned, turned), _filled(each.circles, circles), each.counts
-        )
+        HostLidarOutlines(*(_filled(*kind) for kind in zip(each[:-1], sizes, _UNUSED, strict=True)), counts=each.counts)
         for each in given
     ]
 
 
-def _bucket(count: int, least: int) -> int:
-    size = least
-    while size < count:
-        size *= 2
-    return size
-
-
-def _filled(shapes: Float32[np.ndarray, "shapes columns"], size: int) -> Float32[np.ndarray, "size columns"]:
-    parked = np.full((size, shapes.shape[1]), _SPECK_M, np.float32)
-    parked[:, :2] = PARKING_M
-    parked[:, 4:] = (1.0, 0.0)[: max(shapes.shape[1] - 4, 0)]
-    parked[: len(shapes)] = shapes
-    return parked
+def _filled(
+    shapes: Float32[np.ndarray, "shapes columns"], size: int, unused: tuple[float, ...]
+) -> Float32[np.ndarray, "size columns"]:
+    return np.concatenate([shapes, np.tile(np.array(unused, np.float32), (size - len(shapes), 1))])
 
 
 # A direction's part below this would divide by zero; raising it turns a ray by far less than a beam's width.
 _TINY = 1e-9
 _TOGETHER = 8
-Boxes = Float[Array, "boxes 8"]
-Cylinders = Float[Array, "cylinders 5"]
 Rays = Float[Array, "lanes rays"]
 Outlines = Float[Array, "lanes columns"]
 
@@ -172,11 +174,23 @@ def _scan_lanes(
         entry = along - jnp.sqrt(jnp.where(half_chord_2 > 0.0, half_chord_2, 0.0))
         return _nearer(nearest, entry, half_chord_2 > 0.0)
 
+    def past_prism(nearest: Rays, prism: Outlines) -> Rays:
+        dx, dy = prism[:, 0:1] - x, prism[:, 1:2] - y
+        entry, leave = jnp.full_like(nearest, -jnp.inf), jnp.full_like(nearest, jnp.inf)
+        for column in range(2, prism.shape[1], 3):
+            normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
+            facing = normal_x * ray_x + normal_y * ray_y
+            meets = (normal_x * dx + normal_y * dy + out) * _inverse(facing)
+            entry = jnp.where((facing < 0.0) & (meets > entry), meets, entry)
+            leave = jnp.where((facing >= 0.0) & (meets < leave), meets, leave)
+        return _nearer(nearest, entry, entry <= leave)
+
     nearest = jnp.full(ray_x.shape, range_m)
     most = jnp.max(seen.counts, axis=0)
     nearest = _past_all(past_upright, nearest, seen.upright, most[0])
     nearest = _past_all(past_turned, nearest, seen.turned, most[1])
-    return _past_all(past_circle, nearest, seen.circles, most[2])
+    nearest = _past_all(past_circle, nearest, seen.circles, most[2])
+    return _past_all(past_prism, nearest, seen.prisms, most[3]) if seen.prisms.shape[1] else nearest
 
 
 def _past_all(

@@ -4,9 +4,9 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32
+from jaxtyping import Float32, Float64
 
-from specs.data.world import Solid, World, solids
+from specs.data.world import MOST_CORNERS, Solid, World, solids
 
 # Unused places are filled with specks far away and apart: nothing touches or sees them.
 PARKING_M = 1000.0
@@ -16,6 +16,9 @@ _SPECK_M = 0.05
 # nothing.
 _LEAST_BOXES = 128
 _LEAST_CYLINDERS = 32
+# Where a world has any: most have none, and are not to be compiled or computed with places for them.
+_LEAST_PRISMS = 32
+PRISM_COLUMNS = 4 + 2 * MOST_CORNERS
 
 
 class Obstacles(NamedTuple):
@@ -24,10 +27,13 @@ class Obstacles(NamedTuple):
     Attributes:
         boxes: Each (x, y, z, half x, half y, half z, cos yaw, sin yaw).
         cylinders: Each (x, y, z, radius, half z).
+        prisms: Each (x, y, z, half z, corners): eight (x, y) from its middle along the world's axes, counter-clockwise,
+            the last one repeated where it has fewer.
     """
 
     boxes: Float32[np.ndarray, "boxes 8"]
     cylinders: Float32[np.ndarray, "cylinders 5"]
+    prisms: Float32[np.ndarray, "prisms 20"]
 
 
 def obstacles(world: World, low_m: float, high_m: float) -> Obstacles:
@@ -35,19 +41,28 @@ def obstacles(world: World, low_m: float, high_m: float) -> Obstacles:
     crossing = [solid for solid in solids(world) if _crosses(solid, low_m, high_m)]
     boxes = [_box(solid) for solid in crossing if solid.shape == "box"]
     cylinders = [_cylinder(solid) for solid in crossing if solid.shape == "cylinder"]
-    return Obstacles(np.asarray(boxes, np.float32).reshape(-1, 8), np.asarray(cylinders, np.float32).reshape(-1, 5))
+    prisms = [_prism(solid) for solid in crossing if solid.shape == "prism"]
+    return Obstacles(
+        np.asarray(boxes, np.float32).reshape(-1, 8),
+        np.asarray(cylinders, np.float32).reshape(-1, 5),
+        np.asarray(prisms, np.float32).reshape(-1, PRISM_COLUMNS),
+    )
 
 
 def pad_obstacles(worlds: Iterable[Obstacles]) -> list[Obstacles]:
-    """Returns the worlds' obstacles with parked specks added, so that all have the same, bucketed counts."""
+    """Returns the worlds' obstacles with parked specks added, so that all have the same, bucketed counts.
+
+    There are no places for prisms if no world has one.
+    """
     given = list(worlds)
-    boxes = _bucket(max((len(each.boxes) for each in given), default=0), _LEAST_BOXES)
-    cylinders = _bucket(max((len(each.cylinders) for each in given), default=0), _LEAST_CYLINDERS)
+    boxes, cylinders, prisms = (max((len(each[kind]) for each in given), default=0) for kind in range(3))
+    parked = Obstacles(
+        _parked_boxes(bucket_size(boxes, _LEAST_BOXES)),
+        _parked_cylinders(bucket_size(cylinders, _LEAST_CYLINDERS)),
+        _parked_prisms(bucket_size(prisms, _LEAST_PRISMS) if prisms else 0),
+    )
     return [
-        Obstacles(
-            np.concatenate([each.boxes, _parked_boxes(boxes)[len(each.boxes) :]]),
-            np.concatenate([each.cylinders, _parked_cylinders(cylinders)[len(each.cylinders) :]]),
-        )
+        Obstacles(*(np.concatenate([own, specks[len(own) :]]) for own, specks in zip(each, parked, strict=True)))
         for each in given
     ]
 
@@ -65,7 +80,34 @@ def _cylinder(solid: Solid) -> tuple[float, ...]:
     return (*solid.center_m, solid.half_extents_m[0], solid.half_extents_m[2])
 
 
-def _bucket(count: int, least: int) -> int:
+def _prism(solid: Solid) -> tuple[float, ...]:
+    corners = turned_corners(solid)
+    filled = np.concatenate([corners, np.repeat(corners[-1:], MOST_CORNERS - len(corners), axis=0)])
+    return (*solid.center_m, solid.half_extents_m[2], *filled.ravel().tolist())
+
+
+def turned_corners(prism: Solid) -> Float64[np.ndarray, "corners 2"]:
+    """Returns a prism's corners from its middle along the world's axes."""
+    x, y = np.array(prism.outline_m or (), np.float64).reshape(-1, 2).T
+    cos, sin = np.cos(prism.yaw_rad), np.sin(prism.yaw_rad)
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
+
+
+def half_planes(prisms: Float32[np.ndarray, "prisms 20"]) -> Float64[np.ndarray, "prisms planes 3"]:
+    """Returns prisms as half-planes: each outward normal (x, y), and how far out from the middle its edge is.
+
+    The first one is repeated where there are fewer.
+    """
+    corners = prisms[:, 4:].astype(np.float64).reshape(-1, MOST_CORNERS, 2)
+    along = np.roll(corners, -1, axis=1) - corners
+    length = np.hypot(along[..., 0], along[..., 1])
+    normals = np.stack([along[..., 1], -along[..., 0]], axis=-1) / np.where(length > 0.0, length, 1.0)[..., None]
+    planes = np.concatenate([normals, np.sum(normals * corners, axis=-1, keepdims=True)], axis=-1)
+    return np.where(length[..., None] > 0.0, planes, planes[:, :1])
+
+
+def bucket_size(count: int, least: int) -> int:
+    """Returns the least size, doubled until it is no less than a count."""
     size = least
     while size < count:
         size *= 2
@@ -85,3 +127,12 @@ def _parked_cylinders(count: int) -> Float32[np.ndarray, "cylinders 5"]:
     cylinders[:, 0] = -PARKING_M - _PARKING_STEP_M * np.arange(count)
     cylinders[:, 1] = -PARKING_M
     return cylinders
+
+
+def _parked_prisms(count: int) -> Float32[np.ndarray, "prisms 20"]:
+    square = _SPECK_M * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    prisms = np.full((count, PRISM_COLUMNS), _SPECK_M, np.float32)
+    prisms[:, 0] = PARKING_M + _PARKING_STEP_M * np.arange(count)
+    prisms[:, 1] = -PARKING_M
+    prisms[:, 4:] = np.concatenate([square, np.repeat(square[-1:], MOST_CORNERS - len(square), axis=0)]).ravel()
+    return prisms

@@ -107,6 +107,33 @@ def distance_matrix(
 
 def _corners(solids: Solids, radius_m: float) -> tuple[Points, Points]:
     """Returns the corners of polygons around all solids grown by the radius, and which way is out there."""
+    places, outward = _corners_of_boxes(solids.round_or_square, radius_m)
+    around = [_corners_of_prism(corners, radius_m) for corners in solids.corners_m]
+    return np.concatenate([places, *(each[0] for each in around)]), np.concatenate(
+        [outward, *(each[1] for each in around)]
+    )
+
+
+def _corners_of_prism(corners: Float64[np.ndarray, "corners 2"], radius_m: float) -> tuple[Points, Points]:
+    """Returns the same for a prism: each of its corners is turned around in equal steps, of a box's corner at most.
+
+    What is drawn around it keeps one distance from all faces, with which the arcs' length is right in all.
+    """
+    along = np.roll(corners, -1, axis=0) - corners
+    edges = np.hypot(*along.T) > 0.0
+    normals_rad = np.arctan2(-along[edges, 0], along[edges, 1])
+    # Before each corner is the edge that ends there; of repeated corners, the last one has an edge.
+    turns_rad = (normals_rad - np.roll(normals_rad, 1)) % (2 * np.pi)
+    steps = np.maximum(np.ceil(turns_rad / _TURN_RAD - 1e-9), 1).astype(int)
+    half_rad = np.repeat(turns_rad / steps / 2, steps)
+    first = np.repeat(np.cumsum(steps) - steps, steps)
+    ways_rad = np.repeat(normals_rad - turns_rad, steps) + (2 * (np.arange(len(first)) - first) + 1) * half_rad
+    outward = np.stack([np.cos(ways_rad), np.sin(ways_rad)], axis=1)
+    height_m = 2 * np.pi * radius_m / (2 * np.tan(half_rad)).sum()
+    return np.repeat(corners[edges], steps, axis=0) + (height_m / np.cos(half_rad))[:, None] * outward, outward
+
+
+def _corners_of_boxes(solids: Solids, radius_m: float) -> tuple[Points, Points]:
     turns = _TURN_RAD * (np.arange(round(2 * np.pi / _TURN_RAD)) + 0.5)
     cos, sin = np.cos(turns), np.sin(turns)
     # In the solid's own axes: the box's corner of that quadrant, then away from it.

@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from specs.data.world import World
 from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.hull_outline import inner_distance_m
 from tasks.simulate.geometry.lidar_scan import HostLidarOutlines, lidar_outlines, pad_lidar_outlines
 from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
 from tasks.simulate.geometry.rooms import RoomMap, room_map
@@ -63,7 +64,22 @@ def _distance(
     for cylinder in obstacles.cylinders.astype(np.float64):
         away = np.sqrt((x - cylinder[0]) ** 2 + ((y - cylinder[1]) ** 2)[:, None]) - cylinder[3]
         np.minimum(nearest, away, out=nearest)
+    for prism in obstacles.prisms.astype(np.float64):
+        _keep_to_prism(nearest, x - prism[0], y - prism[1], prism[4:].reshape(-1, 2))
     return nearest
+
+
+def _keep_to_prism(
+    nearest: Float64[np.ndarray, "rows columns"],
+    x: Float64[np.ndarray, "columns"],
+    y: Float64[np.ndarray, "rows"],
+    corners: Float64[np.ndarray, "corners 2"],
+) -> None:
+    """Lowers distances to those from a prism's outline where it may be nearer: the circle around it is."""
+    away = np.sqrt(x**2 + (y**2)[:, None]) - np.hypot(*corners.T).max()
+    row, column = np.nonzero(away < nearest)
+    to_prism = np.maximum(inner_distance_m(corners, np.stack([x[column], y[row]], axis=1)), 0.0)
+    nearest[row, column] = np.minimum(nearest[row, column], to_prism)
 
 
 def _to_box_squared(
@@ -115,7 +131,9 @@ class _Most(NamedTuple):
     outlines: HostLidarOutlines
 
 
-_most: dict[tuple[Hull, float], _Most] = {}
+# The hull, the lidar's height, and whether there are prisms to touch, and to see.
+_Filling = tuple[Hull, float, bool, bool]
+_most: dict[_Filling, _Most] = {}
 _Key = tuple[int, Hull, float]
 _kept: OrderedDict[_Key, _Kept] = OrderedDict()
 
@@ -125,6 +143,7 @@ def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, lidar_m: float) ->
 
     What fills them up is out of reach and no application ever gets it. The counts are those of worlds before, for the
     same robot, where these have at most twice as many: a program that is loaded takes them then. No row hangs on it.
+    Worlds without prisms get no places for them, whatever other worlds have.
 
     Args:
         worlds: By name.
@@ -133,31 +152,34 @@ def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, lidar_m: float) ->
     """
     if not worlds:
         return {}
-    worlds_arrays = [_arrays_of(world, hull, lidar_m) for world in worlds.values()]
-    _forget(len(worlds_arrays))
-    contacts, outlines = _filled(worlds_arrays, (hull, lidar_m))
-    filled = [
-        arrays._replace(contact_obstacles=one, lidar_outlines=other)
-        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
-    ]
-    return dict(zip(worlds, filled, strict=True))
+    unfilled = {name: _arrays_of(world, hull, lidar_m) for name, world in worlds.items()}
+    _forget(len(unfilled))
+    alike: dict[_Filling, list[str]] = {}
+    for name, arrays in unfilled.items():
+        prisms = arrays.contact_obstacles.prisms, arrays.lidar_outlines.prisms
+        alike.setdefault((hull, lidar_m, len(prisms[0]) > 0, len(prisms[1]) > 0), []).append(name)
+    filled: dict[str, WorldArrays] = {}
+    for filling, names in alike.items():
+        filled.update(zip(names, _filled([unfilled[name] for name in names], filling), strict=True))
+    return {name: filled[name] for name in worlds}
 
 
-def _filled(
-    worlds_arrays: Sequence[WorldArrays], robot: tuple[Hull, float]
-) -> tuple[list[Obstacles], list[HostLidarOutlines]]:
+def _filled(worlds_arrays: Sequence[WorldArrays], filling: _Filling) -> list[WorldArrays]:
     contacts = pad_obstacles(arrays.contact_obstacles for arrays in worlds_arrays)
     outlines = pad_lidar_outlines(arrays.lidar_outlines for arrays in worlds_arrays)
-    most = _most.get(robot)
+    most = _most.get(filling)
     if most is not None and _at_most_twice(most.contacts, contacts[0]) and _at_most_twice(most.outlines, outlines[0]):
         contacts = pad_obstacles([most.contacts, *contacts])[1:]
         outlines = pad_lidar_outlines([most.outlines, *outlines])[1:]
     most = most or _Most(contacts[0], outlines[0])
-    larger = _larger(most.outlines[:3], outlines[0][:3])
-    _most[robot] = _Most(
+    larger = _larger(most.outlines[:-1], outlines[0][:-1])
+    _most[filling] = _Most(
         Obstacles(*_larger(most.contacts, contacts[0])), HostLidarOutlines(*larger, counts=most.outlines.counts)
     )
-    return contacts, outlines
+    return [
+        arrays._replace(contact_obstacles=one, lidar_outlines=other)
+        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
+    ]
 
 
 def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> bool:

@@ -15,7 +15,8 @@ from specs.data.episode import CONTROL_S
 from specs.field_types import EngineName
 from tasks.simulate.application.contract import CRASH, TIMEOUT, Body, FloorMap, Motion, Observation, State, Truth, Work
 from tasks.simulate.application.robot_model import Hull
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders, LidarOutlines
+from tasks.simulate.geometry.hull_distance import LaneObstacles
+from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Seed, Situation, rotate
 from tasks.simulate.sensors.sensor_table import begin_sensors, feel_all, observe_all
@@ -27,7 +28,7 @@ class LaneInputs(NamedTuple):
     """What does not change during an episode.
 
     Attributes:
-        boxes, cylinders: Obstacles in the hull's band of heights.
+        obstacles: In the hull's band of heights.
         lidar_outlines: What crosses the lidar's plane.
         given: What the scenario's ``place`` gave besides start and goals.
         seed: The episode's, as ``tasks.simulate.sensors.sensor.seed_words``.
@@ -36,8 +37,7 @@ class LaneInputs(NamedTuple):
         near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
     """
 
-    boxes: Boxes
-    cylinders: Cylinders
+    obstacles: LaneObstacles
     lidar_outlines: LidarOutlines
     floor: FloorMap
     start: Float[jax.Array, "3"]

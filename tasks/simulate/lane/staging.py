@@ -14,6 +14,7 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.world_arrays import WorldArrays
@@ -133,8 +134,9 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
     most_goals = max(len(lane.placement.goals_m) for lane in filled)
     numbers = [[split_environment(lane.request.environment)[0][name] for name in names] for lane in filled]
     return LaneInputs(
-        boxes=_stacked([lane.arrays.contact_obstacles.boxes for lane in filled]),
-        cylinders=_stacked([lane.arrays.contact_obstacles.cylinders for lane in filled]),
+        obstacles=LaneObstacles(
+            *(_stacked(kind) for kind in zip(*(lane.arrays.contact_obstacles for lane in filled), strict=True))
+        ),
         lidar_outlines=LidarOutlines(
             *(_canonical(each) for each in zip(*(lane.arrays.lidar_outlines for lane in filled), strict=True))
         ),

@@ -24,6 +24,8 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.lidar_scan import pad_lidar_outlines
+from tasks.simulate.geometry.obstacles import pad_obstacles
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import LaneInputs
@@ -190,7 +192,8 @@ def stage_pool(
     lanes = _placed(applications, hull, requests, used, world_arrays)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)
-    small = [lane._replace(arrays=lane.arrays._replace(floor=_one_cell(lane.arrays.floor))) for lane in lanes]
+    small = _of_one_form([lane.arrays for lane in lanes])
+    small = [lane._replace(arrays=arrays) for lane, arrays in zip(lanes, small, strict=True)]
     inputs = jax.tree.map(jnp.asarray, stack_lanes(small, applications.names, len(small)))
     goals = tuple(len(lane.placement.goals_m) for lane in lanes)
     bounds = EpisodeBounds(max(lane.request.duration_s for lane in lanes), max(goals), _reach_m(lanes))
@@ -222,6 +225,16 @@ def _placed(
     if crashes:
         log.warning("%d of %d episodes are left out, the first: %s", len(crashes), len(requests), crashes[0])
     return lanes
+
+
+def _of_one_form(worlds_arrays: Sequence[WorldArrays]) -> list[WorldArrays]:
+    """Returns arrays with maps of one cell, and places for prisms in all worlds if some have them."""
+    contacts = pad_obstacles(arrays.contact_obstacles for arrays in worlds_arrays)
+    outlines = pad_lidar_outlines(arrays.lidar_outlines for arrays in worlds_arrays)
+    return [
+        arrays._replace(floor=_one_cell(arrays.floor), contact_obstacles=one, lidar_outlines=other)
+        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
+    ]
 
 
 def _require_same_given(lanes: Sequence[Lane]) -> None:

@@ -13,6 +13,8 @@ from specs.data.world import World
 from tasks.simulate.application.contract import HostMap, Placement
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.chunk.chunk_placement import alike
+from tasks.simulate.geometry.lidar_scan import lidar_outlines
+from tasks.simulate.geometry.obstacles import PRISM_COLUMNS, obstacles
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane.recording import Recorder
 from tasks.simulate.lane.staging import Lane
@@ -51,15 +53,22 @@ def simulated(
     }
 
 
-def blank_lane(cells: int, goals: int, given: int) -> Lane:
+def blank_lane(cells: int, goals: int, given: int, prisms: int) -> Lane:
+    contacts = obstacles(pen(6.0, 1), 0.0, 1.0)._replace(prisms=np.zeros((prisms, PRISM_COLUMNS), np.float32))
+    seen = lidar_outlines(contacts)
     floor = HostMap(np.zeros((cells, cells), np.float32), *(np.zeros(size, np.float32) for size in (2, (), 4)))
     placement = Placement(np.zeros(3), np.zeros((goals, 2)), (np.zeros(given),))
-    arrays = WorldArrays(*cast("Any", (None, None, floor, None, None, None)))
+    arrays = WorldArrays(*cast("Any", (contacts, seen, floor, None, None, None)))
     return Lane(looking(0, "hand/small"), arrays, placement, None)
 
 
-@given(st.lists(st.tuples(st.sampled_from((128, 192)), st.integers(1, 2), st.integers(1, 2)), max_size=8))
-def test_lanes_of_other_shapes_are_not_driven_together(shapes: list[tuple[int, int, int]]):
+@given(
+    st.lists(
+        st.tuples(st.sampled_from((128, 192)), st.integers(1, 2), st.integers(1, 2), st.sampled_from((0, 32))),
+        max_size=8,
+    )
+)
+def test_lanes_of_other_shapes_are_not_driven_together(shapes: list[tuple[int, int, int, int]]):
     lanes = [blank_lane(*shape) for shape in shapes]
     parts = alike(lanes)
     assert sorted(map(id, lanes)) == sorted(id(lane) for part in parts for lane in part)

@@ -20,7 +20,8 @@ from tasks.simulate.geometry.lidar_scan import (
 )
 from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, obstacles
 from tasks.simulate.sensors.lidar import Lidar, ray_angles
-from tests.factories.simulations import COURIER, FAULTY, FOLDERS, cluttered, pen
+from tests.factories.planar import prism
+from tests.factories.simulations import COURIER, FAULTY, FOLDERS, cluttered, convex, pen, with_prisms, with_wedges
 from tests.simulate.reference import reference_model, reference_ranges
 
 
@@ -28,8 +29,11 @@ def box(x: float, half_x: float, half_y: float, yaw_rad: float) -> tuple[float, 
     return (x, 0.0, 0.5, half_x, half_y, 0.5, np.cos(yaw_rad), np.sin(yaw_rad))
 
 
+NO_PRISMS = np.zeros((0, 20), np.float32)
+
+
 def seen(*boxes: tuple[float, ...]) -> Obstacles:
-    return Obstacles(np.array(boxes, np.float32), np.array([(7.0, 8.0, 0.5, 0.3, 0.5)], np.float32))
+    return Obstacles(np.array(boxes, np.float32), np.array([(7.0, 8.0, 0.5, 0.3, 0.5)], np.float32), NO_PRISMS)
 
 
 @pytest.mark.parametrize(
@@ -39,12 +43,12 @@ def seen(*boxes: tuple[float, ...]) -> Obstacles:
 def test_a_quarter_turn_leaves_a_box_upright(yaw_rad: float, half: tuple[float, float]):
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, yaw_rad)))
     np.testing.assert_allclose(found.upright, np.array([(1.0, 0.0, *half)]), atol=1e-6)
-    assert found.counts.tolist() == [1, 0, 1]
+    assert found.counts.tolist() == [1, 0, 1, 0]
 
 
 def test_a_little_turn_does_not():
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, 1e-4), box(2.0, 0.4, 0.1, np.pi / 2 + 1e-4)))
-    assert found.counts.tolist() == [0, 2, 1]
+    assert found.counts.tolist() == [0, 2, 1, 0]
     np.testing.assert_allclose(found.turned[0], (1.0, 0.0, 0.4, 0.1, 1.0, 1e-4), atol=1e-6)
 
 
@@ -55,7 +59,7 @@ def test_circles_keep_place_and_radius():
 def test_worlds_are_padded_to_the_same_sizes_with_what_nobody_sees():
     one, two = lidar_outlines(seen(box(1.0, 0.4, 0.1, 0.0))), lidar_outlines(seen(*[box(1.0, 0.4, 0.1, 0.3)] * 65))
     first, second = pad_lidar_outlines([one, two])
-    assert [len(each) for each in first[:3]] == [len(each) for each in second[:3]] == [256, 128, 64]
+    assert [len(each) for each in first[:4]] == [len(each) for each in second[:4]] == [256, 128, 64, 0]
     np.testing.assert_array_equal(first.upright[:1], one.upright)
     assert (first.upright[1:, :2] == PARKING_M).all()
     assert (first.turned[:, 4] == 1.0).all()
@@ -90,7 +94,9 @@ def test_rays_have_the_same_bits_on_processors_whose_numpy_has_other_sines():
     assert rays.tolist() == np.array(exact, np.float32).tolist()
 
 
-@pytest.mark.parametrize("world", [WORLD, cluttered(2)], ids=["pen", "apartment"])
+@pytest.mark.parametrize(
+    "world", [WORLD, cluttered(2), with_wedges(WORLD, 2)], ids=["pen", "apartment", "pen of prisms"]
+)
 def test_every_range_agrees_with_mujocos_within_a_millimetre(world: World):
     """A ray that passes an edge by a hair's breadth may see either side of it: a beam of 0.002 degrees decides."""
     model = reference_model(FOLDERS[COURIER] / "robot.xml", world)
@@ -105,6 +111,65 @@ def test_every_range_agrees_with_mujocos_within_a_millimetre(world: World):
     assert (ours > theirs.min(axis=0) - 1e-3).all()
     assert (ours < theirs.max(axis=0) + 1e-3).all()
     assert np.quantile(np.abs(ours - theirs[1]), 0.99) < 2e-5
+
+
+def test_a_box_written_as_a_prism_looks_the_same():
+    boxes, prisms = (
+        on_device(pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201))])[0])
+        for world in (cluttered(2), with_prisms(cluttered(2)))
+    )
+    assert prisms.counts.tolist() == [0, 0, int(boxes.counts[2]), int(boxes.counts[:2].sum())]
+    rng = np.random.default_rng(3)
+    poses = np.column_stack([rng.uniform(-0.7, 0.7, (200, 2)), rng.uniform(-np.pi, np.pi, 200)]).astype(np.float32)
+    ours, theirs = (np.asarray(SCAN_LANES(each, poses)) for each in (many(boxes), many(prisms)))
+    # A ray that passes a corner by a hair's breadth may see either side of it.
+    off = np.abs(ours - theirs)
+    assert (off > 1e-5).mean() < 1e-3
+    assert np.quantile(off, 0.99) < 2e-6
+
+
+def many(seen: LidarOutlines) -> LidarOutlines:
+    return LidarOutlines(*(jnp.broadcast_to(each, (200, *each.shape)) for each in seen))
+
+
+@pytest.mark.long
+def test_rays_meet_ten_thousand_prisms_where_their_edges_are():
+    """From outside and from inside: each edge is a segment, and the first one whose front a ray crosses counts."""
+    rng = np.random.default_rng(4)
+    outlines = [convex(rng, 1.0) for _ in range(10_000)]
+    rows = np.array(
+        [prism(x, y, corners) for (x, y), corners in zip(rng.uniform(-2.0, 2.0, (10_000, 2)), outlines, strict=True)],
+        np.float32,
+    )
+    seen = lidar_outlines(Obstacles(np.zeros((0, 8), np.float32), np.zeros((0, 5), np.float32), rows))
+    lone = LidarOutlines(
+        *(jnp.zeros((10_000, 8, width)) for width in (4, 6, 3)),
+        prisms=jnp.asarray(np.repeat(seen.prisms[:, None], 8, axis=1)),
+        counts=jnp.tile(jnp.array([0, 0, 0, 1]), (10_000, 1)),
+    )
+    poses = rng.uniform(-2.0, 2.0, (10_000, 3)).astype(np.float32)
+    ranges = np.asarray(SCAN_LANES(lone, poses))
+    corners = rows[:, None, :2].astype(np.float64) + rows[:, 4:].reshape(-1, 8, 2)
+    expected = crossed_m(corners, poses.astype(np.float64), ANGLES.astype(np.float64))
+    assert 0.05 < (expected < LIDAR.range_m).mean() < 0.5
+    off = np.abs(ranges - expected)
+    # Grazing rays: an edge that is nearly along one, or a corner beside it.
+    assert (off > 1e-4).mean() < 2e-4
+    assert np.quantile(off, 0.999) < 2e-5
+
+
+def crossed_m(corners: np.ndarray, poses: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Returns how far each ray goes until it crosses one of the edges from its right to its left, (prisms, rays)."""
+    turn = poses[:, 2, None] + angles
+    ray = np.stack([np.cos(turn), np.sin(turn)], axis=-1)[:, :, None]
+    begin, along = corners - poses[:, None, :2], np.roll(corners, -1, axis=1) - corners
+    begin, along = begin[:, None], along[:, None]
+    facing = along[..., 0] * ray[..., 1] - along[..., 1] * ray[..., 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at_m = (begin[..., 1] * along[..., 0] - begin[..., 0] * along[..., 1]) / facing
+        share = (begin[..., 1] * ray[..., 0] - begin[..., 0] * ray[..., 1]) / facing
+    met = (facing > 0.0) & (share >= 0.0) & (share <= 1.0) & (at_m >= 0.0)
+    return np.minimum(np.where(met, at_m, np.inf).min(axis=2), LIDAR.range_m)
 
 
 @settings(max_examples=30, deadline=None)

@@ -7,7 +7,7 @@ import pytest
 
 from tasks.simulate.geometry.lidar_scan import LidarOutlines, scan_ranges
 from tasks.simulate.geometry.obstacles import PARKING_M, obstacles, pad_obstacles
-from tests.factories.simulations import cluttered
+from tests.factories.simulations import cluttered, pen, with_wedges
 from tests.factories.worlds import apartment
 
 
@@ -19,6 +19,22 @@ def test_only_solids_in_the_band_of_heights_are_kept():
     assert len(low.cylinders) == 2
     assert len(high.boxes) == 7
     assert len(high.cylinders) == 0
+
+
+def test_a_prisms_corners_are_turned_and_the_last_one_is_repeated():
+    (wedge,) = with_wedges(pen(6.0, 3), 3).furniture[0].solids
+    found = obstacles(with_wedges(pen(6.0, 3), 3), 0.02, 0.38).prisms[0]
+    turned = np.array(wedge.outline_m) @ [1.0, 1.0j] * np.exp(1j * wedge.yaw_rad)
+    corners = found[4:].reshape(-1, 2) @ [1.0, 1.0j]
+    np.testing.assert_allclose(found[:4], [*wedge.center_m, wedge.half_extents_m[2]], rtol=1e-6)
+    np.testing.assert_allclose(corners[: len(turned)], turned, atol=1e-6)
+    assert (corners[len(turned) :] == corners[len(turned) - 1]).all()
+
+
+def test_worlds_without_prisms_have_no_places_for_them():
+    plain, wedged = obstacles(pen(6.0, 3), 0.02, 0.38), obstacles(with_wedges(pen(6.0, 3), 3), 0.02, 0.38)
+    assert len(pad_obstacles([plain])[0].prisms) == 0
+    assert [len(each.prisms) for each in pad_obstacles([plain, wedged])] == [32, 32]
 
 
 def test_a_solid_that_only_touches_the_band_is_left_out():
@@ -42,7 +58,9 @@ def test_another_world_does_not_change_the_shapes():
     assert alone.cylinders.shape == together.cylinders.shape
 
 
-NOTHING = LidarOutlines(jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros(3, jnp.int32))
+NOTHING = LidarOutlines(
+    jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros((0, 26)), jnp.zeros(4, jnp.int32)
+)
 
 
 def test_an_array_of_the_wrong_shape_is_refused_in_tests():

@@ -11,11 +11,12 @@ from scipy.sparse.csgraph import dijkstra
 
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
-from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
+from tasks.simulate.geometry.obstacles import PRISM_COLUMNS, Obstacles, obstacles, pad_obstacles
 from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
-from tests.factories.simulations import cluttered, pen
+from tests.factories.simulations import cluttered, pen, with_prisms, with_wedges
 
 RADIUS_M = 0.2
+NO_PRISMS = np.zeros((0, PRISM_COLUMNS), np.float32)
 Place = tuple[float, float]
 
 
@@ -24,6 +25,7 @@ def among(boxes: list[tuple[float, float, float, float]], posts: list[tuple[floa
     return Obstacles(
         np.array([(x, y, 0.5, hx, hy, 0.5, 1.0, 0.0) for x, y, hx, hy in boxes], np.float32).reshape(-1, 8),
         np.array([(x, y, 0.5, radius, 0.5) for x, y, radius in posts], np.float32).reshape(-1, 5),
+        NO_PRISMS,
     )
 
 
@@ -60,12 +62,41 @@ def test_around_a_boxs_corner_it_keeps_the_radius():
 
 def test_a_turned_box_is_gone_around_as_it_stands():
     cos, sin = np.cos(0.6), np.sin(0.6)
-    turned = Obstacles(np.array([(0.0, 0.0, 0.5, 1.0, 0.3, 0.5, cos, sin)], np.float32), np.zeros((0, 5), np.float32))
+    turned = Obstacles(
+        np.array([(0.0, 0.0, 0.5, 1.0, 0.3, 0.5, cos, sin)], np.float32), np.zeros((0, 5), np.float32), NO_PRISMS
+    )
     start, goal = (-2.0, 0.1), (2.0, -0.4)
     there = length(turned, *((cos * x - sin * y, sin * x + cos * y) for x, y in (start, goal)))
     straightened = length(among([(0.0, 0.0, 1.0, 0.3)]), start, goal)
     assert there == pytest.approx(straightened, rel=1e-5)
     assert straightened > 4.1
+
+
+def test_a_box_written_as_a_prism_is_gone_around_as_it_stands():
+    world = cluttered(3)
+    placements = [Placement(np.zeros(3), goal[None]) for goal in np.random.default_rng(3).uniform(-2.0, 6.0, (50, 2))]
+    boxes, prisms = (
+        shortest_paths_m([Ways(obstacles(each, 0.02, 0.38), RADIUS_M)] * 50, placements, [0.3] * 50)
+        for each in (world, with_prisms(world))
+    )
+    found = np.isfinite(boxes)
+    assert 10 < found.sum() < 50
+    assert (found == np.isfinite(prisms)).all()
+    # Of places on a goal's rim that are as good but for rounding, either may be taken.
+    off = np.abs(boxes[found] - prisms[found])
+    assert np.quantile(off, 0.9) < 1e-5
+    assert off.max() < 1e-3
+
+
+def test_around_a_prisms_corner_it_keeps_the_radius():
+    turns = np.pi / 4 * np.arange(8)
+    octagon = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    solids = among([])._replace(prisms=np.array([[0.0, 0.0, 0.5, 0.5, *octagon.ravel()]], np.float32))
+    # Along two edges from corner to corner, where the ways begin and end beside them, and around the one between.
+    begin, end = octagon[0] + RADIUS_M * octagon[0], octagon[4] + RADIUS_M * octagon[4]
+    assert length(solids, tuple(begin), tuple(end)) == pytest.approx(
+        4 * 2 * np.sin(np.pi / 8) + RADIUS_M * np.pi, rel=2e-3
+    )
 
 
 def test_a_gap_narrower_than_the_disc_is_shut():
@@ -166,7 +197,8 @@ def by_grid(solids: Obstacles, half_m: float, start: Place, goals: list[Place]) 
 @settings(max_examples=5, deadline=None)
 @given(st.integers(0, 2**31))
 def test_lengths_are_those_of_a_fine_grid(seed: int):
-    solids = obstacles(pen(4.5, seed), 0.02, 0.38)
+    world = pen(4.5, seed)
+    solids = obstacles(with_wedges(world, seed) if seed % 2 else world, 0.02, 0.38)
     places = np.random.default_rng(seed).uniform(-2.0, 2.0, (40, 2))
     goals = [tuple(place) for place in places[clearance_m(solids_of(solids), places) > RADIUS_M + CELL_M]]
     for goal, on_grid in zip(goals, by_grid(solids, 2.25, (0.0, 0.0), goals), strict=True):

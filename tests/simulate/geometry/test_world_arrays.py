@@ -10,8 +10,9 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry import world_arrays
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds, floor_map, grid_cells
-from tests.factories.simulations import cell_of, cluttered, pen
+from tests.factories.simulations import cell_of, cluttered, pen, with_prisms, with_wedges
 from tests.factories.worlds import apartment
+from tests.worlds.geometry_checks import distances
 
 WORLD = apartment()
 FLOOR = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38))
@@ -36,6 +37,25 @@ def test_turned_blocks_and_posts_are_as_far_as_they_are(row: int, column: int):
     away_m = [_beyond_m(solid, float(x), float(y)) for solid in solids(TURNED)]
     inside = max(abs(float(x)), abs(float(y))) <= 2.25
     assert PEN.clearance_m[row, column] == pytest.approx(max(min(away_m), 0.0) if inside else 0.0, abs=1e-5)
+
+
+def test_prisms_are_as_far_as_they_are():
+    world = with_prisms(with_wedges(pen(4.5, 5), 5))
+    floor = floor_map(world, obstacles(world, 0.02, 0.38))
+    columns, rows = np.meshgrid(np.arange(144), np.arange(144))
+    points = floor.origin_m + floor.cell_m * np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    inside = (np.abs(points) <= 2.25).all(axis=1)
+    away_m = np.min([distances(solid, points) for solid in solids(world)], axis=0)
+    np.testing.assert_allclose(floor.clearance_m.ravel(), np.where(inside, away_m, 0.0), atol=1e-5)
+
+
+def test_worlds_without_prisms_are_filled_up_alone():
+    plain, wedged = cluttered(1), with_wedges(cluttered(1), 1)
+    alone = staged(plain)
+    both = arrays_of_worlds({"plain": plain, "wedged": wedged}, HULL, SEEN_AT_M)
+    assert [counts(each) for each in (both["plain"], staged(plain))] == [counts(alone)] * 2
+    assert len(both["wedged"].contact_obstacles.prisms) == 32
+    assert len(both["wedged"].lidar_outlines.prisms) == 64
 
 
 def test_nothing_is_free_outside_the_apartment():
@@ -165,5 +185,5 @@ def with_walls(low: int, high: int) -> World:
 def test_what_worlds_are_filled_up_like_grows_kind_by_kind():
     staged(with_walls(400, 0), seen_at_m=1.0)
     staged(with_walls(0, 800), seen_at_m=1.0)  # of the first kind too few to be filled up like the world before
-    boxes, _, upright, *_ = counts(staged(with_walls(200, 600), seen_at_m=1.0))
+    boxes, _, _, upright, *_ = counts(staged(with_walls(200, 600), seen_at_m=1.0))
     assert (boxes, upright) == (512, 1024)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tasks.simulate.application.contract import Body, FloorMap, Motion, Observation, Work
+from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import EpisodeTotals, LaneInputs, LaneState, feel, observe
@@ -22,7 +23,11 @@ LIDAR = {"rays": 4, "range_m": RANGE_M, "height_m": 0.2}
 # One wall 2 m ahead of the origin, 0.2 m thick; the rest is parked far away.
 WALL = jnp.tile(jnp.array([1000.0, 1000.0, 0.05, 0.05]), (8, 1)).at[0].set(jnp.array([2.1, 0.0, 0.1, 3.0]))
 SEEN = LidarOutlines(
-    WALL, jnp.zeros((8, 6)).at[:, :2].set(1000.0), jnp.zeros((8, 3)).at[:, :2].set(1000.0), jnp.array([1, 0, 0])
+    WALL,
+    jnp.zeros((8, 6)).at[:, :2].set(1000.0),
+    jnp.zeros((8, 3)).at[:, :2].set(1000.0),
+    jnp.zeros((0, 26)),
+    jnp.array([1, 0, 0, 0]),
 )
 
 
@@ -34,10 +39,8 @@ def applications(**sensors: Mapping[str, object]) -> Applications:
 
 
 def inputs() -> LaneInputs:
-    nothing = jnp.zeros((1, 8))
     return LaneInputs(
-        boxes=nothing,
-        cylinders=nothing[:, :5],
+        obstacles=LaneObstacles(jnp.zeros((1, 8)), jnp.zeros((1, 5)), jnp.zeros((0, 20))),
         lidar_outlines=SEEN,
         floor=FloorMap(jnp.zeros((2, 2)), jnp.zeros(2), jnp.ones(()), jnp.zeros(4)),
         start=jnp.zeros(3),

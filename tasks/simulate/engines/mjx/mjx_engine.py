@@ -22,16 +22,13 @@ from jaxtyping import Bool, Float
 from tasks.simulate.application.contract import Body, Joints, Motion, Work
 from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
 from tasks.simulate.engines.mjx.mjx_robot import (
-    BOX_SLOTS,
-    CYLINDER_SLOTS,
-    ObstacleWindow,
     RobotModel,
     load_robot,
     mjx,
     nearest_obstacles,
     with_window,
 )
-from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m
 from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 
 Result = TypeVar("Result")
@@ -225,7 +222,7 @@ class Given(NamedTuple):
         near_m: From the robot's place to the nearest obstacle, seen from above.
     """
 
-    window: ObstacleWindow
+    window: LaneObstacles
     near_m: Float[jax.Array, ""]
     body: Body
     control: Control
@@ -269,9 +266,11 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    window, near_m = nearest_obstacles(inputs.boxes, inputs.cylinders, body.qpos[:2], BOX_SLOTS, CYLINDER_SLOTS)
+    if len(inputs.obstacles.prisms):
+        raise NotImplementedError("mjx does not touch prisms yet: set engine: planar or mujoco")
+    window, near_m = nearest_obstacles(inputs.obstacles, body.qpos[:2])
     driven = _drive(robot)(Given(window, near_m, body, control))
-    clearance_m = hull_distance_m(robot.parts, window.boxes, window.cylinders, driven.body.qpos)
+    clearance_m = hull_distance_m(robot.parts, window, driven.body.qpos)
     return Motion(driven.body, driven.work, clearance_m)
 
 

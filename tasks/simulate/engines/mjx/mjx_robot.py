@@ -3,11 +3,11 @@
 The slots are the engine's window: the nearest obstacles are written into them.
 """
 
+import functools
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,9 +29,8 @@ from tasks.simulate.application.robot_model import (
     rest_position,
 )
 from tasks.simulate.engines.mjx.mjx_limits import refuse_what_mjx_lacks, with_stand_ins
-from tasks.simulate.geometry.hull_distance import to_boxes_m, to_cylinders_m
+from tasks.simulate.geometry.hull_distance import LaneObstacles, to_obstacles_m
 from tasks.simulate.geometry.hull_outline import HullPart, hull_parts
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
 from tasks.simulate.geometry.obstacles import PARKING_M
 
 # Without warp, which only its GPU backend needs, MJX prints two lines to standard output when it is imported.
@@ -45,6 +44,8 @@ __all__ = ["mjx"]
 # (docs/reference/physics.md, section 3).
 BOX_SLOTS = 5
 CYLINDER_SLOTS = 3
+PRISM_SLOTS = 3
+SLOTS = (BOX_SLOTS, CYLINDER_SLOTS, PRISM_SLOTS)
 _NEWTON_ITERATIONS = 2
 _LINE_SEARCHES = 4
 _SPECK_M = 0.05
@@ -198,33 +199,24 @@ def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
 
 # MJX pays for every geom pair at every step, near or far. Of an apartment's hundred solids only those within reach of
 # the next control step can matter, so each lane's model holds slots for those, refilled at each control step.
-class ObstacleWindow(NamedTuple):
-    """The nearest obstacles of one lane."""
-
-    boxes: Boxes
-    cylinders: Cylinders
-
-
 def nearest_obstacles(
-    boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], box_count: int, cylinder_count: int
-) -> tuple[ObstacleWindow, Float[jax.Array, ""]]:
-    """Returns the boxes and cylinders nearest to a point, seen from above, and how near the nearest is.
+    obstacles: LaneObstacles, center_m: Float[jax.Array, "2"]
+) -> tuple[LaneObstacles, Float[jax.Array, ""]]:
+    """Returns as many of each kind as there are slots, those nearest to a point, and how near the nearest is.
 
     Args:
-        boxes: Of the world, in the hull's band of heights.
-        cylinders: Likewise.
-        center_m: The point (x, y).
-        box_count: How many boxes.
-        cylinder_count: How many cylinders.
+        obstacles: Of the world, in the hull's band of heights.
+        center_m: The point (x, y), seen from above.
     """
-    to_boxes, to_cylinders = to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)
-    _, box_index = jax.lax.top_k(-to_boxes, box_count)
-    _, cylinder_index = jax.lax.top_k(-to_cylinders, cylinder_count)
-    window = ObstacleWindow(boxes[box_index], cylinders[cylinder_index])
-    return window, jnp.minimum(to_boxes.min(), to_cylinders.min())
+    apart_m = to_obstacles_m(obstacles, center_m)
+    window = [
+        kind[jax.lax.top_k(-away_m, slots)[1]] for kind, away_m, slots in zip(obstacles, apart_m, SLOTS, strict=False)
+    ]
+    nearest_m = functools.reduce(jnp.minimum, [away_m.min() for away_m in apart_m])
+    return LaneObstacles(*window, *obstacles[len(window) :]), nearest_m
 
 
-def with_window(robot: RobotModel, window: ObstacleWindow) -> mjx.Model:
+def with_window(robot: RobotModel, window: LaneObstacles) -> mjx.Model:
     """Returns the robot's model with the window's obstacles in its slots."""
     base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
     half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2

@@ -242,7 +242,7 @@ def _finish_lane(  # noqa: PLR0917 - as the program maps it
     changed, control, ranges_m = decided
     state = unflatten_state(applications, inputs, state)
     body, work = _from_row(robot, driven)
-    clearance_m = hull_distance_m(robot.parts, inputs.boxes, inputs.cylinders, body.qpos)
+    clearance_m = hull_distance_m(robot.parts, inputs.obstacles, body.qpos)
     leaves, form = jax.tree.flatten(state.controller)
     memory = jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
     decision = Decision(memory, control, ranges_m)

@@ -38,6 +38,11 @@ _PUSH_SENSOR = "simyard/push"
 _FORCE = "simyard/force/"
 _SPEED = "simyard/speed/"
 _SPECK_M = 0.05
+_KINDS = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "prism": mujoco.mjtGeom.mjGEOM_MESH,
+}
 # Of a contact sensor: what it reports (the force), how contacts become one (their sum), how many it reports.
 _CONTACT_FORCE, _NET_FORCE, _ONE = 1 << 1, 3, 1
 
@@ -123,12 +128,24 @@ def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjMod
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tuple[int, int]) -> None:
-    kind = mujoco.mjtGeom.mjGEOM_BOX if solid.shape == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
-    geom = add_obstacle(spec, f"solid/{solid.name}", kind, bits, body)
-    x, y, z = solid.half_extents_m
+    name, (x, y, z) = f"solid/{solid.name}", solid.half_extents_m
+    geom = add_obstacle(spec, name, _KINDS[solid.shape], bits, body)
     geom.pos = solid.center_m
-    geom.size = [x, y, z] if solid.shape == "box" else [x, z, 0.0]
+    geom.size = [x, z, 0.0] if solid.shape == "cylinder" else [x, y, z]
+    if solid.outline_m:
+        add_prism_mesh(spec, name, np.array(solid.outline_m), z)
+        geom.meshname = name
     geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]
+
+
+def add_prism_mesh(
+    spec: mujoco.MjSpec, name: str, corners_m: Float64[np.ndarray, "corners 2"], half_height_m: float
+) -> None:
+    """Adds an upright prism's mesh, as it is whatever defaults the robot's file has for meshes."""
+    ends = [np.insert(corners_m, 2, height, axis=1) for height in (-half_height_m, half_height_m)]
+    mesh = spec.add_mesh(name=name, uservert=np.concatenate(ends).ravel().tolist())
+    mesh.scale, mesh.refpos, mesh.refquat = [1.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
+    mesh.inertia, mesh.maxhullvert = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, -1
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot) -> None:
@@ -196,7 +213,9 @@ class Stepper:
     ) -> None:
         self._robot, self._models = robot, list(models)
         self._pool = Rollout(nthread=threads if threads > 1 else 0)
-        self._datas = [mujoco.MjData(models[0]) for _ in range(threads)]
+        # Of the model with most parts of meshes: MuJoCo clears as many marks in them as the model at hand has parts.
+        self._largest = max(models, key=lambda model: int(model.nbvh))
+        self._datas = [mujoco.MjData(self._largest) for _ in range(threads)]
         first = models[0]
         self._qpos = slice(_TIME, _TIME + first.nq)
         self._qvel = slice(self._qpos.stop, self._qpos.stop + first.nv)
@@ -229,7 +248,7 @@ class Stepper:
         return self.body(), work
 
     def _initial(self, starts: Float64[np.ndarray, "lanes 3"]) -> Float64[np.ndarray, "lanes state"]:
-        model, data = self._models[0], self._datas[0]
+        model, data = self._largest, self._datas[0]
         mujoco.mj_resetData(model, data)
         state = np.empty(mujoco.mj_stateSize(model, _STATE))
         mujoco.mj_getState(model, data, state, _STATE)

@@ -12,21 +12,23 @@ from jaxtyping import Bool, Float
 from tasks.simulate.engines.planar.near_obstacles import Neighbours, nearest
 from tasks.simulate.engines.planar.planar_algebra import Planar, Scalar
 from tasks.simulate.engines.planar.planar_robot import Disc, Softness
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
+from tasks.simulate.geometry.hull_distance import LaneObstacles, Outline, from_border, outline_of
 
 
 # One lane's scalars become vectors over lanes when the program maps it, so that everything downstream is elementwise
 # and vectorises; arrays of one lane's obstacles would put eight numbers, not all lanes, into the innermost loop.
 class Obstacle(NamedTuple):
-    """A box or an upright cylinder: a rectangle grown by a radius, seen from above.
+    """A box or an upright cylinder: a rectangle grown by a radius, seen from above. Or an upright prism.
 
     Attributes:
         x, y: Its middle, relative to where the robot stood when the control step began.
-        half_x, half_y: Of the rectangle along its own axes; 0 for a cylinder.
+        half_x, half_y: Of the rectangle along its own axes, of a prism along the world's; 0 for a cylinder.
         cos, sin: Of the rectangle's yaw.
         radius: Of a cylinder; 0 for a box.
         height, half_height: Of its middle above the floor, and from there to its top.
         round: Whether it is a cylinder.
+        prism: Whether it is a prism; None in a program without any.
+        outline: A prism's, around its middle; likewise.
     """
 
     x: Scalar
@@ -39,22 +41,23 @@ class Obstacle(NamedTuple):
     height: Scalar
     half_height: Scalar
     round: Bool[jax.Array, ""]
+    prism: Bool[jax.Array, ""] | None
+    outline: Outline | None
 
 
 def window(
-    boxes: Boxes, cylinders: Cylinders, center_m: Float[jax.Array, "2"], count: int, near: Neighbours | None = None
+    obstacles: LaneObstacles, center_m: Float[jax.Array, "2"], count: int, near: Neighbours | None = None
 ) -> list[Obstacle]:
     """Returns the obstacles nearest to a point, seen from above, nearest first.
 
     Args:
-        boxes: Of the world, in the hull's band of heights.
-        cylinders: Likewise.
+        obstacles: Of the world, in the hull's band of heights.
         center_m: The point (x, y).
-        count: How many, boxes and cylinders together.
+        count: How many, all kinds together.
         near: Those that were picked out before; None if none were.
     """
-    found = nearest(boxes, cylinders, center_m, count, near)
-    x, y, half_x, half_y, cos, sin, radius, height, half_height = found.columns
+    found = nearest(obstacles, center_m, count, near)
+    x, y, half_x, half_y, cos, sin, radius, height, half_height = found.columns[:9]
     return [
         Obstacle(
             x=x[k] - center_m[0],
@@ -67,6 +70,8 @@ def window(
             height=height[k],
             half_height=half_height[k],
             round=found.round[k],
+            prism=None if found.prism is None else found.prism[k],
+            outline=None if found.prism is None else outline_of(found.columns[9:, k]),
         )
         for k in range(found.round.shape[0])
     ]
@@ -79,7 +84,11 @@ def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:
         dx, dy = x - each.x, y - each.y
         beyond_x = jnp.maximum(jnp.abs(each.cos * dx + each.sin * dy) - each.half_x, 0.0)
         beyond_y = jnp.maximum(jnp.abs(each.cos * dy - each.sin * dx) - each.half_y, 0.0)
-        nearest = jnp.minimum(nearest, jnp.sqrt(beyond_x**2 + beyond_y**2) - each.radius)
+        apart = jnp.sqrt(beyond_x**2 + beyond_y**2) - each.radius
+        if each.prism is not None and each.outline is not None:
+            *_, squared, inside = from_border(each.outline, dx, dy)
+            apart = jnp.where(each.prism, jnp.where(inside, 0.0, jnp.sqrt(squared)), apart)
+        nearest = jnp.minimum(nearest, apart)
     return nearest
 
 
@@ -91,10 +100,10 @@ _MUCH = 0.5
 
 
 # Geometry: MuJoCo's sphere-box, sphere-cylinder, capsule-box and capsule-cylinder contacts, for spheres and upright
-# capsules among boxes and cylinders that stand upright. An upright cylinder touches them where its disc does, which
-# is what MuJoCo finds at flat sides; at corners its convex collider turns the normal by up to a right angle. Rows:
-# MuJoCo documentation, chapter Computation, "Contact" and "Constraint model", with frictionless contacts (condim 1)
-# and pyramidal cones (condim 3).
+# capsules among boxes, cylinders and prisms that stand upright. An upright cylinder touches them where its disc does,
+# which is what MuJoCo finds at flat sides; at corners its convex collider turns the normal by up to a right angle, and
+# a capsule's at a prism's corners. Rows: MuJoCo documentation, chapter Computation, "Contact" and "Constraint model",
+# with frictionless contacts (condim 1) and pyramidal cones (condim 3).
 class Row(NamedTuple):
     """A direction in which a constraint acts: it asks that ``x ax + y ay + turn aw`` be ``target``.
 
@@ -195,10 +204,18 @@ def touch(disc: Disc, obstacle: Obstacle, how: Bearing, x: Scalar, y: Scalar) ->
     beyond = jnp.sqrt(squared)
     scale = jnp.where(inside, 1.0, 1.0 / jnp.maximum(beyond, _TINY_M))
     in_plane = jnp.where(inside, -jnp.minimum(to_x, to_y), beyond - obstacle.radius)
+    out_x, out_y = (obstacle.cos * out_x - obstacle.sin * out_y), (obstacle.sin * out_x + obstacle.cos * out_y)
+    if obstacle.prism is not None and obstacle.outline is not None:
+        way_x, way_y, squared, inside = from_border(obstacle.outline, dx, dy)
+        signed = jnp.where(inside, -jnp.sqrt(squared), jnp.sqrt(squared))
+        in_plane = jnp.where(obstacle.prism, signed, in_plane)
+        out_x, out_y = jnp.where(obstacle.prism, way_x, out_x), jnp.where(obstacle.prism, way_y, out_y)
+        outward = jnp.where(inside, -1.0, 1.0) / jnp.maximum(jnp.abs(signed), _TINY_M)
+        scale = jnp.where(obstacle.prism, outward, scale)
     level, rise, distance = _level_slope(in_plane, how, disc) if disc.flat else _slope(in_plane, how)
     return Touch(
-        x=(obstacle.cos * out_x - obstacle.sin * out_y) * scale,
-        y=(obstacle.sin * out_x + obstacle.cos * out_y) * scale,
+        x=out_x * scale,
+        y=out_y * scale,
         level=level,
         rise=rise,
         distance=distance - disc.radius_m,
@@ -276,7 +293,7 @@ def _level_slope(in_plane: Scalar, how: Bearing, disc: Disc) -> tuple[Scalar, Sc
 
 
 def _contact_count(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar, past_y: Scalar) -> Scalar | float:
-    """Returns how many contacts MuJoCo makes; a cylinder's side has two with a box, one above the other."""
+    """Returns how many contacts MuJoCo makes; a cylinder's side has two with a face, one above the other."""
     if disc.flat:
         return jnp.where(obstacle.round, 1.0, 2.0)
     return _capsule_contacts(disc, obstacle, how, past_x, past_y) if disc.capsule else 1.0
@@ -285,8 +302,8 @@ def _contact_count(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar,
 def _capsule_contacts(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scalar, past_y: Scalar) -> Scalar:
     """Returns how many contacts MuJoCo makes of a capsule and a box; all lie at the same place, seen from above.
 
-    The second is left out where the capsule's nearest end points away from the box's nearest corner or edge by
-    MuJoCo's reckoning, which compares the signs of their coordinates in the box's frame.
+    Beside a prism there are two. Of a box, the second is left out where the capsule's nearest end points away from
+    the box's nearest corner or edge by MuJoCo's reckoning, which compares their coordinates' signs in the box's frame.
     """
     lowest = (past_x <= 0.0) & (past_y <= 0.0)
     highest = (past_x >= 0.0) & (past_y >= 0.0)
@@ -294,6 +311,7 @@ def _capsule_contacts(disc: Disc, obstacle: Obstacle, how: Bearing, past_x: Scal
     away = jnp.where(how.top_nearer, first, second)
     by_face = (past_x == 0.0) | (past_y == 0.0)
     single = obstacle.round | (away & ~(by_face & how.ends_beside))
+    single = single if obstacle.prism is None else jnp.where(obstacle.prism, how.rise > 0.0, single)
     return jnp.where(single, 1.0, 2.0)
 
 

@@ -19,8 +19,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from tasks.simulate.devices import rounds_each_operation
 from tasks.simulate.engines.planar.planar_algebra import Planar, Scalar
-from tasks.simulate.geometry.hull_distance import to_boxes_m, to_cylinders_m
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
+from tasks.simulate.geometry.hull_distance import (
+    Boxes,
+    Cylinders,
+    LaneObstacles,
+    Prisms,
+    to_boxes_m,
+    to_cylinders_m,
+    to_obstacles_m,
+    to_prisms_m,
+)
 
 _NEVER = 2**31 - 1
 # A disc is as large as the slots allow: the first is what a courier drives in a slice.
@@ -33,8 +41,9 @@ _GROUPS, _TOGETHER = 32, 128
 _ROW = 16
 # Places of so many obstacles: as many bits whatever fills a world up, or rows would hang on the worlds beside it.
 _PLACE_BITS = 12
-# Of an obstacle: (x, y, half x, half y, cos yaw, sin yaw, radius, z, half z), as in Obstacle of the window.
-Columns = Float[Array, "9 obstacles"]
+# Of an obstacle: (x, y, half x, half y, cos yaw, sin yaw, radius, z, half z), as in Obstacle of the window; where there
+# are prisms, the corners follow, and a prism is as large as the upright box around it.
+Columns = Float[Array, "columns obstacles"]
 
 
 class Neighbours(NamedTuple):
@@ -43,8 +52,9 @@ class Neighbours(NamedTuple):
     Attributes:
         center_m: The disc's (x, y).
         radius_m: Below 0 if there is none: too many obstacles are near.
-        columns: Of the obstacles, boxes first, each kind in the world's order.
+        columns: Of the obstacles, boxes first, then cylinders, then prisms, each kind in the world's order.
         round: Which are cylinders.
+        prism: Which are prisms; None in a program without any.
         used: Which places hold one.
     """
 
@@ -52,6 +62,7 @@ class Neighbours(NamedTuple):
     radius_m: Float[Array, ""]
     columns: Columns
     round: Bool[Array, "obstacles"]
+    prism: Bool[Array, "obstacles"] | None
     used: Bool[Array, "obstacles"]
 
 
@@ -61,26 +72,28 @@ class Nearest(NamedTuple):
     Attributes:
         columns: Of them.
         round: Which are cylinders.
+        prism: Which are prisms; None in a program without any.
     """
 
     columns: Columns
     round: Bool[Array, "obstacles"]
+    prism: Bool[Array, "obstacles"] | None
 
 
-def neighbours(boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], count: int) -> Neighbours:
+def neighbours(obstacles: LaneObstacles, center_m: Float[Array, "2"], count: int) -> Neighbours:
     """Returns the obstacles that can be among the nearest ones around a point.
 
     One that is left out is farther from the point than ``count`` others by more than the disc's diameter.
 
     Args:
-        boxes: Of the world, in the hull's band of heights.
-        cylinders: Likewise.
+        obstacles: Of the world, in the hull's band of heights.
         center_m: The point (x, y).
         count: How many nearest ones will be asked for.
     """
-    apart_m, total = jnp.maximum(_apart_m(boxes, cylinders, center_m), 0.0), len(boxes) + len(cylinders)
+    apart_m, total = jnp.maximum(_apart_m(obstacles, center_m), 0.0), _total(obstacles)
     slots = max(_SLOTS, total // _SHARE)
-    rounded_m = _LEAST_M + _OF_COORDINATES * (jnp.abs(center_m).sum() + _extent_m(boxes) + _extent_m(cylinders))
+    extents_m = sum((_extent_m(kind) for kind in obstacles if len(kind)), start=jnp.abs(center_m).sum())
+    rounded_m = _LEAST_M + _OF_COORDINATES * extents_m
     # A place is written into the last bits of a distance, which is less by that.
     share = 2.0 ** (_place_bits(total) - 22)
     enough_m = _at_least_m(apart_m, count) + rounded_m
@@ -92,49 +105,46 @@ def neighbours(boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], 
     return Neighbours(
         center_m=center_m,
         radius_m=jnp.where(fits.any(), radii_m[chosen], -1.0),
-        columns=jnp.concatenate([_of_boxes(boxes), _of_cylinders(cylinders)], axis=1)[:, places],
-        round=places >= len(boxes),
+        columns=jnp.concatenate(_columns(obstacles), axis=1)[:, places],
+        **_kinds(obstacles, places),
         used=places < total,
     )
 
 
-def nearest(
-    boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], count: int, near: Neighbours | None
-) -> Nearest:
+def nearest(obstacles: LaneObstacles, center_m: Float[Array, "2"], count: int, near: Neighbours | None) -> Nearest:
     """Returns the obstacles nearest to a point.
 
     Args:
-        boxes: Of the world.
-        cylinders: Likewise.
+        obstacles: Of the world.
         center_m: The point (x, y).
         count: How many.
         near: Those that were picked out before; None if none were.
     """
-    most = min(count, len(boxes) + len(cylinders))
+    most = min(count, _total(obstacles))
     if near is None:
-        return _of_all(most, boxes, cylinders, center_m)
-    return _of_lane(most)(boxes, cylinders, center_m, near)
+        return _of_all(most, obstacles, center_m)
+    return _of_lane(most)(obstacles, center_m, near)
 
 
 @functools.cache
 def _of_lane(count: int) -> Callable[..., Nearest]:
     """Returns the function of a lane; mapped, it looks at all obstacles if any lane must, since a branch costs both."""
 
-    def of_lanes(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
+    def of_lanes(obstacles: LaneObstacles, center_m: Array, near: Neighbours) -> Nearest:
         away_m = center_m - near.center_m
         inside = (jnp.sum(away_m**2, axis=-1) <= near.radius_m**2) & (near.radius_m > 0.0)
 
-        def of_near(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
-            return jax.vmap(functools.partial(_of_near, count))(boxes, cylinders, center_m, near)
+        def of_near(obstacles: LaneObstacles, center_m: Array, near: Neighbours) -> Nearest:
+            return jax.vmap(functools.partial(_of_near, count))(obstacles, center_m, near)
 
-        def of_all(boxes: Boxes, cylinders: Cylinders, center_m: Array, _: Neighbours) -> Nearest:
-            return jax.vmap(functools.partial(_of_all, count))(boxes, cylinders, center_m)
+        def of_all(obstacles: LaneObstacles, center_m: Array, _: Neighbours) -> Nearest:
+            return jax.vmap(functools.partial(_of_all, count))(obstacles, center_m)
 
-        return jax.lax.cond(inside.all(), of_near, of_all, boxes, cylinders, center_m, near)
+        return jax.lax.cond(inside.all(), of_near, of_all, obstacles, center_m, near)
 
     @jax.custom_batching.custom_vmap
-    def one(boxes: Boxes, cylinders: Cylinders, center_m: Array, near: Neighbours) -> Nearest:
-        lanes = jax.tree.map(lambda array: array[None], (boxes, cylinders, center_m, near))
+    def one(obstacles: LaneObstacles, center_m: Array, near: Neighbours) -> Nearest:
+        lanes = jax.tree.map(lambda array: array[None], (obstacles, center_m, near))
         return jax.tree.map(lambda array: array[0], of_lanes(*lanes))
 
     @one.def_vmap
@@ -148,25 +158,49 @@ def _of_lane(count: int) -> Callable[..., Nearest]:
     return one
 
 
-def _of_all(count: int, boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"]) -> Nearest:
-    places = _smallest(_apart_m(boxes, cylinders, center_m), count, len(boxes) + len(cylinders), None)
-    is_round = places >= len(boxes)
-    of_boxes = _of_boxes(boxes[jnp.minimum(places, len(boxes) - 1)])
-    of_cylinders = _of_cylinders(cylinders[jnp.maximum(places - len(boxes), 0)])
-    return Nearest(jnp.where(is_round, of_cylinders, of_boxes), is_round)
+def _of_all(count: int, obstacles: LaneObstacles, center_m: Float[Array, "2"]) -> Nearest:
+    places = _smallest(_apart_m(obstacles, center_m), count, _total(obstacles), None)
+    firsts = np.cumsum([0, *map(len, obstacles)])
+    chosen = [
+        kind[jnp.clip(places - int(first), 0, len(kind) - 1)] if len(kind) else kind
+        for kind, first in zip(obstacles, firsts, strict=False)
+    ]
+    found, kinds = _columns(LaneObstacles(*chosen)), _kinds(obstacles, places)
+    columns = jnp.where(kinds["round"], found[1], found[0])
+    if kinds["prism"] is not None:
+        columns = jnp.where(kinds["prism"], found[2], columns)
+    return Nearest(columns, **kinds)
 
 
-def _of_near(count: int, boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"], near: Neighbours) -> Nearest:
-    x, y, half_x, half_y, cos, sin, radius, z, half_z = near.columns
+def _of_near(count: int, obstacles: LaneObstacles, center_m: Float[Array, "2"], near: Neighbours) -> Nearest:
+    x, y, half_x, half_y, cos, sin, radius, z, half_z, *corners = near.columns
     as_boxes = to_boxes_m(jnp.stack([x, y, z, half_x, half_y, half_z, cos, sin], axis=1), center_m)
     as_cylinders = to_cylinders_m(jnp.stack([x, y, z, radius, half_z], axis=1), center_m)
+    distances = jnp.where(near.round, as_cylinders, as_boxes)
+    if near.prism is not None:
+        as_prisms = to_prisms_m(jnp.stack([x, y, z, half_z, *corners], axis=1), center_m)
+        distances = jnp.where(near.prism, as_prisms, distances)
     # These are in the order of all, so that equal distances stand in the same order.
-    chosen = _smallest(jnp.where(near.round, as_cylinders, as_boxes), count, len(boxes) + len(cylinders), near.used)
-    return Nearest(near.columns[:, chosen], near.round[chosen])
+    chosen = _smallest(distances, count, _total(obstacles), near.used)
+    prism = None if near.prism is None else near.prism[chosen]
+    return Nearest(near.columns[:, chosen], near.round[chosen], prism)
 
 
-def _apart_m(boxes: Boxes, cylinders: Cylinders, center_m: Float[Array, "2"]) -> Float[Array, "obstacles"]:
-    return jnp.concatenate([to_boxes_m(boxes, center_m), to_cylinders_m(cylinders, center_m)])
+def _total(obstacles: LaneObstacles) -> int:
+    return sum(map(len, obstacles))
+
+
+def _apart_m(obstacles: LaneObstacles, center_m: Float[Array, "2"]) -> Float[Array, "obstacles"]:
+    return jnp.concatenate(to_obstacles_m(obstacles, center_m))
+
+
+def _kinds(obstacles: LaneObstacles, places: Int[Array, "places"]) -> dict[str, Any]:
+    """Returns which places hold a cylinder, and which a prism."""
+    boxes, cylinders, prisms = map(len, obstacles)
+    if not prisms:
+        return {"round": places >= boxes, "prism": None}
+    is_prism = places >= boxes + cylinders
+    return {"round": (places >= boxes) & ~is_prism, "prism": is_prism}
 
 
 def _smallest(
@@ -207,8 +241,8 @@ def _place_bits(total: int) -> int:
     return max(_PLACE_BITS, (total - 1).bit_length())
 
 
-def _extent_m(shapes: Boxes | Cylinders) -> Float[Array, ""]:
-    """Returns more than any coordinate or size of boxes, or of cylinders."""
+def _extent_m(shapes: Boxes | Cylinders | Prisms) -> Float[Array, ""]:
+    """Returns more than any coordinate or size of obstacles of a kind."""
     return jnp.abs(shapes).max(axis=0).sum()
 
 
@@ -233,6 +267,16 @@ def _first(kept: Bool[Array, "obstacles"], most: int) -> Int[Array, "most"]:
     return jnp.full(most, len(kept), jnp.int32).at[jnp.where(kept, rank, most)].set(places, mode="drop")
 
 
+def _columns(obstacles: LaneObstacles) -> list[Columns]:
+    """Returns the columns of each kind of obstacles that there is."""
+    boxes, cylinders, prisms = obstacles
+    if not len(prisms):
+        return [_of_boxes(boxes), _of_cylinders(cylinders)]
+    found = [_of_boxes(boxes), _of_cylinders(cylinders), _of_prisms(prisms)]
+    rows = max(map(len, found))
+    return [jnp.concatenate([each, jnp.zeros((rows - len(each), each.shape[1]))]) for each in found]
+
+
 def _of_boxes(boxes: Boxes) -> Columns:
     x, y, z, half_x, half_y, half_z, cos, sin = boxes.T
     return jnp.stack([x, y, half_x, half_y, cos, sin, jnp.zeros_like(x), z, half_z])
@@ -242,6 +286,13 @@ def _of_cylinders(cylinders: Cylinders) -> Columns:
     x, y, z, radius, half_z = cylinders.T
     nil = jnp.zeros_like(x)
     return jnp.stack([x, y, nil, nil, nil + 1.0, nil, radius, z, half_z])
+
+
+def _of_prisms(prisms: Prisms) -> Columns:
+    x, y, z, half_z, *corners = prisms.T
+    nil = jnp.zeros_like(x)
+    half_x, half_y = (jnp.abs(jnp.stack(corners[axis::2])).max(axis=0) for axis in (0, 1))
+    return jnp.stack([x, y, half_x, half_y, nil + 1.0, nil, nil, z, half_z, *corners])
 
 
 # A physics step is compiled for as many obstacles as this, and for all in the window.

@@ -1,4 +1,4 @@
-"""The planar engine: mobile bases among upright boxes and cylinders, stepped as C MuJoCo would, in plain JAX.
+"""The planar engine: mobile bases among upright boxes, cylinders and prisms, stepped as C MuJoCo would, in plain JAX.
 
 It runs the robots that ``planar_robot`` accepts. A robot in the plane has three degrees of freedom and its
 contacts are those of discs, so a step is a few hundred operations on scalars; mapped over lanes, each is one vector
@@ -46,7 +46,7 @@ from tasks.simulate.engines.planar.planar_algebra import (
     times,
 )
 from tasks.simulate.engines.planar.planar_robot import Disc, Motor, PlanarRobot, planar_robot
-from tasks.simulate.geometry.lidar_scan import Boxes, Cylinders
+from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 
@@ -225,7 +225,7 @@ def first_body(robot: PlanarRobot, start: Float[jax.Array, "3"]) -> Body:
 
 def near(robot: PlanarRobot, inputs: LaneInputs, body: Body) -> Neighbours:
     """Returns the obstacles that the robot's window can hold while it is about where it stands."""
-    return neighbours(inputs.boxes, inputs.cylinders, body.qpos[:2], _window_size(robot))
+    return neighbours(inputs.obstacles, body.qpos[:2], _window_size(robot))
 
 
 def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax.Array, "actuators"]) -> Motion:
@@ -237,13 +237,12 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    return drive_among(robot, inputs.boxes, inputs.cylinders, body, control, near=inputs.near)
+    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near)
 
 
 def drive_among(
     robot: PlanarRobot,
-    boxes: Boxes,
-    cylinders: Cylinders,
+    given: LaneObstacles,
     body: Body,
     control: Float[jax.Array, "actuators"],
     *,
@@ -253,14 +252,13 @@ def drive_among(
 
     Args:
         robot: The robot.
-        boxes: Obstacles in the hull's band of heights.
-        cylinders: Likewise.
+        given: The obstacles in the hull's band of heights.
         body: The robot at the step's beginning.
         control: One number for each actuator.
         near: Those of the obstacles that were picked out before.
     """
     origin = Planar(*body.qpos)
-    obstacles = window(boxes, cylinders, body.qpos[:2], _window_size(robot), near)
+    obstacles = window(given, body.qpos[:2], _window_size(robot), near)
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     nil = jnp.zeros_like(origin.x)
     around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control))

@@ -1,4 +1,4 @@
-"""The window holds the obstacles nearest to the robot, boxes and cylinders alike, nearest first."""
+"""The window holds the obstacles nearest to the robot, of all kinds alike, nearest first."""
 
 from pathlib import Path
 
@@ -13,8 +13,21 @@ from hypothesis import strategies as st
 from tasks.simulate.engines.planar.disc_contact import Obstacle, bearing, contact, distance_m, edges, touch, window
 from tasks.simulate.engines.planar.planar_algebra import Planar
 from tasks.simulate.engines.planar.planar_robot import Disc, planar_robot
+from tasks.simulate.geometry.hull_outline import inner_distance_m
 from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
-from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, among, box, write_robot
+from tests.factories.planar import (
+    CAPSULE,
+    NO_BOXES,
+    NO_CYLINDERS,
+    ROUGH,
+    Obstacles,
+    Parts,
+    among,
+    box,
+    on_device,
+    prism,
+    write_robot,
+)  # fmt: skip
 from tests.factories.simulations import cluttered
 
 ALL = pad_obstacles([obstacles(cluttered(3), 0.02, 0.38)])[0]
@@ -32,7 +45,7 @@ def by_hand(x: float, y: float) -> np.ndarray:
 
 
 def near(x: float, y: float) -> list[Obstacle]:
-    return window(jnp.asarray(ALL.boxes), jnp.asarray(ALL.cylinders), jnp.array([x, y], jnp.float32), COUNT)
+    return window(on_device(ALL), jnp.array([x, y], jnp.float32), COUNT)
 
 
 @settings(max_examples=25)
@@ -59,8 +72,8 @@ def test_an_obstacle_keeps_its_figures_but_for_its_place():
 
 
 def test_fewer_obstacles_than_the_window_holds_are_all_in_it():
-    boxes, cylinders = jnp.asarray(ALL.boxes[:2]), jnp.asarray(ALL.cylinders[:1])
-    assert len(window(boxes, cylinders, jnp.zeros(2), COUNT)) == 3
+    few = on_device((ALL.boxes[:2], ALL.cylinders[:1], ALL.prisms))
+    assert len(window(few, jnp.zeros(2), COUNT)) == 3
 
 
 POSES = 400
@@ -71,9 +84,11 @@ HULLS: dict[str, Parts] = {
     "tall capsule": {"hull/type": "capsule", "hull/size": "0.18 0.3"},
     "sphere ahead": {"hull/size": "0.15", "hull/pos": "0.1 0.04 0"},
 }
+CORNERS = np.array([[-0.25, -0.1], [0.0, -0.2], [0.25, -0.05], [0.1, 0.2], [-0.1, 0.15]])
 SOLIDS = {
     "box": Obstacles(np.array([box(0.0, 0.0, 0.25, 0.15, yaw=0.4, z=1.0, half_z=0.15)]), np.zeros((0, 5))),
     "cylinder": Obstacles(np.zeros((0, 8)), np.array([[0.0, 0.0, 1.0, 0.2, 0.15]])),
+    "prism": Obstacles(NO_BOXES, NO_CYLINDERS, np.array([prism(0.0, 0.0, CORNERS, z=1.0, half_z=0.15)])),
 }
 PARKED = Obstacles(np.array([box(900.0, 0.0, 0.1, 0.1)]), np.array([[-900.0, 0.0, 0.0, 0.1, 0.1]]))
 
@@ -90,8 +105,7 @@ def in_c(model: mujoco.MjModel, data: mujoco.MjData, height: float, pose: np.nda
 
 def in_plane(disc: Disc, solid: Obstacles, height: jax.Array, pose: jax.Array, rate: jax.Array) -> jax.Array:
     """Returns the same sums over the engine's rows."""
-    boxes, cylinders = (jnp.asarray(each, jnp.float32) for each in solid)
-    near = window(boxes, cylinders, jnp.zeros(2), 1)[0]._replace(height=height)
+    near = window(on_device(solid), jnp.zeros(2), 1)[0]._replace(height=height)
     cos, sin = jnp.cos(pose[2]), jnp.sin(pose[2])
     arm = (cos * disc.forward_m - sin * disc.left_m, sin * disc.forward_m + cos * disc.left_m)
     touched = touch(disc, near, bearing(disc, near), pose[0] + arm[0], pose[1] + arm[1])
@@ -114,7 +128,17 @@ def scattered(disc: Disc, solid: str, rng: np.random.Generator) -> tuple[np.ndar
         right, up = way * np.cos(angle), way * np.sin(angle)
         outside = (np.abs(cos * right + sin * up) > 0.251) | (np.abs(cos * up - sin * right) > 0.151)
         x = np.where(outside, x, x + 10.0)
+    if solid == "prism":  # likewise, and at a corner C turns a capsule's normal
+        axis = np.stack([way * np.cos(angle), way * np.sin(angle)], axis=1)
+        x = np.where(at_face(axis) if disc.capsule else inner_distance_m(CORNERS, axis) > 1e-3, x, x + 10.0)
     return heights, np.stack([x, y, yaw], axis=1), rng.normal(0.0, 0.5, (POSES, 3))
+
+
+def at_face(points: np.ndarray) -> np.ndarray:
+    """Returns which points are outside the prism, and nearer to the inside of an edge than to a corner."""
+    to_corner = np.linalg.norm(points[:, None] - CORNERS, axis=-1).min(axis=1)
+    apart = inner_distance_m(CORNERS, points)
+    return (apart > 1e-3) & (apart < to_corner - 1e-3)
 
 
 @pytest.mark.parametrize("ground", [{}, ROUGH], ids=["condim 1", "condim 3"])

@@ -29,17 +29,21 @@ from tasks.simulate.engines.planar.near_obstacles import (
 from tasks.simulate.engines.planar.planar_algebra import Planar
 from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
 from tasks.simulate.engines.planar.planar_robot import planar_robot
-from tasks.simulate.geometry.obstacles import Obstacles, pad_obstacles
-from tests.factories.planar import CAPSULE, DRUM, ROUGH, Parts, box, write_robot
-from tests.factories.simulations import FOLDERS, pushing
+from tasks.simulate.geometry.hull_distance import LaneObstacles
+from tasks.simulate.geometry.obstacles import PRISM_COLUMNS, Obstacles, pad_obstacles
+from tests.factories.planar import CAPSULE, DRUM, ROUGH, Parts, box, on_device, prism, write_robot
+from tests.factories.simulations import FOLDERS, convex, pushing
 from tests.simulate.conftest import PUSHER_LANES
 
 COUNT, LANES, REACH_M = 6, 8, 0.8
 _MOST = 300
 
 
-def strewn(seed: int, density: float, half_m: float, count: int) -> Obstacles:
-    """Returns boxes, turned boxes and posts, some in the same place: as many a square metre, as large as told."""
+def strewn(seed: int, density: float, half_m: float, count: int, *, prisms: bool = False) -> Obstacles:
+    """Returns boxes, turned boxes and posts, some in the same place: as many a square metre, as large as told.
+
+    And prisms, if they are asked for.
+    """
     rng = np.random.default_rng(seed)
     places = rng.uniform(-0.5, 0.5, (count, 2)) * np.sqrt(count / density)
     # Of equal distances the first in order counts.
@@ -50,16 +54,19 @@ def strewn(seed: int, density: float, half_m: float, count: int) -> Obstacles:
     columns = [*places.T, np.full(count, 0.5), *halves.T, np.full(count, 0.5), np.cos(yaws), np.sin(yaws)]
     boxes = np.stack(columns, axis=1).astype(np.float32)
     posts = boxes[count // 2 :: 3, [0, 1, 2, 3, 5]]
-    return pad_obstacles([Obstacles(boxes[: count // 2], posts)])[0]
+    wedges = [prism(x, y, convex(rng, half_m)) for x, y in places[:: 2 if prisms else count]][not prisms :]
+    return pad_obstacles(
+        [Obstacles(boxes[: count // 2], posts, np.array(wedges, np.float32).reshape(-1, PRISM_COLUMNS))]
+    )[0]
 
 
 def in_lanes(function: Callable[..., Nearest]) -> Callable[..., Nearest]:
-    return jax.jit(jax.vmap(function, in_axes=(None, None, 0, 0)))
+    return jax.jit(jax.vmap(function, in_axes=(None, 0, 0)))
 
 
-PICK = jax.jit(jax.vmap(lambda boxes, cylinders, m: neighbours(boxes, cylinders, m, COUNT), in_axes=(None, None, 0)))
-OF_ALL = in_lanes(lambda boxes, cylinders, m, _: nearest(boxes, cylinders, m, COUNT, None))
-OF_PICKED = in_lanes(lambda boxes, cylinders, m, near: nearest(boxes, cylinders, m, COUNT, near))
+PICK = jax.jit(jax.vmap(lambda obstacles, m: neighbours(obstacles, m, COUNT), in_axes=(None, 0)))
+OF_ALL = in_lanes(lambda obstacles, m, _: nearest(obstacles, m, COUNT, None))
+OF_PICKED = in_lanes(lambda obstacles, m, near: nearest(obstacles, m, COUNT, near))
 
 
 class Strewn(NamedTuple):
@@ -70,9 +77,10 @@ class Strewn(NamedTuple):
     half_m: float
     solids: int
     far_m: float
+    prisms: bool
 
-    def arrays(self) -> tuple[jax.Array, jax.Array]:
-        return shifted(strewn(*self[:4]), self.far_m)
+    def arrays(self) -> LaneObstacles:
+        return shifted(strewn(*self[:4], prisms=self.prisms), self.far_m)
 
 
 WORLDS = st.builds(
@@ -82,6 +90,7 @@ WORLDS = st.builds(
     st.sampled_from([0.01, 0.3, 5.0]),
     st.sampled_from([8, 40, 120, _MOST]),
     st.sampled_from([0.0, 50.0, 3000.0]),
+    st.booleans(),
 )
 
 
@@ -100,44 +109,41 @@ def assert_equal(one: Nearest, other: Nearest) -> None:
     jax.tree.map(np.testing.assert_array_equal, one, other)
 
 
-def shifted(world: Obstacles, by_m: float) -> tuple[jax.Array, jax.Array]:
-    boxes, cylinders = np.array(world.boxes), np.array(world.cylinders)
-    boxes[:, 0] += by_m
-    cylinders[:, 0] += by_m
-    return jnp.asarray(boxes), jnp.asarray(cylinders)
+def shifted(world: Obstacles, by_m: float) -> LaneObstacles:
+    return LaneObstacles(*(jnp.asarray(kind).at[:, 0].add(by_m) for kind in world))
 
 
 @settings(max_examples=150, deadline=None)
 @given(WORLDS, st.sampled_from([0.0, 0.5, 1.0]))
 def test_within_its_disc_a_robot_has_the_nearest_of_all(world: Strewn, share: float):
-    boxes, cylinders = world.arrays()
+    around = world.arrays()
     centers, moved = lanes_about(world.seed, 4.0, world.far_m, share)
-    picked = PICK(boxes, cylinders, centers)
+    picked = PICK(around, centers)
     radii_m = np.maximum(np.asarray(picked.radius_m), 0.0)
     points = centers + (moved - centers) * 0.999 * radii_m[:, None]
-    assert_equal(OF_PICKED(boxes, cylinders, points, picked), OF_ALL(boxes, cylinders, points, picked))
+    assert_equal(OF_PICKED(around, points, picked), OF_ALL(around, points, picked))
 
 
 @settings(max_examples=50, deadline=None)
 @given(WORLDS, st.sampled_from([0.81, 1.0, 5.0, 1e4, 1e30, np.nan]))
 def test_a_robot_that_has_left_its_disc_has_the_nearest_of_all(world: Strewn, away_m: float):
-    boxes, cylinders = world.arrays()
+    around = world.arrays()
     centers, moved = lanes_about(world.seed, 4.0, world.far_m, away_m)
-    picked = PICK(boxes, cylinders, centers)
-    assert_equal(OF_PICKED(boxes, cylinders, moved, picked), OF_ALL(boxes, cylinders, moved, picked))
+    picked = PICK(around, centers)
+    assert_equal(OF_PICKED(around, moved, picked), OF_ALL(around, moved, picked))
 
 
 def test_a_point_that_is_no_number_has_no_disc():
-    boxes, cylinders = shifted(strewn(0, 1.0, 0.3, 40), 0.0)
+    around = shifted(strewn(0, 1.0, 0.3, 40), 0.0)
     nowhere = jnp.full((LANES, 2), jnp.nan)
-    picked = PICK(boxes, cylinders, nowhere)
+    picked = PICK(around, nowhere)
     points = jnp.zeros((LANES, 2))
-    assert_equal(OF_PICKED(boxes, cylinders, points, picked), OF_ALL(boxes, cylinders, points, picked))
+    assert_equal(OF_PICKED(around, points, picked), OF_ALL(around, points, picked))
 
 
 def test_in_clutter_a_disc_is_smaller_and_in_a_heap_there_is_none():
     radii_m = [
-        float(PICK(*shifted(strewn(1, density, 0.05, _MOST), 0.0), jnp.zeros((LANES, 2))).radius_m[0])
+        float(PICK(shifted(strewn(1, density, 0.05, _MOST), 0.0), jnp.zeros((LANES, 2))).radius_m[0])
         for density in (1.0, 12.0, 1000.0)
     ]
     assert radii_m[0] == pytest.approx(REACH_M)
@@ -145,21 +151,21 @@ def test_in_clutter_a_disc_is_smaller_and_in_a_heap_there_is_none():
 
 
 def test_one_lane_that_left_changes_no_other():
-    boxes, cylinders = shifted(strewn(2, 1.0, 0.3, 120), 0.0)
+    around = shifted(strewn(2, 1.0, 0.3, 120), 0.0)
     centers, moved = lanes_about(2, 4.0, 0.0, 0.7)
-    picked = PICK(boxes, cylinders, centers)
-    together, gone = (OF_PICKED(boxes, cylinders, at, picked) for at in (moved, moved.at[5, 0].add(3.0)))
+    picked = PICK(around, centers)
+    together, gone = (OF_PICKED(around, at, picked) for at in (moved, moved.at[5, 0].add(3.0)))
     others = np.arange(LANES) != 5
     assert_equal(*(jax.tree.map(lambda array: array[others], each) for each in (together, gone)))
 
 
 def test_a_robot_with_fewer_obstacles_than_it_asks_for_has_them_all():
-    boxes, cylinders = (each[:2] for each in shifted(strewn(3, 1.0, 0.3, 40), 0.0))
+    around = LaneObstacles(*(each[:2] for each in shifted(strewn(3, 1.0, 0.3, 40), 0.0)))
     points = jnp.zeros((LANES, 2))
-    picked: Neighbours = PICK(boxes, cylinders, points)
-    found = OF_PICKED(boxes, cylinders, points, picked)
+    picked: Neighbours = PICK(around, points)
+    found = OF_PICKED(around, points, picked)
     assert found.round.shape == (LANES, 4)
-    assert_equal(found, OF_ALL(boxes, cylinders, points, picked))
+    assert_equal(found, OF_ALL(around, points, picked))
 
 
 def test_specks_that_fill_a_world_up_change_no_order():
@@ -167,11 +173,13 @@ def test_specks_that_fill_a_world_up_change_no_order():
     turns, apart_m = np.linspace(-np.pi, np.pi, 100), 1.0 + rng.uniform(0.0, 2e-3, 100)
     boxes = np.tile(np.array([0.0, 0.0, 0.5, 0.05, 0.05, 0.5, 1.0, 0.0], np.float32), (100, 1))
     boxes[:, 0], boxes[:, 1] = apart_m * np.cos(turns), apart_m * np.sin(turns)
-    ring, many = Obstacles(boxes[::2], boxes[1::2, [0, 1, 2, 3, 5]]), Obstacles(np.tile(boxes, (4, 1)), boxes[:0, :5])
+    nothing = np.zeros((0, PRISM_COLUMNS), np.float32)
+    ring = Obstacles(boxes[::2], boxes[1::2, [0, 1, 2, 3, 5]], nothing)
+    many = Obstacles(np.tile(boxes, (4, 1)), boxes[:0, :5], nothing)
     small, large = pad_obstacles([ring])[0], pad_obstacles([ring, many])[0]
     assert len(large.boxes) > 2 * len(small.boxes)
     points = jnp.asarray(rng.uniform(-1e-3, 1e-3, (LANES, 2)), jnp.float32)
-    found = [OF_ALL(*shifted(each, 0.0), points, None) for each in (small, large)]
+    found = [OF_ALL(shifted(each, 0.0), points, None) for each in (small, large)]
     assert_equal(found[0], found[1])
 
 
@@ -260,13 +268,14 @@ def bumping(path: Path) -> Motion:
     robot, rng = planar_robot(path), np.random.default_rng(3)
     boxes = [[box(x, y, 0.1, 0.2, yaw=yaw) for x, y, yaw in each] for each in rng.uniform(-2, 2, (BUMPING_LANES, 9, 3))]
     posts = [[[x, y, 0.5, 0.1, 0.5] for x, y in each] for each in rng.uniform(-2, 2, (BUMPING_LANES, 3, 2))]
+    around = on_device((np.array(boxes), np.array(posts), np.zeros((BUMPING_LANES, 0, PRISM_COLUMNS))))
     starts = rng.uniform(-2, 2, (BUMPING_LANES, 3))
     controls = np.repeat(rng.uniform(-1, 1, (STEPS // 10, BUMPING_LANES, 3)), 10, axis=0)
     controls[:, ::4] = 0.0
     step = jax.vmap(functools.partial(drive_among, robot))
 
     def advance(body: Body, control: jax.Array) -> tuple[Body, Motion]:
-        motion = step(jnp.asarray(boxes), jnp.asarray(posts), body, control)
+        motion = step(around, body, control)
         return motion.body, motion
 
     begin = jax.vmap(functools.partial(first_body, robot))(jnp.asarray(starts, jnp.float32))

@@ -16,7 +16,7 @@ from specs.data.world import World
 from tasks.simulate.engines.planar.planar_robot import PlanarRobot
 from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
 from tests.factories.planar import CAPSULE, ROUGH, Obstacles, Parts, drive_planar, read, write_robot
-from tests.factories.simulations import pen
+from tests.factories.simulations import pen, with_prisms, with_wedges
 from tests.simulate.reference import reference_model
 
 pytestmark = pytest.mark.long
@@ -26,10 +26,14 @@ LANES = 48
 WORLDS = [pen(4.5, seed) for seed in range(4)]
 EMPTY = [pen(40.0, 9).model_copy(update={"furniture": ()})]
 ARM = """<geom name="arm" type="capsule" size="0.1 0.05" pos="-0.14 0.03 0" mass="1" condim="3" friction="0.3"/>"""
+# Prisms of 3 to 8 corners, and walls that are prisms, too.
+WEDGED = [with_prisms(with_wedges(world, number)) for number, world in enumerate(WORLDS)]
 ROBOTS: dict[str, Parts] = {
     "sphere": {},
     "rough capsule": {**CAPSULE, **ROUGH},
     "two discs off the axis": {"hull/size": "0.15", "hull/pos": "0.08 0.02 0", "more": ARM},
+    "sphere among prisms": {},
+    "rough sphere among prisms": ROUGH,
 }
 
 
@@ -79,7 +83,7 @@ def surroundings(robot: PlanarRobot, worlds: list[World], lanes: int) -> Obstacl
     """Returns each lane's obstacles; lanes take the worlds in turn."""
     near = pad_obstacles([obstacles(world, robot.hull.low_m, robot.hull.high_m) for world in worlds])
     turn = [near[lane % len(worlds)] for lane in range(lanes)]
-    return Obstacles(np.stack([each.boxes for each in turn]), np.stack([each.cylinders for each in turn]))
+    return Obstacles(*(np.stack(kind) for kind in zip(*turn, strict=True)))
 
 
 def driven(path: Path, worlds: list[World]) -> Drives:
@@ -107,7 +111,8 @@ def driven(path: Path, worlds: list[World]) -> Drives:
 )
 def bumping(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Drives:
     """Each robot in the pens."""
-    return driven(write_robot(tmp_path_factory.mktemp("robot"), ROBOTS[request.param]), WORLDS)
+    worlds = WEDGED if "prisms" in request.param else WORLDS
+    return driven(write_robot(tmp_path_factory.mktemp("robot"), ROBOTS[request.param]), worlds)
 
 
 def test_robots_bump_into_things(bumping: Drives):
