@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from specs.data.world import Furniture, Room, Solid
+from specs.data.world import Furniture, Room, Solid, corners_m
 
 EPSILON_M = 1e-6
 QUARTER_TURN_RAD = 1.5707963267948966
@@ -98,7 +98,7 @@ def count_overlaps(
 ) -> int:
     """Returns how many pairs of pieces or door leaves, or of one of these and a wall, intersect.
 
-    A cylinder counts as the square around it, which can only find more.
+    A cylinder counts as the square around it, which can only find more; a prism as what it is.
 
     Args:
         furniture: The pieces.
@@ -155,11 +155,10 @@ def bounds(rows: Rows) -> Float[np.ndarray, "solids 6"]:
 
 def _overlap(a: Solid, b: Solid) -> bool:
     """Returns whether two upright solids, whose bounding boxes overlap, do (separating axis theorem in the plane)."""
-    if a.yaw_rad == 0.0 and b.yaw_rad == 0.0:
+    if a.yaw_rad == 0.0 and b.yaw_rad == 0.0 and not (a.outline_m or b.outline_m):
         return True
-    corners_a, corners_b = _corners(a), _corners(b)
-    for yaw in (a.yaw_rad, b.yaw_rad):
-        axes = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    corners_a, corners_b = np.array(corners_m(a)), np.array(corners_m(b))
+    for axes in (_axes(a), _axes(b)):
         on_a, on_b = corners_a @ axes, corners_b @ axes
         apart = (on_a.max(axis=0) <= on_b.min(axis=0) + _TOUCH_M) | (on_b.max(axis=0) <= on_a.min(axis=0) + _TOUCH_M)
         if apart.any():
@@ -167,11 +166,21 @@ def _overlap(a: Solid, b: Solid) -> bool:
     return True
 
 
-def _corners(solid: Solid) -> Float[np.ndarray, "4 2"]:
-    half_x, half_y, _ = solid.half_extents_m
+def _axes(solid: Solid) -> Float[np.ndarray, "2 axes"]:
+    """Returns the directions in which one of a solid's sides faces, or the opposite one."""
+    if solid.outline_m:
+        normals = half_planes(solid)[:, :2]
+        return normals.T
     cos, sin = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
-    local = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-    return local @ np.array([[cos, sin], [-sin, cos]]) + np.array(solid.center_m[:2])
+    return np.array([[cos, -sin], [sin, cos]])
+
+
+def half_planes(prism: Solid) -> Float[np.ndarray, "sides 3"]:
+    """Returns the sides of a prism, each as its outward normal (x, y) and how far out it is from (0, 0)."""
+    corners = np.array(corners_m(prism))
+    along = np.roll(corners, -1, axis=0) - corners
+    normals = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+    return np.column_stack([normals, np.sum(normals * corners, axis=1)])
 
 
 def label_parts(free: Bool[np.ndarray, "x y"]) -> Int[np.ndarray, "x y"]:

@@ -1,7 +1,7 @@
 """A finished world's floor, measured on the exact outlines of its solids: the map, and how far away the next solid is.
 
-Turned boxes and round things count as what they are. What is found is on the safe side by at most one cell: a robot of
-the radius that is found passes, and none passes that is larger by more than a cell's side.
+Turned boxes, round things and prisms count as what they are. What is found is on the safe side by at most one cell: a
+robot of the radius that is found passes, and none passes that is larger by more than a cell's side.
 """
 
 import math
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.data.world import Door, Furniture, OccupancyMap, Passage, Room, Solid
+from specs.data.world import Door, Furniture, OccupancyMap, Passage, Room, Solid, corners_m
 from tasks.worlds.floorplan.doors import open_leaves
 from tasks.worlds.floorplan.scoring import WALL_M
 from tasks.worlds.geometry import (
@@ -23,6 +23,7 @@ from tasks.worlds.geometry import (
     bounding_box,
     bounds,
     grid_of,
+    half_planes,
     room_box,
     rounded,
     solid_rows,
@@ -80,12 +81,16 @@ class ExactGrid(FloorGrid):
         rows = solid_rows(solids)
         boxes = bounds(rows)
         turned = (np.abs(np.sin(rows[:, 6])) > _STRAIGHT) & (np.abs(np.cos(rows[:, 6])) > _STRAIGHT)
-        round_ones = np.array([solid.shape == "cylinder" for solid in solids], dtype=bool)
-        straight = ~turned & ~round_ones
+        round_ones, prisms = (
+            np.array([solid.shape == shape for solid in solids], dtype=bool) for shape in ("cylinder", "prism")
+        )
+        straight = ~turned & ~round_ones & ~prisms
         outer = _outermost(boxes[:, [0, 1, 3, 4]], straight)
         windows = _windows(grid, boxes)
         _draw_straight(grid, boxes[straight & outer], [windows[each] for each in np.flatnonzero(straight & outer)])
-        for number in np.flatnonzero(outer & ~straight).tolist():
+        for number in np.flatnonzero(outer & prisms).tolist():
+            _draw_prism(grid, windows[number], solids[number])
+        for number in np.flatnonzero(outer & ~straight & ~prisms).tolist():
             draw = _draw_circle if round_ones[number] else _draw_turned
             draw(grid, windows[number], rows[number].tolist())
         return grid
@@ -166,6 +171,26 @@ def _draw_turned(grid: ExactGrid, window: _Window, row: list[float]) -> None:
     )  # fmt: skip
     meet = (along < half_x + half_cell) & (across < half_y + half_cell)
     grid.touched[window] |= meet & (np.abs(dx) < extent_x) & (np.abs(dy) < extent_y)
+
+
+def _draw_prism(grid: ExactGrid, window: _Window, prism: Solid) -> None:
+    corners = np.array(corners_m(prism))
+    x, y = grid.centers_m[0][window[0]][:, None], grid.centers_m[1][window[1]]
+    squared = np.full((x.size, y.size), np.inf)
+    inside, meet = np.ones(squared.shape, dtype=bool), np.ones(squared.shape, dtype=bool)
+    sides = half_planes(prism)
+    for (normal_x, normal_y, out), begin, end in zip(sides, corners, np.roll(corners, -1, axis=0), strict=True):
+        beyond = normal_x * x + normal_y * y - out
+        passed = normal_x * (y - begin[1]) - normal_y * (x - begin[0])
+        past = passed - passed.clip(0.0, math.hypot(*(end - begin)))
+        np.minimum(squared, beyond * beyond + past * past, out=squared)
+        inside &= beyond <= 0.0
+        # The square and the prism meet where no side of either has the other one beyond it.
+        meet &= beyond < CELL_M / 2 * (abs(normal_x) + abs(normal_y))
+    _keep_nearest(grid, window, np.where(inside, 0.0, np.sqrt(squared)))
+    (low_x, low_y), (high_x, high_y) = corners.min(axis=0) - CELL_M / 2, corners.max(axis=0) + CELL_M / 2
+    meet &= (x > low_x) & (x < high_x) & (y > low_y) & (y < high_y)
+    grid.touched[window] |= meet
 
 
 def exact_grid(footprint: Box, solids: Sequence[Solid], most_radius_m: float = RADIUS_MAX_M) -> ExactGrid:

@@ -98,6 +98,23 @@ def flood(free: Bool[np.ndarray, "x y"], start: tuple[int, int]) -> Bool[np.ndar
     return found
 
 
+def prism(x: float, y: float, corners: tuple[tuple[float, float], ...]) -> Solid:
+    fields = box(x, y).model_dump() | {"name": f"prism {x} {y}", "shape": "prism", "outline_m": corners}
+    return Solid.model_validate(fields)
+
+
+def test_a_prism_overlaps_where_it_is_and_not_with_the_box_around_it() -> None:
+    below, above = ((-0.5, -0.5), (0.5, -0.5), (-0.5, 0.5)), ((0.5, -0.5), (0.5, 0.5), (-0.5, 0.5))
+    for others, overlaps in (
+        (prism(0.0, 0.0, above), 0),
+        (prism(-0.01, 0.0, above), 1),
+        (box(0.76, 0.76), 0),
+        (box(0.4, 0.4), 1),
+        (box(0.72, 0.72, yaw=0.8), 0),
+    ):
+        assert count_overlaps([piece(prism(0.0, 0.0, below)), piece(others)], []) == overlaps
+
+
 @pytest.mark.parametrize("shape", [(1, 4), (12, 9), (40, 51)])
 @pytest.mark.parametrize("free_share", [0.45, 0.6, 0.75, 1.0])
 def test_connected_cells_are_those_that_a_flood_reaches(shape: tuple[int, int], free_share: float) -> None:

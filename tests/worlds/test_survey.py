@@ -13,6 +13,7 @@ from tasks.simulate.geometry.world_arrays import floor_map
 from tasks.worlds.generate import generate_world
 from tasks.worlds.geometry import CELL_M, RADIUS_MAX_M, Box, reaches_room
 from tasks.worlds.survey import ExactGrid, exact_grid
+from tests.factories.simulations import convex
 from tests.worlds.geometry_checks import bottom_m, distances, in_the_way
 from tests.worlds.templates import doorway, room, template
 
@@ -33,6 +34,14 @@ def post(x: float, y: float, radius: float) -> Solid:
     return block(x, y, (radius, radius)).model_copy(update={"shape": "cylinder"})
 
 
+def wedge(x: float, y: float, corners: np.ndarray, yaw: float = 0.0) -> Solid:
+    half = np.abs(corners).max(axis=0)
+    outline = tuple((float(u), float(v)) for u, v in corners)
+    return Solid.model_validate(
+        block(x, y, (float(half[0]), float(half[1])), yaw).model_dump() | {"shape": "prism", "outline_m": outline}
+    )
+
+
 def gap(width_m: float, yaw: float) -> list[Solid]:
     """Two long boxes that leave a gap of that width around (2, 0), the wall between them turned."""
     cos, sin = math.cos(yaw), math.sin(yaw)
@@ -48,8 +57,11 @@ def centers(grid: ExactGrid) -> np.ndarray:
 @st.composite
 def things(draw: st.DrawFn) -> Solid:
     x, y = draw(st.floats(-2.0, 6.0)), draw(st.floats(-1.5, 1.5))
-    if draw(st.booleans()):
+    shape = draw(st.sampled_from(("post", "block", "wedge")))
+    if shape == "post":
         return post(x, y, draw(st.floats(0.02, 1.0)))
+    if shape == "wedge":
+        return wedge(x, y, convex(np.random.default_rng(draw(st.integers(0, 999))), 1.0), draw(FULL_TURN))
     return block(x, y, (draw(st.floats(0.02, 1.5)), draw(st.floats(0.02, 0.6))), draw(FULL_TURN))
 
 

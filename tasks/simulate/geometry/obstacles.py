@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64
 
-from specs.data.world import MOST_CORNERS, Solid, World, solids
+from specs.data.world import MOST_CORNERS, Solid, World, corners_m, solids
 
 # Unused places are filled with specks far away and apart: nothing touches or sees them.
 PARKING_M = 1000.0
@@ -81,16 +81,9 @@ def _cylinder(solid: Solid) -> tuple[float, ...]:
 
 
 def _prism(solid: Solid) -> tuple[float, ...]:
-    corners = turned_corners(solid)
+    corners = np.array(corners_m(solid)) - solid.center_m[:2]
     filled = np.concatenate([corners, np.repeat(corners[-1:], MOST_CORNERS - len(corners), axis=0)])
     return (*solid.center_m, solid.half_extents_m[2], *filled.ravel().tolist())
-
-
-def turned_corners(prism: Solid) -> Float64[np.ndarray, "corners 2"]:
-    """Returns a prism's corners from its middle along the world's axes."""
-    x, y = np.array(prism.outline_m or (), np.float64).reshape(-1, 2).T
-    cos, sin = np.cos(prism.yaw_rad), np.sin(prism.yaw_rad)
-    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=1)
 
 
 def half_planes(prisms: Float32[np.ndarray, "prisms 20"]) -> Float64[np.ndarray, "prisms planes 3"]:
