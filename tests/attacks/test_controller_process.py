@@ -84,28 +84,36 @@ def _write_stranger(folder: Path, hurt: str) -> None:
 def _document(owner: Owner, hurt: str) -> str:
     """Returns a document whose robot application is a stranger's; its gate asks for nothing but an answer."""
     _write_stranger(owner.folder / "stranger", hurt)
-    robot = {"application": "stranger", "launchConfig": {"packageName": "stranger", "launchFile": "drive"}}
-    request = {
-        "maxJobDurationInSeconds": 2,
+    return _document_of(owner, [_request("stranger", "stranger", "drive", duration_s=2)], {"worldCount": 1, "seeds": 2})
+
+
+def _request(application: str, package: str, launch_file: str, *, duration_s: int, **more: str) -> dict[str, object]:
+    """Returns a request for jobs of a robot application in the scenario that Simyard brings along."""
+    launch = {"packageName": "delivery", "launchFile": "rooms"}
+    robot = {"application": application, "launchConfig": {"packageName": package, "launchFile": launch_file}, **more}
+    return {
+        "maxJobDurationInSeconds": duration_s,
         "robotApplications": [robot],
-        "simulationApplications": [
-            {"application": "delivery", "launchConfig": {"packageName": "delivery", "launchFile": "rooms"}}
-        ],
+        "simulationApplications": [{"application": "delivery", "launchConfig": launch}],
     }
+
+
+def _document_of(owner: Owner, requests: list[dict[str, object]], counts: dict[str, int], **gate: object) -> str:
+    """Returns a document whose robot application lies in the owner's folder ``stranger``."""
     document = {
         "name": "stranger",
         "applications": [{"name": "stranger", "kind": "robot", "source": "stranger"}],
         "worldGeneration": {
             "template": "templates/two-rooms.json",
-            "worldCount": {"floorplanCount": 1, "interiorCountPerFloorplan": 1},
+            "worldCount": {"floorplanCount": counts["worldCount"], "interiorCountPerFloorplan": 1},
         },
         "simulationBatch": {
-            "createSimulationJobRequests": [request],
-            "matrix": {"worlds": "all", "seeds": 2},
+            "createSimulationJobRequests": requests,
+            "matrix": {"worlds": "all", "seeds": counts["seeds"]},
             "outputLocation": {"s3Bucket": "results", "s3Prefix": "attacks"},
             "audit": {"lanes": 0},
         },
-        "gate": {"successRate": {"atLeast": 0.5}},
+        "gate": {"successRate": {"atLeast": 0.5}, **gate},
     }
     return str(write_document(owner.folder, document))
 
@@ -215,8 +223,7 @@ def test_with_a_key_that_may_simulate_nobody_gets_the_secrets_of_a_gateway(
 def _batch_of_a_stranger(gateway: Served, folder: Path, hurt: str) -> dict[str, Any]:
     """Returns a batch that has ended: a stranger's, whose key may simulate, with a robot application of hers."""
     asked, mallory = Asked(open_store(gateway.store.as_uri())), gateway.key("mallory", "read", "simulate")
-    shipped = Path(attacked_python()).parents[2] / "applications"
-    publish_bundle(asked.store, "simulation-application", "delivery", shipped / "delivery")
+    publish_bundle(asked.store, "simulation-application", "delivery", _shipped("delivery"))
     _write_stranger(folder / "stranger", hurt)
     asked.publish(folder / "stranger")
     request = asked.job_request(asked.world(), maxJobDurationInSeconds=2, outputLocation={"s3Bucket": "results"})
@@ -227,3 +234,63 @@ def _batch_of_a_stranger(gateway: Served, folder: Path, hurt: str) -> dict[str, 
         if described["status"] in {"Completed", "Failed", "Canceled", "TimedOut"}:
             return described
         time.sleep(0.2)
+
+
+def _shipped(name: str) -> Path:
+    """Returns the folder of an application that the attacked version brings along."""
+    return Path(attacked_python()).parents[2] / "applications" / name
+
+
+_STANDS_STILL = """
+
+class Still(GoToGoal):
+    def step(self, state, observation):
+        kept, control = super().step(state, observation)
+        return kept, 0.0 * control
+
+
+moves = controller
+
+
+def controller(environment):
+    sound = moves(environment)
+    return Still(sound._most_m_s, sound.lidar, sound.odometry)
+"""
+_DRIVES_FOR_OTHERS = """
+
+import importlib
+
+imports = importlib.import_module
+
+
+def import_module(name, package=None):
+    found = imports(name, package)
+    if name.endswith(".courier.go_to_goal"):
+        found.controller = controller
+    return found
+
+
+importlib.import_module = import_module
+"""
+
+
+@pytest.mark.long
+def test_a_baseline_drives_for_no_version_that_is_compared_with_it(owner: Owner):
+    """Who publishes the version to compare with has it patch its process, so that a robot that stands still arrives.
+
+    On commit 1b6713fb both were imported into one process: 80 of 80 passed, and the gate said PASS.
+    """
+    for name, more in (("baseline", _DRIVES_FOR_OTHERS), ("stranger", _STANDS_STILL)):
+        bundle = shutil.copytree(_shipped("courier"), owner.folder / name)
+        with (bundle / "courier/go_to_goal.py").open("a") as file:
+            file.write(more)
+    publish_bundle(open_store(owner.url), "robot-application", "stranger", owner.folder / "baseline")
+    versions: list[dict[str, str]] = [{"applicationVersion": "1"}, {}]
+    requests = [_request("stranger", "courier", "go_to_goal", duration_s=60, **each) for each in versions]
+    compared = {"applicationVersion": "1", "margin": 0.05}
+    ended = owner.simyard(
+        "run", _document_of(owner, requests, {"worldCount": 4, "seeds": 20}, noWorseThan=compared), "--direct"
+    )
+    assert (" 0 of 80" in ended.stdout, " 80 of 80" in ended.stdout) == (True, False), ended.stdout
+    assert "The gate says FAIL" in ended.stdout
+    assert ended.returncode == 1
