@@ -77,7 +77,7 @@ VARIABLE_PATTERN = "[A-Z_][A-Z0-9_]*"
 PAGINATION_PATTERN = r"[a-zA-Z0-9_.\-\/+=]*"
 PLAIN_NAME_PATTERN = r"[a-zA-Z0-9][a-zA-Z0-9_\-]{0,63}"
 REFERENCE_PATTERN = rf"{ARN_PATTERN}|{PLAIN_NAME_PATTERN}"
-WORLD_REFERENCE_PATTERN = rf"{ARN_PATTERN}|{PLAIN_NAME_PATTERN}/{PLAIN_NAME_PATTERN}"
+WORLD_REFERENCE_PATTERN = rf"{ARN_PATTERN}|({PLAIN_NAME_PATTERN}/)?{PLAIN_NAME_PATTERN}"
 
 Arn = Annotated[str, text(1, 1224, ARN_PATTERN)]
 Name = Annotated[str, text(1, 255, NAME_PATTERN)]
@@ -117,7 +117,7 @@ PlainName = Annotated[str, text(1, 64, PLAIN_NAME_PATTERN)]
 Reference = Annotated[str, text(1, 1224, REFERENCE_PATTERN)]
 """A resource in a pipeline: its plain name, an ARN of this store, or one of RoboMaker's."""
 WorldReference = Annotated[str, text(1, 1224, WORLD_REFERENCE_PATTERN)]
-"""A world in a pipeline: ``<generation>/<world>``, or an ARN."""
+"""A world in a pipeline: ``<generation>/<world>``, an ARN, or the name of one that the document imports."""
 
 
 class OutputLocation(Spec):

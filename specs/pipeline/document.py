@@ -1,7 +1,7 @@
 """The whole document: from a world template to a tested fleet."""
 
-from collections.abc import Iterator
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Literal, cast
 
 from pydantic import Field
 
@@ -11,10 +11,10 @@ from specs.field_types import PlainName
 from specs.pipeline.gate_section import Gate, drawn_once, unaudited
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
-from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration
+from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration, WorldImport
 from specs.rules import Finding, Location, Ruled, items, part
 
-SECTIONS = ("applications", "worldGeneration", "worldExport", "simulationBatch", "deployment")
+SECTIONS = ("applications", "worlds", "worldGeneration", "worldExport", "simulationBatch", "deployment")
 INERT_FIELDS = frozenset(
     {
         "iamRole",
@@ -51,6 +51,7 @@ class PipelineSpec(Ruled):
 
     Attributes:
         applications: Bundles of one's own, published before anything else; those that come with Simyard need no entry.
+        worlds: Buildings of one's own, imported before anything else runs.
         worldGeneration: Makes worlds from a template.
         worldExport: Writes worlds to files that other programs open.
         simulationBatch: Drives the robot through every world, with every seed.
@@ -61,6 +62,10 @@ class PipelineSpec(Ruled):
     name: PlainName = Field(title="Name", description="Letters, digits, underscores and hyphens, at most 64.")
     applications: Annotated[tuple[ApplicationSource, ...], Field(max_length=100)] = Field(
         default=(), title="Applications"
+    )
+    # None, not empty: documents without them keep the digest that they had before there was such a section.
+    worlds: Annotated[tuple[WorldImport, ...], Field(max_length=100)] | None = Field(
+        default=None, title="Imported worlds"
     )
     worldGeneration: WorldGeneration | None = Field(default=None, title="World generation")
     worldExport: WorldExport | None = Field(default=None, title="World export")
@@ -76,12 +81,17 @@ class PipelineSpec(Ruled):
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
-        yield from drawn_once(part(data, "gate"), part(data, "simulationBatch"), part(data, "worldGeneration"))
+        imported = items(part(data, "worlds"))
+        yield from drawn_once(
+            part(data, "gate"), part(data, "simulationBatch"), part(data, "worldGeneration"), imported=len(imported)
+        )
         yield from unjudged(part(data, "deployment"), part(data, "gate"))
-        if part(data, "worldGeneration") is None:
+        if part(data, "worldGeneration") is None and not imported:
             yield from _worlds_from_nowhere(data)
         yield from _too_many_to_export(data)
         yield from _published_twice(items(part(data, "applications")))
+        yield from _imported_twice(imported)
+        yield from _unknown_names(data, [str(part(each, "name")) for each in imported])
 
 
 def canonical_digest(spec: PipelineSpec) -> str:
@@ -122,7 +132,7 @@ def _inert(value: object, path: str) -> Iterator[str]:
 
 
 def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
-    allowed = "a list of worlds, or worldGeneration in the document"
+    allowed = "a list of worlds, or worldGeneration or worlds in the document"
     export, batch = part(data, "worldExport"), part(data, "simulationBatch")
     if export is not None and not _names_worlds(export):
         yield Finding(("worldExport", "worlds"), "all", allowed)
@@ -135,12 +145,16 @@ def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
 
 def _too_many_to_export(data: object) -> Iterator[Finding]:
     """Yields an export of more worlds than one job writes, and there is one export job."""
-    export, count = part(data, "worldExport"), part(part(data, "worldGeneration"), "worldCount")
+    export, section = part(data, "worldExport"), part(data, "worldGeneration")
+    count, imported = part(section, "worldCount"), len(items(part(data, "worlds")))
     counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
     plans, interiors = (each if type(each) is int else 1 for each in counts)
-    generated = plans * interiors <= MAX_WORLDS_OF_DOCUMENT  # more are a fault of their own
-    if export is not None and not _names_worlds(export) and generated and plans * interiors > MAX_WORLDS_OF_EXPORT:
-        allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {plans * interiors} are generated"
+    generated = plans * interiors if section is not None else 0
+    if export is None or _names_worlds(export) or generated > MAX_WORLDS_OF_DOCUMENT:  # a fault of its own
+        return
+    if generated + imported > MAX_WORLDS_OF_EXPORT:
+        made = f"{generated} are generated" + (f", and {imported} imported" if imported else "")
+        allowed = f"at most {MAX_WORLDS_OF_EXPORT} worlds, by name; {made}"
         yield Finding(("worldExport", "worlds"), "all", allowed)
 
 
@@ -152,6 +166,71 @@ def _brings_world(request: object) -> bool:
     applications = items(part(request, "simulationApplications"))
     configs = [config for one in applications for config in items(part(one, "worldConfigs"))]
     return any(part(config, "world") is not None for config in configs)
+
+
+def _imported_twice(worlds: Sequence[object]) -> Iterator[Finding]:
+    names = [str(part(world, "name")) for world in worlds]
+    for number, name in enumerate(names):
+        if name in names[:number]:
+            yield Finding(("worlds", number, "name"), name, "a name of its own among the worlds")
+
+
+def _unknown_names(data: object, known: Sequence[str]) -> Iterator[Finding]:
+    """Yields names of worlds that the document does not import; ``<generation>/<world>`` and ARNs may be anywhere."""
+    allowed = f'{", ".join(known) or "no name, as the document has no section worlds"}; "<generation>/<world>", an ARN'
+    for loc, name in _named_worlds(data):
+        if "/" not in name and not name.startswith("arn:") and name not in known:
+            yield Finding(loc, name, allowed)
+
+
+def _named_worlds(data: object) -> Iterator[tuple[Location, str]]:
+    """Yields each world that a raw document names, and where."""
+    batch = part(data, "simulationBatch")
+    lists: list[tuple[Location, object]] = [
+        (("worldExport", "worlds"), part(part(data, "worldExport"), "worlds")),
+        (("simulationBatch", "matrix", "worlds"), part(part(batch, "matrix"), "worlds")),
+    ]
+    for loc, worlds in lists:
+        yield from (((*loc, number), each) for number, each in enumerate(items(worlds)) if isinstance(each, str))
+    requests: Location = ("simulationBatch", "createSimulationJobRequests")
+    for number, request in enumerate(items(part(batch, requests[1]))):
+        for place, use in enumerate(items(part(request, "simulationApplications"))):
+            for config, each in enumerate(items(part(use, "worldConfigs"))):
+                loc = (*requests, number, "simulationApplications", place, "worldConfigs", config, "world")
+                if isinstance(world := part(each, "world"), str):
+                    yield loc, world
+
+
+def place_worlds(spec: PipelineSpec, places: Mapping[str, str]) -> PipelineSpec:
+    """Returns a document that names its imported worlds by where they are; a name without a place is left out.
+
+    Args:
+        spec: The document.
+        places: ``<generation>/<world>`` by the name in the section ``worlds``.
+    """
+    if spec.worlds is None:
+        return spec
+    own = {world.name for world in spec.worlds}
+    return cast("PipelineSpec", _placed(spec, {name: places.get(name, "") for name in own}))
+
+
+def _placed(value: object, places: Mapping[str, str]) -> object:
+    """Returns a part of a document with the names of worlds as places."""
+    if isinstance(value, tuple):
+        return tuple(_placed(each, places) for each in items(value))
+    if not isinstance(value, Spec):
+        return value
+    changed: dict[str, object] = {}
+    for name in type(value).model_fields:
+        below = getattr(value, name)
+        if name == "worlds" and not isinstance(value, PipelineSpec):
+            found = below if below == "all" else tuple(filter(None, (places.get(each, each) for each in below)))
+            changed[name] = found or "all"
+        elif name == "world":
+            changed[name] = places.get(below, below) or None
+        else:
+            changed[name] = _placed(below, places)
+    return value.model_copy(update=changed)
 
 
 def _published_twice(applications: object) -> Iterator[Finding]:

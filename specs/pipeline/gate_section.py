@@ -180,9 +180,16 @@ def unaudited(gate: object, audit: object) -> Iterator[Finding]:
         yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
 
 
-def drawn_once(gate: object, batch: object, generation: object) -> Iterator[Finding]:
-    """Yields rules about worlds like these in a raw document whose batch certainly has one world alone."""
-    if _worlds_at_most(batch, generation) == 1:
+def drawn_once(gate: object, batch: object, generation: object, *, imported: int = 0) -> Iterator[Finding]:
+    """Yields rules about worlds like these in a raw document whose batch certainly has one world alone.
+
+    Args:
+        gate: The gate's section.
+        batch: The batch's.
+        generation: That of the worlds that are generated.
+        imported: How many worlds are imported.
+    """
+    if _worlds_at_most(batch, generation, imported) == 1:
         allowed = f"{FEWEST_WORLDS} worlds or more in the batch; one world says nothing of others"
         yield from (Finding(("gate", *loc), "worlds", allowed) for loc in _over_worlds(gate))
 
@@ -194,7 +201,7 @@ def _over_worlds(gate: object) -> Iterator[Location]:
     yield from ((*loc, "over") for loc, section in sections if part(section, "over") == "worlds")
 
 
-def _worlds_at_most(batch: object, generation: object) -> int | None:
+def _worlds_at_most(batch: object, generation: object, imported: int) -> int | None:
     """Returns how many worlds a raw batch has at most; None where the document alone does not say it."""
     requests = items(part(batch, "createSimulationJobRequests"))
     if any(part(use, "worldConfigs") for each in requests for use in items(part(each, "simulationApplications"))):
@@ -204,8 +211,9 @@ def _worlds_at_most(batch: object, generation: object) -> int | None:
         return len({str(each) for each in items(named)})
     sides: list[Any] = [part(count, name) for name in ("floorplanCount", "interiorCountPerFloorplan")]
     plans, interiors = (1 if each is None else each for each in sides)
-    known = generation is not None and type(plans) is int and type(interiors) is int
-    return plans * interiors if known else None
+    if generation is None:
+        return imported or None
+    return plans * interiors + imported if type(plans) is int and type(interiors) is int else None
 
 
 def _asked_twice(quantiles: object) -> Iterator[Finding]:

@@ -1,7 +1,8 @@
-"""The sections of a pipeline that make worlds: generation and export."""
+"""The sections of a pipeline that make worlds: import, generation and export."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import PurePosixPath
 from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -15,10 +16,12 @@ from specs.field_types import (
     Integer,
     Number,
     OutputLocation,
+    PlainName,
     TagMap,
     WorldReference,
     text,
 )
+from specs.field_types import Path as SourcePath
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.rules import Finding, Ruled, broken, by_shape, distinct, member, part
 from specs.template.body import TemplateBody
@@ -65,6 +68,60 @@ Template = Annotated[
     by_shape("a path, a URL, a name, an ARN, or a template body", text=str, TemplateBody=dict),
     BeforeValidator(_json_text_as_object),
 ]
+
+
+SourceKind = Literal["map", "sdf", "mjcf", "mesh"]
+SOURCE_ENDINGS: Mapping[SourceKind, tuple[str, ...]] = {
+    "map": (".yaml", ".yml"),
+    "sdf": (".world", ".sdf"),
+    "mjcf": (".xml", ".mjcf"),
+    "mesh": (".glb", ".stl", ".obj", ".dae", ".ply"),
+}
+"""What files end in that worlds are imported from: maps of ROS, Gazebo worlds, scenes of MuJoCo, meshes."""
+_OF_KINDS: Mapping[str, tuple[SourceKind, ...]] = {"models": ("sdf", "mjcf"), "wallHeight": ("map",), "unit": ("mesh",)}
+Place = Annotated[Number, Field(ge=-1e5, le=1e5)]
+MeshUnit = Literal["m", "cm", "mm", "in", "ft"]
+
+
+def source_kind(source: str) -> SourceKind | None:
+    """Returns what a file is that a world is imported from, as its name's ending tells; None for no such file."""
+    ending = PurePosixPath(source).suffix.lower()
+    return next((kind for kind, endings in SOURCE_ENDINGS.items() if ending in endings), None)
+
+
+class WorldImport(Ruled):
+    """Makes a world of a building of one's own: a map of ROS, a Gazebo world, a scene of MuJoCo, or a mesh.
+
+    Attributes:
+        start: Where the robot starts (x, y in metres, yaw in rad), in the source's frame; left out, the origin or
+            another place from which it reaches most of the floor.
+    """
+
+    name: PlainName = Field(title="Name", description="What the matrix and the export call the world.")
+    source: SourcePath = Field(title="File", description="Path of the source, from the document's folder.")
+    models: Annotated[tuple[SourcePath, ...], Field(max_length=100)] | None = Field(
+        default=None, title="Model folders", description="Where model:// and package:// lead, in this order."
+    )
+    start: Annotated[tuple[Place, ...], Field(min_length=2, max_length=3)] | None = Field(default=None, title="Start")
+    wallHeight: Annotated[Number, Field(gt=0.0, le=100.0)] | None = Field(
+        default=None, title="Wall height (m)", description="How high stands what a map shows; 2 m if left out."
+    )
+    unit: MeshUnit | None = Field(default=None, title="Unit", description="Of a mesh; metres if left out.")
+
+    @classmethod
+    def findings(cls, data: object) -> Iterator[Finding]:
+        """Yields a file of no known kind, and fields that its kind does not have."""
+        source = part(data, "source")
+        if not isinstance(source, str):
+            return
+        kind = source_kind(source)
+        if kind is None:
+            endings = ", ".join(each for endings in SOURCE_ENDINGS.values() for each in endings)
+            yield Finding(("source",), source, f"a file that ends in one of {endings}")
+        for name, kinds in _OF_KINDS.items():
+            if kind and part(data, name) is not None and kind not in kinds:
+                endings = ", ".join(each for kind in kinds for each in SOURCE_ENDINGS[kind])
+                yield Finding((name,), part(data, name), f"nothing for {source}: it is for {endings}")
 
 
 class PipelineWorldCount(Ruled):

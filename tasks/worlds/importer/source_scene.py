@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from specs.base import Fault, Spec
 from specs.data.world import Furniture, ImportFinding, Light, Start
 from specs.errors import DocumentError
 
@@ -35,3 +36,15 @@ class Scene:
     findings: tuple[ImportFinding, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     floor_m: float = 0.0
+
+
+class ImportAnswer(Spec):
+    """What came of an import, as the process that reads sources answers.
+
+    Attributes:
+        world: The canonical document of a world; empty where there is none.
+        faults: Why there is none.
+    """
+
+    world: str = ""
+    faults: tuple[Fault, ...] = ()

@@ -14,6 +14,7 @@ from specs.arn import Reference, reference_path
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectExists, ObjectNotFound
 from specs.job_kinds import JobKind
+from specs.pipeline.world_sections import source_kind
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.job_index import records_under_way
 from tasks.storage.jobs.records import JobRecord, is_terminal, read
@@ -49,9 +50,10 @@ def add_world(store: Store, file: Path) -> str:
     try:
         world = decode_world(file.read_bytes())
     except (OSError, ValidationError) as exc:
-        raise _fault(
-            file, str(exc).splitlines()[0], "the document of a world, which this version of Simyard wrote"
-        ) from exc
+        allowed = "the document of a world, which this version of Simyard wrote"
+        if file.is_file() and source_kind(file.name):
+            allowed += f"; `simyard world import {file}` makes a world of a building of your own"
+        raise _fault(file, str(exc).splitlines()[0], allowed) from exc
     if wrong := _wrong_fields(world):
         raise _fault(file, ", ".join(wrong), "what is measured on the world's geometry")
     reference = f"{world.generation}/{world.name}"

@@ -201,3 +201,63 @@ def test_a_document_that_names_nothing_untested_keeps_its_digest():
 def test_a_build_is_named_by_its_whole_digest_and_a_variable_with_a_reason(named: dict[str, Any]):
     gate = {"successRate": {"atLeast": 0.9}}
     assert faults(worldGeneration=GENERATION, simulationBatch=BATCH, gate=gate, deployment={**DEPLOYMENT, **named})
+
+
+OWN = {"name": "hall", "source": "maps/hall.yaml"}
+
+
+def test_imported_worlds_are_all_that_a_batch_needs():
+    spec(worlds=[OWN], simulationBatch=BATCH)
+    spec(worlds=[OWN], simulationBatch={**BATCH, "matrix": {"worlds": ["hall"]}}, worldExport={"outputLocation": PLACE})
+
+
+def test_a_document_without_imported_worlds_is_what_it_was():
+    assert "worlds" not in canonical_document(spec(worldGeneration=GENERATION))
+
+
+def test_two_imported_worlds_have_two_names():
+    assert faults(worlds=[OWN, OWN]) == [("worlds.1.name", "a name of its own among the worlds")]
+
+
+@pytest.mark.parametrize(
+    ("entry", "place", "said"),
+    [
+        ({"source": "hall.pgm"}, "source", "a file that ends in one of .yaml, .yml, .world, "),
+        ({"unit": "cm"}, "unit", "nothing for maps/hall.yaml: it is for .glb, .stl, "),
+        ({"models": ["models"]}, "models", "nothing for maps/hall.yaml: it is for .world, .sdf, .xml"),
+        ({"source": "hall.world", "wallHeight": 2.0}, "wallHeight", "nothing for hall.world: it is for .yaml, .yml"),
+        ({"wallHeight": 0.0}, "wallHeight", "greater than 0"),
+        ({"start": [1.0]}, "start", "at least 2 items"),
+    ],
+)
+def test_what_a_source_does_not_have_is_refused(entry: dict[str, object], place: str, said: str):
+    ((found, allowed),) = faults(worlds=[{**OWN, **entry}])
+    assert found == f"worlds.0.{place}"
+    assert said in allowed
+
+
+def test_a_name_that_no_imported_world_has_is_refused_wherever_it_stands():
+    config = {"worldConfigs": [{"world": "ball"}]}
+    job = {**JOB, "simulationApplications": [{"application": "delivery", "launchConfig": {}, **config}]}
+    batch = {"createSimulationJobRequests": [job], "matrix": {"worlds": ["hall", "ball"]}}
+    export = {"outputLocation": PLACE, "worlds": ["mall"]}
+    allowed = 'hall; "<generation>/<world>", an ARN'
+    config_path = "simulationBatch.createSimulationJobRequests.0.simulationApplications.0.worldConfigs.0.world"
+    assert faults(worlds=[OWN], simulationBatch=batch, worldExport=export) == [
+        ("worldExport.worlds.0", allowed),
+        ("simulationBatch.matrix.worlds.1", allowed),
+        (config_path, allowed),
+    ]
+
+
+def test_one_imported_world_says_nothing_of_worlds_like_it():
+    gate = {"successRate": {"atLeast": 0.9, "over": "worlds"}}
+    assert [place for place, _ in faults(worlds=[OWN], simulationBatch=BATCH, gate=gate)] == ["gate.successRate.over"]
+    many = [{"name": f"hall-{number}", "source": "hall.yaml"} for number in range(20)]
+    spec(worlds=many, simulationBatch=BATCH, gate=gate)
+
+
+def test_an_export_takes_a_hundred_worlds_imported_ones_among_them():
+    generation = {"template": "two-rooms", "worldCount": {"floorplanCount": 100}}
+    ((place, said),) = faults(worlds=[OWN], worldGeneration=generation, worldExport={"outputLocation": PLACE})
+    assert (place, said) == ("worldExport.worlds", "at most 100 worlds, by name; 100 are generated, and 1 imported")

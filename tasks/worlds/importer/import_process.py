@@ -1,0 +1,86 @@
+"""The process that reads somebody's world: an entry of a document's section in, a world or its faults out.
+
+Run as ``python -m tasks.worlds.importer.import_process``, shut in, with a ``WorldImport`` as its input, whose paths
+hold in any folder; the last line that it prints is an ``ImportAnswer``. Whoever wrote the files may have meant harm.
+"""
+
+import resource
+import sys
+from pathlib import Path
+
+from specs.base import Fault
+from specs.data.world import Start
+from specs.errors import DocumentError
+from specs.pipeline.world_sections import WorldImport, source_kind
+from tasks.storage.worlds import encode_world
+from tasks.worlds.importer.assemble import ImportedAs, assemble_world
+from tasks.worlds.importer.map_reader import MAP_WALL_M, read_map
+from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
+
+MOST_BYTES = 4 << 30
+"""Of memory, mapped or used; a large hospital takes one of them."""
+MOST_CPU_S = 600
+
+
+def import_source(asked: WorldImport) -> ImportAnswer:
+    """Returns the world of a source, or its faults."""
+    path = Path(asked.source)
+    try:
+        described = ImportedAs(
+            name=asked.name,
+            kind=source_kind(path.name) or "sdf",
+            file=path.name,
+            start=_start(asked),
+            settings=_settings(asked),
+        )
+        return ImportAnswer(world=encode_world(assemble_world(_read_scene(asked, path), described)).decode())
+    except DocumentError as exc:
+        return ImportAnswer(faults=exc.faults)
+    except MemoryError:
+        value = f"more than {MOST_BYTES >> 30} GB of memory"
+        return ImportAnswer(faults=(Fault(path="size", value=value, allowed="a smaller world"),))
+
+
+def _read_scene(asked: WorldImport, path: Path) -> Scene:
+    if source_kind(path.name) == "map":
+        return read_map(path, MAP_WALL_M if asked.wallHeight is None else asked.wallHeight)
+    allowed = "a map of ROS (.yaml); other sources are not read yet"
+    raise SourceError([Fault(path="file", value=path.name, allowed=allowed)], str(path))
+
+
+def _start(asked: WorldImport) -> Start | None:
+    if asked.start is None:
+        return None
+    x_m, y_m, *turn = asked.start
+    return Start(x_m=x_m, y_m=y_m, yaw_rad=turn[0] if turn else 0.0)
+
+
+def _settings(asked: WorldImport) -> dict[str, str]:
+    """Returns what was asked for beside the file, by the names of the document."""
+    found: dict[str, str] = {}
+    if start := _start(asked):
+        found["start"] = f"[{start.x_m:g}, {start.y_m:g}, {start.yaw_rad:g}]"
+    if asked.wallHeight is not None:
+        found["wallHeight"] = f"{asked.wallHeight:g}"
+    if asked.unit is not None:
+        found["unit"] = asked.unit
+    return found
+
+
+def _limit(kind: int, most: int) -> None:
+    """Lets this process take no more, nor more than it was allowed before."""
+    before = resource.getrlimit(kind)[1]
+    most = most if before == resource.RLIM_INFINITY else min(most, before)
+    resource.setrlimit(kind, (most, most))
+
+
+def main() -> None:
+    """Answers the request that it reads."""
+    _limit(resource.RLIMIT_AS, MOST_BYTES)
+    _limit(resource.RLIMIT_CPU, MOST_CPU_S)
+    asked = WorldImport.model_validate_json(sys.stdin.read())
+    sys.stdout.write("\n" + import_source(asked).model_dump_json() + "\n")
+
+
+if __name__ == "__main__":
+    main()
