@@ -18,6 +18,18 @@ from simyard.batch_calls import (  # noqa: E402 - only where Simyard's own packa
     trend,
 )
 from simyard.document_calls import plan, run, validate  # noqa: E402 - same
-from simyard.worlds_of import worlds  # noqa: E402 - same
+from simyard.worlds_of import world_import, worlds  # noqa: E402 - same
 
-__all__ = ["compare", "gate", "plan", "replay", "report", "results", "run", "trend", "validate", "worlds"]
+__all__ = [
+    "compare",
+    "gate",
+    "plan",
+    "replay",
+    "report",
+    "results",
+    "run",
+    "trend",
+    "validate",
+    "world_import",
+    "worlds",
+]

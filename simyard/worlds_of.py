@@ -1,14 +1,14 @@
-"""Worlds for Python: of a template, of a job, of a run, or of the store. Imports what it needs when it is called."""
+"""Worlds for Python: imported, of a template, a job, a run, or the store. Imports what it needs when it is called."""
 # ruff: noqa: PLC0415 - see above
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 if TYPE_CHECKING:
     from flows.preview.world_preview import WorldRequest
-    from simyard.answer.run_answers import Run, Worlds
+    from simyard.answer.run_answers import Run, World, Worlds
     from specs.data.world import World as WorldDocument
     from specs.template.body import TemplateBody
     from tasks.storage.base.store import Store
@@ -56,6 +56,52 @@ def worlds(
         return found
     body, title = _template(source, opened, Path.cwd() if base is None else Path(base))
     return _of_template(body, title, count, WorldRequest(seed, robot_radius_m))
+
+
+def world_import(
+    source: str | os.PathLike[str],
+    *,
+    name: str | None = None,
+    start: Sequence[float] | None = None,
+    models: Sequence[str | os.PathLike[str]] = (),
+    wall_height_m: float | None = None,
+    unit: str | None = None,
+    store: str | os.PathLike[str] | None = None,
+) -> "World":
+    """Returns a world made of a building of one's own, which is in the store then; `document.report` says what became.
+
+    Args:
+        source: A map of ROS (`.yaml`), a Gazebo world (`.world`, `.sdf`), a MuJoCo scene (`.xml`), or a mesh.
+        name: The world's; the file's, if it is left out.
+        start: Where the robot starts (x, y, yaw), in the source's frame; found, if it is left out.
+        models: Folders that `model://` and `package://` lead to.
+        wall_height_m: How high stands what a map shows; 2 m.
+        unit: Of a mesh: m, cm, mm, in or ft.
+        store: As for `worlds`.
+
+    Raises:
+        DocumentError: It is no world that can be imported; with all its faults.
+    """
+    from flows.pipeline.world_imports import import_world, keep_world
+    from flows.preview.world_preview import read_import_options
+    from simyard.answer.run_answers import World
+    from simyard.document_calls import store_url
+    from tasks.storage.store_url import open_store
+
+    asked = read_import_options(
+        {
+            "name": name,
+            "source": os.fspath(source),
+            "start": ",".join(map(str, start)) if start else None,
+            "models": [os.fspath(each) for each in models] or None,
+            "wallHeight": wall_height_m,
+            "unit": unit,
+        }
+    )
+    opened = open_store(store_url(store))
+    imported = import_world(asked, Path.cwd())
+    keep_world(opened, imported)
+    return World(imported.reference, imported.world)
 
 
 def _of_run(run: "Run") -> "Worlds":

@@ -290,7 +290,8 @@ def _left_out(night: Night, why: str) -> _Read:
 def _facts(run: JobRecord, record: JobRecord | None) -> Night:
     spec = cast("Mapping[str, JsonValue]", run.request["spec"])
     found = cast("Mapping[str, JsonValue]", run.request.get("pins") or {})
-    made = canonical_json({"worlds": spec.get("worldGeneration"), "template": found.get("template")})
+    imported = {"imported": found["worlds"]} if "worlds" in found else {}
+    made = canonical_json({"worlds": spec.get("worldGeneration"), "template": found.get("template"), **imported})
     gate = spec.get("gate")
     early = gate if isinstance(gate, dict) and gate.get("stopEarly") else None
     # What a document ships decides nothing of what its batch drives.

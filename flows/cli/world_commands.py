@@ -1,4 +1,4 @@
-"""The commands of `simyard world`: template, furniture, preview, sheet, add. Each imports what it needs."""
+"""The commands of `simyard world`: template, furniture, preview, sheet, add, import, show."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,24 +6,31 @@ from typing import Annotated
 import typer
 
 from flows.cli.terminal import StoreUrl, TerminalConsole, echo, echo_json, json_lines, show_rows
+from flows.pipeline.world_imports import import_lines, import_world, keep_world
 from flows.preview.world_preview import (
     WorldRequest,
+    find_world,
     furniture_kinds,
     furniture_rows,
     make_world,
+    read_import_options,
     select_worlds,
     template_hints,
+    world_lines,
     write_drawing,
     write_furniture_pictures,
     write_picture,
     write_starter,
 )
+from specs.arn import parse_reference
 from specs.data.world import ROBOT_RADIUS_M
 from tasks.documents.template_source import find_template
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.picture.contact_sheet import contact_sheet_svg
 from tasks.export.picture.renderer import NO_GL, render_png, render_sheet_png
-from tasks.storage.store_url import open_store
+from tasks.export.step import draw_imported
+from tasks.storage.store_url import open_existing_store, open_store
+from tasks.storage.worlds import read_world
 from tasks.worlds.job.stored_worlds import add_world
 
 world_app = typer.Typer(help="Look at worlds.", no_args_is_help=True)
@@ -77,7 +84,9 @@ def furniture(
 
 @world_app.command("preview")
 def preview(
-    template: Annotated[str, typer.Argument(help="A template: path, ARN, or name.", show_default=False)],
+    template: Annotated[
+        str, typer.Argument(help="A template: path, ARN, or name; or a world of the store.", show_default=False)
+    ],
     *,
     output: Annotated[Path, typer.Option(help="The SVG to write; a PNG goes beside it.")] = Path("world-preview.svg"),
     seed: _Seed = 0,
@@ -86,9 +95,12 @@ def preview(
     robot_radius: _RobotRadius = ROBOT_RADIUS_M,
     store: StoreUrl = None,
 ) -> None:
-    """Draw a world that a template gives: its floor plan and, where a GL is there, a picture in 3-D."""
-    body = find_template(template, open_store(store), Path.cwd())
-    world = make_world(body, WorldRequest(seed, robot_radius), floorplan, interior)
+    """Draw a world of a template, or of the store: its floor plan and, where a GL is there, a picture in 3-D."""
+    opened = open_store(store)
+    world = find_world(template, opened)
+    if world is None:
+        body = find_template(template, opened, Path.cwd())
+        world = make_world(body, WorldRequest(seed, robot_radius), floorplan, interior)
     write_drawing(output, floor_plan_svg(world))
     echo(str(output))
     _picture(output, render_png(world, _WIDTH, _HEIGHT))
@@ -124,6 +136,57 @@ def add(
 ) -> None:
     """Put a world into the store, if what its certificate says is so; prints what documents name it by."""
     echo(add_world(open_store(store), file))
+
+
+@world_app.command("import")
+def import_(
+    source: Annotated[
+        Path,
+        typer.Argument(help="A map of ROS (.yaml), a Gazebo world, a scene of MuJoCo, a mesh.", show_default=False),
+    ],
+    *,
+    name: Annotated[str, typer.Option(help="The world's name; the file's, if left out.", show_default=False)] = "",
+    start: Annotated[
+        str, typer.Option(help="Where the robot starts: x,y or x,y,yaw; found, if left out.", show_default=False)
+    ] = "",
+    models: Annotated[
+        list[Path] | None, typer.Option(help="A folder that model:// and package:// lead to; may be repeated.")
+    ] = None,
+    wall_height: Annotated[float | None, typer.Option(help="How high (m) stands what a map shows; 2.")] = None,
+    unit: Annotated[str | None, typer.Option(help="Of a mesh: m, cm, mm, in or ft.")] = None,
+    store: StoreUrl = None,
+) -> None:
+    """Import a building of your own; prints what documents name it by, and what became of its parts."""
+    opened = open_store(store)
+    asked = read_import_options(
+        {
+            "name": name or None,
+            "source": str(source),
+            "start": start or None,
+            "models": [str(each) for each in models or ()] or None,
+            "wallHeight": wall_height,
+            "unit": unit,
+        }
+    )
+    imported = import_world(asked, Path.cwd())
+    keep_world(opened, imported)
+    picture = draw_imported(opened.url, imported.reference)
+    echo(imported.reference)
+    for line in (*import_lines(imported.world), f"  picture {picture}"):
+        echo(line, err=True)
+
+
+@world_app.command("show")
+def show(
+    world: Annotated[
+        str, typer.Argument(help="A world of the store: its ARN, or <generation>/<world>.", show_default=False)
+    ],
+    store: StoreUrl = None,
+) -> None:
+    """Say what a world is: what became of an imported one's parts, or which wishes a generated one does not meet."""
+    opened = open_existing_store(store)
+    for line in world_lines(read_world(opened, parse_reference(world).path, "simyard world show")):
+        echo(line)
 
 
 def _picture(output: Path, png: bytes | None) -> None:

@@ -37,6 +37,7 @@ from flows.pipeline.stage_report import (
     export_report,
     gate_report,
     generation_report,
+    import_report,
     joined,
     recorded_report,
     require_an_end,
@@ -67,7 +68,7 @@ from specs.robomaker.failure_codes import JobFailureCode
 from specs.template.body import template_digest
 from tasks.deploy.step import roll_out, section_signer
 from tasks.documents.template_source import find_template
-from tasks.export.step import draw_worlds, export_elsewhere, export_worlds
+from tasks.export.step import draw_imported, draw_worlds, export_elsewhere, export_worlds
 from tasks.progress.listener import at_a_time
 from tasks.results.gate.shipped_builds import shipment_of, version_changes
 from tasks.simulate.batch.batch_record import open_batch, require_plan
@@ -79,6 +80,7 @@ from tasks.worlds.step import generate_worlds
 
 # What the log calls each stage.
 _WORDS: Mapping[StageName, str] = {
+    "worlds": "import of worlds",
     "worldGeneration": "world generation",
     "worldExport": "world export",
     "simulationBatch": "simulation batch",
@@ -110,7 +112,7 @@ def pipeline(spec: PipelineSpec, store: str | None = None, base: str = ".") -> P
         renew_metadata_here(opened)  # also on a night when the gate lets nothing pass
     identity: dict[str, JsonValue] = {"flow": "pipeline", "spec": canonical_document(spec), "pins": found.pins()}
     with orchestrator().announce_changes(), begin_run_in_turn(opened, identity) as run:
-        work = ParsedRun(spec, base, opened, run, found)
+        work = ParsedRun(found.placed(spec), base, opened, run, found)
         report = recorded_report(run) if is_terminal(run) else _run_to_end(work)
     orchestrator().show_run_report(report)
     if not report.passed:
@@ -143,9 +145,10 @@ def _run_to_end(work: ParsedRun) -> PipelineReport:
 def _run_stages(work: ParsedRun) -> PipelineReport:
     """Returns the report of the run of all stages that the document has, in their order."""
     prepare_simulation(work)
+    imported = show_imported(work)
     worlds, generated = generate(work)
     require_not_canceled(work.store, work.run)
-    work = replace(work, worlds=worlds)
+    work = replace(work, worlds=[*work.found.imported_digests(), *worlds])
     with robots_in_reserve(work.spec, work.store) as begin_robots:
         exported, (batch, simulated) = _export_and_simulate(work)
         require_not_canceled(work.store, work.run)
@@ -156,7 +159,7 @@ def _run_stages(work: ParsedRun) -> PipelineReport:
         {
             "run": work.run.id,
             "name": work.spec.name,
-            "stages": (*generated, *exported, *simulated, *judged, *deployed),
+            "stages": (*imported, *generated, *exported, *simulated, *judged, *deployed),
             "verdict": verdict,
             "shipped": deployed[0].status == "Succeeded" if deployed and _passed(work.spec, verdict) else None,
         }
@@ -202,8 +205,17 @@ def _passed(spec: PipelineSpec, verdict: str | None) -> bool:
 # The first stage: worlds. Under Prefect each is a flow run of its own; see `flows.pipeline.orchestrator`.
 
 
+def show_imported(work: ParsedRun) -> Reports:
+    """Returns the report of the worlds that the document imports, which are in the store since it was resolved."""
+    if not work.found.imported:
+        return ()
+    start_s = _begin("worlds")
+    pictures = [run_step(draw_imported, work.store.url, world) for world in work.found.imported_digests()]
+    return _logged(import_report(work.found.imported, pictures, work.store, _since(start_s)))
+
+
 def generate(work: ParsedRun) -> tuple[list[str], Reports]:
-    """Returns the worlds of this run, and the stage's report."""
+    """Returns the worlds that this run generates, and the stage's report."""
     section = work.spec.worldGeneration
     if section is None:
         return [], ()

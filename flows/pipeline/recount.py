@@ -294,11 +294,17 @@ def recount_changes(work: ParsedRun, batch: JobRecord | None) -> list[str]:
 
 def _counted_changes(work: ParsedRun, gate: Gate, batch: str, planned: PlannedRun) -> list[str]:
     """Returns which worlds, rows, tables or verdict are not as they were judged, one line each."""
+    digests, imported = planned.plan.world_digests, work.found.imported_digests()
+    changes = [
+        f"world {world} has the SHA-256 {digests[world]}; its source gives {sha256}"
+        for world, sha256 in imported.items()
+        if digests.get(world, sha256) != sha256
+    ]
     if section := work.spec.worldGeneration:
-        digests = planned.plan.world_digests
-        changes = section_world_changes(section, work.worlds, digests, store=work.store, base=work.base, run=work.run)
-        if changes:
-            return changes
+        made = [world for world in work.worlds if world not in imported]
+        changes += section_world_changes(section, made, digests, store=work.store, base=work.base, run=work.run)
+    if changes:
+        return changes
     found = count_batch(read(work.store, KIND, batch), work.store, gate, planned)
     return found.changes or _verdict_changes(work, gate, found)
 

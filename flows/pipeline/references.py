@@ -7,7 +7,7 @@ written: to refuse a new one would break the first steps, so `plan` and `run` na
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -24,13 +24,15 @@ from flows.pipeline.tested_batch import (
     world_digests,
 )
 from flows.pipeline.version_retention import latest_version, publish_brought
+from flows.pipeline.world_imports import ImportedWorld, import_world, keep_world
 from specs.arn import parse_reference, reference_path
 from specs.base import Fault
 from specs.errors import BucketNotFound, DocumentError, KeptFaults, ObjectNotFound
 from specs.field_types import OutputLocation
-from specs.pipeline.document import ApplicationSource, PipelineSpec
+from specs.pipeline.document import ApplicationSource, PipelineSpec, place_worlds
 from specs.pipeline.section_requests import fleet_reference
 from specs.pipeline.simulation_section import Deployment, LocalFleet, SimulationBatch
+from specs.pipeline.world_sections import WorldImport
 from specs.robomaker.bundle import LATEST, ApplicationKind, Version
 from specs.template.body import template_digest
 from tasks.applications.registry import find_by_digest, resolve
@@ -122,6 +124,7 @@ class Resolved:
 
     Attributes:
         bundled: Versions of the bundles that the document brings along, by ``<kind>/<name>``.
+        imported: The worlds that the document imports, in its order.
         template: SHA-256 of the template; empty if the document makes no worlds.
         exported: SHA-256 of each world that the export names; None if there is no export.
         batch: The batch over the worlds that it names; None if there is none.
@@ -131,6 +134,7 @@ class Resolved:
     """
 
     bundled: Mapping[str, Version] = field(default_factory=dict[str, Version])
+    imported: Sequence[ImportedWorld] = ()
     template: str = ""
     exported: Mapping[str, str] | None = None
     batch: BatchPlan | None = None
@@ -141,6 +145,8 @@ class Resolved:
     def pins(self) -> Pins:
         """Returns all of it by its digests, which tell a run of the document from one of other things."""
         found: Pins = {}
+        if self.imported:
+            found["worlds"] = {**self.imported_digests()}
         if self.template:
             found["template"] = self.template
         if self.exported is not None:
@@ -159,6 +165,14 @@ class Resolved:
     def numbers(self) -> Numbers:
         """Returns the numbers of the versions of bundles that the document brings along, for a stage of its own."""
         return {key: str(version.number) for key, version in self.bundled.items()}
+
+    def imported_digests(self) -> dict[str, str]:
+        """Returns the SHA-256 of each world that the document imports, by ``<generation>/<world>``."""
+        return {each.reference: each.digest for each in self.imported}
+
+    def placed(self, spec: PipelineSpec) -> PipelineSpec:
+        """Returns the document, which names the worlds that it imports by where they are in the store."""
+        return place_worlds(spec, {each.name: each.reference for each in self.imported})
 
     def bundled_digests(self) -> frozenset[str]:
         """Returns the SHA-256 of all builds of the bundles that the document brings along."""
@@ -191,7 +205,7 @@ class ParsedRun:
 
 
 def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved:
-    """Returns what a document refers to; the bundles that it brings along are published.
+    """Returns what a document refers to; bundles that it brings along are published, and worlds imported.
 
     Args:
         spec: The document.
@@ -207,7 +221,10 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
     faults.keep(lambda: check_robot_files(spec, base))
     for source in spec.applications:
         faults.keep(lambda source=source: bundled.update(_publish(source, store, base, spec)))
-    find, found = finder(store, bundled), Resolved(bundled)
+    entries = enumerate(spec.worlds or ())
+    imported = [faults.keep(partial(_import, entry, number, store, base)) for number, entry in entries]
+    find, found = finder(store, bundled), Resolved(bundled, [each for each in imported if each])
+    spec = found.placed(spec)
     if section := spec.worldGeneration:
         template = faults.keep(lambda: find_template(section.template, store, base))
         found = replace(found, template=template_digest(template) if template else "")
@@ -307,6 +324,13 @@ def deployed_version(section: Deployment, store: Store, find: FindVersion, teste
 def _publish(source: ApplicationSource, store: Store, base: Path, spec: PipelineSpec) -> dict[str, Version]:
     kind: ApplicationKind = "robot-application" if source.kind == "robot" else "simulation-application"
     return {_key(kind, source.name): publish_brought(store, kind, source.name, base / source.source, spec)}
+
+
+def _import(entry: WorldImport, number: int, store: Store, base: Path) -> ImportedWorld:
+    path = f"worlds[{number}]"
+    imported = import_world(entry, base, path)
+    keep_world(store, imported, path)
+    return imported
 
 
 def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:

@@ -7,11 +7,13 @@ roll-out. A job that made nothing leaves nothing.
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from functools import reduce
 from typing import NamedTuple, cast, get_args
 
 from pydantic import JsonValue
 
 from flows.pipeline.run_gate import GateAnswer, read_gate_answer
+from flows.pipeline.world_imports import ImportedWorld, import_summary, unresolved_lines
 from specs.arn import RUN_KIND, resource_name
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.data.world import Certificate
@@ -29,7 +31,7 @@ from tasks.storage.base.keys import bundle_key, contact_sheet_key, job_key, worl
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
 from tasks.storage.jobs.runs import run_of
-from tasks.storage.worlds import read_world
+from tasks.storage.worlds import read_world, reference_key
 
 _SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
@@ -52,6 +54,32 @@ def recorded_report(run: JobRecord) -> PipelineReport:
     if report is None:
         raise StageFailed(run.failure_code, run.failure_reason)
     return PipelineReport.model_validate(report)
+
+
+def import_report(
+    imported: Sequence[ImportedWorld], pictures: Sequence[str], store: Store, seconds: float
+) -> StageReport:
+    """Returns what became of the worlds that a document imports, with an alarm for what is not there.
+
+    Args:
+        imported: The worlds, at least one.
+        pictures: Where each is drawn.
+        store: Where they are.
+        seconds: How long it took to draw them.
+    """
+    artefacts: list[Artefact] = []
+    for each, picture in zip(imported, pictures, strict=True):
+        artefacts.append(Artefact(label=f"world {each.name}", url=f"{store.url}/{reference_key(each.reference)}"))
+        artefacts.append(Artefact(label=f"picture of {each.name}", url=picture))
+    stage = StageReport(
+        name="worlds",
+        arn="",
+        status="Completed",
+        summary="; ".join(import_summary(each.world) for each in imported),
+        seconds=seconds,
+        artefacts=tuple(artefacts),
+    )
+    return reduce(with_alarm, [line for each in imported for line in unresolved_lines(each.world)], stage)
 
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:

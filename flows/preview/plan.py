@@ -3,7 +3,7 @@
 import math
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,6 +11,7 @@ from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable
 from flows.pipeline.version_retention import version_lines
+from flows.pipeline.world_imports import import_lines
 from flows.preview.gate_plan import GateBasis, deployment_lines, gate_basis, gate_lines
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
@@ -220,9 +221,12 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
     found = resolve_references(spec, trial, base)
     find = finder(trial, found.bundled)
-    batch, plan, beside = _planned(spec, trial, find, found.bundled_digests())
+    spec, imported = found.placed(spec), list(found.imported_digests())
+    batch, plan, beside = _planned(spec, trial, find, found.bundled_digests(), imported)
     yield f"{spec.name}, on {store.url}"
     yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
+    worlds = (line for each in found.imported for line in import_lines(each.world))
+    yield from (f"{'' if number else 'worlds':<18}{line}" for number, line in enumerate(worlds))
     if spec.worldGeneration:
         yield _generation_line(spec.worldGeneration)
     if spec.worldExport:
@@ -290,9 +294,16 @@ def _generation_line(section: WorldGeneration) -> str:
 
 
 def _planned(
-    spec: PipelineSpec, store: Store, find: FindVersion, own: Collection[str]
+    spec: PipelineSpec, store: Store, find: FindVersion, own: Collection[str], imported: Sequence[str]
 ) -> tuple[BatchPlan, EnginePlan, HostPlan] | tuple[None, None, None]:
     """Returns the batch, over stand-ins for worlds that are not made yet, how it would be simulated, and what beside.
+
+    Args:
+        spec: The document.
+        store: Where bundles are.
+        find: Finds versions.
+        own: Digests of the bundles that the document brings along.
+        imported: ``<generation>/<world>`` of each world that it imports.
 
     Raises:
         DocumentError: No engine takes a robot, or roslaunch refuses a launch file; carries each refusal of each robot.
@@ -301,7 +312,7 @@ def _planned(
         return None, None, None
     count = spec.worldGeneration.worldCount if spec.worldGeneration else None
     worlds = count.floorplanCount * count.interiorCountPerFloorplan if count else 0
-    names = [f"planned/world-{number}" for number in range(worlds)]
+    names = [*imported, *(f"planned/world-{number}" for number in range(worlds))]
     worlds_used = matrix_worlds(spec.simulationBatch, names)
     batch = plan_batch(spec.simulationBatch, worlds_used, {}, find, find_files=bundle_files_in(store))
     folders = _folders(batch, store)

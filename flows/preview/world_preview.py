@@ -1,6 +1,7 @@
 """What `simyard world` shows: worlds of a template or a job, the furniture catalogue, and a first template."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast, get_args
@@ -8,12 +9,15 @@ from typing import cast, get_args
 import numpy as np
 from pydantic import JsonValue
 
+from flows.pipeline.world_imports import import_lines
 from specs.arn import parse_reference, resource_kind
 from specs.base import Fault, Spec
 from specs.data.world import Rectangle, RoomType, World
 from specs.errors import DocumentError
+from specs.pipeline.world_sections import WorldImport
 from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
+from tasks.documents.parse import parse
 from tasks.documents.shape_text import meant_text, same_word
 from tasks.documents.template_source import find_template
 from tasks.export.drawing.furniture_symbols import solid_view_svg
@@ -272,6 +276,66 @@ def make_world(template: TemplateBody, asked: WorldRequest, floorplan: int, inte
         interior_index=interior,
         robot_radius_m=asked.robot_radius_m,
     )
+
+
+def find_world(reference: str, store: Store) -> World | None:
+    """Returns the world of the store that an ARN or ``<generation>/<world>`` means; None for what may be a template.
+
+    Raises:
+        ResourceNotFound: An ARN means a world that is not there.
+    """
+    path, named = parse_reference(reference).path, resource_kind(reference) == "world"
+    if named or (path.count("/") == 1 and "." not in path and store.exists(f"worlds/{path}.json")):
+        return read_world(store, path, "simyard world preview")
+    return None
+
+
+def world_lines(world: World) -> Iterator[str]:
+    """Yields what a world is, for a person: its report if it was imported, else what it guarantees and lacks."""
+    if world.source is not None:
+        yield from import_lines(world)
+        return
+    certificate = world.certificate
+    radius_m, clear = (
+        certificate.reachable_robot_radius_m,
+        f"{100 * certificate.free_floor_share:.0f} % of the floor free",
+    )
+    yield f"{world.name} by {world.generator}: {len(world.rooms)} rooms, {len(world.furniture)} pieces, {clear}"
+    yield f"  a robot of up to {radius_m:g} m radius gets into every room"
+    yield from (f"  unmet wish: {line}" for line in certificate.unmet)
+
+
+_NOT_IN_A_NAME = re.compile("[^a-zA-Z0-9_-]+")
+
+
+def read_import_options(options: Mapping[str, JsonValue]) -> WorldImport:
+    """Returns what the options of a command ask to import.
+
+    Args:
+        options: By the names of a document, None for what is left out; ``start`` is a text.
+
+    Raises:
+        DocumentError: They are not what an import takes; with all faults, by the names of the options.
+    """
+    given = {name: value for name, value in options.items() if value is not None}
+    start, file_name = str(given.pop("start", "")), _NOT_IN_A_NAME.sub("-", Path(str(given["source"])).stem)
+    try:
+        place: list[JsonValue] = [float(each) for each in start.split(",")] if start else []
+    except ValueError as exc:
+        allowed = "x,y or x,y,yaw, in metres and rad"
+        raise DocumentError.of("--start", repr(start), allowed, source="simyard world import") from exc
+    try:
+        entry: dict[str, JsonValue] = {"name": file_name.strip("-_")[:64] or "world", **given}
+        return parse(WorldImport, {**entry, "start": place} if place else entry, "simyard world import")
+    except DocumentError as exc:
+        raise DocumentError([_of_option(fault) for fault in exc.faults], exc.source) from exc
+
+
+def _of_option(fault: Fault) -> Fault:
+    """Returns a fault of a field as one of the option that it comes from."""
+    field, _, _ = fault.path.partition("[")
+    option = "FILE" if field == "source" else f"--{field.replace('wallHeight', 'wall-height')}"
+    return fault.model_copy(update={"path": option})
 
 
 def select_worlds(reference: str, store: Store, base: Path, count: int, asked: WorldRequest) -> WorldSelection:

@@ -265,6 +265,9 @@ class Worlds(Sequence[World]):
 def _facts(world: WorldDocument) -> str:
     box = world.footprint
     size = f"{box.x_max_m - box.x_min_m:.1f} x {box.y_max_m - box.y_min_m:.1f} m"
+    if world.source is not None:
+        number = sum(len(piece.solids) for piece in world.furniture) + len(world.walls)
+        return f"imported from {world.source.file}, {number} solids, {size}"
     unmet = len(world.certificate.unmet)
     wishes = f"{unmet} of {len(world.certificate.wishes)} wishes unmet" if unmet else "every wish met"
     rooms = "1 room" if len(world.rooms) == 1 else f"{len(world.rooms)} rooms"

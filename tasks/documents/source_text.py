@@ -16,6 +16,7 @@ from pydantic import JsonValue
 
 from specs.base import Fault
 from specs.errors import DocumentError
+from specs.pipeline.world_sections import source_kind
 
 _BASE: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _MERGE_KEY = "<<"
@@ -151,8 +152,11 @@ def read_document(path: Path) -> JsonValue:
     """Returns the data in a YAML or JSON file.
 
     Raises:
-        DocumentError: When there is no such file, or it is not readable, or as for `decode_document`.
+        DocumentError: When there is no such file, or it is not readable, or as for `decode_document`; or it is what a
+            world is imported from.
     """
+    if path.is_file() and source_kind(path.name) not in (None, "map"):
+        raise _importable(path, "a building")
     try:
         with path.open("rb") as file:
             body = file.read(MAX_BYTES + 1)
@@ -162,7 +166,20 @@ def read_document(path: Path) -> JsonValue:
         raise _refused("it is a folder", _WANTED, str(path)) from exc
     except (OSError, ValueError) as exc:
         raise _refused(f"it cannot be read ({exc})", _WANTED, str(path)) from exc
-    return decode_source_text(body, str(path))
+    data = decode_source_text(body, str(path))
+    if isinstance(data, dict) and data.keys() >= _OF_A_MAP:
+        raise _importable(path, "a map of ROS")
+    return data
+
+
+_OF_A_MAP = {"image", "resolution", "origin"}
+
+
+def _importable(path: Path, what: str) -> DocumentError:
+    """Returns the refusal of a file that is no document, and that a world can be made of."""
+    entry = f"`worlds: [{{name: {path.stem}, source: {path.name}}}]`"
+    allowed = f"`simyard world import {path}` makes a world of it, and {entry} does in a document beside it"
+    return DocumentError.of("file", f"{what}, and no document", allowed, source=str(path))
 
 
 def decode_source_text(body: bytes, source: str) -> JsonValue:

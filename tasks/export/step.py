@@ -1,4 +1,4 @@
-"""World export, and the contact sheet of a generation job, as steps: plain functions of data."""
+"""World export, and the contact sheets of generated and imported worlds, as steps: plain functions of data."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -96,3 +96,10 @@ def draw_worlds(store_url: str, generation: JobRecord) -> str:
     failures = cast("Mapping[str, Mapping[str, JsonValue]]", generation.detail["failures"])
     sheet = keep_contact_sheet(store, generation.id, worlds)
     return sheet_markdown(sheet, f"{store.url}/{contact_sheet_key(generation.id)}", failures)
+
+
+def draw_imported(store_url: str, world: str) -> str:
+    """Returns where the picture of an imported world is, having drawn it unless it is there."""
+    store, generation = open_store(store_url), world.partition("/")[0]
+    keep_contact_sheet(store, generation, [world])
+    return f"{store.url}/{contact_sheet_key(generation)}"

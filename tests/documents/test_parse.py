@@ -47,7 +47,7 @@ def test_an_unknown_key_is_told_with_the_known_one_that_is_meant():
     assert faults(pipeline(worldgeneration={})) == {
         "worldgeneration": (
             "unknown key",
-            'did you mean "worldGeneration"? known keys are name, applications, worldGeneration, worldExport, '
+            'did you mean "worldGeneration"? known keys are name, applications, worlds, worldGeneration, worldExport, '
             "simulationBatch, gate, deployment",
         )
     }
@@ -156,7 +156,8 @@ def test_a_missing_key_is_told_by_its_own_path():
 
 
 def test_a_document_that_is_no_object_is_refused():
-    allowed = "an object with keys name, applications, worldGeneration, worldExport, simulationBatch, gate, deployment"
+    keys = "name, applications, worlds, worldGeneration, worldExport, simulationBatch, gate, deployment"
+    allowed = f"an object with keys {keys}"
 
     assert faults([1]) == {"document": ("[1]", allowed)}
 

@@ -10,6 +10,7 @@ from specs.errors import DocumentError, ResourceNotFound
 from tasks.storage.store_url import open_store
 from tasks.storage.worlds import read_world
 from tests.factories.batches import PENS, put_worlds
+from tests.factories.ros_maps import write_map
 from tests.repository import ROOT
 
 TEMPLATE = ROOT / "examples/templates/two-rooms.json"
@@ -71,3 +72,12 @@ def test_what_is_neither_a_template_nor_a_world_is_told(store: str):
         simyard.worlds("none.json", store=store)
     with pytest.raises(ResourceNotFound):
         simyard.worlds("wgj-0123456789abcdef", store=store)
+
+
+def test_a_building_of_ones_own_is_a_world_of_the_store(tmp_path: Path):
+    path = write_map(tmp_path, ("#" * 40, *("#" + "." * 38 + "#",) * 40, "#" * 40))
+    hall = simyard.world_import(path, name="hall", start=(2.0, 3.0), wall_height_m=2.5, store=tmp_path / "store")
+    assert simyard.worlds(hall.name, store=tmp_path / "store")[0].document == hall.document
+    assert repr(hall) == f"<World '{hall.name}': imported from map.yaml, 4 solids, 2.0 x 2.1 m>"
+    assert hall.document.source is not None
+    assert hall.document.source.settings == ("start=[2, 3, 0]", "wallHeight=2.5")

@@ -7,10 +7,15 @@ import pytest
 
 from benchmarks.worlds.world_quality import TEMPLATES
 from benchmarks.worlds.world_templates import SPEED_TEMPLATES
+from flows.pipeline.world_imports import import_lines
+from flows.preview.world_preview import read_import_options
 from specs.data.world import Certificate
+from specs.pipeline.world_sections import WorldImport
 from specs.template.body import template_body
+from tasks.storage.worlds import decode_world
 from tasks.worlds.certificate import AREA_TOLERANCE, ASPECT_TOLERANCE
 from tasks.worlds.generate import generate_world
+from tasks.worlds.importer.import_process import import_source
 from tasks.worlds.materials import FLOORINGS, WALLS
 from tasks.worlds.resolved_template import FREE_FLOOR
 from tests.repository import ROOT
@@ -58,6 +63,19 @@ def test_every_material_is_named(names: dict[str, object]):
 def test_the_quality_tables_have_a_row_for_every_template():
     rows = first_cells(between("<!-- quality -->", "<!-- end of quality -->"))
     assert [name for name in rows if name in TEMPLATES] == [*TEMPLATES] * 3
+
+
+def test_the_import_report_shown_is_that_of_the_map_in_the_examples():
+    source, height_m, start = re.findall(r"world import (\S+) --wall-height (\S+) --start=(\S+)", DOCUMENT)[0]
+    asked = read_import_options({"source": str(ROOT / source), "wallHeight": float(height_m), "start": start})
+    world = decode_world(import_source(asked).world.encode())
+    shown = between("<!-- import report -->\n\n```text\n", "```\n\n<!-- end of import report -->")
+    assert shown.splitlines() == [*import_lines(world)]
+
+
+def test_every_field_of_an_import_is_explained():
+    named = first_cells(between("| field of `worlds` | option |", "- **The frame is that of the source.**"))
+    assert [name for name in named if name.isalpha()] == [*WorldImport.model_fields]
 
 
 def test_the_speed_table_has_its_templates():

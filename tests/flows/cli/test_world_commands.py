@@ -1,6 +1,7 @@
 """Looking at worlds from the command line: files come, and what is missing is said in one line."""
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -22,9 +23,11 @@ from tasks.export.picture.renderer import NO_GL, open_renderer
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, submit
 from tasks.storage.store_url import open_store
+from tasks.storage.worlds import encode_world, write_world
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.job.generation_job import KIND, run_generation_job
 from tests.export.png_reader import SIGNATURE
+from tests.factories.ros_maps import write_map
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
 from tests.servers.tools import skip_or_fail
@@ -237,3 +240,48 @@ def test_a_starter_that_cannot_be_written_says_why():
     Path("homes").write_text("a file")
     with pytest.raises(DocumentError, match="cannot be written"):
         world("template", "--output", "homes/mine.yaml")
+
+
+def test_import_prints_what_documents_name_a_world_by_and_tells_of_its_source(tmp_path: Path) -> None:
+    write_map(tmp_path, ("#" * 40, *("#" + "." * 38 + "#",) * 40, "#" * 40))
+    result = world("import", "map.yaml", "--name", "hall", "--start", "2,3", "--wall-height", "2.5")
+    assert result.exit_code == 0, result.output
+    reference = result.stdout.strip()
+    assert re.fullmatch(r"import-[0-9a-f]{16}/hall", reference)
+    assert "hall from map.yaml: 4 solids, 160 of 160 parts exact" in result.stderr
+    picture = tmp_path / ".simyard" / "worlds" / reference.partition("/")[0] / "contact-sheet.svg"
+    assert f"picture {picture.as_uri()}" in result.stderr
+    assert picture.is_file()
+    told = result.stderr.split("  picture")[0]
+    assert world("show", reference).stdout == told
+    assert "drawn.svg" in world("preview", reference, "--output", "drawn.svg").stdout
+
+
+def test_import_tells_all_faults_of_its_options_at_once(tmp_path: Path) -> None:
+    write_map(tmp_path)
+    with pytest.raises(DocumentError) as caught:
+        world("import", "map.yaml", "--unit", "cm", "--wall-height", "-1")
+    assert [fault.path for fault in caught.value.faults] == ["--wall-height", "--unit"]
+    with pytest.raises(DocumentError, match="--start: 'here': x,y or x,y,yaw"):
+        world("import", "map.yaml", "--start", "here")
+
+
+def test_show_tells_what_a_generated_world_is(tmp_path: Path) -> None:
+    store = open_store((tmp_path / ".simyard").as_uri())
+    write_world(store, "hand/world-1", encode_world(apartment(generation="hand", name="world-1")))
+    lines = world("show", "hand/world-1").stdout.splitlines()
+    assert lines[0].startswith("world-1 by ")
+    assert "gets into every room" in lines[1]
+
+
+@pytest.mark.parametrize("command", ["preview", "add"])
+def test_a_building_where_something_else_is_meant_names_import(tmp_path: Path, command: str) -> None:
+    path = write_map(tmp_path)
+    with pytest.raises(DocumentError, match=f"`simyard world import .*{path.name}`"):
+        world(command, "map.yaml")
+
+
+def test_a_gazebo_world_where_a_template_is_meant_names_import(tmp_path: Path) -> None:
+    (tmp_path / "hall.world").write_text("<sdf version='1.6'/>")
+    with pytest.raises(DocumentError, match=r"a building, and no document: `simyard world import .*hall\.world`"):
+        world("preview", "hall.world")

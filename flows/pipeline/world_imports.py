@@ -1,0 +1,175 @@
+"""Worlds that are imported: read in the confinement of applications, kept in the store, and told of.
+
+A world's key is made of its source's digest, its settings and the importer, so that the same source is the same world,
+and to import it again does nothing. Importing has no job: as a bundle, a world is what its bytes are.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from specs.base import Fault
+from specs.data.world import ImportFinding, World
+from specs.errors import DocumentError, LaunchRefused, ObjectExists
+from specs.pipeline.world_sections import WorldImport
+from tasks.ros.launch.launch_plan import run_launch_program
+from tasks.simulate.sandbox.confinement import Place, confined_command
+from tasks.simulate.sandbox.process_environment import process_environment
+from tasks.storage.base.store import Store
+from tasks.storage.worlds import decode_world, encode_world, write_world
+from tasks.worlds.importer.source_scene import ImportAnswer
+
+_MODULE = "tasks.worlds.importer.import_process"
+_LIMIT_S = 900.0
+# Nothing is simulated: what is wrong with a variable for that is not told here.
+_NEEDED = ("PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
+_SHOWN = 12
+
+
+@dataclass(frozen=True)
+class ImportedWorld:
+    """An imported world.
+
+    Attributes:
+        name: What the document calls it.
+        world: Its document.
+    """
+
+    name: str
+    world: World
+
+    @property
+    def reference(self) -> str:
+        """Where it is in the store: ``<generation>/<world>``."""
+        return f"{self.world.generation}/{self.world.name}"
+
+    @property
+    def digest(self) -> str:
+        """The SHA-256 of its document."""
+        return hashlib.sha256(encode_world(self.world)).hexdigest()
+
+
+def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorld:
+    """Returns the world of a source, which a process of its own reads.
+
+    Args:
+        asked: The entry of the document's section.
+        base: Folder that its paths start from.
+        path: Where the entry is in the document; empty for none.
+
+    Raises:
+        DocumentError: It is no world that can be imported; carries all its faults.
+    """
+    source = (base / asked.source).absolute()
+    models = tuple((base / each).absolute() for each in asked.models or ())
+    dot = f"{path}." if path else ""
+    faults = [] if source.is_file() else [_missing(f"{dot}source", asked.source, f"a file; there is none at {source}")]
+    for number, (named, folder) in enumerate(zip(asked.models or (), models, strict=True)):
+        if not folder.is_dir():
+            faults.append(_missing(f"{dot}models[{number}]", named, f"a folder; there is none at {folder}"))
+    if faults:
+        raise DocumentError(faults)
+    placed = asked.model_copy(update={"source": str(source), "models": tuple(map(str, models)) or None})
+    answer = _read_apart(placed, f"{dot}source", [source.parent, *models])
+    if answer.faults:
+        raise DocumentError([_in_source(fault, f"{dot}source", asked.source) for fault in answer.faults])
+    return ImportedWorld(asked.name, decode_world(answer.world.encode()))
+
+
+def _missing(path: str, value: str, allowed: str) -> Fault:
+    return Fault(path=path, value=repr(value), allowed=allowed)
+
+
+def _in_source(fault: Fault, path: str, source: str) -> Fault:
+    """Returns a fault of a source as one of the document that names it."""
+    return Fault(path=path, value=f"{source}: {fault.path}: {fault.value}", allowed=fault.allowed)
+
+
+def _read_apart(asked: WorldImport, path: str, folders: list[Path]) -> ImportAnswer:
+    """Returns what a process of its own makes of a source.
+
+    Raises:
+        DocumentError: It came to no answer.
+    """
+    with tempfile.TemporaryDirectory(prefix="simyard-import-") as folder:
+        place = Place(Path(folder), Path(folder))
+        try:
+            command = confined_command(_MODULE, [], place, folders)
+            own = {name: os.environ[name] for name in _NEEDED if name in os.environ}
+            environment = process_environment(own, place.programs) | place.variables()
+            said = run_launch_program(command, environment, place.folder, asked.model_dump_json(), _LIMIT_S)
+            return ImportAnswer.model_validate_json(said)
+        except (LaunchRefused, ValidationError) as exc:
+            why = str(exc) if isinstance(exc, LaunchRefused) else "it says nothing that is an answer"
+            allowed = f"a world that is read in {_LIMIT_S:g} s with 4 GB of memory; the process that reads it: {why}"
+            raise DocumentError.of(path, repr(asked.source), allowed) from exc
+
+
+def keep_world(store: Store, imported: ImportedWorld, path: str = "source") -> None:
+    """Puts an imported world into the store; it may be there already.
+
+    Raises:
+        DocumentError: Another world is there, which somebody put there.
+    """
+    try:
+        write_world(store, imported.reference, encode_world(imported.world))
+    except ObjectExists as exc:
+        allowed = f"nothing else at {store.url}/worlds/{imported.reference}.json; delete what is there"
+        raise DocumentError.of(path, imported.reference, allowed) from exc
+
+
+def import_summary(world: World) -> str:
+    """Returns what an imported world is, in one line: its pieces, what is not as it was, and who gets about."""
+    report, source = world.report, world.source
+    if report is None or source is None:
+        return ""
+    solids = len(world.walls) + sum(len(piece.solids) for piece in world.furniture)
+    became = {kind: sum(each.became == kind for each in report.findings) for kind in _BECAME}
+    said = [f"{world.name} from {source.file}: {solids:,} solids, {report.exact:,} of {report.parts:,} parts exact"]
+    said += [f"{count} {kind}" for kind, count in became.items() if count]
+    radius_m = world.certificate.reachable_robot_radius_m
+    said.append(f"a robot of up to {radius_m:g} m radius gets about" if radius_m else "no robot gets about")
+    return ", ".join(said)
+
+
+_BECAME = ("approximated", "dropped", "unresolved")
+
+
+def import_lines(world: World) -> Iterator[str]:
+    """Yields the import report for a person."""
+    report, start, certificate = world.report, world.start, world.certificate
+    if report is None or start is None or world.source is None:
+        return
+    yield import_summary(world)
+    outline = world.footprint
+    size = f"{outline.x_max_m - outline.x_min_m:.1f} x {outline.y_max_m - outline.y_min_m:.1f} m"
+    how = "as asked" if any(each.startswith("start=") for each in world.source.settings) else "found"
+    free = f"{100 * certificate.free_floor_share:.0f} % of {size} free"
+    yield f"  start [{start.x_m:g}, {start.y_m:g}, {start.yaw_rad:g}] ({how}), {free}"
+    for agreement in report.agreements:
+        within = f"{100 * agreement.within_5cm:.1f} % of its border within 5 cm"
+        mean = f"{100 * agreement.mean_m:.1f} cm off in the mean"
+        floor = f"{100 * agreement.free_iou:.1f} % of the free floor the same"
+        yield f"  agrees with {agreement.map} at {agreement.height_m:g} m: {within}, {mean}, {floor}"
+    for kind in _BECAME:
+        found = [each for each in report.findings if each.became == kind]
+        yield from (f"  {_finding_line(each)}" for each in found[:_SHOWN])
+        if len(found) > _SHOWN:
+            yield f"  ... and {len(found) - _SHOWN} more {kind}; the world's document has them in its report"
+
+
+def _finding_line(finding: ImportFinding) -> str:
+    off = f", off by at most {100 * finding.off_m:.1f} cm" if finding.off_m else ""
+    return f"{finding.became} {finding.subject}: {finding.why}{off}"
+
+
+def unresolved_lines(world: World) -> Iterator[str]:
+    """Yields a sentence for each part of an imported world that was not found, so that the world lacks it."""
+    for finding in world.report.findings if world.report else ():
+        if finding.became == "unresolved":
+            yield f"World {world.name} lacks {finding.subject}: {finding.why}"

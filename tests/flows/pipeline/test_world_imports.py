@@ -1,0 +1,170 @@
+"""Worlds that a document imports: read in a process of their own, kept by what they are made of, named in it."""
+
+from pathlib import Path
+
+import pytest
+
+from flows.pipeline import world_imports
+from flows.pipeline.references import resolve_references
+from flows.pipeline.world_imports import ImportedWorld, import_lines, import_world, keep_world, unresolved_lines
+from specs.data.world import ImportFinding, MapAgreement, World
+from specs.errors import DocumentError, LaunchRefused
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.world_sections import WorldImport
+from tasks.storage.base.store import Store
+from tasks.storage.worlds import encode_world, world_bytes
+from tasks.worlds.importer.import_process import import_source
+from tasks.worlds.importer.source_scene import ImportAnswer
+from tests.factories.ros_maps import write_map
+
+ROWS = ("#" * 40, *("#" + "." * 38 + "#",) * 40, "#" * 40)
+
+
+@pytest.fixture
+def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Reads sources here, so that no test waits for a process."""
+    monkeypatch.setattr(world_imports, "_read_apart", lambda asked, _path, _folders: import_source(asked))
+
+
+def entry(name: str = "hall", **more: object) -> WorldImport:
+    return WorldImport.model_validate({"name": name, "source": "map.yaml", **more})
+
+
+def document(*worlds: dict[str, object], **sections: object) -> PipelineSpec:
+    export = {"outputLocation": {"s3Bucket": "own-worlds"}, "formats": ["map"]}
+    return PipelineSpec.model_validate({"name": "own", "worlds": worlds, "worldExport": export, **sections})
+
+
+def test_a_source_is_read_in_a_process_of_its_own(tmp_path: Path) -> None:
+    write_map(tmp_path, ROWS)
+    imported = import_world(entry(), tmp_path)
+    expected = import_source(entry(source=str(tmp_path / "map.yaml"))).world
+    assert encode_world(imported.world).decode() == expected
+    assert imported.reference == f"{imported.world.generation}/hall"
+
+
+@pytest.mark.usefixtures("in_process")
+def test_importing_again_does_nothing(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    keep_world(file_store, import_world(entry(), tmp_path))
+    imported = import_world(entry(), tmp_path)
+    keep_world(file_store, imported)
+    assert world_bytes(file_store, imported.reference) == encode_world(imported.world)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_another_world_in_its_place_is_refused(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    imported = import_world(entry(), tmp_path)
+    other = imported.world.model_copy(update={"ceiling_height_m": 9.0})
+    keep_world(file_store, ImportedWorld("hall", other))
+    with pytest.raises(DocumentError, match=r"nothing else at .*/hall\.json; delete what is there"):
+        keep_world(file_store, imported, "worlds[0]")
+
+
+@pytest.mark.usefixtures("in_process")
+def test_faults_of_all_sources_are_told_where_the_document_names_them(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS, resolution=-1, mode="none")
+    gone: dict[str, object] = {"name": "dock", "source": "dock.world", "models": ["nowhere"]}
+    spec = document({"name": "hall", "source": "map.yaml"}, gone)
+    with pytest.raises(DocumentError) as caught:
+        resolve_references(spec, file_store, tmp_path)
+    assert [(fault.path, fault.value) for fault in caught.value.faults] == [
+        ("worlds[0].source", "map.yaml: resolution: -1"),
+        ("worlds[0].source", "map.yaml: mode: 'none'"),
+        ("worlds[1].source", "'dock.world'"),
+        ("worlds[1].models[0]", "'nowhere'"),
+    ]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_document_is_another_one_when_its_source_is(tmp_path: Path, file_store: Store) -> None:
+    spec = document({"name": "hall", "source": "map.yaml"})
+    write_map(tmp_path, ROWS)
+    first = resolve_references(spec, file_store, tmp_path)
+    again = resolve_references(spec, file_store, tmp_path)
+    write_map(tmp_path, ROWS[1:])
+    other = resolve_references(spec, file_store, tmp_path)
+    assert first.pins() == again.pins() != other.pins()
+    assert first.pins()["worlds"] == first.imported_digests()
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_name_stands_for_the_imported_world(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    config = {"application": "delivery", "launchConfig": {"packageName": "delivery", "launchFile": "rooms"}}
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{**config, "application": "courier"}],
+        "simulationApplications": [{**config, "worldConfigs": [{"world": "hall"}]}],
+    }
+    batch = {"createSimulationJobRequests": [request], "matrix": {"worlds": ["hall", "elsewhere/world-1-1"]}}
+    spec = document({"name": "hall", "source": "map.yaml"}, simulationBatch=batch)
+    (imported,) = [import_world(each, tmp_path) for each in spec.worlds or ()]
+    resolved = resolve_references(document({"name": "hall", "source": "map.yaml"}), file_store, tmp_path)
+    placed = resolved.placed(spec)
+    assert placed.simulationBatch is not None
+    assert placed.simulationBatch.matrix.worlds == (imported.reference, "elsewhere/world-1-1")
+    scenarios = placed.simulationBatch.createSimulationJobRequests[0].simulationApplications or ()
+    configs = [config for scenario in scenarios for config in scenario.worldConfigs or ()]
+    assert [each.world for each in configs] == [imported.reference]
+
+
+@pytest.mark.parametrize("said", [LaunchRefused("it takes longer than 900 s"), "no answer"])
+def test_a_process_that_comes_to_no_answer_is_a_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: LaunchRefused | str
+) -> None:
+    write_map(tmp_path, ROWS)
+
+    def answer(*_: object) -> str:
+        if isinstance(said, LaunchRefused):
+            raise said
+        return said
+
+    monkeypatch.setattr(world_imports, "run_launch_program", answer)
+    with pytest.raises(
+        DocumentError, match="a world that is read in 900 s with 4 GB of memory; the process that reads"
+    ):
+        import_world(entry(), tmp_path)
+
+
+def test_a_source_that_takes_too_much_memory_is_a_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    def read(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("tasks.worlds.importer.import_process.read_map", read)
+    answer = import_source(entry(source=str(write_map(tmp_path))))
+    assert answer == ImportAnswer(faults=answer.faults)
+    assert str(answer.faults[0]) == "size: more than 4 GB of memory: a smaller world"
+
+
+@pytest.fixture
+def world(tmp_path: Path, in_process: None) -> World:
+    """Returns an imported world of which much is said."""
+    write_map(tmp_path, ROWS)
+    world = import_world(entry(start=[2.0, 3.0]), tmp_path).world
+    assert world.report is not None
+    findings = [ImportFinding(subject=f"chair_{n}", became="approximated", why="a mesh", off_m=0.01) for n in range(15)]
+    findings.append(ImportFinding(subject="model://crane", became="unresolved", why="looked for in models"))
+    agreement = MapAgreement(map="map.yaml", height_m=0.13, within_5cm=0.971, mean_m=0.008, free_iou=0.993)
+    report = world.report.model_copy(update={"findings": tuple(findings), "agreements": (agreement,)})
+    return world.model_copy(update={"report": report})
+
+
+def test_the_report_says_what_became_of_a_source(world: World) -> None:
+    lines = list(import_lines(world))
+    assert lines[0].startswith(
+        "hall from map.yaml: 4 solids, 160 of 160 parts exact, 15 approximated, 1 unresolved, a "
+    )
+    assert lines[1].startswith("  start [2, 3, 0] (as asked), ")
+    assert lines[2] == (
+        "  agrees with map.yaml at 0.13 m: 97.1 % of its border within 5 cm, 0.8 cm off in the mean, "
+        "99.3 % of the free floor the same"
+    )
+    assert lines[3] == "  approximated chair_0: a mesh, off by at most 1.0 cm"
+    assert lines[-2] == "  ... and 3 more approximated; the world's document has them in its report"
+    assert lines[-1] == "  unresolved model://crane: looked for in models"
+
+
+def test_what_a_world_lacks_is_an_alarm(world: World) -> None:
+    assert list(unresolved_lines(world)) == ["World hall lacks model://crane: looked for in models"]
