@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 import yaml
 
 from tasks.server.health import authorization
+from tasks.server.process import end, launch, wait_until_healthy
 from tasks.storage.jobs.records import records
 from tasks.storage.store_url import open_store
 from tests.docs.test_readme import blocks
@@ -31,9 +33,21 @@ def store_url(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def worker(
-    prefect_server: str, store_url: str, tmp_path_factory: pytest.TempPathFactory
-) -> Generator[None, None, None]:
+def kept_server(tmp_path_factory: pytest.TempPathFactory) -> Generator[str]:
+    """Returns the URL of a server as `simyard up` starts it, which Prefect's own programs find."""
+    server, process = launch(tmp_path_factory.mktemp("kept"), bound=False)
+    with pytest.MonkeyPatch.context() as patched:
+        for name, value in server.environment().items():
+            patched.setenv(name, value)
+        try:
+            wait_until_healthy(server, process)
+            yield server.api_url
+        finally:
+            end(process)
+
+
+@pytest.fixture(scope="module")
+def worker(kept_server: str, store_url: str, tmp_path_factory: pytest.TempPathFactory) -> Generator[None, None, None]:
     """Deploys everything in prefect.yaml, and runs a worker for it."""
     create_pool, deploy, _ = _readme_commands()
     _prefect(*create_pool)
@@ -61,7 +75,7 @@ def test_the_nightly_document_is_the_quickstart():
 
 @pytest.mark.long
 @pytest.mark.usefixtures("worker")
-def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: str, store_url: str, tmp_path: Path):
+def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(kept_server: str, store_url: str, tmp_path: Path):
     section = {"template": "two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 99}
     (tmp_path / "night.yaml").write_text(json.dumps({"name": "night", "worldGeneration": section}))
     shutil.copy(ROOT / "examples/templates/two-rooms.json", tmp_path)
@@ -69,11 +83,12 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
     entrypoint = "flows.prefect.flows.world_generation"
     every_minute = ("--name", "every-minute", "--pool", "local", "--cron", "* * * * *")
     _prefect("--no-prompt", "deploy", entrypoint, *every_minute, "--params", json.dumps(parameters))
-    _prefect(*_readme_commands()[2])
+    watched = _prefect(*_readme_commands()[2])
+    assert re.search(r"the gate of\s+arn:simyard:pipeline-run:\S+\s+says PASS:", watched.stdout), watched.stdout
     assert tables(open_store(store_url))["results"].num_rows == 384
     assert [job.status for job in records(open_store(store_url), "deployment-job")] == ["Succeeded"]
-    assert [row["status"] for row in _robots_table(prefect_server)] == ["InSync"] * 5
-    run = _scheduled_run(prefect_server, timeout_s=120.0)
+    assert [row["status"] for row in _robots_table(kept_server)] == ["InSync"] * 5
+    run = _scheduled_run(kept_server, timeout_s=120.0)
     assert run["state_type"] == "COMPLETED"
     assert run["state"]["message"].startswith("1 world: arn:simyard:world-generation-job:")
     assert 99 in [job.detail["seed"] for job in records(open_store(store_url), "world-generation-job")]
@@ -83,8 +98,8 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(prefect_server: 
 @pytest.mark.parametrize(
     ("deployment", "strategy"), [("pipeline/nightly", "ENQUEUE"), ("reaping/every-ten-minutes", "CANCEL_NEW")]
 )
-def test_one_night_or_reaper_at_a_time(prefect_server: str, deployment: str, strategy: str):
-    deployed = asked(prefect_server, f"/deployments/name/{deployment}")
+def test_one_night_or_reaper_at_a_time(kept_server: str, deployment: str, strategy: str):
+    deployed = asked(kept_server, f"/deployments/name/{deployment}")
     limited = (deployed["global_concurrency_limit"]["limit"], deployed["concurrency_options"]["collision_strategy"])
     assert limited == (1, strategy)
 
