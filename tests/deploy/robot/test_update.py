@@ -125,7 +125,7 @@ def test_what_is_meant_for_another_robot_is_refused(one: OneRobot) -> None:
         (GOOD, {"preLaunchFile": "none.sh"}, "PreLaunchFileFailure", "ExecutingPreLaunch"),
         (GOOD, {"launchFile": "none.sh"}, "MissingRobotDeploymentResource", "Launching"),
         (GOOD, {"launchFile": ".."}, "MissingRobotDeploymentResource", "Validating"),
-        ({"run.sh": "no program"}, {}, "BadPermissionError", "Launching"),
+        ({"run.sh": "no program"}, {}, "EnvironmentSetupError", "Launching"),
     ],
 )
 def test_a_failing_step_is_reported_and_the_version_before_runs_on(

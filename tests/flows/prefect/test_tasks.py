@@ -18,6 +18,7 @@ from specs.data.parity_audit import AuditReport
 from specs.data.run_report import PipelineReport
 from specs.errors import StoreAway
 from specs.robomaker.deployment import DescribeDeploymentJobResponse, RobotDeployment
+from tasks.deploy.fleet_descriptions import DeploymentView
 from tasks.progress import listener
 from tasks.progress.listener import listen_to_progress
 from tasks.results.gate.gate_verdict import GateVerdict
@@ -142,7 +143,8 @@ def test_text_of_strangers_is_neither_link_nor_html_in_what_is_left_on_pages(
     monkeypatch.setattr(tasks, "create_markdown_artifact", lambda page, **_: left.append(page))
     robot = RobotDeployment(status="Failed", failureReason=ACTIVE)
     job = DescribeDeploymentJobResponse(status="Failed", robotDeploymentSummary=(robot,))
-    monkeypatch.setattr(tasks, "describe_deployment_job", lambda *_: job)
+    record = submit(file_store, "deployment-job", {}, "token")
+    monkeypatch.setattr(tasks, "view_deployment", lambda *_: DeploymentView(job, record, ACTIVE, ACTIVE, {}))
     audit = AuditReport(verdict="SUSPECT", sentence=ACTIVE).model_dump(mode="json")
     verdict = GateVerdict(
         verdict="FAIL",
@@ -150,7 +152,7 @@ def test_text_of_strangers_is_neither_link_nor_html_in_what_is_left_on_pages(
         counts=EpisodeCounts(episodes=0, successes=0, failed_jobs=0, canceled=0),
         rules=(rule("FAIL", ACTIVE, ACTIVE),),
     )
-    deployed = {"store_url": file_store.url}, submit(file_store, "deployment-job", {}, "token")
+    deployed = {"store_url": file_store.url}, record
     for shown, parameters, result in (
         ("_show_tables", {"batch": "simb-1"}, BatchTables({}, [(ACTIVE,) * 5], "Wilson's")),
         ("_show_audit", {}, {"audit": audit, "audit_url": "file:///audit.json"}),
