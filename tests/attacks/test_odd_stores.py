@@ -15,11 +15,13 @@ from tasks.storage.base.store import Store
 from tests.attacks.conftest import attacked_environment, attacked_python
 from tests.deploy.one_robot import NAME, desired
 from tests.deploy.yard import STAYS_UP, Yard, eventually, programs_of, wait_for_report
-from tests.servers.odd_server import ODD, OddServer, odd_server
+from tests.servers.odd_server import ENDLESS, ODD, OddServer, odd_server
 
 pytestmark = pytest.mark.integration
 _LOOKS = 3
-_TAKEN_FOR_AN_ANSWER = [answer for answer in ODD if answer[0] in "23"]
+_RUNS = "sleep 100000"  # longer than the longest test
+_ENDING = [answer for answer in ODD if answer not in ENDLESS]
+_TAKEN_FOR_AN_ANSWER = [answer for answer in _ENDING if answer[0] in "23"]
 _CREDENTIALS = {"AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_REGION": "us-east-1"}
 
 
@@ -28,7 +30,7 @@ def root(file_store: Store, tmp_path: Path) -> Iterator[Path]:
     """The folder of a robot that runs an application, and whose agent has ended."""
     yard = Yard(file_store, tmp_path)
     create_fleet(file_store, "couriers")
-    ask_robot(file_store, desired(yard.publish({"run.sh": STAYS_UP}), 1))
+    ask_robot(file_store, desired(yard.publish({"run.sh": STAYS_UP.replace("sleep 1000", _RUNS)}), 1))
     with _agent(yard.root(NAME), file_store.url, ""):
         wait_for_report(yard, NAME, lambda reported: reported.status == "InSync")
     yield yard.root(NAME)
@@ -57,7 +59,8 @@ def _agent(root: Path, store: str, endpoint: str) -> Generator[subprocess.Popen[
 def _look(server: OddServer, agent: subprocess.Popen[bytes], answer: str) -> int | None:
     """Returns how the agent has ended, if it has, after some looks at a store that answers so."""
     server.answer, before = answer, server.answered[answer]
-    eventually(lambda: agent.poll() is not None or server.answered[answer] - before >= _LOOKS)
+    looks = 1 if answer in ENDLESS else _LOOKS  # half a minute each
+    eventually(lambda: agent.poll() is not None or server.answered[answer] - before >= looks)
     return agent.poll()
 
 
@@ -65,14 +68,14 @@ def _look(server: OddServer, agent: subprocess.Popen[bytes], answer: str) -> int
 def test_no_answer_of_the_store_ends_an_agent_or_its_application(root: Path, duration_s: float) -> None:
     until_s = time.monotonic() + duration_s
     with odd_server("500, a page") as server, _agent(root, "s3://bucket/store", server.endpoint) as agent:
-        eventually(lambda: programs_of(root) == ["sleep 1000"])
+        eventually(lambda: programs_of(root) == [_RUNS])
         launches = (root / "launches").read_text()
         while True:
-            ended = {answer: _look(server, agent, answer) for answer in ODD}
+            ended = {answer: _look(server, agent, answer) for answer in (ODD if duration_s else _ENDING)}
             assert [answer for answer, code in ended.items() if code is not None][:1] == []
             if time.monotonic() > until_s:
                 break
-        assert programs_of(root) == ["sleep 1000"]
+        assert programs_of(root) == [_RUNS]
         assert (root / "launches").read_text() == launches  # the same one
 
 
@@ -83,5 +86,5 @@ def test_no_answer_of_the_store_ends_an_agent_at_its_start(root: Path) -> None:
             server.answer = answer
             with _agent(root, "s3://bucket/store", server.endpoint) as agent:
                 ended[answer] = _look(server, agent, answer)
-                eventually(lambda: agent.poll() is not None or programs_of(root) == ["sleep 1000"])
+                eventually(lambda: agent.poll() is not None or programs_of(root) == [_RUNS])
     assert {answer: code for answer, code in ended.items() if code is not None} == {}

@@ -17,6 +17,18 @@ def _http(status: str, body: bytes = b"", *head: str, length: int | None = None)
     return lambda connection: connection.sendall("\r\n".join(lines).encode() + body)
 
 
+def _endless_drip(begin: bytes) -> Answer:
+    """Sends a beginning, and then a byte now and then for as long as somebody reads."""
+
+    def answer(connection: socket.socket) -> None:
+        connection.sendall(begin)
+        while True:
+            connection.sendall(b"a")
+            Event().wait(_DRIP_S)
+
+    return answer
+
+
 def _slow_drip(connection: socket.socket) -> None:
     connection.sendall(b'HTTP/1.1 200 OK\r\nETag: "0"\r\nContent-Length: 1000\r\n\r\n')
     for _ in range(_DRIPS):
@@ -32,6 +44,9 @@ def _tls(connection: socket.socket) -> None:
     connection.sendall(b"\x15\x03\x03\x00\x02\x02\x28")  # an alert: handshake failure
 
 
+_ENDLESS_OBJECT = (
+    b'HTTP/1.1 200 OK\r\nETag: "0"\r\nLast-Modified: Thu, 01 Jan 2026 00:00:00 GMT\r\nContent-Length: 1000000\r\n\r\n'
+)
 _XML = "Content-Type: application/xml"
 _LIST = b'<?xml version="1.0"?><ListAllMyBucketsResult><Owner/></ListAllMyBucketsResult>'
 _SOON = "Location: http://127.0.0.1:9/login"
@@ -51,6 +66,9 @@ ODD: Mapping[str, Answer] = {
     "200, XML cut": _http("200 OK", _LIST[:60], _XML, 'ETag: "0"'),
     "200, dates that are none": _http("200 OK", b"", "Last-Modified: soon", 'ETag: "0"', "Date: soon"),
     "200, drop by drop": _slow_drip,
+    "200, drop by drop for ever": _endless_drip(_ENDLESS_OBJECT),
+    "a head for ever": _endless_drip(b"HTTP/1.1 200 OK\r\nX: "),
+    "an error's page for ever": _endless_drip(b"HTTP/1.1 500 No\r\nContent-Length: 1000000\r\n\r\n"),
     "204": _http("204 No Content"),
     "206": _http("206 Partial Content", _HTML, "Content-Range: bytes 9-1/0"),
     "301": _http("301 Moved Permanently", _HTML, _SOON),
@@ -72,6 +90,7 @@ ODD: Mapping[str, Answer] = {
     "503, junk": _http("503 Service Unavailable", bytes(range(256)), _XML),
     "511": _http("511 Network Authentication Required", _HTML),
     "999": _http("999 Odd", _HTML),
+    "100, cut": lambda connection: connection.sendall(b"HTTP/1.1 100 Continue\r\n"),
     "100 for ever": lambda connection: connection.sendall(b"HTTP/1.1 100 Continue\r\n\r\n" * 300),
     "no HTTP": lambda connection: connection.sendall(b"SSH-2.0-OpenSSH_9.2\r\n"),
     "a head without end": lambda connection: connection.sendall(b"HTTP/1.1 200 OK\r\nX: " + b"a" * 200_000),
@@ -81,6 +100,8 @@ ODD: Mapping[str, Answer] = {
     "a reset": _reset,
 }
 """What such a server may answer to anything, by its name."""
+ENDLESS = frozenset({"200, drop by drop for ever", "a head for ever", "an error's page for ever"})
+"""Those that go on for as long as somebody listens."""
 
 
 class OddServer:

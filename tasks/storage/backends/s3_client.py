@@ -3,12 +3,22 @@
 import base64
 import functools
 import hashlib
+import io
+import socket
 import threading
+import time
 from collections.abc import Generator, Mapping
+from http.client import HTTPResponse
 from pathlib import Path
-from typing import Protocol, TypeGuard, cast
+from typing import Any, Protocol, TypeGuard, cast
 from urllib.parse import urlsplit
 
+from botocore.awsrequest import (
+    AWSHTTPConnection,
+    AWSHTTPConnectionPool,
+    AWSHTTPSConnection,
+    AWSHTTPSConnectionPool,
+)
 from botocore.config import Config
 from botocore.exceptions import (
     BotoCoreError,
@@ -24,6 +34,7 @@ from botocore.exceptions import (
     ProxyConnectionError,
 )
 from botocore.exceptions import ConnectionError as NoConnection
+from botocore.handlers import add_expect_header
 from botocore.loaders import Loader, create_loader
 from botocore.session import Session
 
@@ -64,6 +75,8 @@ _ODD = "is there a proxy, or a page to sign in at, in between?"
 # A store that is not there shall be told within seconds; one that has answered before may be slow.
 _FIRST_ANSWER_S = 8.0
 _ANSWER_S = 20.0
+# Whatever dribbles in more slowly than this is cut, however long: a download goes on from what has arrived.
+_PATIENCE_S, _SLOWEST_BYTES_PER_S = 30.0, 4096
 _BLOCK_BYTES = 1 << 18
 _AFTER_THE_END = "InvalidRange"
 _OF_AN_OBJECT = frozenset({"ETag", "LastModified", "ContentLength"})
@@ -304,18 +317,81 @@ class S3Client:
             self._session.register_component("data_loader", _service_models())
         retries = {"mode": "standard", "total_max_attempts": attempts}
         config = Config(**CONFIG, **past_proxies(endpoint), read_timeout=answer_s, retries=retries)  # pyright: ignore[reportArgumentType] - untyped options
-        return cast(
-            "object",
-            self._session.create_client(
-                "s3",
-                config=config,
-                aws_access_key_id=self._access.key_id or None,
-                aws_secret_access_key=self._access.secret or None,
-                aws_session_token=self._access.token or None,
-                region_name=self._access.region or None,
-                endpoint_url=self._access.endpoint or None,
-            ),
+        client = self._session.create_client(
+            "s3",
+            config=config,
+            aws_access_key_id=self._access.key_id or None,
+            aws_secret_access_key=self._access.secret or None,
+            aws_session_token=self._access.token or None,
+            region_name=self._access.region or None,
+            endpoint_url=self._access.endpoint or None,
         )
+        return _paced(client)
+
+
+def _paced(client: Any) -> object:  # noqa: ANN401 - botocore makes its class
+    """Returns a client of botocore's whose answers come at a pace, or are cut.
+
+    botocore has no limit for a whole answer, and none at all for the head that answers "Expect: 100-continue", which it
+    reads for ever if the connection ends in it; so a body goes with its request.
+    """
+    client.meta.events.unregister("before-call.s3", add_expect_header)
+    # botocore leaves no other way to choose them.
+    client._endpoint.http_session._pool_classes_by_scheme.update(http=_PacedPool, https=_PacedTlsPool)  # noqa: SLF001
+    return cast("object", client)
+
+
+class _PacedInput(io.RawIOBase):
+    """What arrives on a connection; none of it may come later than its pace demands.
+
+    Args:
+        connection: Whose timeout is the limit for a single wait.
+        source: Reads from it.
+    """
+
+    def __init__(self, connection: socket.socket, source: io.RawIOBase) -> None:
+        super().__init__()
+        self._connection, self._source = connection, source
+        self._wait_s = connection.gettimeout() or _PATIENCE_S
+        self._until_s = time.monotonic() + _PATIENCE_S
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any, /) -> int | None:  # noqa: ANN401 - as the base class has it
+        left_s = self._until_s - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError(f"less than {_SLOWEST_BYTES_PER_S} bytes a second after {_PATIENCE_S:g} s")
+        self._connection.settimeout(min(self._wait_s, left_s))
+        count = self._source.readinto(buffer)
+        self._until_s += (count or 0) / _SLOWEST_BYTES_PER_S
+        return count
+
+    def close(self) -> None:
+        self._source.close()
+        super().close()
+
+
+class _PacedResponse(HTTPResponse):
+    def __init__(self, sock: socket.socket, *given: Any, **options: Any) -> None:  # noqa: ANN401 - handed on
+        super().__init__(sock, *given, **options)
+        self.fp = io.BufferedReader(_PacedInput(sock, self.fp.detach()))
+
+
+class _PacedConnection(AWSHTTPConnection):
+    response_class = _PacedResponse
+
+
+class _PacedTlsConnection(AWSHTTPSConnection):
+    response_class = _PacedResponse
+
+
+class _PacedPool(AWSHTTPConnectionPool):
+    ConnectionCls = _PacedConnection
+
+
+class _PacedTlsPool(AWSHTTPSConnectionPool):
+    ConnectionCls = _PacedTlsConnection
 
 
 def _require_said(operation: str, answer: Answer, *, part: bool) -> None:

@@ -66,26 +66,48 @@ def owner_authenticator(job: str, plan: str) -> BatchAuthenticator:
 
 
 def has_owner_key() -> bool:
-    """Returns whether there is a key; who only looks at results makes none."""
-    return _key_file().is_file()
+    """Returns whether there is a key; who only looks at results makes none.
+
+    Raises:
+        DocumentError: This account may not look.
+    """
+    path = _key_file()
+    try:
+        return path.is_file()
+    except OSError as exc:
+        raise _unusable(path, exc) from exc
 
 
 def owner_key() -> bytes:
     """Returns the owner's key, which is made if there is none.
 
     Raises:
-        DocumentError: The file holds something else.
+        DocumentError: The file holds something else, or this account can neither read nor make it.
     """
     path = _key_file()
     try:
-        key = path.read_bytes()
-    except FileNotFoundError:
-        _make_key(path)
-        key = path.read_bytes()
+        try:
+            key = path.read_bytes()
+        except FileNotFoundError:
+            _make_key(path)
+            key = path.read_bytes()
+    except OSError as exc:
+        raise _unusable(path, exc) from exc
     if len(key) != _KEY_BYTES:
         allowed = f"a file of {_KEY_BYTES} random bytes; remove it, and a new one is made"
         raise DocumentError.of(OWNER_KEY, repr(str(path)), allowed, source="simyard")
     return key
+
+
+def _unusable(path: Path, exc: OSError) -> DocumentError:
+    """Returns what is wrong with a key's file that is not there and cannot be made, or cannot be read."""
+    if isinstance(exc, FileNotFoundError) or not path.parent.is_dir():
+        state = "there is no such file, and it cannot be made there"
+    else:
+        state = f"it cannot be read or made ({exc.strerror})"
+    remedy = "copy owner/key of the gateway's cache folder there, owned by this account, with mode 600"
+    allowed = f"a file of {_KEY_BYTES} random bytes that this account can read; {state}: {remedy}"
+    return DocumentError.of(OWNER_KEY, repr(str(path)), allowed, source="simyard")
 
 
 def _key_file() -> Path:

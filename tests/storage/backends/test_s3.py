@@ -22,7 +22,7 @@ from tasks.storage.backends.s3_client import Answer, S3Client
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import connect, open_store
 from tests.servers.faulty_proxy import FaultyProxy, faulty_proxy
-from tests.servers.odd_server import odd_server
+from tests.servers.odd_server import ENDLESS, odd_server
 from tests.servers.seaweed import READER_KEY, READER_SECRET, Seaweed
 
 _NOTHING_LISTENS = "http://127.0.0.1:9"
@@ -278,6 +278,21 @@ def _uploads_under_way(seaweed: Seaweed, store: Store) -> bool:
     finally:
         client.close()
     return any(upload["Key"].startswith(prefix) for upload in uploads)
+
+
+@pytest.mark.parametrize("answer", [*sorted(ENDLESS), "100, cut"])
+def test_an_answer_that_never_ends_is_cut(answer: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY", "AWS_REGION"):
+        monkeypatch.setenv(name, "eu-central-1")
+    monkeypatch.setattr("time.sleep", lambda _s: None)  # botocore's, before it asks again
+    monkeypatch.setattr("tasks.storage.backends.s3_client._PATIENCE_S", 0.1)
+    with odd_server(answer) as server:
+        monkeypatch.setenv("AWS_ENDPOINT_URL", server.endpoint)
+        store = connect("s3://bucket/store")
+        asked: list[Callable[[], object]] = [lambda: store.get("key", 1000), lambda: list(store.blocks("key"))]
+        for request in (*asked, lambda: store.put("key", b"body")):
+            with pytest.raises(StoreUnreachable):
+                request()
 
 
 _ENDED_AN_AGENT = ("200, a page", "200, empty", "200, a length that is none", "200, dates that are none", "204", "206")

@@ -42,6 +42,17 @@ def test_what_is_no_key_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         owner_authenticator("simb-1", "plan")
 
 
+@pytest.mark.parametrize("place", ["file/key", "folder"])
+def test_a_key_that_can_neither_be_read_nor_made_is_named_with_what_to_do(
+    place: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+):
+    (tmp_path / "file").write_text("no folder")
+    (tmp_path / "folder").mkdir()
+    monkeypatch.setenv("SIMYARD_OWNER_KEY", str(tmp_path / place))
+    with pytest.raises(DocumentError, match=r"SIMYARD_OWNER_KEY: .*: copy owner/key of the gateway's cache folder"):
+        owner_key()
+
+
 def test_bytes_are_vouched_for_as_what_they_are_and_as_nothing_else():
     authenticator = BatchAuthenticator(KEY, "simb-1", "plan")
     mac = authenticator.mac("chunk 1", b"rows")
