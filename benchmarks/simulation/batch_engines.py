@@ -21,7 +21,6 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.template.body import template_body
 from tasks.simulate.batch.chunk_run import chunks_ahead
-from tasks.simulate.chunk.runner import simulate_columns
 from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
 
@@ -55,11 +54,12 @@ def run_batch(kind: str, folder: Path) -> None:
     rows: list[EpisodeResult] = []
     programs, chunks = _watched(), plan_chunks(requests, LANES)
     from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline  # noqa: PLC0415 - imports JAX, after its settings
+    from tasks.simulate.chunk.chunk_simulation import simulate_episodes  # noqa: PLC0415 - likewise
 
     pipeline = ChunkPipeline()
     for place, chunk in enumerate(chunks):
         ahead = [chunks[number] for number in chunks_ahead(range(place + 1, len(chunks)))]
-        rows += simulate_columns(
+        rows += simulate_episodes(
             chunk, worlds, folders, lanes=LANES, should_stop=lambda: False, pipeline=pipeline, ahead=ahead
         )
     figures = {

@@ -24,7 +24,7 @@ from specs.base import digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.documents.template_source import find_template
-from tasks.simulate.chunk.runner import simulate_columns
+from tasks.simulate.devices import prepare_devices
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.storage.store_url import open_store
 from tasks.worlds.generate import generate_world
@@ -78,13 +78,16 @@ def rows_of(
     requests: Sequence[EpisodeRequest], worlds: Mapping[str, World], variant: Variant, engine: str
 ) -> list[EpisodeResult]:
     """Returns the rows, sorted by the episodes' numbers."""
+    prepare_devices()
+    from tasks.simulate.chunk.chunk_simulation import simulate_episodes  # noqa: PLC0415 - JAX reads its settings then
+
     own, known = list(requests), dict(worlds)
     if not variant.ordered:
         own = [requests[k] for k in np.random.default_rng(18).permutation(len(requests))]
         known = {name: worlds[name] for name in reversed([*worlds])}
     rows: list[EpisodeResult] = []
     for chunk in plan_chunks(own, variant.lanes):
-        rows += simulate_columns(chunk, known, FOLDERS, lanes=variant.lanes, engine=engine, should_stop=lambda: False)
+        rows += simulate_episodes(chunk, known, FOLDERS, lanes=variant.lanes, engine=engine, should_stop=lambda: False)
     return sorted(rows, key=lambda row: row.index)
 
 

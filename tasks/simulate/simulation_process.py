@@ -174,7 +174,7 @@ class Service:
 
     def _lanes(self, work: LanesWork, bundles: Mapping[str, Path]) -> None:
         from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline  # noqa: PLC0415
-        from tasks.simulate.chunk.runner import simulate_columns  # noqa: PLC0415 - after JAX's settings
+        from tasks.simulate.chunk.chunk_simulation import simulate_episodes  # noqa: PLC0415
 
         known = {**self._chunks, **{chunk.number: chunk for chunk in work.new}}
         self._chunks = {number: known[number] for number in work.numbers}
@@ -183,7 +183,7 @@ class Service:
             self._pipeline = ChunkPipeline()
         recorder = None if work.rate_hz is None else _Forward(self.say, work.rate_hz, work.recorded)
         with collect_timings() as timings, collect_tags() as tags:
-            rows = simulate_columns(
+            rows = simulate_episodes(
                 chunk,
                 self._worlds,
                 bundles,

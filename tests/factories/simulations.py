@@ -10,7 +10,7 @@ from jaxtyping import Float64
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import Furniture, Rectangle, Solid, World
-from tasks.simulate.chunk.runner import simulate_columns
+from tasks.simulate.chunk.chunk_simulation import simulate_episodes
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
 
@@ -237,5 +237,5 @@ def _as_rows(simulate: Callable[P, EpisodeColumns]) -> Callable[P, list[EpisodeR
     return rows
 
 
-simulate_lanes = _as_rows(simulate_columns)
-"""Returns what ``simulate_columns`` does, as rows."""
+simulate_lanes = _as_rows(simulate_episodes)
+"""Returns what ``simulate_episodes`` does, as rows."""

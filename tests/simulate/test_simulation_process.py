@@ -13,7 +13,7 @@ from specs.data.episode_columns import EpisodeColumns
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.audit import audit_drive
 from tasks.simulate.audit.audit_report import AuditDrives
-from tasks.simulate.chunk import runner
+from tasks.simulate.chunk import chunk_simulation
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.simulate.sandbox.protocol import QUESTION, AuditWork, LanesWork, SentWorlds, receive
@@ -94,7 +94,7 @@ def _pipelines(monkeypatch: pytest.MonkeyPatch, works: Sequence[LanesWork | Audi
         given.append(pipeline)
         return EpisodeColumns.of([])
 
-    monkeypatch.setattr(runner, "simulate_columns", simulate)
+    monkeypatch.setattr(chunk_simulation, "simulate_episodes", simulate)
     ours, theirs = socket.socketpair()
     with ours, theirs:
         service = Service(theirs)

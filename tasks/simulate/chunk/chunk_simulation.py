@@ -53,26 +53,29 @@ def simulate_episodes(
     bundles: Mapping[str, Path],
     *,
     lanes: int,
-    engine: str,
+    engine: str = "auto",
     should_stop: Callable[[], bool],
-    progress: Callable[[int], None],
+    progress: Callable[[int], None] = lambda _: None,
     recorder: SampleRecorder | None = None,
     pipeline: ChunkPipeline | None = None,
     ahead: Sequence[Chunk] = (),
 ) -> EpisodeColumns:
-    """Returns a chunk's rows in request order.
+    """Returns the results of a chunk's episodes as columns, in request order.
+
+    Whatever goes wrong inside an episode is its row: applications that do not import, raise or return what is not
+    finite; worlds that are missing; states that blow up. The other rows are the same bits without it.
 
     Args:
         chunk: At most ``lanes`` episodes that share a program.
         worlds: By ``<generation>/<world>``; more than the chunk needs are ignored.
         bundles: Unpacked folders of the chunk's applications, by digest.
         lanes: How many lanes every chunk of the batch is padded to.
-        engine: ``auto``, or the engine that must run them.
-        should_stop: Asked after each slice; episodes not done by then are Canceled.
+        engine: ``auto``, or the engine that must run them (``tasks.simulate.engines.engine_table``).
+        should_stop: Asked every 1.25 simulated seconds; episodes not done by then are Canceled.
         progress: Told as often how many of the chunk's episodes are done.
         recorder: Given what the lanes do.
         pipeline: What of this chunk, and of those that follow, is simulated already; None to simulate it by itself.
-        ahead: Chunks that are going to be asked for after it.
+        ahead: Chunks that are going to be asked for after it, in their order; ``worlds`` has theirs, too.
     """
     if pipeline is not None:
         setting = LaneSetting(bundles, lanes, engine, recorder.rate_hz if recorder else None)

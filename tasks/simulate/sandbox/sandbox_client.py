@@ -232,7 +232,7 @@ _too_large_together: set[tuple[frozenset[str], int, str]] = set()
 
 @dataclass
 class SandboxClient:
-    """Simulates parts of chunks in a process of their own; takes what ``chunk.runner.simulate_columns`` takes.
+    """Simulates parts of chunks in a process of their own; takes what ``chunk_simulation.simulate_episodes`` takes.
 
     Attributes:
         bundles: Unpacked folders of the batch's applications, by digest; a process gets those that its chunk runs.

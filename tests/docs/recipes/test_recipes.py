@@ -32,13 +32,13 @@ def simulated(tree: TreeCopy, engine: str) -> str:
     return tree.run(
         "from pathlib import Path\n"
         "from tasks.simulate.devices import prepare_devices; prepare_devices()\n"
-        "from tasks.simulate.chunk.runner import simulate_columns\n"
+        "from tasks.simulate.chunk.chunk_simulation import simulate_episodes\n"
         "from tasks.simulate.plan.chunks import plan_chunks\n"
         "from tests.factories.simulations import DRIFT, FAULTY, BUNDLES, pen, pushing\n"
         "(chunk,) = plan_chunks([pushing(0, world='w', duration_s=0.5)], 1)\n"
         "folders = {FAULTY: Path('bundle'), DRIFT: BUNDLES / 'drift'}\n"
         f"options = dict(lanes=1, engine={engine!r}, should_stop=lambda: False)\n"
-        "(row,) = simulate_columns(chunk, {'w': pen(4.0, 1)}, folders, **options)\n"
+        "(row,) = simulate_episodes(chunk, {'w': pen(4.0, 1)}, folders, **options)\n"
         "print(row.status, row.failure_reason)"
     ).strip()
 
