@@ -29,6 +29,7 @@ from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.picture.contact_sheet import contact_sheet_svg
 from tasks.export.picture.renderer import NO_GL, render_png, render_sheet_png
 from tasks.export.step import draw_imported
+from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.store_url import open_existing_store, open_store
 from tasks.storage.worlds import read_world
 from tasks.worlds.job.stored_worlds import add_world
@@ -170,7 +171,8 @@ def import_(
     )
     imported = import_world(asked, Path.cwd())
     keep_world(opened, imported)
-    picture = draw_imported(opened.url, imported.reference)
+    draw_imported(opened.url, imported.reference)
+    picture = f"{opened.url}/{contact_sheet_key(imported.world.generation)}"
     echo(imported.reference)
     for line in (*import_lines(imported.world), f"  picture {picture}"):
         echo(line, err=True)

@@ -210,8 +210,9 @@ def show_imported(work: ParsedRun) -> Reports:
     if not work.found.imported:
         return ()
     start_s = _begin("worlds")
-    pictures = [run_step(draw_imported, work.store.url, world) for world in work.found.imported_digests()]
-    return _logged(import_report(work.found.imported, pictures, work.store, _since(start_s)))
+    for world in work.found.imported_digests():
+        run_step(draw_imported, work.store.url, world)
+    return _logged(import_report(work.found.imported, work.store, _since(start_s)))
 
 
 def generate(work: ParsedRun) -> tuple[list[str], Reports]:

@@ -56,28 +56,23 @@ def recorded_report(run: JobRecord) -> PipelineReport:
     return PipelineReport.model_validate(report)
 
 
-def import_report(
-    imported: Sequence[ImportedWorld], pictures: Sequence[str], store: Store, seconds: float
-) -> StageReport:
-    """Returns what became of the worlds that a document imports, with an alarm for what is not there.
-
-    Args:
-        imported: The worlds, at least one.
-        pictures: Where each is drawn.
-        store: Where they are.
-        seconds: How long it took to draw them.
-    """
-    artefacts: list[Artefact] = []
-    for each, picture in zip(imported, pictures, strict=True):
-        artefacts.append(Artefact(label=f"world {each.name}", url=f"{store.url}/{reference_key(each.reference)}"))
-        artefacts.append(Artefact(label=f"picture of {each.name}", url=picture))
+def import_report(imported: Sequence[ImportedWorld], store: Store, seconds: float) -> StageReport:
+    """Returns what became of the worlds that a document imports, with an alarm for what is not there."""
+    keys = {
+        label: key
+        for each in imported
+        for label, key in (
+            (f"world {each.name}", reference_key(each.reference)),
+            (f"picture of {each.name}", contact_sheet_key(each.world.generation)),
+        )
+    }
     stage = StageReport(
         name="worlds",
         arn="",
         status="Completed",
         summary="; ".join(import_summary(each.world) for each in imported),
         seconds=seconds,
-        artefacts=tuple(artefacts),
+        artefacts=tuple(Artefact(label=label, url=f"{store.url}/{key}") for label, key in keys.items()),
     )
     return reduce(with_alarm, [line for each in imported for line in unresolved_lines(each.world)], stage)
 

@@ -158,8 +158,20 @@ def _show_worlds(parameters: Parameters, page: str) -> None:
     )
 
 
+def _show_imported(parameters: Parameters, page: str) -> None:
+    create_markdown_artifact(
+        page, key=document_artifact_key("imported-world"), description=f"The imported world {parameters['world']}"
+    )
+
+
+def imported_name(parameters: Parameters) -> str:
+    """Returns what Prefect's pages call the task run that draws an imported world."""
+    return f"draw {parameters['world'].rpartition('/')[2]}"
+
+
 generate_worlds = as_task(world_step.generate_worlds, worlds_name, progress=(world_step.STAGE, "worlds-progress"))
 draw_worlds = as_task(export_step.draw_worlds, "contact sheet", name="show-worlds", show=_show_worlds)
+draw_imported = as_task(export_step.draw_imported, imported_name, name="show-imported", show=_show_imported)
 export_worlds = as_task(export_step.export_worlds, export_name, progress=(export_step.STAGE, "export-progress"))
 
 

@@ -99,7 +99,8 @@ def draw_worlds(store_url: str, generation: JobRecord) -> str:
 
 
 def draw_imported(store_url: str, world: str) -> str:
-    """Returns where the picture of an imported world is, having drawn it unless it is there."""
-    store, generation = open_store(store_url), world.partition("/")[0]
-    keep_contact_sheet(store, generation, [world])
-    return f"{store.url}/{contact_sheet_key(generation)}"
+    """Returns a page, as Markdown, with an imported world, by ``<generation>/<world>``; keeps its picture."""
+    store, (generation, _, _) = open_store(store_url), world.partition("/")
+    return sheet_markdown(
+        keep_contact_sheet(store, generation, [world]), f"{store.url}/{contact_sheet_key(generation)}", {}
+    )

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from threading import Barrier
 from typing import Any
@@ -12,8 +13,9 @@ from flows.batch.batch_end import write_report_page
 from flows.pipeline import recount
 from flows.pipeline.pipeline import _judge_and_deploy, authenticated_batch, deploy, judge
 from flows.pipeline.recount import PlannedRun, authenticated_record, count_batch, recount_changes, sample_changes
-from flows.pipeline.references import ParsedRun
+from flows.pipeline.references import ParsedRun, Resolved
 from flows.pipeline.run_gate import gate_answer, read_baseline, read_gate_answer
+from flows.pipeline.world_imports import ImportedWorld
 from specs.errors import StageFailed
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
@@ -28,6 +30,7 @@ from tasks.storage.jobs.records import JobRecord, read
 from tests.factories.batches import closed_batch, pushing_plan
 from tests.factories.judged_batches import courier, delivery, document, ended, run_of
 from tests.factories.planned_batches import mixed
+from tests.factories.worlds import apartment
 
 GATE = Gate.model_validate({"successRate": {"atLeast": 0.5}})
 
@@ -199,6 +202,15 @@ def compared(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("name", ["run", "compared"])
 def test_what_was_judged_is_found_again(name: str, request: pytest.FixtureRequest):
     assert request.getfixturevalue(name).changes() == []
+
+
+def test_an_imported_world_that_is_not_its_sources_is_named(run: Run):
+    world, driven = next(iter(plan_of(run.batch).world_digests.items()))
+    generation, _, name = world.partition("/")
+    imported = ImportedWorld(name, apartment(generation=generation, name=name))
+    assert imported.digest != driven
+    run.work = replace(run.work, found=Resolved(imported=[imported]))
+    assert run.changes() == [f"world {world} has the SHA-256 {driven}; its source gives {imported.digest}"]
 
 
 def test_a_document_without_a_gate_is_not_recounted(file_store: Store):

@@ -25,10 +25,19 @@ from tasks.results.gate.gate_verdict import GateVerdict
 from tasks.results.statistics.batch_summary import EpisodeCounts
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import submit
+from tests.repository import ROOT
 from tests.results.ci.full_reports import rule, stage
 
 ACTIVE = "<img src=x onerror=alert(1)>|[click](javascript:alert(1))"
 """What a stranger may write into a name, a variable or the reason of a failure."""
+
+
+def test_each_step_that_a_stage_runs_is_a_task():
+    modules = [path.read_text() for path in (ROOT / "flows/pipeline").glob("*.py")]
+    steps = {name for text in modules for name in re.findall(r"run_step(?:\(|, (?=\w+\)))(\w+)", text)}
+    flows = {name for name in steps if f"{name} = " in (ROOT / "flows/prefect/flows.py").read_text()}
+    assert {"draw_imported", "draw_worlds"} <= steps - flows
+    assert [name for name in sorted(steps - flows - {"step"}) if not hasattr(tasks, name)] == []
 
 
 def test_a_chunk_has_a_name_while_its_store_is_away(monkeypatch: pytest.MonkeyPatch):
