@@ -17,6 +17,7 @@ import shutil
 import stat
 import tarfile
 import uuid
+from collections.abc import Iterable
 from pathlib import Path
 from typing import IO
 
@@ -66,19 +67,24 @@ def changed_bundle(files: Path) -> bool:
 def is_shipped(files: Path) -> bool:
     """Returns whether a bundle's folder holds what an application does that comes with Simyard, and nothing else."""
     shipped = (path for home in SHIPPED_HOMES if home.is_dir() for path in home.iterdir() if path.is_dir())
-    found = _contents(files)
-    return bool(found) and any(_contents(each) == found for each in shipped)
+    sizes = _sizes(files)
+    return bool(sizes) and any(_sizes(each) == sizes and _have_same(each, files, sizes) for each in shipped)
 
 
-def _contents(folder: Path) -> dict[str, bytes]:
-    """Returns the SHA-256 of each file below a folder, by its name."""
-    paths = (path for path in sorted(folder.rglob("*")) if path.is_file() or path.is_symlink())
-    names = ((path.relative_to(folder), path) for path in paths)
+def _sizes(folder: Path) -> dict[str, int]:
+    """Returns how long each file below a folder is, by its name; -1 of a link, which no bundle has."""
+    paths = ((path.relative_to(folder), path) for path in folder.rglob("*") if path.is_file() or path.is_symlink())
     return {
-        str(name): b"" if path.is_symlink() else hashlib.sha256(path.read_bytes()).digest()
-        for name, path in names
+        str(name): -1 if path.is_symlink() else path.stat().st_size
+        for name, path in paths
         if not LEFT_OUT.intersection(name.parts)
     }
+
+
+def _have_same(one: Path, other: Path, names: Iterable[str]) -> bool:
+    """Returns whether files in two folders are the same; only what is as long as what is shipped is read."""
+    files = ((one / name, other / name) for name in names)
+    return all(not a.is_symlink() and a.read_bytes() == b.read_bytes() for a, b in files)
 
 
 def holds_bundle(files: Path, archive: Path, digest: str) -> bool:

@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import shutil
 import tarfile
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,15 @@ from pathlib import Path
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.storage.sealed_bundle import changed_bundle, discard_bundle, seal_bundle, sealed_files, stored_archive
+from tasks.storage.sealed_bundle import (
+    changed_bundle,
+    discard_bundle,
+    is_shipped,
+    seal_bundle,
+    sealed_files,
+    stored_archive,
+)
+from tests.repository import ROOT
 
 FILES = {"robot.xml": b"<mujoco/>", "package/drive.py": b"def controller(environment): ...\n", "package/run.sh": b"#!"}
 
@@ -124,3 +133,20 @@ def test_an_archive_with_another_digest_is_refused_and_leaves_nothing(tmp_path: 
         seal_bundle(path, tmp_path / "cache" / ("0" * 64), "0" * 64)
 
     assert list((tmp_path / "cache").iterdir()) == []
+
+
+def test_only_the_very_files_of_an_application_that_comes_with_simyard_are_its(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    copy = shutil.copytree(ROOT / "applications/courier", tmp_path / "copy")
+    assert is_shipped(copy)
+    changed = copy / "courier/go_to_goal.py"
+    changed.write_bytes(changed.read_bytes()[:-1] + b" ")
+    assert not is_shipped(copy)
+    changed.unlink()
+    changed.symlink_to(ROOT / "applications/courier/courier/go_to_goal.py")
+    assert not is_shipped(copy)
+    changed.unlink()
+    monkeypatch.setattr(Path, "read_bytes", None)  # a bundle of other files is not read: it may be large
+    assert not is_shipped(copy)
+    assert not is_shipped(tmp_path / "none")

@@ -8,7 +8,6 @@ bubblewrap is not installed, the process builds a wall around itself that lets i
 or works for others, then runs only applications that come with Simyard, or that somebody says are her own.
 """
 
-import functools
 import hashlib
 import os
 import shutil
@@ -41,9 +40,11 @@ _ETC = (
     "alternatives ld.so.cache ld.so.conf ld.so.conf.d localtime timezone passwd group nsswitch.conf mime.types OpenCL "
     "ros"
 )
+# Of Nix and Guix: whatever a Python from there is linked with lies beside it, and everybody may read all of it.
+_PACKAGE_STORES = (Path("/nix/store"), Path("/gnu/store"))
 # Of the folder that a Python is in; the rest of it may be a home, or programs of others.
 _OF_PYTHON = ("bin", "lib", "lib64", "pyvenv.cfg")
-_GPU_DEVICES, _GPU_LIBRARIES = ("nvidia*", "kfd", "dri"), "rocm*"
+_GPU_DEVICES, _GPU_LIBRARIES = ("nvidia*", "kfd", "dri", "dxg"), "rocm*"  # dxg: of WSL 2
 _OWN_DEVICES = ("null", "zero", "full", "random", "urandom")
 # Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
 _ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
@@ -95,9 +96,14 @@ class Confinement(NamedTuple):
                 return f"in a process of their own, without keys; with network and this account's files: {self.why}"
 
 
-@functools.cache
+# By what was asked for; what is broken is not among these.
+_settled: dict[str, Confinement] = {}
+
+
 def confinement() -> Confinement:
     """Returns how applications run here: in bubblewrap, else behind a wall of their own, or as it is asked.
+
+    It is tried once; again where what is there did not work, which may be repaired, or was only slow.
 
     Raises:
         DocumentError: SIMYARD_CONFINEMENT says nothing that there is.
@@ -105,15 +111,22 @@ def confinement() -> Confinement:
     asked = os.environ.get(CONFINEMENT, "")
     if asked not in {"", *get_args(Level)}:
         raise DocumentError.of(CONFINEMENT, repr(asked), ", ".join(get_args(Level)))
+    found = _settled.get(asked) or _found(asked)
+    if not found.broken:
+        _settled[asked] = found
+    return found
+
+
+def _found(asked: str) -> Confinement:
     if asked == "process":
         return Confinement("process", f"{CONFINEMENT} says so")
     if asked == "bubblewrap" or (not asked and shutil.which("bwrap")):
         why = _tried(_bubblewrap_command(PROBE, (), _NO_PLACE, ())).why
         return Confinement("process", f"bubblewrap does not work here: {why}", broken=True) if why else BUBBLEWRAP
-    why, said = _landlock_probe()
+    why, said, slow = _landlock_probe()
     if not why:
         return Confinement("landlock", network=said == OWN_NETWORK)
-    if asked:
+    if asked or slow:
         return Confinement("process", f"Landlock does not work here: {why}", broken=True)
     return Confinement("process", f"bubblewrap is not installed, and Landlock does not work here: {why}")
 
@@ -122,10 +135,11 @@ BUBBLEWRAP = Confinement("bubblewrap")
 
 
 class _Trial(NamedTuple):
-    """Why a command failed, empty if it did not, and what it printed."""
+    """Why a command failed, empty if it did not; what it printed; and whether it was only too slow."""
 
     why: str
     said: str = ""
+    slow: bool = False
 
 
 def _tried(command: Sequence[str]) -> _Trial:
@@ -134,7 +148,9 @@ def _tried(command: Sequence[str]) -> _Trial:
         tried = subprocess.run(  # noqa: S603 - of this module's making
             command, env=environment, capture_output=True, text=True, timeout=_PROBE_S, check=False
         )
-    except (OSError, subprocess.TimeoutExpired) as exc:
+    except subprocess.TimeoutExpired:
+        return _Trial(f"trying it took longer than {_PROBE_S:g} s", slow=True)
+    except OSError as exc:
         return _Trial(str(exc))
     why = tried.stderr.strip().rpartition("\n")[2][:200] or f"it ends with {tried.returncode}"
     return _Trial(why if tried.returncode else "", tried.stdout)
@@ -299,13 +315,11 @@ def _gpu_devices() -> list[Path]:
     return [path for name in _GPU_DEVICES for path in sorted(Path("/dev").glob(name))]
 
 
-@functools.cache
 def _tmp_size() -> tuple[str, ...]:
     """Returns what bounds the /tmp that follows; nothing for a bubblewrap that is too old to."""
-    program = shutil.which("bwrap") or "bwrap"
-    told = subprocess.run([program, "--help"], capture_output=True, text=True, timeout=_PROBE_S, check=False)  # noqa: S603 - found on PATH
+    told = _tried([shutil.which("bwrap") or "bwrap", "--help"])
     memory = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return ("--size", str(int(_TMP_SHARE * memory))) if "--size" in told.stdout + told.stderr else ()
+    return ("--size", str(int(_TMP_SHARE * memory))) if "--size" in told.said else ()
 
 
 def _ros_folders() -> Iterator[Path]:
@@ -320,8 +334,9 @@ def _readable() -> Iterator[Path]:
     yield from sorted(Path("/opt").glob(_GPU_LIBRARIES)) if device_kind() == "gpu" else ()
     yield from (Path("/etc") / name for name in _ETC.split())
     yield from _ros_folders()
-    pythons = (Path(prefix) for prefix in (sys.base_prefix, sys.prefix))
-    found = (place / name for python in pythons for place in (python, python.resolve()) for name in _OF_PYTHON)
+    pythons = [place for prefix in (sys.base_prefix, sys.prefix) for place in (Path(prefix), Path(prefix).resolve())]
+    yield from (store for store in _PACKAGE_STORES if any(python.is_relative_to(store) for python in pythons))
+    found = (place / name for place in pythons for name in _OF_PYTHON)
     yield from dict.fromkeys((*found, *_library_folders()))
     yield from (cache_folder() / name for name in ("data", "engines"))
 

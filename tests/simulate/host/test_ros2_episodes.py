@@ -12,7 +12,6 @@ from tasks.simulate.chunk.byproducts import JobTags
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox import process_pool
-from tasks.simulate.sandbox.confinement import confinement
 from tasks.simulate.sandbox.sandbox_client import SandboxClient
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.ros.ros2.players import make_bundle
@@ -65,14 +64,12 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.setenv("SIMYARD_CONFINEMENT", level)
-    confinement.cache_clear()
     tags: JobTags = {}
     shut_in = SandboxClient(bundles=folders, lanes=LANES, engine="auto", should_stop=lambda: False, tagged=tags.update)
     try:
         rows = list(shut_in.simulate(chunk_of(*PROGRAMS), pens))
     finally:
         process_pool._idle.end_all()
-        confinement.cache_clear()
     assert [rows[number].model_copy(update={"index": 0}) for number in (0, 4)] == [alone, alone]
     assert {rows[number].failure_code for number in (1, 2, 6)} == {"RobotApplicationCrash"}
     assert "the lidar is on fire" in rows[1].failure_reason

@@ -20,7 +20,6 @@ from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.replay.replay_drive import drive_replay
 from tasks.simulate.sandbox import process_pool
-from tasks.simulate.sandbox.confinement import confinement
 from tasks.simulate.sandbox.sandbox_client import SandboxClient, TooManyLanes, retry_with_fewer_lanes
 from tests.factories.audits import audit
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
@@ -107,13 +106,11 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     alone: EpisodeResult, pens: dict[str, World], level: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("SIMYARD_CONFINEMENT", level)
-    confinement.cache_clear()
     told = Told()
     try:
         rows = list(confined(told).simulate(chunk_of(requests(*KINDS)), pens))
     finally:
         process_pool._idle.end_all()
-        confinement.cache_clear()
     assert [sound_part(rows[number]) for number in SOUND] == [sound_part(alone)] * len(SOUND)
     assert rows[1].failure_reason == "patrol: node /wander ended with status 7"
     assert "/cmd_vel: a command is not a number" in rows[2].failure_reason

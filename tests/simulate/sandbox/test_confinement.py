@@ -93,7 +93,6 @@ def tells(level: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[s
     """Returns what a stranger could do at a level of confinement, in a process whose parent has a secret."""
     monkeypatch.setenv("SIMYARD_CONFINEMENT", level)
     monkeypatch.setenv("SECRET", "SECRET")
-    confinement.cache_clear()
     if confinement().level != level and os.environ.get("CI") != "true":
         pytest.skip(confinement().why)
     outside, own, programs = (tmp_path / name for name in ("outside", "own", "programs"))
@@ -114,9 +113,10 @@ def tells(level: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[s
 
 @pytest.fixture(autouse=True)
 def asked_anew() -> Iterator[None]:
-    """What shuts applications in is found out again after each test."""
+    """What shuts applications in is found out anew by each test."""
+    confinement_module._settled.clear()
     yield
-    confinement.cache_clear()
+    confinement_module._settled.clear()
 
 
 @pytest.mark.parametrize("level", HERE)
@@ -147,7 +147,6 @@ def test_a_python_that_was_called_by_a_way_around_is_shut_in_as_well(tmp_path: P
     around = Path(sys.executable).parent / ".." / "bin" / Path(sys.executable).name
     monkeypatch.setattr(sys, "executable", str(around))
     monkeypatch.delenv("SIMYARD_CONFINEMENT", raising=False)
-    confinement.cache_clear()
     assert not confinement().broken, confinement().why
     assert not any(".." in Path(word).parts for word in confined_command(PROBE, [], PLACE, []))
 
@@ -261,12 +260,49 @@ def test_a_bubblewrap_that_does_not_start_is_told_of(tmp_path: Path, monkeypatch
     (tmp_path / "bwrap").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.delenv("SIMYARD_CONFINEMENT", raising=False)
-    confinement.cache_clear()
     assert confinement() == Confinement("process", "bubblewrap does not work here: no namespaces", broken=True)
+
+
+def test_a_confinement_that_was_slow_or_was_repaired_is_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "bwrap").write_text(f"#!/bin/sh\ntest -e {tmp_path}/quick || exec sleep 600\n")
+    (tmp_path / "bwrap").chmod(0o755)
+    monkeypatch.setattr(confinement_module, "_PROBE_S", 0.2)
+    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.delenv("SIMYARD_CONFINEMENT", raising=False)
+    why = "bubblewrap does not work here: trying it took longer than 0.2 s"
+    assert confinement() == Confinement("process", why, broken=True)
+    (tmp_path / "quick").touch()
+    assert confinement() == Confinement("bubblewrap")
+    (tmp_path / "quick").unlink()
+    assert confinement() == Confinement("bubblewrap")
+
+
+def test_landlock_that_was_too_slow_to_be_tried_is_no_leave_to_run(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    monkeypatch.setattr(confinement_module, "_landlock_probe", lambda: confinement_module._Trial("slow", slow=True))
+    monkeypatch.delenv("SIMYARD_CONFINEMENT", raising=False)
+    assert confinement().broken
+
+
+def test_a_bubblewrap_that_was_asked_for_and_is_not_installed_is_told_of(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("SIMYARD_CONFINEMENT", "bubblewrap")
+    found = confinement()
+    assert (found.level, found.broken) == ("process", True)
+    assert "No such file or directory: 'bwrap'" in found.why
+
+
+@pytest.mark.parametrize("home", ["/nix/store", "/gnu/store"])
+def test_a_python_of_a_store_of_packages_has_what_it_is_linked_with(home: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(sys, "base_prefix", f"{home}/0abc-python3-3.11.9")
+    assert Path(home) in confinement_module._readable()
+    monkeypatch.undo()
+    assert Path(home) not in confinement_module._readable()
 
 
 def test_a_confinement_that_there_is_not_is_a_fault(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SIMYARD_CONFINEMENT", "none")
-    confinement.cache_clear()
     with pytest.raises(DocumentError, match="SIMYARD_CONFINEMENT: 'none': bubblewrap, landlock, process"):
         confinement()
