@@ -14,8 +14,7 @@ from specs.data.episode import CONTROL_S
 from specs.data.world import MOST_CORNERS
 from tasks.simulate.application.contract import Body, Motion
 from tasks.simulate.application.robot_file import read_robot_mjcf
-from tasks.simulate.application.robot_model import add_obstacle, collision_bits
-from tasks.simulate.engines.mujoco.world_stepper import add_prism_mesh
+from tasks.simulate.application.robot_model import add_obstacle, add_prism_mesh, collision_bits
 from tasks.simulate.engines.planar.planar_engine import drive_among, first_body
 from tasks.simulate.engines.planar.planar_robot import PlanarRobot, planar_robot
 from tasks.simulate.geometry.hull_distance import LaneObstacles

@@ -200,6 +200,16 @@ def add_obstacle(
     return geom
 
 
+def add_prism_mesh(
+    spec: mujoco.MjSpec, name: str, corners_m: Float64[np.ndarray, "corners 2"], half_height_m: float
+) -> None:
+    """Adds an upright prism's mesh, as it is whatever defaults the robot's file has for meshes."""
+    ends = [np.insert(corners_m, 2, height, axis=1) for height in (-half_height_m, half_height_m)]
+    mesh = spec.add_mesh(name=name, uservert=np.concatenate(ends).ravel().tolist())
+    mesh.scale, mesh.refpos, mesh.refquat = [1.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
+    mesh.inertia, mesh.maxhullvert = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, -1
+
+
 def without_shape(geom: mujoco.MjsGeom) -> mujoco.MjsGeom:
     """Returns a new geom of ours without what a default of the robot's file makes of its shape and its orientation."""
     geom.fromto[0] = np.nan

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from tasks.simulate.engines.mujoco.world_stepper import add_prism_mesh
+from tasks.simulate.application.robot_model import add_prism_mesh
 from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m
 from tasks.simulate.geometry.hull_outline import hull_parts
 from tests.factories.planar import prism

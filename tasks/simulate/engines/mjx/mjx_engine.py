@@ -242,12 +242,21 @@ def mjx_mechanics(path: Path) -> Mechanics:
         RobotRefused: MJX cannot step it; says which element, and the remedy.
     """
     robot = load_robot(path)
+
+    @functools.cache
+    def among_prisms() -> RobotModel:
+        with jax.ensure_compile_time_eval():  # it is asked for while a program is traced, and kept for the next one
+            return load_robot(path, prisms=True)
+
+    def drive_it(inputs: LaneInputs, body: Body, control: Control) -> Motion:
+        return drive(among_prisms() if len(inputs.obstacles.prisms) else robot, inputs, body, control)
+
     return Mechanics(
         engine="mjx",
         hull=robot.hull,
         actuators=robot.actuators,
         first_body=functools.partial(first_body, robot),
-        drive=functools.partial(drive, robot),
+        drive=drive_it,
     )
 
 
@@ -266,8 +275,6 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    if len(inputs.obstacles.prisms):
-        raise NotImplementedError("mjx does not touch prisms yet: set engine: planar or mujoco")
     window, near_m = nearest_obstacles(inputs.obstacles, body.qpos[:2])
     driven = _drive(robot)(Given(window, near_m, body, control))
     clearance_m = hull_distance_m(robot.parts, window, driven.body.qpos)
@@ -372,9 +379,8 @@ def _push_n(robot: RobotModel, data: mjx.Data) -> Float[jax.Array, "2"]:
     if robot.only_obstacles_hold:
         return data.qfrc_constraint[:2]
     inner = data._impl  # noqa: SLF001 - MJX has no public way to a contact's force
-    slots = np.concatenate([robot.box_slots, robot.cylinder_slots])
     contact = inner.contact
-    by_obstacle = jnp.isin(contact.geom, slots).any(axis=1)
+    by_obstacle = jnp.isin(contact.geom, robot.slots).any(axis=1)
     first, count = contact.efc_address, np.where(contact.dim == 1, 1, 2 * (contact.dim - 1))
     if robot.host.opt.cone:
         count = contact.dim

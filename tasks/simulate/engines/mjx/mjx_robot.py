@@ -16,12 +16,14 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from specs.data.episode import CONTROL_S
+from specs.data.world import MOST_CORNERS
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
     Base,
     Hull,
     add_obstacle,
+    add_prism_mesh,
     base_of,
     collision_bits,
     compile_robot,
@@ -29,13 +31,14 @@ from tasks.simulate.application.robot_model import (
     rest_position,
 )
 from tasks.simulate.engines.mjx.mjx_limits import refuse_what_mjx_lacks, with_stand_ins
-from tasks.simulate.geometry.hull_distance import LaneObstacles, to_obstacles_m
+from tasks.simulate.geometry.hull_distance import LaneObstacles, Prisms, to_obstacles_m
 from tasks.simulate.geometry.hull_outline import HullPart, hull_parts
 from tasks.simulate.geometry.obstacles import PARKING_M
 
 # Without warp, which only its GPU backend needs, MJX prints two lines to standard output when it is imported.
 with redirect_stdout(StringIO()):
     from mujoco import mjx
+    from mujoco.mjx._src.types import ConvexMesh  # MJX has no public way to its meshes
 
 __all__ = ["mjx"]
 
@@ -84,6 +87,7 @@ class RobotModel:
         rest_act: Its actuators' activations then.
         box_slots: Geom ids of the boxes in ``model``.
         cylinder_slots: Geom ids of the capsules that stand for cylinders.
+        prism_slots: Geom ids of the meshes that become prisms; none in a program without any.
         parts: Of the hull, for its clearance.
         physics_steps: In one control step.
     """
@@ -97,6 +101,7 @@ class RobotModel:
     rest_act: Float32[np.ndarray, "activations"]
     box_slots: Int[np.ndarray, "boxes"]
     cylinder_slots: Int[np.ndarray, "cylinders"]
+    prism_slots: Int[np.ndarray, "prisms"]
     hull: Hull
     parts: tuple[HullPart, ...]
     physics_steps: int
@@ -107,6 +112,11 @@ class RobotModel:
         return int(self.host.nu)
 
     @property
+    def slots(self) -> Int[np.ndarray, "slots"]:
+        """Returns the geom ids of all slots."""
+        return np.concatenate([self.box_slots, self.cylinder_slots, self.prism_slots])
+
+    @property
     def only_obstacles_hold(self) -> bool:
         """Returns whether nothing but obstacles can hold the base: no floor, no limits, no friction of joints."""
         host = self.host
@@ -114,8 +124,12 @@ class RobotModel:
         return not (self.base.free or self.base.articulated or held)
 
 
-def load_robot(path: Path) -> RobotModel:
+def load_robot(path: Path, *, prisms: bool = False) -> RobotModel:
     """Returns the model of a ``robot.xml``.
+
+    Args:
+        path: Of the file.
+        prisms: Whether there are slots for prisms: where none is near they cost time all the same.
 
     Raises:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
@@ -126,7 +140,7 @@ def load_robot(path: Path) -> RobotModel:
     refuse_what_mjx_lacks(with_stand_ins(spec))
     _tune(spec, alone, base)
     free_host = compile_robot(spec)
-    boxes, cylinders = _add_slots(spec)
+    boxes, cylinders, wedges = _add_slots(spec, PRISM_SLOTS if prisms else 0)
     host = compile_robot(spec)
     (model, data), free = _put(host), _put(free_host)
     return RobotModel(
@@ -139,6 +153,7 @@ def load_robot(path: Path) -> RobotModel:
         rest_act=np.array(host.key_act[0] if host.nkey else np.zeros(host.na), np.float32),
         box_slots=np.array([host.geom(name).id for name in boxes]),
         cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
+        prism_slots=np.array([host.geom(name).id for name in wedges], int),
         hull=hull,
         parts=hull_parts(alone),
         physics_steps=round(CONTROL_S / host.opt.timestep),
@@ -170,17 +185,22 @@ def _reach(
     return geoms, np.where(endless, np.inf, alone.geom_rbound[geoms] + margins_m).astype(np.float32)
 
 
-def _add_slots(spec: mujoco.MjSpec) -> tuple[list[str], list[str]]:
+def _add_slots(spec: mujoco.MjSpec, prism_slots: int) -> tuple[list[str], list[str], list[str]]:
     """Adds parked slots; cylinders are capsules, since MJX's cylinders are slow, and equal beside their caps."""
     bits = collision_bits(spec)
     boxes = [f"box-slot-{k}" for k in range(BOX_SLOTS)]
     cylinders = [f"cylinder-slot-{k}" for k in range(CYLINDER_SLOTS)]
-    for k, name in enumerate(boxes + cylinders):
+    wedges = [f"prism-slot-{k}" for k in range(prism_slots)]
+    for k, name in enumerate(boxes + cylinders + wedges):
         kind = mujoco.mjtGeom.mjGEOM_BOX if name in boxes else mujoco.mjtGeom.mjGEOM_CAPSULE
-        geom = add_obstacle(spec, name, kind, bits)
+        geom = add_obstacle(spec, name, mujoco.mjtGeom.mjGEOM_MESH if name in wedges else kind, bits)
         geom.pos = [PARKING_M + k, PARKING_M, 0.0]
         geom.size = [_SPECK_M] * 3
-    return boxes, cylinders
+        if name in wedges:
+            turns = 2 * np.pi * np.arange(MOST_CORNERS) / MOST_CORNERS
+            add_prism_mesh(spec, name, _SPECK_M * np.stack([np.cos(turns), np.sin(turns)], axis=1), _SPECK_M)
+            geom.meshname = name
+    return boxes, cylinders, wedges
 
 
 def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
@@ -219,6 +239,8 @@ def nearest_obstacles(
 def with_window(robot: RobotModel, window: LaneObstacles) -> mjx.Model:
     """Returns the robot's model with the window's obstacles in its slots."""
     base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
+    if len(robot.prism_slots):
+        base = _with_prisms(robot, window.prisms)
     half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2
     flat = jnp.zeros_like(half_yaw)
     turn = jnp.stack([jnp.cos(half_yaw), flat, flat, jnp.sin(half_yaw)], axis=-1)
@@ -226,4 +248,53 @@ def with_window(robot: RobotModel, window: LaneObstacles) -> mjx.Model:
         geom_pos=base.geom_pos.at[box].set(window.boxes[:, :3]).at[cylinder].set(window.cylinders[:, :3]),
         geom_quat=base.geom_quat.at[box].set(turn),
         geom_size=base.geom_size.at[box].set(window.boxes[:, 3:6]).at[cylinder, :2].set(window.cylinders[:, 3:5]),
+    )
+
+
+def _with_prisms(robot: RobotModel, prisms: Prisms) -> mjx.Model:
+    base, meshes = robot.model, list(robot.model._impl.mesh_convex)  # noqa: SLF001 - MJX has no public way to its meshes
+    corners = prisms[:, 4:].reshape(-1, MOST_CORNERS, 2)
+    # MJX takes a mesh's origin for a place inside it.
+    middle = corners.mean(axis=1)
+    for slot, mesh in enumerate(robot.host.geom_dataid[robot.prism_slots].tolist()):
+        meshes[mesh] = _prism_mesh(corners[slot] - middle[slot], prisms[slot, 3])
+    upright = jnp.array([1.0, 0.0, 0.0, 0.0])
+    return base.tree_replace(
+        {
+            "geom_pos": base.geom_pos.at[robot.prism_slots].set(prisms[:, :3].at[:, :2].add(middle)),
+            "geom_quat": base.geom_quat.at[robot.prism_slots].set(upright),
+            "_impl.mesh_convex": tuple(meshes),
+        }
+    )
+
+
+_RING = np.arange(MOST_CORNERS)
+_NEXT = np.roll(_RING, -1)
+# Corners of the ends' outlines in a prism's mesh: those at its bottom, then those at its top.
+_ENDS = np.stack([_RING[::-1], _RING + MOST_CORNERS])
+# Upright edges come first: of those that are equally near, MJX takes the first one.
+_EDGES = np.concatenate([np.stack(each, axis=1) for each in (
+    (_RING, _RING + MOST_CORNERS), (_RING, _NEXT), (_RING + MOST_CORNERS, _NEXT + MOST_CORNERS)
+)])  # fmt: skip
+
+
+def _prism_mesh(corners: Float[jax.Array, "corners 2"], half_height: Float[jax.Array, ""]) -> ConvexMesh:
+    """Returns a prism as MJX collides it; a side without a length is the last one again."""
+    heights = jnp.repeat(jnp.stack([-half_height, half_height]), MOST_CORNERS)
+    vertices = jnp.concatenate([jnp.tile(corners, (2, 1)), heights[:, None]], axis=1)
+    along = corners[_NEXT] - corners
+    length = jnp.sqrt(jnp.sum(along**2, axis=1))
+    side = jnp.where(length > 0.0, _RING, MOST_CORNERS - 1)
+    outward = jnp.stack([along[:, 1], -along[:, 0], jnp.zeros(MOST_CORNERS)], axis=1) / length[:, None]
+    outward = outward[side]
+    quads = np.stack([_RING, _NEXT, _NEXT + MOST_CORNERS, _RING + MOST_CORNERS], axis=1)
+    sides = jnp.pad(vertices[quads][side], ((0, 0), (0, MOST_CORNERS - 4), (0, 0)), "edge")
+    up = jnp.tile(jnp.array([0.0, 0.0, 1.0]), (MOST_CORNERS, 1))
+    beside = [(outward[np.roll(_RING, 1)], outward), (outward, -up), (outward, up)]
+    return ConvexMesh(
+        vert=vertices,
+        face=jnp.concatenate([sides, vertices[_ENDS]]),
+        face_normal=jnp.concatenate([outward, -up[:1], up[:1]]),
+        edge=jnp.asarray(_EDGES),
+        edge_face_normal=jnp.concatenate([jnp.stack(each, axis=1) for each in beside]),
     )

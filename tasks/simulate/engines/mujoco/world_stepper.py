@@ -20,6 +20,7 @@ from tasks.simulate.application.robot_model import (
     Base,
     Hull,
     add_obstacle,
+    add_prism_mesh,
     base_of,
     collision_bits,
     compile_robot,
@@ -136,16 +137,6 @@ def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tu
         add_prism_mesh(spec, name, np.array(solid.outline_m), z)
         geom.meshname = name
     geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]
-
-
-def add_prism_mesh(
-    spec: mujoco.MjSpec, name: str, corners_m: Float64[np.ndarray, "corners 2"], half_height_m: float
-) -> None:
-    """Adds an upright prism's mesh, as it is whatever defaults the robot's file has for meshes."""
-    ends = [np.insert(corners_m, 2, height, axis=1) for height in (-half_height_m, half_height_m)]
-    mesh = spec.add_mesh(name=name, uservert=np.concatenate(ends).ravel().tolist())
-    mesh.scale, mesh.refpos, mesh.refquat = [1.0] * 3, [0.0] * 3, [1.0, 0.0, 0.0, 0.0]
-    mesh.inertia, mesh.maxhullvert = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX, -1
 
 
 def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from specs.data.world import World
 from tasks.simulate.chunk.chunk_simulation import ready_chunk
-from tests.factories.simulations import FAULTY, FOLDERS, pushing
+from tests.factories.simulations import FAULTY, FOLDERS, pushing, with_prisms, with_wedges
 from tests.simulate.conftest import PUSHER_LANES
 from tests.simulate.reference import reference_model, replay
 
@@ -15,9 +15,11 @@ pytestmark = pytest.mark.long
 SLICES = 8  # ten simulated seconds
 
 
-@pytest.fixture(scope="module")
-def deviations_m(pens: dict[str, World]) -> np.ndarray:
+@pytest.fixture(scope="module", params=["boxes", "prisms"])
+def deviations_m(request: pytest.FixtureRequest, pens: dict[str, World]) -> np.ndarray:
     """How far from C each lane ever was, for robots that drive blindly and bump into things."""
+    if request.param == "prisms":
+        pens = {name: with_prisms(with_wedges(world, k)) for k, (name, world) in enumerate(pens.items())}
     requests = [pushing(k, world=f"hand/pen-{k % 3}", seed=k, duration_s=60.0) for k in range(3 * PUSHER_LANES)]
     models = {name: reference_model(FOLDERS[FAULTY] / "robot.xml", world) for name, world in pens.items()}
     found: list[float] = []
