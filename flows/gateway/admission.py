@@ -27,6 +27,7 @@ from specs.errors import (
 from specs.job_kinds import JobKind
 from specs.robomaker.operations import SIMULATION_JOBS
 from specs.settings import CountSetting
+from tasks.deploy.trust.trust_record import vouch_queued
 from tasks.gateway.rest_json import without_places
 from tasks.storage.base.keys import queue_prefix, token_key
 from tasks.storage.base.store import Store
@@ -241,7 +242,8 @@ def _known(store: Store, admission: Admission) -> JobRecord | None:
 
 
 def _recorded(store: Store, admission: Admission, new: NewRecord) -> JobRecord:
-    detail = {**admission.options, **new.detail}
+    # What the call knows better, such as the bundle that a version stands for, stands in its own detail.
+    detail = {**admission.options, **vouch_queued(admission.job, new.request), **new.detail}
     for _ in range(_TRIES):
         try:
             return submit(store, admission.kind, new.request, admission.token, detail=detail)

@@ -207,7 +207,7 @@ def _sync_deployment(gateway: Gateway, request: SyncDeploymentJobRequest) -> Syn
         require_free(store, fleet, read_fleet(store, fleet).deployment)
         last = sync_request(latest_deployment(store, fleet), token)
         recorded: Document = {**canonical_document(last), "fleet": asked["fleet"]}
-        return NewRecord(recorded, vouch_queued(job_id(_DEPLOYMENT, token), recorded))
+        return NewRecord(recorded)
 
     options: dict[str, JsonValue] = {SYNC: True}
     admission = Admission(_DEPLOYMENT, token, asked, _synced_in, checked, DEPLOYMENTS, options)

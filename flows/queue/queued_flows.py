@@ -71,8 +71,11 @@ logger = logging.getLogger(__name__)
 # - of a deployment-job: RoboMaker's request as `canonical_document` has it, its ``clientRequestToken`` the token, and
 #   its ``applicationVersion`` a number, so that what was checked is what is deployed. The fleet's record names the job
 #   as its deployment. Of a sync, the entry's options are ``{"sync": true}``, and the request is what
-#   `tasks.deploy.rollout.resolved_request.sync_request` makes of the last deployment. The record's ``vouched`` is the
-#   owner's word for it (`tasks.deploy.trust.trust_record.vouch_queued`), which a worker with keys asks for.
+#   `tasks.deploy.rollout.resolved_request.sync_request` makes of the last deployment.
+#
+# The record's ``vouched`` is the owner's word for it (`tasks.deploy.trust.trust_record.vouch_queued`). A worker with
+# keys asks for it, whatever the kind: who writes to the store would have strangers' code simulated beside the keys,
+# with the owner's word for what came of it, and buckets read and written that only the worker's credentials reach.
 #
 # A token stands for its record's digest. So what is submitted again here, by the functions that a document's stage
 # calls, must be what was recorded: `canonical_document` of the request that was read back is.
@@ -87,6 +90,10 @@ def work_off(store: Store, record: JobRecord, options: Mapping[str, JsonValue]) 
     Raises:
         SimyardError: It cannot be done, or not now.
     """
+    if chosen_keys() and record.kind != "deployment-job":
+        if record.status in STOPPING:  # nothing of it is begun
+            return _close(store, record)
+        require_vouched(record, sync=True)
     match record.kind:
         case "world-generation-job":
             return _generate(store, record)
@@ -98,6 +105,13 @@ def work_off(store: Store, record: JobRecord, options: Mapping[str, JsonValue]) 
             return _sync(store, record) if options.get(SYNC) else _deploy(store, record)
         case "pipeline-run":
             raise StageFailed("InvalidInput", "a run of a document is not queued", record.arn)
+
+
+def _close(store: Store, record: JobRecord) -> JobRecord:
+    """Returns the record of a job that was cancelled, ended: whoever asked for it need not have been the owner."""
+    if record.kind == "simulation-job-batch":
+        return close_if_stopped(store, record.id)
+    return advance(store, record.kind, record.id, "Canceled", only_from={"Canceling"})
 
 
 def _generate(store: Store, record: JobRecord) -> JobRecord:

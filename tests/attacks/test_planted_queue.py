@@ -16,7 +16,7 @@ from tasks.storage.jobs.queue import enqueue
 from tasks.storage.jobs.records import is_terminal, job_id, read, submit
 from tests.attacks.conftest import Owner, attacked_environment
 from tests.deploy.yard import STAYS_UP, eventually
-from tests.flows.queue.queued_jobs import deployment_request, queue_job
+from tests.flows.queue.queued_jobs import deployment_request, queue_generation, queue_job
 
 KIND = "deployment-job"
 
@@ -62,6 +62,15 @@ def test_a_deployment_that_was_put_into_the_queue_is_not_signed(store: Store, wo
     assert asked is None or asked.signature is None, f"signed for r1: {asked}"
     ended = read(store, KIND, job.id)
     assert (ended.status, "does not vouch for it" in ended.failure_reason) == ("Failed", True)
+
+
+@pytest.mark.parametrize("store", ["file_store"], indirect=True)
+def test_no_other_job_that_was_put_into_the_queue_is_begun(store: Store, worker: None) -> None:
+    job = queue_generation(store, "evil")
+    eventually(lambda: is_terminal(read(store, job.kind, job.id)))
+    ended = read(store, job.kind, job.id)
+    assert (ended.status, "does not vouch for it" in ended.failure_reason) == ("Failed", True)
+    assert store.keys("worlds") == []
 
 
 @pytest.mark.parametrize("store", ["file_store"], indirect=True)

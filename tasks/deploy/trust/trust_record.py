@@ -76,10 +76,10 @@ def condition_fault(condition: S3Object, etag: str) -> Fault | None:
 
 
 class Vouched(Spec):
-    """What a worker with keys deploys, of a deployment that waits for it.
+    """What a worker with keys takes of the queue.
 
     Attributes:
-        digest: Of the bundle; empty for a sync.
+        digest: Of the bundle that is deployed; empty for a sync, and for another job.
         builds: Of the bundle for each architecture.
         at_s: When it was vouched for; seconds since 1970.
         mac: By the owner's key: of this, of the job and of its request.
@@ -94,12 +94,12 @@ class Vouched(Spec):
 def vouch_queued(
     job: str, request: Mapping[str, JsonValue], digest: str = "", builds: Mapping[Architecture, str] | None = None
 ) -> dict[str, JsonValue]:
-    """Returns what the record of a queued deployment says besides, so that a worker with keys takes it.
+    """Returns what the record of a queued job says besides, so that a worker with keys takes it.
 
     Args:
         job: Its id.
         request: As it is recorded.
-        digest: Of the bundle that its version stands for now; empty for a sync.
+        digest: Of the bundle that a deployment's version stands for now; empty for a sync, and for another job.
         builds: Of the bundle for each architecture.
     """
     vouched = Vouched(digest=digest, builds=dict(builds or {}), at_s=time.time())
@@ -108,11 +108,11 @@ def vouch_queued(
 
 
 def require_vouched(record: JobRecord, *, sync: bool) -> Vouched:
-    """Returns what the owner has vouched for in the record of a queued deployment.
+    """Returns what the owner has vouched for in the record of a queued job.
 
     Args:
         record: The job's, which anybody who writes to the store may have made.
-        sync: Whether it shall be worked off as a sync.
+        sync: Whether it shall be worked off as a sync, or is no deployment: there is no bundle to vouch for.
 
     Raises:
         TrustRefused: She has not, for this request, or not lately; says what helps.

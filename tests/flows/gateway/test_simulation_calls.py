@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 
-from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound
+from specs.errors import DocumentError, IdempotentParameterMismatch, LimitExceeded, ResourceNotFound, TrustRefused
+from tasks.deploy.trust.trust_record import require_vouched
 from tasks.simulate.batch.batch_record import KIND as BATCH
 from tasks.simulate.batch.batch_record import load_batch
 from tasks.simulate.batch.chunk_store import begin_chunk
@@ -25,6 +26,14 @@ def test_a_job_is_recorded_and_queued_and_the_workers_are_told(asked: Asked):
     assert path(made).endswith("/0")
     assert is_queued(asked.store, BATCH, _batch(made))
     assert asked.woken == 1
+
+
+def test_the_gateway_vouches_for_a_job_so_that_a_worker_with_keys_takes_it(asked: Asked):
+    made = asked.call("CreateSimulationJob", **asked.job_request(asked.world(), clientRequestToken="a"))
+    record = read(asked.store, BATCH, _batch(made))
+    assert require_vouched(record, sync=True).digest == ""
+    with pytest.raises(TrustRefused):
+        require_vouched(record.model_copy(update={"request": {**record.request, "plan": {}}}), sync=True)
 
 
 def test_what_has_no_effect_is_kept_and_answered(asked: Asked):

@@ -3,10 +3,11 @@
 import pytest
 
 from flows.queue.queued_flows import work_off
-from specs.errors import SimyardError
+from specs.errors import SimyardError, TrustRefused
+from tasks.deploy.trust.trust_record import vouch_queued
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, read
-from tests.flows.queue.queued_jobs import queue_export, queue_generation, queue_job, some_worlds
+from tests.flows.queue.queued_jobs import queue_batch, queue_export, queue_generation, queue_job, some_worlds
 
 
 def test_a_recorded_generation_makes_its_worlds_and_their_picture(file_store: Store):
@@ -41,6 +42,28 @@ def test_a_job_that_is_being_canceled_ends_canceled(file_store: Store):
     work_off(file_store, job, {})
 
     assert read(file_store, job.kind, job.id).status == "Canceled"
+
+
+def test_a_worker_with_keys_takes_only_what_the_owner_vouched_for(file_store: Store, monkeypatch: pytest.MonkeyPatch):
+    worlds = some_worlds(file_store)
+    monkeypatch.setenv("SIMYARD_KEYS", "keys")
+    planted = [queue_generation(file_store, "made"), queue_export(file_store, worlds, "exported")]
+    for job in (*planted, queue_batch(file_store, worlds, "simulated")):
+        with pytest.raises(TrustRefused, match=f"{job.id} is not signed: the key .* does not vouch for it"):
+            work_off(file_store, job, {})
+        assert read(file_store, job.kind, job.id) == job
+
+    made = planted[0]
+    vouched = made.model_copy(update={"detail": vouch_queued(made.id, made.request)})
+    assert work_off(file_store, vouched, {}).status == "Completed"
+
+
+def test_a_worker_with_keys_ends_what_was_cancelled_whoever_asked_for_it(
+    file_store: Store, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_KEYS", "keys")
+    job = queue_generation(file_store, "one", floorplans=2)
+    assert work_off(file_store, advance(file_store, job.kind, job.id, "Canceling"), {}).status == "Canceled"
 
 
 def test_a_run_of_a_document_is_nothing_for_the_queue(file_store: Store):
