@@ -295,17 +295,7 @@ def write_asked_junit(path: Path, report: FullReport) -> None:
 
 
 def run_directly(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
-    """Returns the report of the document's run; one that was killed before is continued.
-
-    Args:
-        spec: The document.
-        base: Folder that the document's relative paths start from.
-        store_url: None means SIMYARD_STORE, else ``.simyard`` in the working directory.
-        console: Where progress is shown.
-
-    Raises:
-        SimyardError: The document, the store or a stage is at fault.
-    """
+    """Returns the report of the document's run without Prefect; takes and raises what ``run_document`` does."""
     for line in new_bucket_lines(spec, open_store(store_url)):
         console.print(line, markup=False, highlight=False)
     prepare_devices()

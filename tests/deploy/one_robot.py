@@ -12,7 +12,7 @@ from tasks.deploy.robot.launch import LaunchPlace
 from tasks.deploy.robot.processes import Stop
 from tasks.deploy.robot.reported_state import Reporter
 from tasks.deploy.robot.update import RobotUpdater
-from tests.deploy.yard import STAYS_UP, Yard, programs_of
+from tests.deploy.yard import STAYS_UP, Yard, desired_state, programs_of
 
 GOOD = {"run.sh": STAYS_UP}
 NAME = "r1"
@@ -45,19 +45,13 @@ class OneRobot:
 
 def desired(version: Version, sequence: int, **changes: object) -> Desired:
     fields: Mapping[str, object] = {
-        "robot": NAME,
         "deployment": f"dep-{sequence}",
         "sequence": sequence,
-        "epoch": 1,
-        "application": "courier",
         "version": version.number,
         "digest": version.digest,
-        "launch": DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-        "environment": {},
         "timeout_s": 5.0,
-        "issued_at_s": 0.0,
     }
-    return Desired.model_validate({**fields, **changes})
+    return desired_state(**{**fields, **changes})
 
 
 def scripted(**files: str) -> DeploymentLaunchConfig:

@@ -15,7 +15,7 @@ from specs.robomaker.bundle import Version
 from specs.robomaker.deployment import CreateDeploymentJobRequest
 from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import read_reported
-from tasks.deploy.fleet.states import Reported
+from tasks.deploy.fleet.states import Desired, Reported
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.storage.base.store import Store
@@ -100,6 +100,24 @@ class Yard:
             return ""
         assert (link / "courier" / "run.sh").is_file(), "current is broken"
         return link.readlink().name
+
+
+def desired_state(**changes: object) -> Desired:
+    """Returns what a robot is asked for, where a test says nothing else."""
+    fields: Mapping[str, object] = {
+        "robot": "r1",
+        "deployment": "dep-1",
+        "sequence": 1,
+        "epoch": 1,
+        "application": "courier",
+        "version": 1,
+        "digest": "0" * 64,
+        "launch": {"packageName": "courier", "launchFile": "run.sh"},
+        "environment": {},
+        "timeout_s": 60.0,
+        "issued_at_s": 0.0,
+    }
+    return Desired.model_validate({**fields, **changes})
 
 
 def wait_for_report(yard: Yard, robot: str, wanted: Callable[[Reported], bool]) -> Reported:

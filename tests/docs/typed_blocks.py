@@ -12,6 +12,11 @@ import pytest
 from tests.repository import ROOT
 
 
+def blocks_in(text: str, language: str) -> list[str]:
+    """Returns the blocks of a page's text that are in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+
+
 def blocks_of(page: str) -> list[tuple[str, str]]:
     """Returns the blocks of a page that can be typed, in their order: the language and the text of each."""
     return re.findall(r"^```(sh|python|sql|yaml)\n(.*?)^```$", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)

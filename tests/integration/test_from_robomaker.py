@@ -6,21 +6,19 @@ import subprocess
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
 
+from tests.docs.typed_blocks import blocks_in
 from tests.factories.gateway.served import await_answer, free_port
 from tests.repository import ROOT
 
 pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(600)]
 PAGE = (ROOT / "docs/guide/from-robomaker.md").read_text()
 END_S = 60
-
-
-def blocks(language: str) -> list[str]:
-    """Returns the blocks of the guide that are in a language."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
+blocks = partial(blocks_in, PAGE)
 
 
 @contextmanager

@@ -1,10 +1,10 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import pytest
 
 from specs.errors import DocumentError, ResourceNotFound, StoreError
-from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.fleet_registry import (
     create_fleet,
     create_robot,
@@ -18,28 +18,15 @@ from tasks.deploy.fleet.fleet_registry import (
     register_robot,
     robots,
 )
-from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.fleet.states import Reported
 from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key, reported_key
 from tasks.storage.base.store import Store, encode_document
+from tests.deploy.yard import desired_state
 
+# Sequences grow from the milliseconds of this on.
+_desired = partial(desired_state, issued_at_s=1.0)
 GARBAGE = [b"", b"{", b"[]", b"\xff\xfe", b'{"robot": "r1"}', b"9" * 5000, b" " * ((1 << 20) + 1)]
-
-
-def _desired(deployment: str, epoch: int = 1) -> Desired:
-    return Desired(
-        robot="r1",
-        deployment=deployment,
-        sequence=1,
-        epoch=epoch,
-        application="courier",
-        version=1,
-        digest="0" * 64,
-        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-        environment={},
-        timeout_s=60.0,
-        issued_at_s=1.0,
-    )
 
 
 def test_a_fleet_that_is_made_twice_is_one_fleet(file_store: Store) -> None:
@@ -128,20 +115,20 @@ def test_a_robot_nobody_made_is_missing(file_store: Store) -> None:
 
 
 def test_asking_twice_for_one_deployment_asks_once(file_store: Store) -> None:
-    first = ask_robot(file_store, _desired("dep-1", epoch=1))
-    again = ask_robot(file_store, _desired("dep-1", epoch=2))
+    first = ask_robot(file_store, _desired(deployment="dep-1", epoch=1))
+    again = ask_robot(file_store, _desired(deployment="dep-1", epoch=2))
 
     assert again == first
     assert read_desired(file_store, "r1")[0] == first
 
 
 def test_who_was_replaced_asks_nobody(file_store: Store) -> None:
-    first = ask_robot(file_store, _desired("dep-1", epoch=2))
+    first = ask_robot(file_store, _desired(deployment="dep-1", epoch=2))
 
     with pytest.raises(StoreError, match="epoch 2"):
-        ask_robot(file_store, _desired("dep-1", epoch=1))
+        ask_robot(file_store, _desired(deployment="dep-1", epoch=1))
     with pytest.raises(StoreError, match="lost"):
-        ask_robot(file_store, _desired("dep-2"), check=_lost)
+        ask_robot(file_store, _desired(deployment="dep-2"), check=_lost)
 
     assert read_desired(file_store, "r1")[0] == first
 
@@ -152,7 +139,8 @@ def _lost() -> None:
 
 def test_the_sequence_grows_with_every_deployment_also_while_the_clock_stands(file_store: Store) -> None:
     sequences = [
-        ask_robot(file_store, _desired(deployment)).sequence for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")
+        ask_robot(file_store, _desired(deployment=deployment)).sequence
+        for deployment in ("dep-1", "dep-2", "dep-2", "dep-3")
     ]
 
     assert sequences == [1000, 1001, 1001, 1002]
@@ -165,7 +153,7 @@ def test_garbage_asks_nothing_of_a_robot_and_is_written_over_by_who_asks(
     store.put(desired_key("r1"), body)
     assert read_desired(store, "r1")[0] is None
 
-    asked = ask_robot(store, _desired("dep-1"))
+    asked = ask_robot(store, _desired(deployment="dep-1"))
 
     assert (asked.sequence, read_desired(store, "r1")[0]) == (1000, asked)
     assert [each for each in caplog.messages if "robots/r1/desired.json" in each]
@@ -178,7 +166,7 @@ def test_a_robot_whose_report_is_garbage_is_without_news(
     file_store.put(reported_key("r1"), body)
 
     assert [read_reported(file_store, "r1") for _ in range(3)] == [None] * 3
-    assert ask_robot(file_store, _desired("dep-1")).sequence == 1000
+    assert ask_robot(file_store, _desired(deployment="dep-1")).sequence == 1000
     assert len([each for each in caplog.messages if "r1 is without news" in each]) == 1, "told once"
 
 

@@ -6,7 +6,6 @@ import pytest
 from pydantic import ValidationError
 
 from specs.errors import ResourceNotFound
-from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, read_robot, register_robot
 from tasks.deploy.fleet.reservation import delete_fleet, delete_robot
 from tasks.deploy.fleet.states import Desired, Reported, progress_of
@@ -14,21 +13,9 @@ from tasks.deploy.fleet_descriptions import describe_fleet, list_fleets, list_ro
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import fleet_key, robot_record_key
 from tests.deploy.puppets import PuppetRobots, run
-from tests.deploy.yard import FLEET, STAYS_UP, Yard
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, desired_state
 
-DESIRED = Desired(
-    robot="r1",
-    deployment="dep-2",
-    sequence=2,
-    epoch=1,
-    application="courier",
-    version=1,
-    digest="0" * 64,
-    launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-    environment={},
-    timeout_s=60.0,
-    issued_at_s=1000.0,
-)
+DESIRED = desired_state(deployment="dep-2", sequence=2, issued_at_s=1000.0)
 REPORTED = Reported(
     robot="r1", deployment="dep-2", sequence=2, boot_id="b", status="Deploying", step="Launching", started_at_s=1001.0
 )

@@ -14,7 +14,6 @@ import pytest
 
 from specs.errors import DocumentError
 from specs.robomaker.bundle import Version
-from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.agent import Poll, _lock_folder_alone, _warn_if_unknown, main
@@ -23,7 +22,7 @@ from tasks.deploy.robot.processes import Stop, StopRequested
 from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
-from tests.deploy.one_robot import desired
+from tests.deploy.one_robot import desired, scripted
 from tests.deploy.trust.signed_fleet import Owner
 from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by, programs_of, wait_for_report
 from tests.repository import ROOT
@@ -77,25 +76,8 @@ def agents(yard: Yard) -> Iterator[list[subprocess.Popen[bytes]]]:
 
 
 def _ask(yard: Yard, version: Version, deployment: str) -> Desired:
-    launch = DeploymentLaunchConfig(
-        packageName="courier", preLaunchFile="before.sh", launchFile="run.sh", postLaunchFile="after.sh"
-    )
-    return ask_robot(
-        yard.store,
-        Desired(
-            robot="r1",
-            deployment=deployment,
-            sequence=1,
-            epoch=1,
-            application="courier",
-            version=version.number,
-            digest=version.digest,
-            launch=launch,
-            environment={},
-            timeout_s=60.0,
-            issued_at_s=0.0,
-        ),
-    )
+    launch = scripted(preLaunchFile="before.sh", postLaunchFile="after.sh")
+    return ask_robot(yard.store, desired(version, 1, deployment=deployment, launch=launch, timeout_s=60.0))
 
 
 @pytest.mark.long

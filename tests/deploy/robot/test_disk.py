@@ -2,25 +2,13 @@ from pathlib import Path
 
 import pytest
 
-from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.states import Desired
 from tasks.deploy.robot.disk import Disk, RobotState
+from tests.deploy.yard import desired_state
 
 
 def _desired(digest: str) -> Desired:
-    return Desired(
-        robot="r1",
-        deployment="dep-1",
-        sequence=3,
-        epoch=1,
-        application="courier",
-        version=1,
-        digest=digest * 64,
-        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-        environment={"A": "1"},
-        timeout_s=60.0,
-        issued_at_s=1.0,
-    )
+    return desired_state(sequence=3, digest=digest * 64, environment={"A": "1"})
 
 
 def test_a_new_robot_remembers_nothing(tmp_path: Path) -> None:

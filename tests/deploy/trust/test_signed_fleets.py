@@ -20,6 +20,7 @@ from tasks.deploy.trust.signed_fleets import (
     verify_desired,
     write_fleets,
 )
+from tests.deploy.yard import desired_state
 
 _TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 _NAMES = st.from_regex(r"[a-zA-Z0-9][a-zA-Z0-9_.\-]{0,7}", fullmatch=True)
@@ -90,7 +91,7 @@ def test_one_field_of_another_is_found_out(desired: Desired, data: st.DataObject
 
 def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
     thief = CryptoSigner.generate_ed25519()
-    evil = sign_desired(_example(), thief)
+    evil = sign_desired(desired_state(), thief)
     assert evil.signature is not None
     disguised = Signature(keyid=_SIGNER.public_key.keyid, value=evil.signature.value)
 
@@ -101,44 +102,14 @@ def test_another_key_is_refused_also_under_the_name_of_the_right_one() -> None:
 
 
 def test_numbers_that_json_does_not_have_were_never_signed() -> None:
-    evil = sign_desired(_example(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
+    evil = sign_desired(desired_state(), _SIGNER).model_copy(update={"timeout_s": float("nan")})
 
     with pytest.raises(TrustRefused, match="cannot have been signed"):
         verify_desired(evil, _KEYS)
 
 
-def _example() -> Desired:
-    return Desired(
-        robot="r1",
-        deployment="dep-1",
-        sequence=1,
-        epoch=1,
-        application="courier",
-        version=1,
-        digest="0" * 64,
-        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-        environment={},
-        timeout_s=5.0,
-        issued_at_s=0.0,
-    )
-
-
 def _desired(robot: str = "r1", deployment: str = "dep-1", digest: str = _DIGEST) -> Desired:
-    return Desired.model_validate(
-        {
-            "robot": robot,
-            "deployment": deployment,
-            "sequence": 1,
-            "epoch": 1,
-            "application": "courier",
-            "version": 1,
-            "digest": digest,
-            "launch": {"packageName": "courier", "launchFile": "run.sh"},
-            "environment": {},
-            "timeout_s": 5.0,
-            "issued_at_s": 0.0,
-        }
-    )
+    return desired_state(robot=robot, deployment=deployment, digest=digest)
 
 
 def test_what_is_in_force_for_the_robots_fleet_is_accepted() -> None:

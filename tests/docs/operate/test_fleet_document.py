@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import get_args
 
@@ -22,14 +23,12 @@ from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
 from tests.deploy.yard import eventually
+from tests.docs.typed_blocks import blocks_in
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/fleet.md").read_text()
 BASH = ["bash", "-euo", "pipefail", "-c"]
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+blocks = partial(blocks_in, DOCUMENT)
 
 
 @pytest.fixture

@@ -1,10 +1,10 @@
 """docs/operate/fleet-trust.md: what it tells one to type, typed; its table of keys is the program's."""
 
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -14,14 +14,12 @@ from tasks.deploy.robot.processes import end_all
 from tasks.deploy.trust.repository import LIFETIMES
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
+from tests.docs.typed_blocks import blocks_in
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/operate/fleet-trust.md").read_text()
 BASH = ["bash", "-euo", "pipefail", "-c"]
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+blocks = partial(blocks_in, DOCUMENT)
 
 
 @pytest.fixture

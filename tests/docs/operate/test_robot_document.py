@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -17,16 +18,14 @@ from tasks.storage.backends.local import LocalStore
 from tasks.storage.store_url import open_store
 from tests.deploy.kit.robot_image import command, environment, install
 from tests.deploy.reach import open_folder
+from tests.docs.typed_blocks import blocks_in
 from tests.repository import ROOT
 from tests.servers.tools import need_tool
 from tests.storage.two_accounts import GROUP, as_nobody, as_two_accounts, shared_store
 
 DOCUMENT = (ROOT / "docs/operate/robot.md").read_text()
 STATE = "image/var/lib/simyard/r1"
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", DOCUMENT, flags=re.MULTILINE | re.DOTALL)
+blocks = partial(blocks_in, DOCUMENT)
 
 
 class Owner:

@@ -1,21 +1,19 @@
 """docs/guide/uninstall.md: its commands, typed in a home folder of their own; its paths are those that are used."""
 
 import os
-import re
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from tasks.housekeeping.machine import _CACHE, _KEYS
+from tests.docs.typed_blocks import blocks_in
 from tests.repository import ROOT
 
 PAGE = (ROOT / "docs/guide/uninstall.md").read_text()
-
-
-def blocks(language: str) -> list[str]:
-    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)
+blocks = partial(blocks_in, PAGE)
 
 
 @pytest.mark.long

@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 from pydantic import JsonValue
 
-from specs.robomaker.deployment import DeploymentLaunchConfig
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
-from tasks.deploy.fleet.states import Desired, Reported
+from tasks.deploy.fleet.states import Reported
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_store import commit
 from tasks.storage.base.keys import (
@@ -22,6 +21,7 @@ from tasks.storage.base.keys import (
 from tasks.storage.base.store import Store, encode_document
 from tasks.storage.buckets import open_bucket
 from tasks.storage.jobs.records import advance, submit
+from tests.deploy.yard import desired_state
 from tests.factories.episodes import collided, passed
 from tests.factories.planned_batches import begun, plan, template
 from tests.factories.worlds import apartment
@@ -152,19 +152,7 @@ def _fleet(store: Store, text: str) -> str:
     progress: Document = {"status": "Failed", "step": "Launching", "failure_reason": text, "started_at_s": 1e9}
     detail: Document = {"progress": {"r1": progress}, "trust": text}
     advance(store, "deployment-job", deployment.id, "Failed", failure_reason=text, detail=detail)
-    desired = Desired(
-        robot="r1",
-        deployment=deployment.id,
-        sequence=1,
-        epoch=1,
-        application="courier",
-        version=1,
-        digest=DIGEST,
-        launch=DeploymentLaunchConfig(packageName="courier", launchFile="run.sh"),
-        environment={},
-        timeout_s=60.0,
-        issued_at_s=time.time(),
-    )
+    desired = desired_state(deployment=deployment.id, digest=DIGEST, issued_at_s=time.time())
     reported = Reported(
         robot="r1",
         deployment=deployment.id,

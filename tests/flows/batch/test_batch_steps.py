@@ -1,6 +1,7 @@
 """A batch is ended when its gate is certain: after the same episodes wherever it was killed, with the same answer."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -210,17 +211,7 @@ def started_pairs(store: Store, folder: Path, name: str = "tok", gate: Gate = CO
     return begun(store, shuffle_if_endable(made, gate), name)
 
 
-def driven_pairs(
-    batch: OpenBatch, simulate: Simulate = all_pass, gate: Gate = COMPARING_GATE, most: int = 99
-) -> dict[str, JsonValue]:
-    early = SequentialStop(batch, gate)
-    for number in range(batch.layout.chunks):
-        if early.ends_before(number):
-            return cast("dict[str, JsonValue]", early.detail["stopped_early"])
-        if number == most:
-            raise KeyboardInterrupt
-        run_chunk(batch, number, simulate, lanes=16, left_s=99.0)
-    return {}
+driven_pairs = partial(driven, gate=COMPARING_GATE)
 
 
 def judged(batch: OpenBatch, ended: dict[str, JsonValue], gate: Gate = COMPARING_GATE) -> GateVerdict:
@@ -287,6 +278,6 @@ def test_what_cannot_be_paired_runs_to_its_end(file_store: Store, tmp_path: Path
 def test_a_rate_beside_a_comparison_is_that_of_the_tested_version(file_store: Store, tmp_path: Path):
     gate = Gate.model_validate({"noWorseThan": RULE, "successRate": {"atLeast": 0.5}, "stopEarly": True})
     batch = started_pairs(file_store, tmp_path, gate=gate)
-    ended = driven_pairs(batch, the_new_one_collides, gate)
+    ended = driven_pairs(batch, the_new_one_collides, gate=gate)
     assert ended["verdict"] == "FAIL"
     assert judged(batch, ended, gate).counts.successes == 0

@@ -21,7 +21,8 @@ from tasks.simulate.forecast.batch_times import (
 )
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.store import Store
-from tests.factories.planned_batches import begun, template
+from tests.factories.planned_batches import begun
+from tests.simulate.forecast.test_forecast import plan
 
 LOAD_S = 1.5
 WARM = BatchTiming(
@@ -43,20 +44,6 @@ TOOK_S = 8.0 + 11.0 + 6.0
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Gives each test a cache folder of its own."""
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-
-
-def plan(seeds: int = 4, **changes: object) -> BatchPlan:
-    base = BatchPlan(
-        templates=(template(),),
-        worlds=tuple(f"w/{number}" for number in range(5)),
-        seeds=tuple(range(seeds)),
-        sweep={"MAX_SPEED": ("0.3", "0.6")},
-        lanes=16,
-        timeout_s=1.0,
-        world_digests={},
-        engine="auto",
-    )
-    return base.model_copy(update=changes)
 
 
 def told_s(known: list[BatchTiming], episodes: int = 40, of: BatchPlan | None = None) -> float:
