@@ -196,7 +196,11 @@ def _refusal(bundle: Path) -> str:
         return ""
     own = f"if all applications are your own: simyard --trust-applications ..., or {TRUST_APPLICATIONS}=1"
     if found.broken:
-        other = f", or choose another confinement: {CONFINEMENT}=landlock" if not _landlock_probe().why else ""
+        of_ros, (no_landlock, said, _) = any(bundle.rglob(PACKAGE_XML)), _landlock_probe()
+        if not no_landlock and (said == OWN_NETWORK or not of_ros):
+            other = f", or choose another confinement: {CONFINEMENT}=landlock"
+        else:
+            other = f", or for your own nodes {CONFINEMENT}=process" if of_ros else ""
         return f"{found.why}; repair it{other}; or, {own}"
     held = next(_held(), "")
     remedy = f"unset {CONFINEMENT}" if os.environ.get(CONFINEMENT) else _INSTALL

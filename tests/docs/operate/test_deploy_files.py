@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 from typing import Any, cast
 
@@ -93,12 +94,18 @@ def test_the_manifests_of_kubernetes_name_each_other():
 def test_the_dockerfile_copies_what_exists_and_what_the_package_is_built_of():
     lines = (DEPLOY / "Dockerfile").read_text().splitlines()
     copied = [name for line in lines if line.startswith("COPY ") for name in line.split()[1:-1]]
-    built = (ROOT / "pyproject.toml").read_text()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    packages = project["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 
     assert [name for name in copied if not (ROOT / name).exists()] == []
-    for name in ("flows", "tasks", "specs", "applications", "README.md", "constraints.txt"):
-        assert name in copied
-        assert name in built or name == "constraints.txt"
+    assert {*packages, "applications", project["project"]["readme"], "constraints.txt"} <= {*copied}
+
+
+def test_the_container_of_ros_2_is_run_as_its_own_readme_says():
+    (run,) = [line for line in (DEPLOY / "ros2/Dockerfile").read_text().splitlines() if " docker run " in f" {line} "]
+    for option in re.findall(r"SIMYARD_[A-Z]+=\w+", run):
+        assert option in (DEPLOY / "ros2/README.md").read_text()
+    assert "SIMYARD_CONFINEMENT=process" in run  # Docker's own profile lets nobody make namespaces
 
 
 @pytest.mark.parametrize("name", [name for name in FILES if name.startswith("iam-")])

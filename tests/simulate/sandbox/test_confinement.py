@@ -24,7 +24,7 @@ from tasks.simulate.sandbox.confinement import (
     require_confined,
 )
 from tasks.simulate.sandbox.process_environment import process_environment
-from tasks.simulate.sandbox.self_confinement import PROBE
+from tasks.simulate.sandbox.self_confinement import OWN_NETWORK, PROBE
 from tests.factories.simulations import BUNDLES, COURIER, DELIVERY, FOLDERS
 
 PLACE = Place(Path("/programs"), Path("/own"))
@@ -235,6 +235,19 @@ def test_what_is_installed_and_does_not_work_is_no_leave_to_run(bare: pytest.Mon
         bare.setattr(confinement_module, "_landlock_probe", lambda why=why: confinement_module._Trial(why))
         with pytest.raises(StageFailed, match="no namespaces" + advice):
             require_confined(HOSTILE)
+
+
+@pytest.mark.parametrize("said", [OWN_NETWORK, "no network"])
+def test_nodes_of_ros_are_shown_a_way_that_they_can_go_where_bubblewrap_does_not_work(
+    said: str, bare: pytest.MonkeyPatch, tmp_path: Path
+):
+    (tmp_path / "package.xml").write_text("<package/>")
+    set_confinement(bare, Confinement("process", "no namespaces", broken=True))
+    bare.setattr(confinement_module, "_landlock_probe", lambda: confinement_module._Trial("", said))
+    way = "or choose another confinement: SIMYARD_CONFINEMENT=landlock"
+    advice = way if said == OWN_NETWORK else "or for your own nodes SIMYARD_CONFINEMENT=process"
+    with pytest.raises(StageFailed, match=f"no namespaces; repair it, {advice}; or, if all"):
+        require_confined([tmp_path])
 
 
 def test_nodes_of_ros_do_not_run_where_they_could_not_reach_each_other(bare: pytest.MonkeyPatch, tmp_path: Path):
