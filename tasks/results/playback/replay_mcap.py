@@ -10,9 +10,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
+import numpy as np
 from mcap.writer import CompressionType, Writer
 from pydantic import JsonValue
+from scipy.spatial import ConvexHull
 
+from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World
 from tasks.results.playback.playback import Playback
 
@@ -21,6 +24,7 @@ Message = dict[str, JsonValue]
 _ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
 _GOAL, _WAY = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
+_STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
 _KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 _LINE_STRIP = 0
 
@@ -98,7 +102,7 @@ def _solid(solid: Solid) -> Message:
         "size": vector(2 * half_x, 2 * half_y, 2 * half_z),
         "color": _color(solid.color),
     }
-    return shape if solid.shape == "box" else {**shape, "bottom_scale": 1.0, "top_scale": 1.0}
+    return shape if solid.shape == "box" else {**shape, **_STRAIGHT}
 
 
 def _floors(world: World) -> Message:
@@ -117,8 +121,7 @@ def _goals(playback: Playback) -> Message:
         {
             "pose": pose(x, y, _THIN_M),
             "size": vector(across, across, _THIN_M),
-            "bottom_scale": 1.0,
-            "top_scale": 1.0,
+            **_STRAIGHT,
             "color": _color(_GOAL, 0.5),
         }
         for x, y in playback.goals_m.tolist()
@@ -141,14 +144,15 @@ def _way(playback: Playback) -> Message:
 
 
 def _robot(playback: Playback) -> Message:
+    """Returns the robot's own parts as they are at rest, its hull where they are not known, and where its front is."""
     (low, high), across = playback.heights_m, 2 * playback.radius_m
-    hull: Message = {
-        "pose": pose(0.0, 0.0, (low + high) / 2),
-        "size": vector(across, across, high - low),
-        "bottom_scale": 1.0,
-        "top_scale": 1.0,
-        "color": _color(_ROBOT),
-    }
+    shapes: dict[str, list[Message]] = {kind: [] for kind in _KINDS}
+    for part in playback.shape:
+        for kind, primitive in _part(part):
+            shapes[kind].append(primitive)
+    if not playback.shape:
+        upright = {"pose": pose(0.0, 0.0, (low + high) / 2), "size": vector(across, across, high - low)}
+        shapes["cylinders"].append({**upright, **_STRAIGHT, "color": _color(_ROBOT)})
     nose: Message = {
         "pose": pose(0.0, 0.0, high + _THIN_M),
         "shaft_length": 0.6 * playback.radius_m,
@@ -157,7 +161,32 @@ def _robot(playback: Playback) -> Message:
         "head_diameter": 0.3 * playback.radius_m,
         "color": _color(_NOSE),
     }
-    return _entity("robot", ROBOT_FRAME, cylinders=[hull], arrows=[nose])
+    shapes["arrows"].append(nose)
+    return _entity("robot", ROBOT_FRAME, **shapes)
+
+
+def _part(part: RobotPart) -> Iterator[tuple[str, Message]]:
+    """Yields the primitives that a part is made of, each with its kind."""
+    w, x, y, z = part.turn
+    turn: Message = {"x": x, "y": y, "z": z, "w": w}
+    at: Message = {"position": vector(*part.position_m), "orientation": turn}
+    color, (first, second, third) = _color(part.color[:3], part.color[3]), part.size
+    if part.kind == "mesh":
+        corners = cast("JsonValue", ConvexHull(np.array(part.vertices_m)).simplices.ravel().tolist())
+        points = cast("JsonValue", [vector(*point) for point in part.vertices_m])
+        yield "triangles", {"pose": at, "points": points, "color": color, "colors": [], "indices": corners}
+    elif part.kind == "box":
+        yield "cubes", {"pose": at, "size": vector(2 * first, 2 * second, 2 * third), "color": color}
+    elif part.kind in {"sphere", "ellipsoid"}:
+        axes = part.size if part.kind == "ellipsoid" else (first, first, first)
+        yield "spheres", {"pose": at, "size": vector(*(2 * axis for axis in axes)), "color": color}
+    else:
+        size = vector(2 * first, 2 * first, 2 * second)
+        yield "cylinders", {"pose": at, "size": size, **_STRAIGHT, "color": color}
+        along = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+        for end in (second, -second) if part.kind == "capsule" else ():
+            middle: Message = {"position": vector(*(part.position_m + end * along)), "orientation": turn}
+            yield "spheres", {"pose": middle, "size": vector(*[2 * first] * 3), "color": color}
 
 
 def _color(color: Color, alpha: float = 1.0) -> Message:
@@ -207,6 +236,7 @@ _LINE = _object(
     colors=_list(_COLOR),
     indices=_list(_WHOLE),
 )
+_TRIANGLES = _object(pose=_POSE, points=_list(_VECTOR), color=_COLOR, colors=_list(_COLOR), indices=_list(_WHOLE))
 _ENTITY = _object(
     timestamp=_TIME,
     frame_id=_TEXT,
@@ -219,7 +249,7 @@ _ENTITY = _object(
     spheres=_list(_SPHERE),
     cylinders=_list(_CYLINDER),
     lines=_list(_LINE),
-    triangles=_list(_object()),
+    triangles=_list(_TRIANGLES),
     texts=_list(_object()),
     models=_list(_object()),
 )

@@ -1,6 +1,7 @@
 """The MCAP file, read back by the library that is made for it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from specs.data.robot_shape import RobotPart
 from specs.data.world import solids
-from tasks.results.playback.replay_mcap import TOPICS, write_mcap
+from tasks.results.playback.replay_mcap import TOPICS, scene, write_mcap
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
 
@@ -88,6 +90,31 @@ def test_the_scene_has_every_solid_and_the_robot(found: Found):
     assert entities["robot"]["frame_id"] == "robot"
     assert entities["robot"]["cylinders"][0]["size"] == {"x": 0.4, "y": 0.4, "z": 0.3}
     assert len(entities["goals"]["cylinders"]) == 2
+
+
+def test_a_robot_whose_parts_are_known_is_drawn_by_them():
+    lying = {"position_m": (0.1, 0.0, 0.2), "turn": (0.5**0.5, 0.0, 0.5**0.5, 0.0), "color": (1.0, 0.0, 0.0, 0.5)}
+    sizes = {
+        "box": (0.3, 0.2, 0.1),
+        "sphere": (0.1, 0.0, 0.0),
+        "cylinder": (0.1, 0.02, 0.0),
+        "capsule": (0.1, 0.3, 0.0),
+    }
+    parts = [
+        RobotPart.model_validate({"kind": kind, "size": size, "outline_m": (), "top_m": 0.3, **lying})
+        for kind, size in sizes.items()
+    ]
+    corners = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
+    wedge = parts[0].model_copy(update={"kind": "mesh", "vertices_m": corners})
+    entities: Any = scene(WORLD, replace(playback(), shape=(*parts, wedge)))["entities"]
+    robot = next(entity for entity in entities if entity["id"] == "robot")
+    assert robot["frame_id"] == "robot"
+    assert [len(robot[kind]) for kind in ("cubes", "spheres", "cylinders", "triangles")] == [1, 3, 2, 1]
+    assert robot["cubes"][0]["size"] == {"x": 0.6, "y": 0.4, "z": 0.2}
+    assert robot["cubes"][0]["color"] == {"r": 1.0, "g": 0.0, "b": 0.0, "a": 0.5}
+    ends = [ball["pose"]["position"]["x"] for ball in robot["spheres"][1:]]
+    assert ends == pytest.approx([0.4, -0.2]), "the capsule lies along x"
+    assert sorted(np.bincount(robot["triangles"][0]["indices"])) == [3, 3, 3, 3]
 
 
 def test_the_same_episode_is_the_same_bytes(file: Path, tmp_path: Path):
