@@ -9,12 +9,15 @@ import os
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from uuid import uuid4
 
 import pytest
+from botocore.exceptions import ClientError
 
+from tasks.storage.store_url import open_store
 from tests.integration.runs import own_cache
 
 _ATTACKED = "SIMYARD_ATTACKED"
@@ -25,23 +28,39 @@ _NOT_THE_OWNERS = frozenset({"SIMYARD_STORE", "SIMYARD_KEYS", "SIMYARD_BUCKETS",
 
 @dataclass(frozen=True)
 class Writer:
-    """Somebody who can read and write every object of a store, as another account with the same group would."""
+    """Somebody who can read and write every object of a store, as another account with the same group would.
 
-    folder: Path
+    Attributes:
+        url: The store.
+    """
+
+    url: str
+
+    @property
+    def folder(self) -> Path | None:
+        """The store's folder; None of a bucket."""
+        return Path(self.url.removeprefix("file://")) if self.url.startswith("file://") else None
 
     def get(self, key: str) -> bytes:
         """Returns an object's bytes."""
-        return (self.folder / key).read_bytes()
+        return (self.folder / key).read_bytes() if self.folder else open_store(self.url).get(key).body
 
     def put(self, key: str, body: bytes) -> None:
-        """Writes an object, over what was there."""
+        """Writes an object, over what was there; a file is one that may be run."""
+        if self.folder is None:
+            open_store(self.url).put(key, body)
+            return
         path = self.folder / key
+        path.parent.mkdir(parents=True, exist_ok=True)
         new = path.with_name(f"{path.name}.{uuid4().hex}")
         new.write_bytes(body)
+        new.chmod(0o755)
         new.replace(path)
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys of all objects below a prefix, sorted."""
+        if self.folder is None:
+            return sorted(open_store(self.url).keys(prefix))
         files = (str(path.relative_to(self.folder)) for path in self.folder.rglob("*") if path.is_file())
         return sorted(key for key in files if key.startswith(prefix))
 
@@ -118,17 +137,23 @@ def attack_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(own_cache(tmp_path_factory.mktemp("attack-cache")))
 
 
-@pytest.fixture
-def writer(tmp_path: Path) -> Writer:
-    """The attacker, in a new store."""
-    folder = tmp_path / "store"
-    folder.mkdir()
-    return Writer(folder)
+@pytest.fixture(params=["folder", pytest.param("bucket", marks=pytest.mark.soak)])
+def writer(request: pytest.FixtureRequest, tmp_path: Path) -> Writer:
+    """The attacker, in a new store: a folder, and a bucket of SeaweedFS."""
+    if request.param == "folder":
+        (tmp_path / "store").mkdir()
+        return Writer((tmp_path / "store").as_uri())
+    url = request.getfixturevalue("s3_url")()
+    with suppress(ClientError):  # another attack has made it
+        request.getfixturevalue("seaweed").make_bucket("results")
+    return Writer(url)
 
 
 @pytest.fixture
-def owner(writer: Writer, tmp_path: Path, attack_cache: Path) -> Owner:
+def owner(writer: Writer, tmp_path: Path, attack_cache: Path, prefect_server: str) -> Owner:
     """The owner, in an empty folder."""
-    url, folder = writer.folder.as_uri(), tmp_path / "owner"
+    folder = tmp_path / "owner"
     folder.mkdir()
-    return Owner(url, folder, {**attacked_environment(), "SIMYARD_STORE": url, "SIMYARD_CACHE": str(attack_cache)})
+    return Owner(
+        writer.url, folder, {**attacked_environment(), "SIMYARD_STORE": writer.url, "SIMYARD_CACHE": str(attack_cache)}
+    )

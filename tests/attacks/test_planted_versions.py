@@ -34,11 +34,9 @@ def trace(tmp_path: Path) -> Path:
 
 def _plant(writer: Writer, trace: Path) -> None:
     """Puts a program in the place of each bundle's, of a robot that may have been made already."""
+    script = f'#!/bin/sh\ntouch "{trace}"\nexec sleep 1000\n'.encode()
     for digest in (Path(key).name for key in writer.keys("bundles/")):
-        script = writer.folder / "agents" / ROBOT / "versions" / digest / "courier/run.sh"
-        script.parent.mkdir(parents=True, exist_ok=True)
-        script.write_text(f'#!/bin/sh\ntouch "{trace}"\nexec sleep 1000\n')
-        script.chmod(0o755)
+        writer.put(f"agents/{ROBOT}/versions/{digest}/courier/run.sh", script)
 
 
 def test_a_version_that_was_planted_before_a_roll_out_does_not_run(
