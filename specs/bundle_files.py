@@ -182,6 +182,7 @@ class RosRobot(Spec):
         drive: How a Twist becomes controls; None for a planar base, where it follows from ``robot.xml``.
         command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
         ready_s: Wall time that the nodes may take to be ready.
+        first_command_s: Simulated time until which the robot may stand because no node publishes commands yet.
     """
 
     topics: RosTopics = RosTopics()
@@ -192,6 +193,7 @@ class RosRobot(Spec):
     drive: RosDrive | None = None
     command_timeout_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
+    first_command_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 10.0
 
 
 PolicyField = Literal[

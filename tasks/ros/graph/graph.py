@@ -347,6 +347,22 @@ class Graph:
                 found.append(f"{node} publishes {topic}: {fault}")
         return found
 
+    def gaps(self) -> list[str]:
+        """Returns what nodes say or wait for in vain, for a person: commands elsewhere, topics nobody publishes."""
+        tables, commands = self._tables, self._subscriptions.topics
+        kinds = {each.kind for each in commands.values()}
+        found = [
+            f"{', '.join(sorted(nodes))} publishes {tables.types[topic]} on {topic}, to which nobody subscribes"
+            for topic, nodes in tables.publishers.state()
+            if topic not in commands and tables.types.get(topic) in kinds and not tables.subscribers.of(topic)
+        ]
+        found += [
+            f"{', '.join(sorted(nodes))} subscribes to {topic}, which nobody publishes"
+            for topic, nodes in tables.subscribers.state()
+            if topic not in commands and not tables.publishers.of(topic)
+        ]
+        return sorted(found)
+
     def connected(self) -> bool:
         """Returns whether all who subscribe to the robot or command it have their connections."""
         return not self.busy and not self.unconnected()

@@ -82,6 +82,8 @@ class GraphSide(Protocol):
 
     def unconnected(self) -> list[str]: ...  # noqa: D102
 
+    def gaps(self) -> list[str]: ...  # noqa: D102
+
     def close(self) -> None: ...  # noqa: D102
 
 
@@ -212,6 +214,10 @@ class Lockstep(Protocol):
 
     def tags(self, lane: int) -> Mapping[str, str]:
         """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
+        ...
+
+    def printed(self, lane: int) -> str:
+        """Returns what a lane's nodes printed last, and what they said or waited for in vain; empty for nothing."""
         ...
 
     def close(self) -> None:

@@ -171,6 +171,12 @@ class IdleDetector:
                 self._add_poller(tid, (now_s - begun_s) / runs)
         self._known, self.suspect = frozenset(self._watch.runs), False
 
+    def sleeps_on(self) -> bool:
+        """Returns whether a thread has slept by the wall's clock ever since ``count``; ``rospy.spin`` wakes again."""
+        self._watch.snapshot()
+        before, now = self._counted[1], self._watch.counts()
+        return any(before.get(tid) == now.get(tid) for tid in self._watch.sleepers())
+
     def find_sleepers(self) -> None:
         """Notes which threads sleep by the wall's clock while nothing is to be done, as ``rospy.spin`` does."""
         self._sleepers = self._watch.sleepers()

@@ -206,6 +206,10 @@ class LockstepRecorder:
         """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
         return self._inner.tags(lane)
 
+    def printed(self, lane: int) -> str:
+        """Returns what a lane's nodes printed last."""
+        return self._inner.printed(lane)
+
     def close(self) -> None:
         """Ends every process; the log stays."""
         self._inner.close()

@@ -1,6 +1,7 @@
 """ROS 1 applications in lock-step with their episodes: a master, a robot, a network and processes for each lane."""
 
 import functools
+import math
 import shutil
 from collections.abc import Mapping, Sequence
 from typing import Self
@@ -23,6 +24,7 @@ from tasks.ros.process.thread_watch import allow_files, counts_runs
 # Time 0 means "not known yet" to ROS 1.
 _BEGINS_NS = 1_000_000_000
 _WARM_UP_STEPS = 10
+_GAPS_TOLD = 5
 
 
 class Ros1Lockstep:
@@ -63,6 +65,7 @@ class Ros1Lockstep:
         self._lanes: dict[int, RosLane] = {}
         self._failures: dict[int, str] = {}
         self._now_ns, self._step, self._closed = _BEGINS_NS, 0, False
+        self._due_ns = math.inf
 
     def __enter__(self) -> Self:
         return self
@@ -106,9 +109,8 @@ class Ros1Lockstep:
             self.exchange(sensed)
         for lane in lanes:
             lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
-            if not lane.failure and not lane.graph.publishers(self._messages.commands.name):
-                lane.failure = f"no node publishes {self._messages.commands.name}"
-                self._end(lane)
+        self._due_ns = self._now_ns + self._first_command_s * 1e9
+        self._check_commanded(lanes)
 
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; None marks lanes that are done."""
@@ -125,6 +127,7 @@ class Ros1Lockstep:
         self._check(moving)
         self._stop_idle(lanes)
         self._now_ns, self._step = self._now_ns + self._control_ns, self._step + 1
+        self._check_commanded(lanes)
         return [self._lanes[n].command if n in moving else TwistCommand() for n in range(len(sensed))]
 
     def tally(self, lane: int) -> ExchangeTotals:
@@ -134,6 +137,13 @@ class Ros1Lockstep:
     def tags(self, lane: int) -> Mapping[str, str]:
         """Returns what a lane's application gave to ``/robomaker/job/add_tags``."""
         return dict(self._lanes[lane].graph.tags) if lane in self._lanes else {}
+
+    def printed(self, lane: int) -> str:
+        """Returns what a lane's nodes printed last, and what they said or waited for in vain."""
+        if lane not in self._lanes:
+            return ""
+        found = self._lanes[lane]
+        return "\n".join([found.application.printed(), *found.graph.gaps()]).strip()
 
     def processes(self, lane: int) -> list[int]:
         """Returns the processes of a lane's application, as of the last control step."""
@@ -225,6 +235,22 @@ class Ros1Lockstep:
                 lane.failure = lane.application.excess()
             if lane.failure:
                 self._end(lane)
+
+    @property
+    def _first_command_s(self) -> float:
+        return self._base.robot.first_command_s
+
+    def _check_commanded(self, lanes: Sequence[RosLane]) -> None:
+        """Fails lanes in which no node publishes commands, though it is time."""
+        topic = self._messages.commands.name
+        for lane in lanes if self._now_ns >= self._due_ns else ():
+            if lane.failure or lane.graph.publishers(topic):
+                continue
+            within = f" within {self._first_command_s:g} simulated s (first_command_s in ros.yaml)"
+            gaps = lane.graph.gaps()
+            told = "".join(f"; {each}" for each in gaps[:_GAPS_TOLD])
+            lane.failure = f"no node publishes {topic}{within if self._first_command_s else ''}{told}"
+            self._end(lane)
 
     def _stop_idle(self, lanes: Sequence[RosLane]) -> None:
         hold_ns = round(self._base.robot.command_timeout_s * 1e9)

@@ -176,6 +176,10 @@ class DdsGraph:
             found.append(f"a node publishes {self._command} best effort: the robot hears who is reliable")
         return found
 
+    def gaps(self) -> list[str]:
+        """Returns nothing: what nodes say and wait for among themselves, the robot does not hear of."""
+        return []
+
     def close(self) -> None:
         """Takes the robot out of its domain; a second time does nothing."""
         if self._closed:
@@ -196,6 +200,11 @@ class Ros2Lockstep(Ros1Lockstep):
     """The applications of all lanes of a chunk; see ``Lockstep``. Arguments are those of ``Ros1Lockstep``."""
 
     _domains: tuple[EpisodeDomain, ...] = ()
+
+    @property
+    def _first_command_s(self) -> float:
+        """Returns 0: who advertises in an episode is found by DDS when the wall's clock has it, not in lock-step."""
+        return 0.0
 
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
         launch = self._launch

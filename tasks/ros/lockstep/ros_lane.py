@@ -2,12 +2,15 @@
 
 import asyncio
 import contextlib
+import contextvars
+import heapq
 import math
 import select
 import selectors
 import socket
 from collections import deque
 from collections.abc import Callable
+from typing import TypeVarTuple, Unpack
 
 from tasks.ros.lockstep.exchange import ExchangeTotals, TopicListener, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
@@ -16,6 +19,34 @@ from tasks.ros.message.ros_messages import frame_message, read_twist
 from tasks.ros.process.network import EpisodeNetwork
 
 _TURNS = 1000
+Ts = TypeVarTuple("Ts")
+
+
+class _TimedLoop(asyncio.SelectorEventLoop):
+    """An event loop that knows when it has something to do although nothing comes: an answer that is held, a limit."""
+
+    def __init__(self, selector: selectors.BaseSelector) -> None:
+        self._times_s: list[float] = []
+        super().__init__(selector)
+
+    def call_at(
+        self,
+        when: float,
+        callback: Callable[[Unpack[Ts]], object],
+        *args: *Ts,
+        context: contextvars.Context | None = None,
+    ) -> asyncio.TimerHandle:
+        """Calls a function when the loop runs at this time or later."""
+        heapq.heappush(self._times_s, when)
+        return super().call_at(when, callback, *args, context=context)
+
+    def due(self) -> bool:
+        """Returns whether the time of a call has come since this was asked last."""
+        found = False
+        while self._times_s and self._times_s[0] <= self.time():
+            heapq.heappop(self._times_s)
+            found = True
+        return found
 
 
 class EventPump:
@@ -29,7 +60,7 @@ class EventPump:
         # Both descriptors are made before any lane has its own: select() takes none above 1023, and it alone naps for
         # less than a millisecond.
         selector = selectors.EpollSelector()
-        self.loop = asyncio.SelectorEventLoop(selector)
+        self.loop = _TimedLoop(selector)
         self._requests = selector.fileno()
         self._commands = select.epoll()
 
@@ -39,7 +70,9 @@ class EventPump:
             self._commands.register(sock, select.EPOLLIN)
 
     def serve(self) -> None:
-        """Answers all requests that have come, and those that come meanwhile."""
+        """Answers all requests that have come or are due, and those that come meanwhile."""
+        if self.loop.due():
+            self.turn()
         for _ in range(_TURNS):
             if not select.select([self._requests], [], [], 0.0)[0]:
                 return
@@ -105,7 +138,7 @@ class RosLane:
         self.commands = self.late = self.stray = 0
         self.begun_s = self.look_s = self.nap_s = 0.0
         self._pump, self._latched = pump, latched
-        self._changes, self._had_source = -1, False
+        self._changes, self._had_source, self._sources = -1, False, 0
         self._topics: deque[tuple[str, Writer]] = deque()
         self._frame, self._to = b"", deque[TopicListener]()
         self._topic = ""
@@ -163,6 +196,8 @@ class RosLane:
             for source in self.graph.incoming:
                 self._had_source = True
                 self._pump.watch(source.sock)
+            came, self._sources = len(self.graph.incoming) > self._sources, len(self.graph.incoming)
+            self.stray += stray and came
         for topic, data in self.graph.take():
             try:
                 twist = read_twist(data)

@@ -128,10 +128,12 @@ class Readiness:
         self._pump, self._commands, self._limit_s, self._fail = pump, commands, limit_s, fail
         self._changes: dict[int, int] = {}
         self._since_s: dict[int, float] = {}
+        self._ends_s = 0.0
 
     def wait(self, lanes: Sequence[RosLane]) -> None:
         """Returns when each lane is ready, or has failed with a reason."""
-        begun_s, waiting = time.perf_counter(), [lane for lane in lanes if not lane.failure]
+        waiting = [lane for lane in lanes if not lane.failure]
+        self._ends_s = time.perf_counter() + self._limit_s
         while waiting:
             self._pump.turn()
             self._pump.serve()
@@ -140,7 +142,7 @@ class Readiness:
                 lane.check()
                 if lane.failure or self._ready(lane):
                     waiting.remove(lane)
-                elif time.perf_counter() - begun_s > self._limit_s:
+                elif time.perf_counter() > self._ends_s:
                     lane.failure = f"not ready within {self._limit_s:g} s: {self._missing(lane)}"
                     waiting.remove(lane)
                 if lane.failure:
@@ -166,8 +168,11 @@ class Readiness:
             self._since_s[key] = now_s
             lane.detector.count(now_s)
             return False
-        commanded = lane.graph.publishers(self._commands)
-        if now_s - self._since_s[key] < (_IDLE_S if commanded else _IDLE_WITHOUT_COMMANDS_S):
+        commanded, idle_s = lane.graph.publishers(self._commands), now_s - self._since_s[key]
+        if idle_s < (_IDLE_S if commanded else _IDLE_WITHOUT_COMMANDS_S):
+            return False
+        # One that sleeps by the wall's clock may advertise when it wakes: in an episode, at another moment each time.
+        if not commanded and now_s < self._ends_s and lane.detector.sleeps_on():
             return False
         lane.detector.find_pollers(now_s)
         lane.detector.find_sleepers()

@@ -194,6 +194,7 @@ _WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
 _ROUNDS = 500
 _PAUSE_S = 0.002
 _LOG_END_BYTES = 2000
+_LAST_WORDS_CHARACTERS = 300
 
 
 class _Node(NamedTuple):
@@ -220,6 +221,7 @@ class ApplicationProcesses:
         self._tracker, self._limits = tracker, limits
         self._nodes: list[_Node] = []
         self.done: set[str] = set()
+        self._printed = ""
         self._epoch = -1
 
     def start(self, plans: Iterable[NodePlan], environment: Mapping[str, str], prefix: Sequence[str] = ()) -> None:
@@ -308,19 +310,29 @@ class ApplicationProcesses:
         """Waits for its nodes, which were killed."""
         for each in self._nodes:
             each.process.wait()
+        self._printed = self.printed()
         self.watch.close()
+
+    def printed(self) -> str:
+        """Returns what its nodes printed last, each line after its node's name; known when its folder is gone, too."""
+        return self._printed or "\n".join(
+            f"{node.log.stem}: {line}" for node in self._nodes for line in _log_end(node.log)
+        )
 
     def _last_words(self, node: _Node) -> str:
         """Returns the last line that a node wrote, if it wrote any."""
-        # A node may have put anything in its log's place: a pipe that nobody writes to would be waited for.
-        flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
-        with contextlib.suppress(OSError), os.fdopen(os.open(node.log, flags), "rb") as log:
-            log.seek(max(0, log.seek(0, os.SEEK_END) - _LOG_END_BYTES))
-            lines = [
-                line.strip() for line in log.read(_LOG_END_BYTES).decode(errors="replace").splitlines() if line.strip()
-            ]
-            return f": {lines[-1][:300]}" if lines else ""
-        return ""
+        lines = [line.strip() for line in _log_end(node.log) if line.strip()]
+        return f": {lines[-1][:_LAST_WORDS_CHARACTERS]}" if lines else ""
+
+
+def _log_end(path: Path) -> list[str]:
+    """Returns the last lines that a node wrote."""
+    # A node may have put anything in its log's place: a pipe that nobody writes to would be waited for.
+    flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
+    with contextlib.suppress(OSError), os.fdopen(os.open(path, flags), "rb") as log:
+        log.seek(max(0, os.fstat(log.fileno()).st_size - _LOG_END_BYTES))
+        return log.read(_LOG_END_BYTES).decode(errors="replace").strip().splitlines()
+    return []
 
 
 def end_applications(applications: Sequence[ApplicationProcesses], tracker: ProcessTracker) -> None:

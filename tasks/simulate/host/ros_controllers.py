@@ -50,7 +50,6 @@ from tasks.simulate.sensors.lidar import Lidar, ray_angles
 _PREFIX = "simyard-ros-"
 # A folder is made first and locked then: one so young may be about to be locked.
 _YOUNG_S = 60.0
-_PRINTED_BYTES = 2000
 
 
 # A process that is killed cannot remove its folder. The next one that makes such a folder does: whose lock nobody
@@ -67,20 +66,6 @@ class RosHome:
         remove_abandoned(Path(tempfile.gettempdir()))
         self.path = Path(tempfile.mkdtemp(prefix=_PREFIX))
         self._handle = _locked(self.path)
-
-    def printed(self, lane: int) -> str:
-        """Returns what the nodes of a lane printed last, each under its name; empty if they printed nothing.
-
-        Args:
-            lane: Whose folder in this one is ``lane-<number>``, as lock-step makes it.
-        """
-        said: list[str] = []
-        for path in sorted((self.path / f"lane-{lane}" / "log").glob("*.out")):
-            with suppress(OSError), os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
-                file.seek(max(0, os.fstat(file.fileno()).st_size - _PRINTED_BYTES))
-                text = file.read(_PRINTED_BYTES).decode("utf-8", "replace").strip()
-                said += [f"{path.stem}: {line}" for line in text.splitlines()]
-        return "\n".join(said)
 
     def close(self) -> None:
         """Removes it with all that lies in it; a second call does nothing."""
@@ -316,16 +301,16 @@ class RosLanes:
                 self._ended = {
                     lane: (lockstep.tally(lane), dict(lockstep.tags(lane))) for lane in range(len(self._start.lanes))
                 }
-                self._tell_prints()
+                self._tell_prints(lockstep)
                 lockstep.close()
         finally:
             if self._home is not None:
                 self._home.close()
 
-    def _tell_prints(self) -> None:
+    def _tell_prints(self, lockstep: Lockstep) -> None:
         """Prints what nodes printed, so that it becomes part of what applications printed."""
         for number, lane in enumerate(self._start.lanes):
-            if self._home is not None and (said := self._home.printed(number)):
+            if said := lockstep.printed(number):
                 sys.stdout.write(f"job {lane.request.index} of {self._name}:\n{said}\n")
         sys.stdout.flush()
 

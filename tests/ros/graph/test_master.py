@@ -128,3 +128,15 @@ def test_counters_tell_of_calls_and_registrations(episode: Episode):
     episode.call("registerPublisher", "/a", "a/B", "http://127.0.0.1:1/")
     assert episode.graph.changes > changes
     assert episode.graph.busy == 0
+
+
+def test_what_nodes_say_or_wait_for_in_vain_is_named(episode: Episode):
+    uri, twist = "http://127.0.0.1:1/", "geometry_msgs/Twist"
+    for topic in ("/base", "/mux"):
+        episode.call("registerPublisher", topic, twist, uri)
+    for topic in ("/mux", "/camera", "/scan"):
+        episode.call("registerSubscriber", topic, "*", uri, caller="/other")
+    assert episode.graph.gaps() == [
+        f"/node publishes {twist} on /base, to which nobody subscribes",
+        "/other subscribes to /camera, which nobody publishes",
+    ]

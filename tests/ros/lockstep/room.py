@@ -53,11 +53,13 @@ class Driven(NamedTuple):
         digests: Of each lane's commands.
         tallies: Of each lane.
         failures: By lane.
+        printed: By each lane's nodes.
     """
 
     digests: list[str]
     tallies: list[ExchangeTotals]
     failures: Mapping[int, str]
+    printed: list[str]
 
 
 def drive(
@@ -67,9 +69,11 @@ def drive(
     *,
     patience: LockstepPatience | None = None,
     limits: LaneLimits | None = None,
+    robot: RosRobot | None = None,
 ) -> Driven:
     """Returns what became of one lane for each seed; lanes that failed stand still."""
-    with Ros1Lockstep(launch, BASE, CONTROL_S, patience=patience, limits=limits) as lockstep:
+    base = BASE._replace(robot=robot or BASE.robot)
+    with Ros1Lockstep(launch, base, CONTROL_S, patience=patience, limits=limits) as lockstep:
         rooms = [Room(seed) for seed in seeds]
         traces = [hashlib.sha256() for _ in seeds]
         lockstep.begin([room.sense() for room in rooms], [None] * len(rooms))
@@ -79,7 +83,8 @@ def drive(
                 room.drive(command)
                 trace.update(np.array(command).tobytes())
         tallies = [lockstep.tally(k) for k in range(len(seeds))]
-        return Driven([trace.hexdigest() for trace in traces], tallies, dict(lockstep.failures))
+        printed = [lockstep.printed(k) for k in range(len(seeds))]
+        return Driven([trace.hexdigest() for trace in traces], tallies, dict(lockstep.failures), printed)
 
 
 def nothing_left(home: Path) -> bool:

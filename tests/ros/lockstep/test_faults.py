@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.lockstep.exchange import Launch
+from specs.bundle_files import RosRobot
+from tasks.ros.lockstep.exchange import ExchangeTotals, Launch
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
 from tests.repository import ROOT
@@ -75,6 +76,26 @@ def test_a_required_node_that_is_done_ends_its_episode(courier: Path, home: Path
     environment = [{"KIND": "done", "REQUIRED": "true"}]
     found = drive(Launch(courier, "courier", "fault.launch", home, environment), [0], STEPS)
     assert "/fault" in found.failures[0]
+
+
+@pytest.mark.long
+def test_a_robot_may_stand_until_its_first_command_and_what_it_waited_for_is_named(courier: Path, home: Path) -> None:
+    environment = [{"AFTER": "2.0"}, {"TOPIC": "/base/cmd_vel"}, {"AFTER": "60.0"}]
+    launch = Launch(courier, "courier", "late.launch", home, environment)
+    found = drive(launch, [0, 0, 0], STEPS, robot=RosRobot(first_command_s=1.8))
+    why = "no node publishes /cmd_vel within 1.8 simulated s (first_command_s in ros.yaml)"
+    elsewhere = "/late publishes geometry_msgs/Twist on /base/cmd_vel, to which nobody subscribes"
+    assert found.failures == {1: f"{why}; {elsewhere}", 2: why}
+    assert found.printed == ["", elsewhere, ""]
+    assert found.tallies[0].commands > 0
+
+
+@pytest.mark.long
+def test_a_node_that_sleeps_by_the_walls_clock_before_it_advertises_is_waited_for(courier: Path, home: Path) -> None:
+    environment = [{"AFTER": "4.0", "CLOCK": "wall"}]
+    found = drive(Launch(courier, "courier", "late.launch", home, environment), [0], 10)
+    assert found.failures == {}
+    assert found.tallies == [ExchangeTotals(5, 0, 0)]
 
 
 @pytest.mark.parametrize("nodes", [pytest.param(6, marks=pytest.mark.long), pytest.param(32, marks=pytest.mark.soak)])

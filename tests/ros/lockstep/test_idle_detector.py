@@ -121,6 +121,17 @@ def test_waits_of_two_threads_are_not_added_up(detector: IdleDetector, worker: F
     assert not detector.has_time(2.0, 4.6)
 
 
+def test_one_that_sleeps_on_by_the_walls_clock_is_told_from_one_that_wakes_or_waits(
+    detector: IdleDetector, worker: FakeThread
+) -> None:
+    detector.count(0.0)
+    assert not detector.sleeps_on()
+    worker.nap()
+    assert detector.sleeps_on()
+    worker.run()
+    assert not detector.sleeps_on()
+
+
 def test_waits_before_something_was_sent_do_not_count(detector: IdleDetector, worker: FakeThread) -> None:
     worker.run(waited_ns=9_000_000_000)
     detector.begin(1.0, fresh=False, ticked=True)

@@ -84,6 +84,9 @@ class Answers:
     def tags(self, lane: int) -> Mapping[str, str]:
         return {"lane": str(lane)}
 
+    def printed(self, lane: int) -> str:
+        return f"lane {lane}"
+
     def close(self) -> None:
         self.closed = True
 

@@ -160,6 +160,22 @@ def test_a_pipe_in_the_place_of_a_log_is_not_waited_for(start: Start) -> None:
     assert failure(start(program)) == "node /node ended with status 7"
 
 
+def test_what_nodes_printed_last_is_known_when_they_are_gone_and_no_link_is_followed(
+    start: Start, tracker: ProcessTracker, tmp_path: Path
+) -> None:
+    (tmp_path / "secret").write_text("of the machine")
+    application, other = start("print('x' * 3000 + '\\nhello\\nworld'); raise SystemExit(7)"), start("pass")
+    log = other.home / "log" / "node.out"
+    for each in (application, other):
+        failure(each)
+    log.unlink()
+    log.symlink_to(tmp_path / "secret")
+    end_applications([application, other], tracker)
+    said = application.printed().splitlines()
+    assert said[1:] == ["node: hello", "node: world"]
+    assert (len(said[0]), other.printed()) == (len("node: ") + 1987, "")
+
+
 def test_memory_beyond_the_limit_is_told(start: Start) -> None:
     hog = "import os, time; held = bytearray(64 << 20); held[::4096] = b'1' * len(held[::4096])\n"
     hog += "open(os.environ['ROS_HOME'] + '/there', 'w').close(); time.sleep(600)"

@@ -72,6 +72,9 @@ class FakeLockstep:
     def tags(self, lane: int) -> Mapping[str, str]:
         return self._tags.get(lane, {})
 
+    def printed(self, lane: int) -> str:
+        return "patrol: no map" if lane in self._of_kind(NOT_READY) else ""
+
     def close(self) -> None:
         self.closed += 1
 

@@ -56,19 +56,6 @@ def test_it_is_gone_with_all_that_lies_in_it():
     assert not home.path.exists()
 
 
-def test_what_nodes_of_a_lane_printed_last_is_told_and_no_link_is_followed(tmp_path: Path):
-    home, secret = RosHome(), tmp_path / "secret"
-    secret.write_text("of the machine")
-    log = home.path / "lane-3" / "log"
-    log.mkdir(parents=True)
-    (log / "wander.out").write_text("x" * 3000 + "\nhello\nworld\n")
-    (log / "other.out").symlink_to(secret)
-    said = home.printed(3).splitlines()
-    assert said[1:] == ["wander: hello", "wander: world"]
-    assert (len(said[0]), home.printed(4)) == (len("wander: ") + 1987, "")
-    home.close()
-
-
 def test_a_killed_processs_folder_is_removed_and_a_living_ones_kept(tmp_path: Path):
     living = RosHome()
     (living.path / "note").touch()
@@ -272,6 +259,15 @@ def test_closing_twice_ends_the_applications_once_and_leaves_no_file(tmp_path: P
     lanes.close()
     assert only(locksteps).closed == 1
     assert not home.exists()
+
+
+def test_what_nodes_printed_is_told_of_lanes_that_failed_before_the_first_step_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    lanes, _ = started(tmp_path, [NOT_READY, ""])
+    driven(lanes, 1, 0, 1)
+    lanes.close()
+    assert capsys.readouterr().out == "job 0 of wheels:\npatrol: no map\n"
 
 
 class _Refusing(FakeLockstep):

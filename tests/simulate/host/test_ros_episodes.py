@@ -112,7 +112,8 @@ def test_each_fault_is_its_own_episodes_row_in_either_confinement(
     finally:
         process_pool._idle.end_all()
     assert [sound_part(rows[number]) for number in SOUND] == [sound_part(alone)] * len(SOUND)
-    assert rows[1].failure_reason == "patrol: node /wander ended with status 7"
+    assert rows[1].failure_reason == "patrol: node /wander ended with status 7: I give up"
+    assert "job 1 of patrol:\nwander: I give up" in told.printed
     assert "/cmd_vel: a command is not a number" in rows[2].failure_reason
     assert {rows[number].failure_code for number in (1, 2)} == {"RobotApplicationCrash"}
     assert (rows[3].status, rows[3].failure_reason) == ("Canceled", WITHDRAWN)
