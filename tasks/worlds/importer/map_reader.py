@@ -101,6 +101,16 @@ def read_map(path: Path, wall_height_m: float = MAP_WALL_M) -> Scene:
     )
 
 
+def read_floor(path: Path) -> tuple[KnownCells, MapDescription]:
+    """Returns what a map of ROS knows of its cells, and what it says of itself.
+
+    Raises:
+        SourceError: It is no map; carries all faults that could be found.
+    """
+    described, _ = _read_description(path)
+    return _read_cells(path, _picture_path(path, described.image), described)[0], described
+
+
 def _digest(body: bytes) -> str:
     return hashlib.sha256(body).hexdigest()
 
