@@ -171,7 +171,7 @@ def import_(
     )
     imported = import_world(asked, Path.cwd())
     keep_world(opened, imported)
-    draw_imported(opened.url, imported.reference)
+    draw_imported(opened.url, [imported.reference])
     picture = f"{opened.url}/{contact_sheet_key(imported.world.generation)}"
     echo(imported.reference)
     for line in (*import_lines(imported.world), f"  picture {picture}"):

@@ -210,9 +210,9 @@ def show_imported(work: ParsedRun) -> Reports:
     if not work.found.imported:
         return ()
     start_s = _begin("worlds")
-    for world in work.found.imported_digests():
-        run_step(draw_imported, work.store.url, world)
-    return _logged(import_report(work.found.imported, work.store, _since(start_s)))
+    for worlds in work.found.imported_by_name().values():
+        run_step(draw_imported, work.store.url, [each.reference for each in worlds])
+    return _logged(import_report(work.found.imported_by_name(), work.store, _since(start_s)))
 
 
 def generate(work: ParsedRun) -> tuple[list[str], Reports]:

@@ -24,7 +24,7 @@ from flows.pipeline.tested_batch import (
     world_digests,
 )
 from flows.pipeline.version_retention import latest_version, publish_brought
-from flows.pipeline.world_imports import ImportedWorld, import_world, keep_world
+from flows.pipeline.world_imports import ImportedWorld, import_worlds, keep_world
 from specs.arn import parse_reference, reference_path
 from specs.base import Fault
 from specs.errors import BucketNotFound, DocumentError, KeptFaults, ObjectNotFound
@@ -170,9 +170,20 @@ class Resolved:
         """Returns the SHA-256 of each world that the document imports, by ``<generation>/<world>``."""
         return {each.reference: each.digest for each in self.imported}
 
+    def imported_by_name(self) -> dict[str, list[ImportedWorld]]:
+        """Returns the worlds that the document imports, by the name of their entry: variants together."""
+        found: dict[str, list[ImportedWorld]] = {}
+        for each in self.imported:
+            found.setdefault(each.name, []).append(each)
+        return found
+
     def placed(self, spec: PipelineSpec) -> PipelineSpec:
         """Returns the document, which names the worlds that it imports by where they are in the store."""
-        return place_worlds(spec, {each.name: each.reference for each in self.imported})
+        places: dict[str, list[str]] = {}
+        for each in self.imported:
+            for name in {each.name, each.world.name}:
+                places.setdefault(name, []).append(each.reference)
+        return place_worlds(spec, places)
 
     def bundled_digests(self) -> frozenset[str]:
         """Returns the SHA-256 of all builds of the bundles that the document brings along."""
@@ -222,8 +233,8 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
     for source in spec.applications:
         faults.keep(lambda source=source: bundled.update(_publish(source, store, base, spec)))
     entries = enumerate(spec.worlds or ())
-    imported = [faults.keep(partial(_import, entry, number, store, base)) for number, entry in entries]
-    find, found = finder(store, bundled), Resolved(bundled, [each for each in imported if each])
+    imported = [faults.keep(partial(_import, entry, number, store, base)) or [] for number, entry in entries]
+    find, found = finder(store, bundled), Resolved(bundled, [each for some in imported for each in some])
     spec = found.placed(spec)
     if section := spec.worldGeneration:
         template = faults.keep(lambda: find_template(section.template, store, base))
@@ -326,10 +337,11 @@ def _publish(source: ApplicationSource, store: Store, base: Path, spec: Pipeline
     return {_key(kind, source.name): publish_brought(store, kind, source.name, base / source.source, spec)}
 
 
-def _import(entry: WorldImport, number: int, store: Store, base: Path) -> ImportedWorld:
+def _import(entry: WorldImport, number: int, store: Store, base: Path) -> list[ImportedWorld]:
     path = f"worlds[{number}]"
-    imported = import_world(entry, base, path)
-    keep_world(store, imported, path)
+    imported = import_worlds(entry, base, path)
+    for each in imported:
+        keep_world(store, each, path)
     return imported
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple, cast, get_args
 from pydantic import JsonValue
 
 from flows.pipeline.run_gate import GateAnswer, read_gate_answer
-from flows.pipeline.world_imports import ImportedWorld, import_summary, unresolved_lines
+from flows.pipeline.world_imports import ImportedWorld, imported_summary, unresolved_lines
 from specs.arn import RUN_KIND, resource_name
 from specs.data.run_report import Artefact, PipelineReport, StageName, StageReport, Verdict
 from specs.data.world import Certificate
@@ -56,25 +56,31 @@ def recorded_report(run: JobRecord) -> PipelineReport:
     return PipelineReport.model_validate(report)
 
 
-def import_report(imported: Sequence[ImportedWorld], store: Store, seconds: float) -> StageReport:
-    """Returns what became of the worlds that a document imports, with an alarm for what is not there."""
-    keys = {
-        label: key
-        for each in imported
-        for label, key in (
-            (f"world {each.name}", reference_key(each.reference)),
-            (f"picture of {each.name}", contact_sheet_key(each.world.generation)),
-        )
-    }
+def import_report(imported: Mapping[str, Sequence[ImportedWorld]], store: Store, seconds: float) -> StageReport:
+    """Returns what became of the worlds that a document imports, with an alarm for what is not there.
+
+    Args:
+        imported: By the name of their entry, of which there is at least one; variants of one together.
+        store: Where they are.
+        seconds: How long it took to draw them.
+    """
+    artefacts: list[Artefact] = []
+    for name, worlds in imported.items():
+        first = worlds[0]
+        key = reference_key(first.reference) if len(worlds) == 1 else f"worlds/{first.world.generation}"
+        artefacts.append(Artefact(label=f"world{'s' * (len(worlds) > 1)} {name}", url=f"{store.url}/{key}"))
+        picture = contact_sheet_key(first.world.generation)
+        artefacts.append(Artefact(label=f"picture of {name}", url=f"{store.url}/{picture}"))
     stage = StageReport(
         name="worlds",
         arn="",
         status="Completed",
-        summary="; ".join(import_summary(each.world) for each in imported),
+        summary="; ".join(imported_summary(name, [each.world for each in found]) for name, found in imported.items()),
         seconds=seconds,
-        artefacts=tuple(Artefact(label=label, url=f"{store.url}/{key}") for label, key in keys.items()),
+        artefacts=tuple(artefacts),
     )
-    return reduce(with_alarm, [line for each in imported for line in unresolved_lines(each.world)], stage)
+    # Variants lack what the building lacks that they are made of.
+    return reduce(with_alarm, [line for found in imported.values() for line in unresolved_lines(found[0].world)], stage)
 
 
 def generation_report(record: JobRecord, store: Store, seconds: float) -> StageReport:

@@ -7,14 +7,15 @@ and to import it again does nothing. Importing has no job: as a bundle, a world 
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from specs.base import Fault
-from specs.data.world import ImportFinding, World
+from specs.data.world import ROBOT_RADIUS_M, ImportFinding, World, solids
 from specs.errors import DocumentError, LaunchRefused, ObjectExists
 from specs.pipeline.world_sections import WorldImport
 from tasks.ros.launch.launch_plan import run_launch_program
@@ -22,7 +23,9 @@ from tasks.simulate.sandbox.confinement import Place, confined_command
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import decode_world, encode_world, write_world
+from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.importer.source_scene import ImportAnswer
+from tasks.worlds.importer.variants import VariantWishes, vary_world
 
 _MODULE = "tasks.worlds.importer.import_process"
 _LIMIT_S = 900.0
@@ -81,6 +84,30 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     return ImportedWorld(asked.name, decode_world(answer.world.encode()))
 
 
+def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[ImportedWorld]:
+    """Returns the worlds that an entry of a document makes: one, or the variants that it asks for.
+
+    Raises:
+        DocumentError: As ``import_world`` says; or a robot has no room in the world, or in one of its variants.
+    """
+    whole = import_world(asked, base, path)
+    if asked.variants is None:
+        return [whole]
+    wishes = VariantWishes(
+        move_m=asked.move or 0.0,
+        remove=asked.remove or 0.0,
+        clutter=asked.clutter or 0,
+        radius_m=ROBOT_RADIUS_M if asked.robotRadius is None else asked.robotRadius,
+    )
+    try:
+        return [
+            ImportedWorld(asked.name, vary_world(whole.world, asked.seed or 0, number, wishes))
+            for number in range(1, asked.variants + 1)
+        ]
+    except WorldRejected as exc:
+        raise DocumentError.of(f"{path}.variants" if path else "variants", str(asked.variants), exc.reason) from exc
+
+
 def _missing(path: str, value: str, allowed: str) -> Fault:
     return Fault(path=path, value=repr(value), allowed=allowed)
 
@@ -123,14 +150,35 @@ def keep_world(store: Store, imported: ImportedWorld, path: str = "source") -> N
         raise DocumentError.of(path, imported.reference, allowed) from exc
 
 
+def imported_lines(imported: Mapping[str, Sequence[ImportedWorld]]) -> Iterator[str]:
+    """Yields what became of the worlds that a document imports, by the names of entries, for a person."""
+    for name, each in imported.items():
+        yield imported_summary(name, [one.world for one in each])
+        yield from islice(import_lines(each[0].world), 1, None)
+
+
+def imported_summary(name: str, worlds: Sequence[World]) -> str:
+    """Returns what an entry of a document made, in one line; its name, and the worlds."""
+    first = worlds[0]
+    if first.name == name or first.report is None or first.source is None:
+        return import_summary(first)
+    counts = [len(solids(world)) for world in worlds]
+    radius_m = min(world.certificate.reachable_robot_radius_m for world in worlds)
+    return (
+        f"{name} from {first.source.file}: {len(worlds):,} variants, {min(counts):,} to {max(counts):,} solids, "
+        f"{first.report.exact:,} of {first.report.parts:,} parts exact, made for a robot of "
+        f"{first.certificate.guaranteed_robot_radius_m:g} m radius; one of up to {radius_m:g} m gets about in each"
+    )
+
+
 def import_summary(world: World) -> str:
     """Returns what an imported world is, in one line: its pieces, what is not as it was, and who gets about."""
     report, source = world.report, world.source
     if report is None or source is None:
         return ""
-    solids = len(world.walls) + sum(len(piece.solids) for piece in world.furniture)
     became = {kind: sum(each.became == kind for each in report.findings) for kind in _BECAME}
-    said = [f"{world.name} from {source.file}: {solids:,} solids, {report.exact:,} of {report.parts:,} parts exact"]
+    size = f"{len(solids(world)):,} solids, {report.exact:,} of {report.parts:,} parts exact"
+    said = [f"{world.name} from {source.file}: {size}"]
     said += [f"{count} {kind}" for kind, count in became.items() if count]
     radius_m = world.certificate.reachable_robot_radius_m
     said.append(f"a robot of up to {radius_m:g} m radius gets about" if radius_m else "no robot gets about")

@@ -160,13 +160,13 @@ def _show_worlds(parameters: Parameters, page: str) -> None:
 
 def _show_imported(parameters: Parameters, page: str) -> None:
     create_markdown_artifact(
-        page, key=document_artifact_key("imported-world"), description=f"The imported world {parameters['world']}"
+        page, key=document_artifact_key("imported-world"), description=f"Imported: {', '.join(parameters['worlds'])}"
     )
 
 
 def imported_name(parameters: Parameters) -> str:
     """Returns what Prefect's pages call the task run that draws an imported world."""
-    return f"draw {parameters['world'].rpartition('/')[2]}"
+    return f"draw {parameters['worlds'][0].rpartition('/')[2]}"
 
 
 generate_worlds = as_task(world_step.generate_worlds, worlds_name, progress=(world_step.STAGE, "worlds-progress"))

@@ -11,7 +11,7 @@ from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable
 from flows.pipeline.version_retention import version_lines
-from flows.pipeline.world_imports import import_lines
+from flows.pipeline.world_imports import imported_lines
 from flows.preview.gate_plan import GateBasis, deployment_lines, gate_basis, gate_lines
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
@@ -225,8 +225,8 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     batch, plan, beside = _planned(spec, trial, find, found.bundled_digests(), imported)
     yield f"{spec.name}, on {store.url}"
     yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
-    worlds = (line for each in found.imported for line in import_lines(each.world))
-    yield from (f"{'' if number else 'worlds':<18}{line}" for number, line in enumerate(worlds))
+    worlds = enumerate(imported_lines(found.imported_by_name()))
+    yield from (f"{'' if number else 'worlds':<18}{line}" for number, line in worlds)
     if spec.worldGeneration:
         yield _generation_line(spec.worldGeneration)
     if spec.worldExport:

@@ -11,7 +11,7 @@ from specs.field_types import PlainName
 from specs.pipeline.gate_section import Gate, drawn_once, unaudited
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
-from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration, WorldImport
+from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration, WorldImport, variant_names
 from specs.rules import Finding, Location, Ruled, items, part
 
 SECTIONS = ("applications", "worlds", "worldGeneration", "worldExport", "simulationBatch", "deployment")
@@ -83,7 +83,10 @@ class PipelineSpec(Ruled):
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
         imported = items(part(data, "worlds"))
         yield from drawn_once(
-            part(data, "gate"), part(data, "simulationBatch"), part(data, "worldGeneration"), imported=len(imported)
+            part(data, "gate"),
+            part(data, "simulationBatch"),
+            part(data, "worldGeneration"),
+            imported={str(part(each, "name")): _names(each) for each in imported},
         )
         yield from unjudged(part(data, "deployment"), part(data, "gate"))
         if part(data, "worldGeneration") is None and not imported:
@@ -91,7 +94,7 @@ class PipelineSpec(Ruled):
         yield from _too_many_to_export(data)
         yield from _published_twice(items(part(data, "applications")))
         yield from _imported_twice(imported)
-        yield from _unknown_names(data, [str(part(each, "name")) for each in imported])
+        yield from _unknown_names(data, imported)
 
 
 def canonical_digest(spec: PipelineSpec) -> str:
@@ -146,7 +149,7 @@ def _worlds_from_nowhere(data: object) -> Iterator[Finding]:
 def _too_many_to_export(data: object) -> Iterator[Finding]:
     """Yields an export of more worlds than one job writes, and there is one export job."""
     export, section = part(data, "worldExport"), part(data, "worldGeneration")
-    count, imported = part(section, "worldCount"), len(items(part(data, "worlds")))
+    count, imported = part(section, "worldCount"), sum(len(_names(each)) for each in items(part(data, "worlds")))
     counts = [part(count, "floorplanCount"), part(count, "interiorCountPerFloorplan")]
     plans, interiors = (each if type(each) is int else 1 for each in counts)
     generated = plans * interiors if section is not None else 0
@@ -168,17 +171,32 @@ def _brings_world(request: object) -> bool:
     return any(part(config, "world") is not None for config in configs)
 
 
+def _names(entry: object) -> tuple[str, ...]:
+    """Returns the names of the worlds that an entry of a raw section ``worlds`` makes."""
+    return variant_names(str(part(entry, "name")), part(entry, "variants"))
+
+
 def _imported_twice(worlds: Sequence[object]) -> Iterator[Finding]:
-    names = [str(part(world, "name")) for world in worlds]
-    for number, name in enumerate(names):
-        if name in names[:number]:
-            yield Finding(("worlds", number, "name"), name, "a name of its own among the worlds")
+    seen: set[str] = set()
+    for number, world in enumerate(worlds):
+        name = str(part(world, "name"))
+        names = {name, *_names(world)}
+        if names & seen:
+            yield Finding(("worlds", number, "name"), name, "a name of its own among the worlds and their variants")
+        seen |= names
 
 
-def _unknown_names(data: object, known: Sequence[str]) -> Iterator[Finding]:
-    """Yields names of worlds that the document does not import; ``<generation>/<world>`` and ARNs may be anywhere."""
-    allowed = f'{", ".join(known) or "no name, as the document has no section worlds"}; "<generation>/<world>", an ARN'
+def _unknown_names(data: object, imported: Sequence[object]) -> Iterator[Finding]:
+    """Yields names of worlds that the document does not import; ``<generation>/<world>`` and ARNs may be anywhere.
+
+    One job is in one world: it names a variant, and not the building that the variants are made of.
+    """
+    varied = {str(part(each, "name")): _names(each) for each in imported}
+    each_one = {name for names in varied.values() for name in names}
+    shown = [f"{name} ({names[0]} to {names[-1]})" if names != (name,) else name for name, names in varied.items()]
+    allowed = f'{", ".join(shown) or "no name, as the document has no section worlds"}; "<generation>/<world>", an ARN'
     for loc, name in _named_worlds(data):
+        known = each_one if loc[-1] == "world" else each_one | varied.keys()
         if "/" not in name and not name.startswith("arn:") and name not in known:
             yield Finding(loc, name, allowed)
 
@@ -201,20 +219,20 @@ def _named_worlds(data: object) -> Iterator[tuple[Location, str]]:
                     yield loc, world
 
 
-def place_worlds(spec: PipelineSpec, places: Mapping[str, str]) -> PipelineSpec:
+def place_worlds(spec: PipelineSpec, places: Mapping[str, Sequence[str]]) -> PipelineSpec:
     """Returns a document that names its imported worlds by where they are; a name without a place is left out.
 
     Args:
         spec: The document.
-        places: ``<generation>/<world>`` by the name in the section ``worlds``.
+        places: The worlds that a name of the section ``worlds`` means, or one of a variant: ``<generation>/<world>``.
     """
     if spec.worlds is None:
         return spec
-    own = {world.name for world in spec.worlds}
-    return cast("PipelineSpec", _placed(spec, {name: places.get(name, "") for name in own}))
+    own = {name for world in spec.worlds for name in (world.name, *world.names())}
+    return cast("PipelineSpec", _placed(spec, {name: places.get(name, ()) for name in own}))
 
 
-def _placed(value: object, places: Mapping[str, str]) -> object:
+def _placed(value: object, places: Mapping[str, Sequence[str]]) -> object:
     """Returns a part of a document with the names of worlds as places."""
     if isinstance(value, tuple):
         return tuple(_placed(each, places) for each in items(value))
@@ -224,13 +242,18 @@ def _placed(value: object, places: Mapping[str, str]) -> object:
     for name in type(value).model_fields:
         below = getattr(value, name)
         if name == "worlds" and not isinstance(value, PipelineSpec):
-            found = below if below == "all" else tuple(filter(None, (places.get(each, each) for each in below)))
+            found = below if below == "all" else tuple(dict.fromkeys(_of_names(below, places)))
             changed[name] = found or "all"
         elif name == "world":
-            changed[name] = places.get(below, below) or None
+            changed[name] = next(iter(_of_names([below], places)), None) if below else below
         else:
             changed[name] = _placed(below, places)
     return value.model_copy(update=changed)
+
+
+def _of_names(names: Sequence[str], places: Mapping[str, Sequence[str]]) -> Iterator[str]:
+    for name in names:
+        yield from places.get(name, [name])
 
 
 def _published_twice(applications: object) -> Iterator[Finding]:

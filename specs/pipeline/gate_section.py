@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
@@ -180,14 +180,16 @@ def unaudited(gate: object, audit: object) -> Iterator[Finding]:
         yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
 
 
-def drawn_once(gate: object, batch: object, generation: object, *, imported: int = 0) -> Iterator[Finding]:
+def drawn_once(
+    gate: object, batch: object, generation: object, *, imported: Mapping[str, Sequence[str]]
+) -> Iterator[Finding]:
     """Yields rules about worlds like these in a raw document whose batch certainly has one world alone.
 
     Args:
         gate: The gate's section.
         batch: The batch's.
         generation: That of the worlds that are generated.
-        imported: How many worlds are imported.
+        imported: The names of the worlds that each entry of the section ``worlds`` makes, by its name.
     """
     if _worlds_at_most(batch, generation, imported) == 1:
         allowed = f"{FEWEST_WORLDS} worlds or more in the batch; one world says nothing of others"
@@ -201,19 +203,20 @@ def _over_worlds(gate: object) -> Iterator[Location]:
     yield from ((*loc, "over") for loc, section in sections if part(section, "over") == "worlds")
 
 
-def _worlds_at_most(batch: object, generation: object, imported: int) -> int | None:
+def _worlds_at_most(batch: object, generation: object, imported: Mapping[str, Sequence[str]]) -> int | None:
     """Returns how many worlds a raw batch has at most; None where the document alone does not say it."""
     requests = items(part(batch, "createSimulationJobRequests"))
     if any(part(use, "worldConfigs") for each in requests for use in items(part(each, "simulationApplications"))):
         return None
     named, count = part(part(batch, "matrix"), "worlds"), part(generation, "worldCount")
     if named not in (None, "all"):
-        return len({str(each) for each in items(named)})
+        return len({one for each in items(named) for one in imported.get(str(each), [str(each)])})
     sides: list[Any] = [part(count, name) for name in ("floorplanCount", "interiorCountPerFloorplan")]
     plans, interiors = (1 if each is None else each for each in sides)
+    brought = sum(map(len, imported.values()))
     if generation is None:
-        return imported or None
-    return plans * interiors + imported if type(plans) is int and type(interiors) is int else None
+        return brought or None
+    return plans * interiors + brought if type(plans) is int and type(interiors) is int else None
 
 
 def _asked_twice(quantiles: object) -> Iterator[Finding]:

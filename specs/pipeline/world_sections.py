@@ -83,6 +83,16 @@ Place = Annotated[Number, Field(ge=-1e5, le=1e5)]
 MeshUnit = Literal["m", "cm", "mm", "in", "ft"]
 
 
+_OF_VARIANTS = ("seed", "move", "remove", "clutter", "robotRadius")
+
+
+def variant_names(name: str, variants: object) -> tuple[str, ...]:
+    """Returns the names of the worlds of an entry of raw data: its own, or one for each variant."""
+    if type(variants) is not int or not 1 <= variants <= MAX_WORLDS_OF_DOCUMENT:
+        return (name,)
+    return tuple(f"{name}-{number}" for number in range(1, variants + 1))
+
+
 def source_kind(source: str) -> SourceKind | None:
     """Returns what a file is that a world is imported from, as its name's ending tells; None for no such file."""
     ending = PurePosixPath(source).suffix.lower()
@@ -95,6 +105,8 @@ class WorldImport(Ruled):
     Attributes:
         start: Where the robot starts (x, y in metres, yaw in rad), in the source's frame; left out, the origin or
             another place from which it reaches most of the floor.
+        variants: How many worlds to make of it in place of itself, each with pieces moved, taken out and added.
+        seed: Of the variants; the same seed makes the same ones.
     """
 
     name: PlainName = Field(title="Name", description="What the matrix and the export call the world.")
@@ -107,10 +119,31 @@ class WorldImport(Ruled):
         default=None, title="Wall height (m)", description="How high stands what a map shows; 2 m if left out."
     )
     unit: MeshUnit | None = Field(default=None, title="Unit", description="Of a mesh; metres if left out.")
+    variants: Annotated[Integer, Field(ge=1, le=MAX_WORLDS_OF_DOCUMENT)] | None = Field(default=None, title="Variants")
+    seed: Seed | None = Field(default=None, title="Seed")
+    move: Annotated[Number, Field(ge=0.0, le=5.0)] | None = Field(
+        default=None, title="Move (m)", description="How far pieces of a variant are moved at most; 0 if left out."
+    )
+    remove: Annotated[Number, Field(ge=0.0, le=1.0)] | None = Field(
+        default=None, title="Remove", description="Share of the pieces that is taken out; 0 if left out."
+    )
+    clutter: Annotated[Integer, Field(ge=0, le=1000)] | None = Field(
+        default=None, title="Clutter", description="How many boxes and pallets are added; 0 if left out."
+    )
+    robotRadius: Annotated[Number, Field(gt=0.0, le=1.0)] | None = Field(
+        default=None, title="Robot radius (m)", description=f"Who gets about in each; {ROBOT_RADIUS_M} if left out."
+    )
+
+    def names(self) -> tuple[str, ...]:
+        """Returns the names of the worlds that it makes."""
+        return variant_names(self.name, self.variants)
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields a file of no known kind, and fields that its kind does not have."""
+        """Yields a file of no known kind, fields that its kind does not have, and those of variants without any."""
+        for name in _OF_VARIANTS:
+            if part(data, name) is not None and part(data, "variants") is None:
+                yield Finding((name,), part(data, name), "variants beside it, of which it says what they are like")
         source = part(data, "source")
         if not isinstance(source, str):
             return

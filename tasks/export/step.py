@@ -98,9 +98,13 @@ def draw_worlds(store_url: str, generation: JobRecord) -> str:
     return sheet_markdown(sheet, f"{store.url}/{contact_sheet_key(generation.id)}", failures)
 
 
-def draw_imported(store_url: str, world: str) -> str:
-    """Returns a page, as Markdown, with an imported world, by ``<generation>/<world>``; keeps its picture."""
-    store, (generation, _, _) = open_store(store_url), world.partition("/")
-    return sheet_markdown(
-        keep_contact_sheet(store, generation, [world]), f"{store.url}/{contact_sheet_key(generation)}", {}
-    )
+def draw_imported(store_url: str, worlds: Sequence[str]) -> str:
+    """Returns a page, as Markdown, with an imported world, or its variants side by side; keeps their picture.
+
+    Args:
+        store_url: Where they are.
+        worlds: ``<generation>/<world>`` of each, at least one, all of one generation.
+    """
+    store, generation = open_store(store_url), worlds[0].partition("/")[0]
+    sheet = keep_contact_sheet(store, generation, worlds)
+    return sheet_markdown(sheet, f"{store.url}/{contact_sheet_key(generation)}", {})

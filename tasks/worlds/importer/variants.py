@@ -1,9 +1,11 @@
 """Variants of a building of one's own: pieces moved, taken out and added, and certified for a robot.
 
-All that a robot of the given radius got to before it gets to still, but for what the pieces themselves take, so that a
-rate over variants speaks of buildings like this one. Same world, seed and wishes: same variants, in any order.
+A robot of the given radius gets about in each, and to nine tenths of what it got to before, but for what the pieces
+themselves take, so that a rate over variants speaks of buildings like this one. Same world, seed and wishes: same
+variants, in any order.
 """
 
+import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,13 +17,14 @@ from jaxtyping import Bool, Float
 from specs.data.world import Color, Furniture, Solid, World, start_pose
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.geometry import HEADROOM_M, rounded
-from tasks.worlds.importer.own_floor import cell_at, measured, own_floor, reached_from
+from tasks.worlds.importer.own_floor import cell_at, largest_radius_m, measured, own_floor, reached_from
 from tasks.worlds.streams import variant_stream
 from tasks.worlds.survey import ExactGrid
 
+VARIATION = "simyard-variants-1"
+"""Changes whenever the same world, seed and wishes would give other variants."""
 KEPT_SHARE = 0.9
 """So much of the floor that the robot got to before it gets to in a variant, beside what new and moved pieces take."""
-MOST_VARIANTS = 1000
 _TRIES = 20
 _PIECE_TRIES = 12
 # Longer than this it is no piece that somebody moves: a wall, a counter, a rack that is bolted down.
@@ -100,8 +103,8 @@ def vary_world(world: World, seed: int, variant: int, wishes: VariantWishes) -> 
         wishes: What to change.
 
     Raises:
-        WorldRejected: InvalidInput, where the robot has no room at the start, or no variant that was tried leaves the
-            robot its floor.
+        WorldRejected: InvalidInput, where the robot does not get about in the world as it is, or no variant that was
+            tried leaves it its floor.
     """
     before, start = own_floor(world), start_pose(world)
     reached = reached_from(before, start, wishes.radius_m)
@@ -109,12 +112,19 @@ def vary_world(world: World, seed: int, variant: int, wishes: VariantWishes) -> 
         raise WorldRejected(
             "InvalidInput", f"{world.name}: a robot of {wishes.radius_m:g} m radius has no room at the start"
         )
+    if (most_m := largest_radius_m(before, start)) < wishes.radius_m:
+        raise WorldRejected(
+            "InvalidInput",
+            f"{world.name}: a robot of {wishes.radius_m:g} m radius does not get about in it as it is, only one of up "
+            f"to {most_m:g} m: robotRadius says whom variants are for",
+        )
     for sub_seed in range(_TRIES):
         rng = variant_stream(seed, variant, sub_seed)
         furniture = _changed(world, wishes, rng, before, reached)
         changed = world.model_copy(
             update={
                 "name": f"{world.name}-{variant}",
+                "generation": _generation(world, seed, wishes),
                 "seed": seed,
                 "sub_seed": sub_seed,
                 "interior_index": variant,
@@ -130,6 +140,12 @@ def vary_world(world: World, seed: int, variant: int, wishes: VariantWishes) -> 
     )
 
 
+def _generation(world: World, seed: int, wishes: VariantWishes) -> str:
+    """Returns what the folder of variants is called: those of more are the same, and more."""
+    made_of = f"{VARIATION} {world.generation} {world.name} {seed} {wishes}"
+    return f"variants-{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
+
+
 def _keeps(world: World, radius_m: float, reached: Bool[np.ndarray, "x y"]) -> bool:
     """Returns whether a robot gets to what it got to before, to all places of routes too."""
     grid = own_floor(world)
@@ -138,7 +154,9 @@ def _keeps(world: World, radius_m: float, reached: Bool[np.ndarray, "x y"]) -> b
     places = [cell_at(grid, place) for route in world.routes or () for place in route.points_m]
     lost = any(cell is not None and reached[cell] and not still[cell] for cell in places)
     kept = int(np.count_nonzero(still & reached))
-    return not lost and kept >= max(1.0, KEPT_SHARE * int(np.count_nonzero(left)))
+    if lost or kept < max(1.0, KEPT_SHARE * int(np.count_nonzero(left))):
+        return False
+    return largest_radius_m(grid, start_pose(world)) >= radius_m
 
 
 def _changed(

@@ -75,7 +75,8 @@ def test_the_import_report_shown_is_that_of_the_map_in_the_examples():
 
 def test_every_field_of_an_import_is_explained():
     named = first_cells(between("| field of `worlds` | option |", "- **The frame is that of the source.**"))
-    assert [name for name in named if name.isalpha()] == [*WorldImport.model_fields]
+    varied = first_cells(between("### Your building, fifty times", "What moves stands on the floor"))
+    assert [name for name in (*named, *varied) if name.isalpha() and name != "field"] == [*WorldImport.model_fields]
 
 
 def test_the_speed_table_has_its_templates():

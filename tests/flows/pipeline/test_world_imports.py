@@ -6,7 +6,14 @@ import pytest
 
 from flows.pipeline import world_imports
 from flows.pipeline.references import resolve_references
-from flows.pipeline.world_imports import ImportedWorld, import_lines, import_world, keep_world, unresolved_lines
+from flows.pipeline.world_imports import (
+    ImportedWorld,
+    import_lines,
+    import_world,
+    imported_lines,
+    keep_world,
+    unresolved_lines,
+)
 from specs.data.world import ImportFinding, MapAgreement, World
 from specs.errors import DocumentError, LaunchRefused
 from specs.pipeline.document import PipelineSpec
@@ -168,3 +175,26 @@ def test_the_report_says_what_became_of_a_source(world: World) -> None:
 
 def test_what_a_world_lacks_is_an_alarm(world: World) -> None:
     assert list(unresolved_lines(world)) == ["World hall lacks model://crane: looked for in models"]
+
+
+@pytest.mark.usefixtures("in_process")
+def test_variants_are_worlds_of_one_generation_and_told_of_together(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    hall: dict[str, object] = {"name": "hall", "source": "map.yaml", "variants": 3, "seed": 7}
+    found = resolve_references(document(hall), file_store, tmp_path)
+    worlds = [each.world for each in found.imported]
+    assert [world.name for world in worlds] == ["hall-1", "hall-2", "hall-3"]
+    assert len({world.generation for world in worlds}) == 1
+    assert worlds[0].generation.startswith("variants-")
+    assert all(world_bytes(file_store, each.reference) == encode_world(each.world) for each in found.imported)
+    (first, *_) = imported_lines(found.imported_by_name())
+    assert first.startswith("hall from map.yaml: 3 variants, 4 to 4 solids, ")
+    assert "made for a robot of 0.25 m radius; one of up to" in first
+
+
+@pytest.mark.usefixtures("in_process")
+def test_variants_that_no_robot_gets_about_in_are_a_fault_of_the_document(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    hall: dict[str, object] = {"name": "hall", "source": "map.yaml", "variants": 2, "robotRadius": 1.0}
+    with pytest.raises(DocumentError, match=r"worlds\[0\]\.variants: 2: hall: a robot of 1 m radius "):
+        resolve_references(document(hall), file_store, tmp_path)

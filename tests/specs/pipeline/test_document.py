@@ -4,7 +4,7 @@ import pytest
 from pydantic import ValidationError
 
 from specs.base import canonical_document
-from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields
+from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields, place_worlds
 from specs.pipeline.world_sections import FORMATS
 
 JOB: dict[str, Any] = {
@@ -216,7 +216,7 @@ def test_a_document_without_imported_worlds_is_what_it_was():
 
 
 def test_two_imported_worlds_have_two_names():
-    assert faults(worlds=[OWN, OWN]) == [("worlds.1.name", "a name of its own among the worlds")]
+    assert faults(worlds=[OWN, OWN]) == [("worlds.1.name", "a name of its own among the worlds and their variants")]
 
 
 @pytest.mark.parametrize(
@@ -261,3 +261,32 @@ def test_an_export_takes_a_hundred_worlds_imported_ones_among_them():
     generation = {"template": "two-rooms", "worldCount": {"floorplanCount": 100}}
     ((place, said),) = faults(worlds=[OWN], worldGeneration=generation, worldExport={"outputLocation": PLACE})
     assert (place, said) == ("worldExport.worlds", "at most 100 worlds, by name; 100 are generated, and 1 imported")
+
+
+def test_variants_are_as_many_worlds_and_are_named_by_number():
+    hall, gate = {**OWN, "variants": 20, "move": 0.3}, {"successRate": {"atLeast": 0.9, "over": "worlds"}}
+    batch = {**BATCH, "matrix": {"worlds": ["hall", "hall-20"]}}
+    spec(worlds=[hall], simulationBatch=BATCH, gate=gate)
+    placed = place_worlds(spec(worlds=[hall], simulationBatch=batch), {"hall": ["v/1", "v/2"], "hall-20": ["v/2"]})
+    assert placed.simulationBatch is not None
+    assert placed.simulationBatch.matrix.worlds == ("v/1", "v/2")
+    ((place, said),) = faults(worlds=[{**hall, "variants": 101}], worldExport={"outputLocation": PLACE})
+    assert (place, said) == ("worldExport.worlds", "at most 100 worlds, by name; 0 are generated, and 101 imported")
+
+
+def test_one_job_names_one_variant():
+    config = {"worldConfigs": [{"world": "hall"}]}
+    job = {**JOB, "simulationApplications": [{"application": "delivery", "launchConfig": {}, **config}]}
+    ((_, said),) = faults(worlds=[{**OWN, "variants": 3}], simulationBatch={"createSimulationJobRequests": [job]})
+    assert said.startswith("hall (hall-1 to hall-3); ")
+
+
+def test_a_variant_has_a_name_of_its_own():
+    worlds = [{**OWN, "variants": 3}, {**OWN, "name": "hall-2"}]
+    assert [place for place, _ in faults(worlds=worlds)] == ["worlds.1.name"]
+
+
+@pytest.mark.parametrize("field", ["seed", "move", "remove", "clutter"])
+def test_what_variants_are_like_needs_some(field: str):
+    ((place, said),) = faults(worlds=[{**OWN, field: 1}])
+    assert (place, said) == (f"worlds.0.{field}", "variants beside it, of which it says what they are like")
