@@ -27,7 +27,7 @@ from specs.data.world import (
 from specs.pipeline.world_sections import SourceKind
 from tasks.worlds.geometry import CELL_M, HEADROOM_M, Box, bounding_box, bounds, label_parts, rounded, solid_rows
 from tasks.worlds.importer.own_floor import cell_at, measured, own_floor, reached_from
-from tasks.worlds.importer.source_scene import Scene, SourceError
+from tasks.worlds.importer.source_scene import MOST_SOLIDS, Scene, SourceError
 from tasks.worlds.survey import ExactGrid
 
 IMPORTER = "simyard-import-1"
@@ -149,12 +149,12 @@ def _footprint(solids: Sequence[Solid], start: Start | None, described: Imported
     """Returns the rectangle that holds all solids, and a start beside them; a map ends where its cells do.
 
     Raises:
-        SourceError: There is none, it is too large, or the start is not beside it.
+        SourceError: Nothing stands, or too much, it is too large, or the start is not beside it.
     """
     file = described.file
-    if not solids:
-        allowed = "a world in which something stands that a robot could meet"
-        raise SourceError([Fault(path="solids", value="none", allowed=allowed)], file)
+    if not 0 < len(solids) <= MOST_SOLIDS:
+        allowed = f"a world in which something stands that a robot could meet, in at most {MOST_SOLIDS:,} solids"
+        raise SourceError([Fault(path="solids", value=f"{len(solids):,}", allowed=allowed)], file)
     around = bounds(solid_rows(solids))
     box = Box(*around[:, :2].min(axis=0).tolist(), *around[:, 3:5].max(axis=0).tolist()).grown(_HAIR_M)
     if start and not _holds(box, start):

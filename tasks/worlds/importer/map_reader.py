@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float
 from specs.base import Fault
 from specs.data.world import Furniture, ImportFinding, Solid
 from tasks.worlds.geometry import rounded
-from tasks.worlds.importer.source_scene import Scene, SourceError
+from tasks.worlds.importer.source_scene import MOST_SOLIDS, Scene, SourceError
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -32,6 +32,7 @@ MOST_PIXELS = 1 << 24
 """4,096 x 4,096: a hall of 200 m x 200 m at 5 cm."""
 _THRESHOLDS: Mapping[str, float] = {"occupied_thresh": 0.65, "free_thresh": 0.25}
 _SAVED = "image, resolution and origin, as map_saver writes them"
+_MOST_WHOLE = 10**9
 _MOST_YAML_BYTES = 1 << 16
 _MOST_IMAGE_BYTES = 1 << 28
 # Walls keep off the borders of their cells, so that rounding lets none touch the next cell.
@@ -88,8 +89,12 @@ def read_map(path: Path, wall_height_m: float = MAP_WALL_M) -> Scene:
     if not cells.free.any():
         raise _refused(path, described.image, "no cell is free", "a picture with floor: see negate and free_thresh")
     edge = _beside(cells.free) & ~cells.occupied & ~cells.free
-    occupied = _solids("wall", merged_cells(cells.occupied), described, wall_height_m, _GREY)
-    unknown = _solids("edge", merged_cells(edge), described, wall_height_m, _PAPER)
+    walls, edges = merged_cells(cells.occupied), merged_cells(edge)
+    if len(walls) + len(edges) > MOST_SOLIDS:
+        allowed = f"a map whose occupied cells are at most {MOST_SOLIDS:,} rectangles: clear it of noise"
+        raise _refused(path, "image", f"{described.image!r}: more rectangles than that", allowed)
+    occupied = _solids("wall", walls, described, wall_height_m, _GREY)
+    unknown = _solids("edge", edges, described, wall_height_m, _PAPER)
     pieces = [_piece(name, solids) for name, solids in (("walls", occupied), ("edge-walls", unknown)) if solids]
     count = int(cells.occupied.sum())
     return Scene(
@@ -161,7 +166,7 @@ def _description_faults(fields: Mapping[str, object]) -> Iterator[Fault]:
         yield _fault("resolution", resolution, "metres a cell, from 0.001 to 10")
     if not (isinstance(origin, list) and len(cast("list[object]", origin)) in (2, 3) and all(map(_is_place, origin))):
         yield _fault("origin", origin, "[x, y, yaw] of the lower left corner, in metres and rad, each within 100 km")
-    if fields.get("negate", 0) not in (0, 1):
+    if not (isinstance(fields.get("negate", 0), int) and fields.get("negate", 0) in (0, 1)):
         yield _fault("negate", fields["negate"], "0, or 1 where dark is free")
     if fields.get("mode", "trinary") not in ("trinary", "scale", "raw"):
         yield _fault("mode", fields["mode"], "trinary, scale or raw")
@@ -177,11 +182,25 @@ def _description_faults(fields: Mapping[str, object]) -> Iterator[Fault]:
 
 
 def _fault(name: str, value: object, allowed: str) -> Fault:
-    return Fault(path=name, value="nothing" if value is None else repr(value)[:80], allowed=allowed)
+    return Fault(path=name, value=_shown(value), allowed=allowed)
+
+
+def _shown(value: object) -> str:
+    """Returns what stands in a YAML file, in a few characters, however large it is."""
+    if isinstance(value, list):
+        few = [
+            _shown(each) if isinstance(each, str | int | float) else "..." for each in cast("list[object]", value)[:4]
+        ]
+        return f"[{', '.join(few)}]"
+    if value is None or (isinstance(value, int) and abs(value) > _MOST_WHOLE):
+        return "nothing" if value is None else "a number beyond all bounds"
+    return repr(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
 
 
 def _is_number(value: object) -> TypeGuard[float]:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _MOST_WHOLE
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def _is_place(value: object) -> bool:
@@ -283,7 +302,8 @@ def _beside(cells: Cells) -> Cells:
 def merged_cells(cells: Cells) -> list[tuple[int, int, int, int]]:
     """Returns rectangles that together are the cells: first and last column and row, the last ones not included.
 
-    Equal runs of neighbouring rows are one rectangle; or of columns, if these are fewer.
+    Equal runs of neighbouring rows are one rectangle; or of columns, if these are fewer. Of more than ``MOST_SOLIDS``
+    only so many are found that this shows.
     """
     rows = _merged_runs(cells)
     columns = [(row, column, row_end, column_end) for column, row, column_end, row_end in _merged_runs(cells.T)]
@@ -294,6 +314,8 @@ def _merged_runs(cells: Cells) -> list[tuple[int, int, int, int]]:
     open_runs: dict[tuple[int, int], int] = {}
     found: list[tuple[int, int, int, int]] = []
     for row, line in enumerate([*cells, np.zeros(cells.shape[1], np.bool_)]):
+        if len(found) > MOST_SOLIDS:
+            break
         borders = np.flatnonzero(np.diff(np.concatenate([[False], line, [False]]))).tolist()
         runs = set(zip(borders[::2], borders[1::2], strict=True))
         found += [(low, begun, high, row) for (low, high), begun in open_runs.items() if (low, high) not in runs]

@@ -7,6 +7,9 @@ from specs.base import Fault, Spec
 from specs.data.world import Furniture, ImportFinding, Light, Start
 from specs.errors import DocumentError
 
+MOST_SOLIDS = 20_000
+"""Of a world that is imported; what is beyond that is noise, and its floor would be measured for hours."""
+
 
 class SourceError(DocumentError):
     """A file is no world to import; carries all its faults: where in the source, the value, what may stand there."""

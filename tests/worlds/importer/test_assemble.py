@@ -127,7 +127,7 @@ def test_a_start_beside_all_that_stands_widens_the_floor() -> None:
 @pytest.mark.parametrize(
     ("made", "said"),
     [
-        (scene(), "solids: none: a world in which something stands"),
+        (scene(), "solids: 0: a world in which something stands"),
         (scene("crate", "other", apart_m=50_000.0), "size: 50001 x 1 m: a floor of at most 41,943 m2"),
         (scene("crate"), "floor: none that is free: floor for a robot of 0.05 m radius"),
     ],

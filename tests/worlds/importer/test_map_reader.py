@@ -1,7 +1,10 @@
 """Maps of ROS as scenes: each cell where it was, in every mode and picture that map_server loads, and broken ones."""
 
+import contextlib
 import io
 import math
+import os
+import random
 from pathlib import Path
 
 import numpy as np
@@ -179,3 +182,56 @@ def test_what_is_no_yaml_of_a_map_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(SourceError, match="image, resolution and origin"):
         read_map(tmp_path / "map.yaml")
+
+
+ALIASES = "".join(f"{chr(98 + n)}: &{chr(98 + n)} [{','.join(['*' + chr(97 + n)] * 9)}]\n" for n in range(9))
+
+
+@pytest.mark.parametrize("value", ["*j", f"0x{'f' * 8_000}", f"[0x{'f' * 900}, 0, 0]", "{a: *j}", "!!set {a, b}"])
+def test_values_that_would_fill_the_memory_are_told_in_a_few_characters(tmp_path: Path, value: str) -> None:
+    names = ("image", "resolution", "origin", "negate", "mode", "free_thresh")
+    text = f"a: &a [x]\n{ALIASES}" + "".join(f"{name}: {value}\n" for name in names)
+    (tmp_path / "map.yaml").write_text(text)
+    with pytest.raises(SourceError) as caught:
+        read_map(tmp_path / "map.yaml")
+    assert {fault.path for fault in caught.value.faults} == set(names)
+    assert all(len(fault.value) <= 100 for fault in caught.value.faults)
+
+
+def test_a_map_of_noise_is_refused_before_it_is_solids(tmp_path: Path) -> None:
+    noise = (np.indices((300, 300)).sum(axis=0) % 2 * 254).astype(np.uint8)
+    with pytest.raises(SourceError, match="at most 20,000 rectangles: clear it of noise"):
+        read_map(write_map(tmp_path, body=pgm(noise)))
+
+
+def test_a_picture_that_a_link_leads_to_elsewhere_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "maps"
+    folder.mkdir()
+    path = write_map(folder, body=b"")
+    (tmp_path / "other.pgm").write_bytes(pgm(levels(HALL)))
+    (folder / "map.pgm").symlink_to(tmp_path / "other.pgm")
+    with pytest.raises(SourceError, match=r"a picture in .*maps or below"):
+        read_map(path)
+
+
+def test_a_pipe_is_no_picture(tmp_path: Path) -> None:
+    path = write_map(tmp_path, body=b"")
+    os.mkfifo(tmp_path / "map.pgm")
+    with pytest.raises(SourceError, match="there is no file"):
+        read_map(path)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_files_with_wrong_bytes_are_refused_or_read(tmp_path: Path, seed: int) -> None:
+    draw = random.Random(seed)  # noqa: S311 - draws wrong bytes
+    bodies = [pgm(levels(HALL)), _plain_pgm(), _wide_pgm(), png(levels(HALL)), png(_coloured(alpha=True))]
+    for _ in range(60):
+        path = write_map(tmp_path, body=draw.choice(bodies), mode=draw.choice(["trinary", "scale", "raw"]))
+        victim = draw.choice([path, tmp_path / "map.pgm"])
+        body = bytearray(victim.read_bytes())
+        for _ in range(draw.choice([1, 2, 8])):
+            place = draw.randrange(len(body))
+            body[place : place + draw.choice([0, 1, 4])] = draw.randbytes(draw.choice([0, 1, 4]))
+        victim.write_bytes(body)
+        with contextlib.suppress(SourceError):
+            assert solids(read_map(path))
