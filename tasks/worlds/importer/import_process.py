@@ -6,17 +6,21 @@ hold in any folder; the last line that it prints is an ``ImportAnswer``. Whoever
 
 import resource
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from specs.base import Fault
 from specs.data.world import Start
 from specs.errors import DocumentError
-from specs.pipeline.world_sections import WorldImport, source_kind
+from specs.pipeline.world_sections import MeshUnit, WorldImport, source_kind
 from tasks.storage.worlds import encode_world
 from tasks.worlds.importer.assemble import ImportedAs, assemble_world
 from tasks.worlds.importer.map_reader import MAP_WALL_M, read_map
+from tasks.worlds.importer.mesh_reader import read_mesh
+from tasks.worlds.importer.sdf_reader import read_sdf
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
 
+UNITS_M: Mapping[MeshUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 MOST_BYTES = 4 << 30
 """Of memory, mapped or used; a large hospital takes one of them."""
 MOST_CPU_S = 600
@@ -42,10 +46,19 @@ def import_source(asked: WorldImport) -> ImportAnswer:
 
 
 def _read_scene(asked: WorldImport, path: Path) -> Scene:
-    if source_kind(path.name) == "map":
-        return read_map(path, MAP_WALL_M if asked.wallHeight is None else asked.wallHeight)
-    allowed = "a map of ROS (.yaml); other sources are not read yet"
-    raise SourceError([Fault(path="file", value=path.name, allowed=allowed)], str(path))
+    """Returns the scene of a source, by the reader of its kind."""
+    models, start = [Path(each) for each in asked.models or ()], _start(asked)
+    place = (start.x_m, start.y_m) if start else None
+    match source_kind(path.name):
+        case "map":
+            return read_map(path, MAP_WALL_M if asked.wallHeight is None else asked.wallHeight)
+        case "sdf":
+            return read_sdf(path, models, place)
+        case "mesh":
+            return read_mesh(path, UNITS_M[asked.unit or "m"], place)
+        case _:
+            allowed = "a map of ROS, a Gazebo world or a mesh; scenes of MuJoCo are not read yet"
+            raise SourceError([Fault(path="file", value=path.name, allowed=allowed)], str(path))
 
 
 def _start(asked: WorldImport) -> Start | None:

@@ -1,0 +1,40 @@
+"""The process that reads sources: each kind by its own reader, in its own unit, and its settings in the world."""
+
+from pathlib import Path
+
+import pytest
+
+from specs.data.world import World
+from specs.pipeline.world_sections import WorldImport
+from tasks.storage.worlds import decode_world
+from tasks.worlds.importer.import_process import import_source
+
+SDF = """<sdf version="1.7"><world name="yard"><model name="crate"><static>true</static><pose>4 0 0.5 0 0 0</pose>
+<link name="link"><collision name="c"><geometry><box><size>1 1 1</size></box></geometry></collision></link>
+</model></world></sdf>"""
+CUBE = "".join(f"v {x} {y} {z}\n" for x in (0, 100) for y in (0, 100) for z in (0, 100)) + "".join(
+    f"f {face}\n" for face in ("1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4")
+)
+
+
+def imported(path: Path, **more: object) -> World:
+    answer = import_source(WorldImport.model_validate({"name": "yard", "source": str(path), "start": [2, 0], **more}))
+    assert answer.faults == ()
+    return decode_world(answer.world.encode())
+
+
+def test_a_gazebo_world_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "yard.world").write_text(SDF)
+    world = imported(tmp_path / "yard.world")
+    (crate,) = (solid for piece in world.furniture for solid in piece.solids)
+    assert world.source is not None
+    assert (world.source.kind, crate.center_m[:2]) == ("sdf", (4.0, 0.0))
+
+
+def test_a_mesh_is_imported_in_its_unit(tmp_path: Path) -> None:
+    (tmp_path / "cube.obj").write_text(CUBE)
+    world = imported(tmp_path / "cube.obj", unit="cm")
+    (cube,) = (solid for piece in world.furniture for solid in piece.solids)
+    assert world.source is not None
+    assert world.source.settings == ("start=[2, 0, 0]", "unit=cm")
+    assert cube.half_extents_m[:2] == pytest.approx((0.5, 0.5), abs=1e-3)
