@@ -28,6 +28,7 @@ _AGAIN_S = 0.0003
 _REST_KEPT_S = 0.25
 # A limit takes so many times as long at most, however busy the machine is.
 _LONGEST_LIMIT = 5.0
+_TOLD = 3
 
 
 class IdleState(Enum):
@@ -156,6 +157,25 @@ class IdleDetector:
             return True
         return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < limit_s
 
+    def restless(self, now_s: float) -> str:
+        """Returns which threads were run most since the last ``begin``, whose, where and how often, for a person."""
+        self._watch.snapshot()
+        took_s, counts = now_s - self._begun_s, self._watch.counts_since_mark()
+        awake = self._watch.awake()
+        most = sorted(counts, key=lambda tid: (tid == awake, counts[tid]), reverse=True)[:_TOLD]
+        told = [self._told(tid, counts[tid] / took_s) for tid in most if counts[tid] or tid == awake]
+        return "; ".join(
+            [each for each in told if each] + ["a request to the master is under way"] * bool(self.graph.busy)
+        )
+
+    def _told(self, tid: int, rate_hz: float) -> str:
+        pid, doing = self._watch.process(tid), self._watch.doing(tid)
+        if not doing:
+            return ""
+        whose = self.application.node_of(pid) or f"process {pid}"
+        which = "main thread" if pid == tid else f"thread {tid}"
+        return f"{whose}, {which}: {doing}, ran {_shown(rate_hz)} times a second"
+
     def count(self, now_s: float) -> None:
         """Begins to count how often threads run although nothing is sent to them."""
         self._watch.snapshot()
@@ -255,3 +275,8 @@ class IdleDetector:
                 self._due[tid], self._base = lapse.period_s, None
             else:  # it slept for long: what it does from now on says whether it polls
                 self._lapses[tid] = lapse._replace(at_s=now_s, runs=counts.get(tid, 0))
+
+
+def _shown(rate_hz: float) -> str:
+    """Returns a rate with two digits, as a number without an exponent."""
+    return f"{float(f'{rate_hz:.2g}'):g}"

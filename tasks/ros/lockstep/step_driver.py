@@ -80,7 +80,8 @@ class StepDriver:
             lane.late += 1
             if lane.late >= self._patience.late_limit:
                 limit_s = self._patience.stage_s
-                lane.failure = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
+                late = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
+                lane.failure = ": ".join(filter(None, (late, lane.detector.restless(now_s))))
         lane.collect(time_ns)
         if lane.failure:
             self._fail(lane)

@@ -296,6 +296,13 @@ class ApplicationProcesses:
             self._epoch = self._tracker.epoch
             self.watch.refresh(self.processes())
 
+    def node_of(self, pid: int) -> str:
+        """Returns the name of the node that a process belongs to: that node leads its session; empty for an orphan."""
+        with contextlib.suppress(OSError):
+            session = os.getsid(pid)
+            return next((each.plan.name for each in self._nodes if each.process.pid == session), "")
+        return ""
+
     def stopped(self) -> str:
         """Returns which node was stopped by a signal, as ``kill -STOP`` does, for a person."""
         names = [each.plan.name for each in self._nodes if _state(each.process.pid) in ("T", "t")]

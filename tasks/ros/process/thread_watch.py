@@ -238,6 +238,15 @@ class ThreadWatch:
         """Returns the threads that sleep by the wall's clock now."""
         return frozenset(tid for tid, thread in self._threads.items() if _naps(thread))
 
+    def doing(self, tid: int) -> str:
+        """Returns what a thread does, for a person: where it waits is the kernel's name; empty if it is gone."""
+        thread = self._threads.get(tid)
+        with contextlib.suppress(OSError):
+            if thread is not None:
+                where = os.pread(thread.waits, _STATE_BYTES, 0).decode(errors="replace").strip("\0\n ")
+                return "runs" if self._state(thread) in _AWAKE or where in ("", "0") else f"waits in {where}"
+        return ""
+
     def awake(self) -> int:
         """Returns the thread that the last look found awake; 0 for none."""
         return self._hot.tid if self._hot is not None else 0

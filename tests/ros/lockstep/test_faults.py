@@ -22,7 +22,7 @@ LIMITS = LaneLimits(memory_bytes=300 << 20, written_bytes=32 << 20, processes=40
 FAULTS = {
     "crash": "node /fault ended with status 7",
     "done": "no node is connected to the command topic any more",
-    "hang": "did not come to rest within 0.4 s, 5 times",
+    "hang": "did not come to rest within 0.4 s, 5 times: /fault, thread ",
     "flood": "commands came",
     "nan": "/cmd_vel: a command is not a number: (nan, 0.0, 0.0)",
     "stop": "node /fault was stopped by a signal",

@@ -1,9 +1,11 @@
 """When an application is quiet, by what the kernel might tell of its threads; the times are the test's own."""
 
+import os
+
 import pytest
 
 from tasks.ros.lockstep.idle_detector import IdleDetector, IdleState
-from tests.ros.lockstep.conftest import POLLER
+from tests.ros.lockstep.conftest import POLLER, WORKER
 from tests.ros.process.proc_folder import FakeThread
 
 PERIOD_S = 0.001
@@ -119,6 +121,23 @@ def test_waits_of_two_threads_are_not_added_up(detector: IdleDetector, worker: F
     poller.run(waited_ns=1_000_000_000)
     assert detector.has_time(2.0, 4.4)
     assert not detector.has_time(2.0, 4.6)
+
+
+def test_who_does_not_rest_is_named_with_where_it_waits_and_how_often_it_woke(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread
+) -> None:
+    detector.begin(1.0, fresh=False, ticked=True)
+    poller.run(2600)
+    poller.nap()
+    worker.run(1)
+    worker.be("R")
+    detector.look(2.0)
+    process = f"process {os.getpid()}"
+    first = f"{process}, thread {WORKER}: runs, ran 0.5 times a second"
+    assert (
+        detector.restless(3.0)
+        == f"{first}; {process}, thread {POLLER}: waits in hrtimer_nanosleep, ran 1300 times a second"
+    )
 
 
 def test_one_that_sleeps_on_by_the_walls_clock_is_told_from_one_that_wakes_or_waits(
