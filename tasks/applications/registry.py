@@ -6,12 +6,10 @@ gone, changed, or must not be read fail with RoboMaker's codes.
 
 import hashlib
 import io
-import os
 import shutil
 import stat
-import tarfile
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from specs.base import Fault
@@ -34,7 +32,14 @@ from tasks.applications.versions import (
 from tasks.storage.archives import LIMITS, safe_parts
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
-from tasks.storage.sealed_bundle import LEFT_OUT, SHIPPED_HOMES, seal_bundle, sealed_files, stored_archive
+from tasks.storage.sealed_bundle import (
+    SHIPPED_HOMES,
+    bundle_entries,
+    seal_bundle,
+    sealed_files,
+    stored_archive,
+    write_archive,
+)
 
 BUNDLE_ERRORS = (BundleRefused, ObjectNotFound, StoreAccessDenied)
 """What unpacking a bundle raises that `bundle_failure` can explain."""
@@ -59,7 +64,7 @@ def pack(folder: Path) -> bytes:
     Raises:
         DocumentError: No such folder, no file in it, a link or device, or a name that could not be unpacked safely.
     """
-    entries = list(_entries(folder)) if folder.is_dir() else []
+    entries = list(bundle_entries(folder)) if folder.is_dir() else []
     faults = [fault for path, name in entries if (fault := _fault(path, name))]
     if not folder.is_dir():
         faults = [Fault(path="source", value=str(folder), allowed="a folder that exists")]
@@ -67,37 +72,9 @@ def pack(folder: Path) -> bytes:
         faults = [Fault(path="source", value=str(folder), allowed="a folder with at least one file"), *faults]
     if faults:
         raise DocumentError(faults, source=f"bundle {folder}")
-    return _archive(entries)
-
-
-def _archive(entries: list[tuple[Path, str]]) -> bytes:
     buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode="w", format=tarfile.PAX_FORMAT) as tar:
-        for path, name in entries:
-            if path.is_dir():
-                tar.addfile(_header(name, tarfile.DIRTYPE, 0o755, 0))
-                continue
-            body = path.read_bytes()
-            mode = 0o755 if path.stat().st_mode & stat.S_IXUSR else 0o644
-            tar.addfile(_header(name, tarfile.REGTYPE, mode, len(body)), io.BytesIO(body))
+    write_archive(entries, buffer)
     return buffer.getvalue()
-
-
-def _header(name: str, type_: bytes, mode: int, size: int) -> tarfile.TarInfo:
-    header = tarfile.TarInfo(name)  # owner 0, time 0, no names
-    header.type, header.mode, header.size = type_, mode, size
-    return header
-
-
-def _entries(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Yields everything in the folder as path and name in the archive, in one order on every machine."""
-    with os.scandir(folder) as scanned:
-        children = sorted(Path(entry.path) for entry in scanned if entry.name not in LEFT_OUT)
-    for child in children:
-        yield child, child.name
-        if child.is_dir() and not child.is_symlink():
-            for path, name in _entries(child):
-                yield path, f"{child.name}/{name}"
 
 
 def _fault(path: Path, name: str) -> Fault | None:

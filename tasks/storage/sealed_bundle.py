@@ -17,13 +17,13 @@ import shutil
 import stat
 import tarfile
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import IO
 
 from specs.errors import BundleRefused
 from tasks.storage.archives import digest_of, extract, list_members, safe_parts
-from tasks.storage.base.local_files import settle_names
+from tasks.storage.base.local_files import flush_to_disk, settle_names
 
 FILES_FOLDER = "files"
 _ARCHIVE = "bundle.tar"
@@ -105,6 +105,65 @@ def holds_bundle(files: Path, archive: Path, digest: str) -> bool:
         return expected is not None and all(_kind(files / name) == kind for name, kind in expected.items())
     except (OSError, tarfile.TarError, BundleRefused):
         return False
+
+
+def bundle_entries(folder: Path) -> Iterator[tuple[Path, str]]:
+    """Yields everything in a folder as path and name in its archive, in one order on every machine."""
+    with os.scandir(folder) as scanned:
+        children = sorted(Path(entry.path) for entry in scanned if entry.name not in LEFT_OUT)
+    for child in children:
+        yield child, child.name
+        if child.is_dir() and not child.is_symlink():
+            for path, name in bundle_entries(child):
+                yield path, f"{child.name}/{name}"
+
+
+def write_archive(entries: Iterable[tuple[Path, str]], target: IO[bytes]) -> None:
+    """Writes files and folders as a plain tar: without owners or times, with only the executable bit of the modes."""
+    with tarfile.open(fileobj=target, mode="w", format=tarfile.PAX_FORMAT) as tar:
+        for path, name in entries:
+            if path.is_dir():
+                tar.addfile(_header(name, tarfile.DIRTYPE, 0o755, 0))
+                continue
+            status = path.stat()
+            mode = 0o755 if status.st_mode & stat.S_IXUSR else 0o644
+            with path.open("rb") as body:
+                tar.addfile(_header(name, tarfile.REGTYPE, mode, status.st_size), body)
+
+
+def _header(name: str, type_: bytes, mode: int, size: int) -> tarfile.TarInfo:
+    header = tarfile.TarInfo(name)  # owner 0, time 0, no names
+    header.type, header.mode, header.size = type_, mode, size
+    return header
+
+
+def repack_bundle(files: Path, archive: Path, digest: str) -> bool:
+    """Returns whether an archive that is lost was made again from what was unpacked of it, with the digest that it had.
+
+    That works for a bundle that Simyard packed, of which every byte is there and nothing was added.
+
+    Args:
+        files: Where the bundle was unpacked.
+        archive: Where the archive is to lie.
+        digest: SHA-256 of the bundle.
+    """
+    made = archive.with_name(f".{digest}.repacked")
+    try:
+        entries = list(bundle_entries(files))
+        for path, _ in entries:
+            _kind(path)
+        with made.open("xb") as file:
+            write_archive(entries, file)
+            flush_to_disk(file)
+        if digest_of(made) != digest:
+            return False
+        made.replace(archive)
+        settle_names(archive.parent)
+    except (OSError, BundleRefused):  # it is to be fetched
+        return False
+    finally:
+        made.unlink(missing_ok=True)
+    return True
 
 
 def _kind(path: Path) -> bool | None:

@@ -1,6 +1,7 @@
 """One robot: what it accepts, refuses, survives and takes up again."""
 
 import errno
+import hashlib
 import os
 import signal
 import time
@@ -582,11 +583,24 @@ def test_what_lies_there_stays_while_the_store_cannot_give_another(one: OneRobot
     version = one.yard.publish(GOOD)
     one.deploy(version, 1, timeout_s=0.0)
     one.robot.end()
-    script = one.root / "versions" / version.digest / "courier/run.sh"
+    script = _changed(one, version.digest)
+    changed = script.read_text()
     (one.root / "archives" / version.digest).unlink()
     one.yard.store.delete(bundle_key(version.digest))
     one.restarted().recover()
-    assert (one.programs, script.read_text()) == ([], STAYS_UP)
+    assert (one.programs, script.read_text()) == ([], changed)
+
+
+def test_a_robot_without_archives_runs_what_its_digest_says_while_the_store_is_away(one: OneRobot) -> None:
+    version = one.yard.publish(GOOD)
+    one.deploy(version, 1)
+    one.robot.end()
+    archive = one.root / "archives" / version.digest
+    archive.unlink()
+    one.yard.store.delete(bundle_key(version.digest))
+    one.restarted().recover()
+    eventually(lambda: one.programs == ["sleep 1000"])
+    assert hashlib.sha256(archive.read_bytes()).hexdigest() == version.digest
 
 
 def test_a_disk_that_cannot_be_read_ends_no_agent(one: OneRobot, monkeypatch: pytest.MonkeyPatch) -> None:
