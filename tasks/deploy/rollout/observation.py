@@ -238,7 +238,8 @@ def standing(what: str, seen: Mapping[str, RobotProgress]) -> str:
     rest = {robot: _runs(each, what) for robot, each in seen.items() if phase_of(each) is not Phase.IN_SYNC}
     named = f" ({', '.join(done)})" if done and rest and len(done) <= _NAMED else ""
     first = f"{len(done)} of {len(seen)} robots {_verb(len(done))} {what}{named}"
-    counts = sorted(Counter(runs for runs in rest.values() if runs).items(), key=lambda each: (-each[1], each[0]))
+    known = Counter(runs for robot, runs in rest.items() if runs and seen[robot].status != "NoResponse")
+    counts = sorted(known.items(), key=lambda each: (-each[1], each[0]))
     others = [f"{count} {_verb(count)} {runs}" for runs, count in counts]
     fates = dict[str, list[str]]()
     for robot, runs in rest.items():
@@ -267,7 +268,7 @@ def _fate(robot: RobotProgress, runs: str) -> str:
     if phase_of(robot) is Phase.IN_FLIGHT:
         return "under way"
     if robot.status == "NoResponse":
-        return "no answer in time, will take it when back"
+        return "no answer in time, will take it when back" + (f" (last on {runs})" if runs else "")
     if phase_of(robot) is Phase.ABORTED:
         return f"asked no more{left}"
     if robot.step in _CHANGED and runs:

@@ -46,7 +46,7 @@ def _like(robot: RobotProgress, **changes: object) -> RobotProgress:
         (NEVER, "1 runs courier 1; never asked, left on courier 1: r2"),
         (_like(NEVER, runs=""), "never asked: r2"),
         (_like(NEVER, started_at_s=1.0), "1 runs courier 1; asked no more, left on courier 1: r2"),
-        (_like(BACK, status="NoResponse"), "1 runs courier 1; no answer in time, will take it when back: r2"),
+        (_like(BACK, status="NoResponse"), "no answer in time, will take it when back (last on courier 1): r2"),
         (_like(BACK, status="Deploying"), "1 runs courier 1; under way: r2"),
         (RobotProgress(status="Registered"), "not asked yet: r2"),
     ],
