@@ -78,7 +78,7 @@ SOURCE_ENDINGS: Mapping[SourceKind, tuple[str, ...]] = {
     "mesh": (".glb", ".stl", ".obj", ".dae", ".ply"),
 }
 """What files end in that worlds are imported from: maps of ROS, Gazebo worlds, scenes of MuJoCo, meshes."""
-_OF_KINDS: Mapping[str, tuple[SourceKind, ...]] = {"models": ("sdf", "mjcf"), "wallHeight": ("map",), "unit": ("mesh",)}
+_OF_KINDS: Mapping[str, tuple[SourceKind, ...]] = {"models": ("sdf",), "wallHeight": ("map",), "unit": ("mesh",)}
 Place = Annotated[Number, Field(ge=-1e5, le=1e5)]
 MeshUnit = Literal["m", "cm", "mm", "in", "ft"]
 

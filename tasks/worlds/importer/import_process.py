@@ -4,19 +4,23 @@ Run as ``python -m tasks.worlds.importer.import_process``, shut in, with a ``Wor
 hold in any folder; the last line that it prints is an ``ImportAnswer``. Whoever wrote the files may have meant harm.
 """
 
+import hashlib
 import resource
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from specs.base import Fault
-from specs.data.world import Start
+from specs.data.world import MapAgreement, Start
 from specs.errors import DocumentError
 from specs.pipeline.world_sections import MeshUnit, WorldImport, source_kind
 from tasks.storage.worlds import encode_world
 from tasks.worlds.importer.assemble import ImportedAs, assemble_world
-from tasks.worlds.importer.map_reader import MAP_WALL_M, read_map
+from tasks.worlds.importer.map_agreement import agreement, map_beside
+from tasks.worlds.importer.map_reader import MAP_WALL_M, read_floor, read_map
 from tasks.worlds.importer.mesh_reader import read_mesh
+from tasks.worlds.importer.mjcf_reader import read_mjcf
 from tasks.worlds.importer.sdf_reader import read_sdf
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
 
@@ -24,20 +28,25 @@ UNITS_M: Mapping[MeshUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.
 MOST_BYTES = 4 << 30
 """Of memory, mapped or used; a large hospital takes one of them."""
 MOST_CPU_S = 600
+_MOST_MAPS = 8
 
 
 def import_source(asked: WorldImport) -> ImportAnswer:
     """Returns the world of a source, or its faults."""
     path = Path(asked.source)
     try:
+        scene, kind, agreements = _read_scene(asked, path), source_kind(path.name) or "sdf", list[MapAgreement]()
+        if kind != "map":
+            scene, agreements = _with_maps(scene, path)
         described = ImportedAs(
             name=asked.name,
-            kind=source_kind(path.name) or "sdf",
+            kind=kind,
             file=path.name,
             start=_start(asked),
             settings=_settings(asked),
+            agreements=agreements,
         )
-        return ImportAnswer(world=encode_world(assemble_world(_read_scene(asked, path), described)).decode())
+        return ImportAnswer(world=encode_world(assemble_world(scene, described)).decode())
     except DocumentError as exc:
         return ImportAnswer(faults=exc.faults)
     except MemoryError:
@@ -56,9 +65,28 @@ def _read_scene(asked: WorldImport, path: Path) -> Scene:
             return read_sdf(path, models, place)
         case "mesh":
             return read_mesh(path, UNITS_M[asked.unit or "m"], place)
-        case _:
-            allowed = "a map of ROS, a Gazebo world or a mesh; scenes of MuJoCo are not read yet"
-            raise SourceError([Fault(path="file", value=path.name, allowed=allowed)], str(path))
+        case "mjcf":
+            return read_mjcf(path, place)
+        case None:
+            raise SourceError([Fault(path="file", value=path.name, allowed="a file of a known kind")], str(path))
+
+
+def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
+    """Returns a scene whose files name the maps beside its source, and how it agrees with each of these.
+
+    A YAML file beside it that is no map is somebody's for something else.
+    """
+    files, found = dict(scene.files), list[MapAgreement]()
+    solids = [solid for piece in scene.pieces for solid in piece.solids]
+    for beside in sorted(each for each in path.parent.glob("*.yaml") if each.is_file())[:_MOST_MAPS]:
+        try:
+            known, (_, described) = map_beside(beside), read_floor(beside)
+        except SourceError:
+            continue
+        for name in (beside.name, described.image):
+            files[name] = hashlib.sha256((path.parent / name).read_bytes()).hexdigest()
+        found.append(agreement(solids, known))
+    return replace(scene, files=files), found
 
 
 def _start(asked: WorldImport) -> Start | None:

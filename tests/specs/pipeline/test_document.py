@@ -224,7 +224,7 @@ def test_two_imported_worlds_have_two_names():
     [
         ({"source": "hall.pgm"}, "source", "a file that ends in one of .yaml, .yml, .world, "),
         ({"unit": "cm"}, "unit", "nothing for maps/hall.yaml: it is for .glb, .stl, "),
-        ({"models": ["models"]}, "models", "nothing for maps/hall.yaml: it is for .world, .sdf, .xml"),
+        ({"models": ["models"]}, "models", "nothing for maps/hall.yaml: it is for .world, .sdf"),
         ({"source": "hall.world", "wallHeight": 2.0}, "wallHeight", "nothing for hall.world: it is for .yaml, .yml"),
         ({"wallHeight": 0.0}, "wallHeight", "greater than 0"),
         ({"start": [1.0]}, "start", "at least 2 items"),

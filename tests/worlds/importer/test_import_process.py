@@ -8,6 +8,7 @@ from specs.data.world import World
 from specs.pipeline.world_sections import WorldImport
 from tasks.storage.worlds import decode_world
 from tasks.worlds.importer.import_process import import_source
+from tests.factories.ros_maps import write_map
 
 SDF = """<sdf version="1.7"><world name="yard"><model name="crate"><static>true</static><pose>4 0 0.5 0 0 0</pose>
 <link name="link"><collision name="c"><geometry><box><size>1 1 1</size></box></geometry></collision></link>
@@ -29,6 +30,31 @@ def test_a_gazebo_world_is_imported(tmp_path: Path) -> None:
     (crate,) = (solid for piece in world.furniture for solid in piece.solids)
     assert world.source is not None
     assert (world.source.kind, crate.center_m[:2]) == ("sdf", (4.0, 0.0))
+
+
+def test_a_scene_of_mujoco_is_imported(tmp_path: Path) -> None:
+    (tmp_path / "lab.xml").write_text(
+        "<mujoco><worldbody><geom name='crate' type='box' size='0.5 0.5 0.5' pos='4 0 0.5'/></worldbody></mujoco>"
+    )
+    world = imported(tmp_path / "lab.xml")
+    (crate,) = (solid for piece in world.furniture for solid in piece.solids)
+    assert world.source is not None
+    assert (world.source.kind, crate.center_m[:2]) == ("mjcf", (4.0, 0.0))
+
+
+def test_a_world_is_compared_with_the_maps_beside_its_source(tmp_path: Path) -> None:
+    (tmp_path / "yard.world").write_text(SDF)
+    alone = imported(tmp_path / "yard.world")
+    (tmp_path / "document.yaml").write_text("name: no map\n")
+    assert imported(tmp_path / "yard.world") == alone
+    rows = ("." * 60, *("." * 20 + "#" * 20 + "." * 20,) * 20, "." * 60)
+    write_map(tmp_path, rows, origin=[2.5, -0.55, 0.0])
+    compared = imported(tmp_path / "yard.world")
+    assert compared.report is not None
+    (found,) = compared.report.agreements
+    assert (found.map, found.within_5cm) == ("map.yaml", 1.0)
+    assert found.free_iou > 0.95
+    assert compared.generation != alone.generation, "another map is another report"
 
 
 def test_a_mesh_is_imported_in_its_unit(tmp_path: Path) -> None:
