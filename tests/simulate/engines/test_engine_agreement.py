@@ -6,7 +6,7 @@ import pytest
 from specs.data.episode import EpisodeResult
 from specs.data.world import World
 from tasks.simulate.plan.chunks import plan_chunks
-from tests.factories.simulations import FOLDERS, delivery, simulate_lanes
+from tests.factories.simulations import FOLDERS, delivery, simulate_lanes, with_prisms, with_wedges
 
 EPISODES = 64
 REQUESTS = [
@@ -23,14 +23,35 @@ def run(engine: str, worlds: dict[str, World]) -> list[EpisodeResult]:
     return simulate_lanes(chunk, worlds, FOLDERS, lanes=EPISODES, engine=engine, should_stop=lambda: False)
 
 
+def among_prisms(worlds: dict[str, World]) -> dict[str, World]:
+    """Returns worlds of which all furniture and all walls are prisms."""
+    return {name: with_prisms(with_wedges(world, k)) for k, (name, world) in enumerate(worlds.items())}
+
+
+_CHANGES = {"as they are": dict[str, World], "of prisms": among_prisms}
+
+
+@pytest.fixture(scope="module", params=["as they are", pytest.param("of prisms", marks=pytest.mark.long)])
+def worlds(request: pytest.FixtureRequest, apartments: dict[str, World]) -> dict[str, World]:
+    return _CHANGES[request.param](apartments)
+
+
 @pytest.fixture(scope="module")
-def reference(apartments: dict[str, World]) -> list[EpisodeResult]:
-    return run("mujoco", apartments)
+def reference(worlds: dict[str, World]) -> list[EpisodeResult]:
+    return run("mujoco", worlds)
 
 
 @pytest.fixture(scope="module", params=["planar", pytest.param("mjx", marks=pytest.mark.soak)])
-def rows(request: pytest.FixtureRequest, apartments: dict[str, World]) -> list[EpisodeResult]:
-    return run(request.param, apartments)
+def rows(request: pytest.FixtureRequest, worlds: dict[str, World]) -> list[EpisodeResult]:
+    return run(request.param, worlds)
+
+
+def test_a_box_written_as_a_prism_is_driven_by_as_a_box(apartments: dict[str, World]):
+    boxes, prisms = (run("planar", each) for each in (apartments, {k: with_prisms(w) for k, w in apartments.items()}))
+    assert [row.outcome for row in boxes] == [row.outcome for row in prisms]
+    for name in ("path_length_m", "min_clearance_m", "final_x_m", "final_y_m"):
+        ours, theirs = (np.array([getattr(row, name) for row in each]) for each in (boxes, prisms))
+        assert np.quantile(np.abs(ours - theirs), 0.9) < 1e-5, name
 
 
 def test_less_than_one_outcome_in_a_hundred_flips(rows: list[EpisodeResult], reference: list[EpisodeResult]):
