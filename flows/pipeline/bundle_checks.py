@@ -443,6 +443,7 @@ def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str
     elif report.nodes:
         yield f"{name} starts {', '.join(report.nodes)}"
     yield from report.missing
+    yield from report.python2
 
 
 def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:

@@ -17,8 +17,9 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve_launch, run_launch_program
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, resolve_launch, run_launch_program
 from tasks.ros.launch.packages import missing_packages, ros_installation
+from tasks.ros.launch.python2 import python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
@@ -47,6 +48,7 @@ class LaunchReport(Spec):
         nodes: What is started for each lane, such as ``/roam (roamer roam.py)``.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
+        python2: What its nodes' programs have of Python 2, with file and line.
         simulated_clock: Whether it asks nodes itself to go by ``/clock``, as a robot has none.
         unread: Why it was not read; or empty.
         declaration: What is wrong with the bundle's ``ros.yaml``; or empty.
@@ -57,6 +59,7 @@ class LaunchReport(Spec):
     nodes: tuple[str, ...] = ()
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    python2: tuple[str, ...] = ()
     simulated_clock: bool = False
     unread: str = ""
     declaration: str = ""
@@ -147,9 +150,16 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
     needed = dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
-    return LaunchReport(
-        ros="", has_ros=True, nodes=(*nodes,), refusals=(*refusals,), missing=(*needed,), simulated_clock=clock
-    )
+    report = LaunchReport(ros="", has_ros=True, nodes=(*nodes,), refusals=(*refusals,), simulated_clock=clock)
+    old = dict.fromkeys(each for plan in good for node in plan.nodes for each in _python2(source.bundle, node))
+    return report.model_copy(update={"missing": (*needed,)} if needed else {}).model_copy(update={"python2": (*old,)})
+
+
+def _python2(bundle: Path, node: NodePlan) -> Iterator[str]:
+    """Yields what a node's own program has of Python 2; what ROS brings is not read."""
+    for word in node.command:
+        if word.startswith(f"{bundle}/"):
+            yield from python2_sentences(Path(word), word.removeprefix(f"{bundle}/"))
 
 
 def _plans(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> Sequence[LaunchPlan | LaunchRefused]:
@@ -192,7 +202,8 @@ def main(arguments: Sequence[str]) -> None:
     """Prints the report of a launch file as its last line: bundle, package, launch file; environments come as input."""
     bundle, package, launch_file = arguments
     report = _found(LaunchSource(Path(bundle), package, launch_file), json.load(sys.stdin))
-    sys.stdout.write("\n" + report.model_dump_json())
+    # Whoever asked knows the rest already, such as missing packages of ROS 1.
+    sys.stdout.write("\n" + report.model_dump_json(exclude_unset=True))
 
 
 if __name__ == "__main__":

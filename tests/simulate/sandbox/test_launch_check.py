@@ -1,16 +1,20 @@
-"""What is known of a launch file of ROS 2 before the run, on a machine without ROS 2."""
+"""What is known of a launch file before the run: of ROS 1, and of ROS 2 on a machine without it."""
 
+import shutil
 from pathlib import Path
 
 import pytest
 
 from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.ros2.launch_file.launch_description import ros2_installation
 from tasks.simulate.sandbox import launch_check
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
+from tests.ros.conftest import COURIER, ros
 from tests.ros.ros2.players import make_bundle
 
 pytestmark = pytest.mark.skipif(bool(ros2_installation().prefixes), reason="ROS 2 is installed")
+__all__ = ["ros"]
 
 
 def report(bundle: Path, *programs: str) -> LaunchReport:
@@ -50,3 +54,19 @@ def test_without_cyclone_dds_no_node_is_heard(tmp_path: Path, monkeypatch: pytes
     found = report(make_bundle(tmp_path), "avoider")
     assert not found.has_ros
     assert "pip install 'simyard[ros2]'" in found.ros
+
+
+@pytest.mark.long
+def test_missing_packages_of_ros_1_and_python_2_are_told_besides_what_is_started(ros: RosInstallation, tmp_path: Path):
+    package = tmp_path / "courier"
+    shutil.copytree(COURIER / "courier", package)
+    manifest, node = package / "package.xml", package / "scripts/answer.py"
+    manifest.write_text(manifest.read_text().replace("</package>", "<depend>nowhere_msgs</depend></package>"))
+    node.write_text(node.read_text() + "print 'hello'\n")
+    found = check_launch_file(LaunchSource(tmp_path, "courier", "answer.launch"), [{}], own=True)
+    assert (found.nodes, found.refusals) == (("/answer (courier answer.py)",), ())
+    assert found.missing == (
+        "the ROS package nowhere_msgs, which courier needs, is missing: try apt-get install python3-nowhere-msgs",
+    )
+    (old,) = found.python2
+    assert old.startswith("courier/scripts/answer.py, line 33: no Python 3: Missing parentheses in call to 'print'")
