@@ -187,7 +187,7 @@ def _with_plates(part: Component, found: list[Slab], floor_m: float, head_m: flo
         at = float(height * _LEVEL_M)
         beside = [each.outline for each in found if each.low_m < at + _LEVEL_M and each.high_m > at - _LEVEL_M]
         bare = _projected(corners[level][heights == height])
-        bare = areas(shapely.difference(bare, merged(beside).buffer(_SHEET_M))) if beside else bare
+        bare = without(bare, merged(beside).buffer(_SHEET_M)) if beside else bare
         if not bare.is_empty:
             plates.append(Slab(max(at - _SHEET_M / 2, floor_m), at + _SHEET_M / 2, bare, bare))
     return found + plates
@@ -314,7 +314,15 @@ def merged(geometries: "Sequence[BaseGeometry] | np.ndarray") -> BaseGeometry:
     try:
         return areas(shapely.union_all(geometries))
     except shapely.GEOSException:  # of slivers: on a grid of micrometres they have no width
-        return areas(shapely.union_all(geometries, grid_size=1e-6))
+        return areas(shapely.union_all([shapely.buffer(each, 0.0) for each in geometries], grid_size=1e-6))
+
+
+def without(one: BaseGeometry, other: BaseGeometry) -> BaseGeometry:
+    """Returns what an area has that another one has not."""
+    try:
+        return areas(shapely.difference(one, other))
+    except shapely.GEOSException:
+        return areas(shapely.difference(shapely.buffer(one, 0.0), shapely.buffer(other, 0.0), grid_size=1e-6))
 
 
 def areas(geometry: BaseGeometry) -> BaseGeometry:

@@ -11,7 +11,7 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from specs.data.world import MOST_CORNERS, is_convex
-from tasks.worlds.importer.mesh_sections import Faces, Points, Slab, areas, components, merged, slabs
+from tasks.worlds.importer.mesh_sections import Faces, Points, Slab, areas, components, merged, slabs, without
 
 TOLERANCE_M = 0.01
 HEAD_M = 2.2
@@ -210,13 +210,16 @@ def _stack(layers: Sequence[_Layer], tolerance_m: float) -> list[_Placed]:
     touching = all(abs(a.high_m - b.low_m) < 1e-9 for a, b in pairwise(layers))
     if not 2 <= len(layers) <= _MOST_LAYERS or len(alone) <= 2 or not touching:
         return alone
-    core = _opened(shapely.intersection_all([each.outline for each in layers]))
+    core = layers[0].outline
+    for layer in layers[1:]:
+        core = without(core, without(core, layer.outline))
+    core = _opened(core)
     if core.is_empty:
         return alone
     made = [(each, layers[0].low_m, layers[-1].high_m) for each in _footprints(core, tolerance_m)]
     run: list[_Layer] = []
     for layer in (*layers, None):
-        rest = _opened(shapely.difference(layer.outline, core)) if layer else Polygon()
+        rest = _opened(without(layer.outline, core)) if layer else Polygon()
         if layer and not rest.is_empty:
             run.append(_Layer(layer.low_m, layer.high_m, rest, layer.whole, ()))
         elif run:
