@@ -9,6 +9,7 @@ import base64
 import contextlib
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -20,7 +21,7 @@ from xmlrpc.client import Binary
 
 from specs.errors import LaunchRefused
 from specs.launched_file import bundle_files, workspace_variables
-from tasks.ros.launch.packages import RosInstallation, ros_installation
+from tasks.ros.launch.packages import RosInstallation, bundle_packages, ros_installation
 
 
 class NodePlan(NamedTuple):
@@ -305,6 +306,7 @@ sys.stdout.write("\n" + json.dumps(answers))
 
 
 _LIMIT_S = 60.0
+_NO_NODE = re.compile(r"Cannot locate node of type \[(?P<kind>[\w.-]+)\] in package \[(?P<package>[\w.-]+)\]")
 
 
 class LaunchSource(NamedTuple):
@@ -364,11 +366,21 @@ def _answers(
 def _plan(source: LaunchSource, text: str) -> LaunchPlan | LaunchRefused:
     answer = json.loads(text)
     if "refused" in answer:
-        return LaunchRefused(f"{_name(source)}: {answer['refused']}")
+        return LaunchRefused(f"{_name(source)}: {answer['refused']}{_remedy(source, answer['refused'])}")
     nodes = tuple(_node(each) for each in answer["nodes"])
     if not nodes:
         return LaunchRefused(f"{_name(source)}: it starts no node")
     return LaunchPlan(answer["file"], nodes, {key: _value(value) for key, value in answer["parameters"].items()})
+
+
+def _remedy(source: LaunchSource, why: str) -> str:
+    """Returns the command that makes a node's script executable, if roslaunch misses that; git checkouts lose it."""
+    missed = _NO_NODE.match(why)
+    folder = bundle_packages(source.bundle).get(missed["package"]) if missed else None
+    if missed is None or folder is None:
+        return ""
+    found = [each for each in sorted(folder.rglob(missed["kind"])) if each.is_file() and not os.access(each, os.X_OK)]
+    return f"; it is there: chmod +x {found[0].relative_to(source.bundle)}" if found else ""
 
 
 def _name(source: LaunchSource) -> str:

@@ -151,3 +151,9 @@ def test_a_package_or_file_that_is_not_there_is_named(courier: Path) -> None:
         only(resolve_launch(LaunchSource(courier, "nowhere", "x.launch"), [{}]))
     with pytest.raises(LaunchRefused, match=r"no launch file 'x\.launch'"):
         only(resolve_launch(LaunchSource(courier, "courier", "x.launch"), [{}]))
+
+
+def test_a_script_that_is_there_and_not_executable_is_named_with_the_command(bundle: Path) -> None:
+    (bundle / "own/tool.sh").chmod(0o644)
+    with pytest.raises(LaunchRefused, match=r"it is there: chmod \+x own/tool\.sh$"):
+        plan(bundle, '<node pkg="own" type="tool.sh" name="a"/>')
