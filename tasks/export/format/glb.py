@@ -71,7 +71,7 @@ def _add_solid(
         mesh = trimesh.creation.cylinder(radius=half_m[0], height=2 * half_m[2], sections=CYLINDER_SIDES)
     elif solid.shape == "prism":
         corners, faces = prism_mesh(solid)
-        mesh = trimesh.Trimesh(corners, triangles_of(faces), process=False)
+        mesh = trimesh.Trimesh(corners, np.array(triangles_of(faces)), process=False)
     else:
         mesh = trimesh.creation.box(extents=[2 * side for side in half_m])
     mesh.vertices = np.round(mesh.vertices, _DIGITS)

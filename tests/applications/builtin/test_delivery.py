@@ -210,4 +210,4 @@ def test_a_start_outside_of_the_map_reaches_nothing():
 
 def test_a_number_is_no_route():
     with pytest.raises(ValueError, match="ROUTE"):
-        scenario({"ROUTE": 3.0})
+        scenario({"ROUTE": jnp.float32(3.0)})

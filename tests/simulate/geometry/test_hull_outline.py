@@ -67,7 +67,7 @@ def test_a_hull_is_where_it_is_in_the_bases_frame_however_the_base_is_turned_at_
             <site name="s"/></body></worldbody><keyframe>{f'<key qpos="{key}"/>' if key else ""}</keyframe>
             <actuator><motor site="s"/></actuator></mujoco>"""
         )
-        seen = [[*part.position_m[:2], *np.ravel(part.outline_m)] for part in robot_shape(path)]
+        seen = [[*part.position_m[:2], *np.array(part.outline_m).ravel()] for part in robot_shape(path)]
         return [*seen, *(np.ravel(part.corners).tolist() for part in hull_parts(compile_robot(read_robot_mjcf(path))))]
 
     for before, after in zip(parts(), parts(**turned), strict=True):
