@@ -23,9 +23,7 @@ from tasks.simulate.sandbox.confinement import Place, confined_command
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import decode_world, encode_world, write_world
-from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.importer.source_scene import ImportAnswer
-from tasks.worlds.importer.variants import VariantWishes, vary_world
 
 _MODULE = "tasks.worlds.importer.import_process"
 _LIMIT_S = 900.0
@@ -93,6 +91,10 @@ def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[Import
     whole = import_world(asked, base, path)
     if asked.variants is None:
         return [whole]
+    # NumPy, which a gateway's answers do not need.
+    from tasks.worlds.floorplan.search import WorldRejected  # noqa: PLC0415
+    from tasks.worlds.importer.variants import VariantWishes, vary_world  # noqa: PLC0415
+
     wishes = VariantWishes(
         move_m=asked.move or 0.0,
         remove=asked.remove or 0.0,

@@ -17,6 +17,7 @@ from flows.prefect import tasks
 from flows.prefect.prefect_orchestrator import PrefectOrchestrator
 from flows.prefect.tasks import is_store_away
 from specs.pipeline.document import PipelineSpec
+from tests.factories.ros_maps import write_map
 from tests.integration.runs import small_document, write_document
 
 P = ParamSpec("P")
@@ -56,7 +57,8 @@ def elsewhere() -> Generator[OtherProcess, None, None]:
 @pytest.mark.integration
 @pytest.mark.long
 def test_all_steps_of_a_document_run_in_another_process(elsewhere: OtherProcess, tmp_path: Path):
-    document = small_document()
+    write_map(tmp_path, ("#" * 100, *("#" + "." * 98 + "#",) * 98, "#" * 100))
+    document = {**small_document(), "worlds": [{"name": "hall", "source": "map.yaml"}]}
     write_document(tmp_path, document)
     with orchestrated_by(elsewhere):
         report = pipeline(PipelineSpec.model_validate(document), (tmp_path / "store").as_uri(), str(tmp_path))
