@@ -11,18 +11,23 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from specs.base import Fault
 from specs.data.world import MapAgreement, Start
 from specs.errors import DocumentError
 from specs.pipeline.world_sections import MeshUnit, WorldImport, source_kind
 from tasks.storage.worlds import encode_world
 from tasks.worlds.importer.assemble import ImportedAs, assemble_world
-from tasks.worlds.importer.map_agreement import agreement, map_beside
+from tasks.worlds.importer.map_agreement import FloorMap, agreement
 from tasks.worlds.importer.map_reader import MAP_WALL_M, read_floor, read_map
-from tasks.worlds.importer.mesh_reader import read_mesh
 from tasks.worlds.importer.mjcf_reader import read_mjcf
+from tasks.worlds.importer.placed_parts import Found, Model, Placed, scene_of, unique
 from tasks.worlds.importer.sdf_reader import read_sdf
+from tasks.worlds.importer.source_files import SourceFiles
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
+from tasks.worlds.importer.triangle_mesh import MESH_SUFFIXES, MeshUnreadable, joined, mesh_parts
+from tasks.worlds.importer.upright_solids import TOLERANCE_M
 
 UNITS_M: Mapping[MeshUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 MOST_BYTES = 4 << 30
@@ -71,6 +76,36 @@ def _read_scene(asked: WorldImport, path: Path) -> Scene:
             raise SourceError([Fault(path="file", value=path.name, allowed="a file of a known kind")], str(path))
 
 
+def read_mesh(
+    path: Path, unit_m: float = 1.0, start: tuple[float, float] | None = None, tolerance_m: float = TOLERANCE_M
+) -> Scene:
+    """Returns the scene of a mesh: each named part of its file is one piece.
+
+    Args:
+        path: A GLB, STL, OBJ, COLLADA or PLY file.
+        unit_m: How many metres one unit of the file has; a COLLADA file's own unit is applied before.
+        start: Where a robot starts: on the floor, where there are several.
+        tolerance_m: How far surfaces may move.
+
+    Raises:
+        SourceError: It is no mesh, or nothing in it is higher than the floor.
+    """
+    files, found = SourceFiles(path), Found()
+    if not 0.0 < unit_m < 1e6:
+        raise files.refuse("unit", f"{unit_m:g}", "metres of one unit of the file, above 0, such as 0.01")
+    try:
+        parts = mesh_parts(files, path, upright=True)
+        for part in parts:
+            mesh = joined([part._replace(points=part.points * unit_m)])
+            name = unique(part.name.strip() or path.stem, {each.name for each in found.models})
+            found.models.append(Model(name, part.name.strip() or path.stem, np.eye(4)))
+            found.parts.append(Placed(name, name, "a mesh", mesh, np.eye(4)))
+    except (MeshUnreadable, OSError) as exc:
+        allowed = f"a mesh: {', '.join(MESH_SUFFIXES)}"
+        raise files.refuse(path.name, str(exc), allowed) from exc
+    return scene_of(found, files, start, tolerance_m)
+
+
 def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
     """Returns a scene whose files name the maps beside its source, and how it agrees with each of these.
 
@@ -80,11 +115,12 @@ def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
     solids = [solid for piece in scene.pieces for solid in piece.solids]
     for beside in sorted(each for each in path.parent.glob("*.yaml") if each.is_file())[:_MOST_MAPS]:
         try:
-            known, (_, described) = map_beside(beside), read_floor(beside)
+            cells, described = read_floor(beside)
         except SourceError:
             continue
         for name in (beside.name, described.image):
             files[name] = hashlib.sha256((path.parent / name).read_bytes()).hexdigest()
+        known = FloorMap(beside.name, cells.occupied, cells.free, described.resolution_m, described.origin)
         found.append(agreement(solids, known))
     return replace(scene, files=files), found
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,7 @@ from jaxtyping import Bool, Float
 from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
-from specs.data.world import MapAgreement, Solid
-from tasks.worlds.importer.map_reader import read_floor
+from specs.data.world import MapAgreement, Solid, corners_m
 from tasks.worlds.importer.mesh_sections import merged
 
 LIDAR_M = 0.13
@@ -38,16 +36,6 @@ class FloorMap(NamedTuple):
     free: Bool[np.ndarray, "rows columns"]
     resolution_m: float
     origin: tuple[float, float, float]
-
-
-def map_beside(path: Path) -> FloorMap:
-    """Returns a map of ROS, for comparison.
-
-    Raises:
-        SourceError: It is none.
-    """
-    cells, described = read_floor(path)
-    return FloorMap(path.name, cells.occupied, cells.free, described.resolution_m, described.origin)
 
 
 def agreement(solids: Sequence[Solid], known: FloorMap, height_m: float = LIDAR_M) -> MapAgreement:
@@ -91,10 +79,6 @@ def middles(known: FloorMap, cells: Bool[np.ndarray, "rows columns"]) -> Float[n
 
 def outline(solid: Solid) -> BaseGeometry:
     """Returns what a solid covers of the floor."""
-    x, y, _ = solid.center_m
-    half_x, half_y, _ = solid.half_extents_m
     if solid.shape == "cylinder":
-        return shapely.Point(x, y).buffer(half_x, quad_segs=32)
-    ring = np.array(solid.outline_m or ((-half_x, -half_y), (half_x, -half_y), (half_x, half_y), (-half_x, half_y)))
-    cos, sin = math.cos(solid.yaw_rad), math.sin(solid.yaw_rad)
-    return shapely.Polygon(ring @ np.array([[cos, sin], [-sin, cos]]) + (x, y))
+        return shapely.Point(solid.center_m[:2]).buffer(solid.half_extents_m[0], quad_segs=32)
+    return shapely.Polygon(corners_m(solid))

@@ -6,7 +6,7 @@ import pytest
 
 from specs.base import Fault
 from tasks.worlds.importer import sdf_reader, source_files
-from tasks.worlds.importer.mesh_reader import read_mesh
+from tasks.worlds.importer.import_process import read_mesh
 from tasks.worlds.importer.sdf_reader import read_sdf
 from tasks.worlds.importer.source_scene import SourceError
 from tests.worlds.importer.sources import BOX, collision, findings, model, scene, shared_model, world
