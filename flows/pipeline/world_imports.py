@@ -93,7 +93,7 @@ def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[Import
         return [whole]
     # NumPy, which a gateway's answers do not need.
     from tasks.worlds.floorplan.search import WorldRejected  # noqa: PLC0415
-    from tasks.worlds.importer.variants import VariantWishes, vary_world  # noqa: PLC0415
+    from tasks.worlds.importer.variants import VariantWishes, vary_worlds  # noqa: PLC0415
 
     wishes = VariantWishes(
         move_m=asked.move or 0.0,
@@ -102,10 +102,8 @@ def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[Import
         radius_m=ROBOT_RADIUS_M if asked.robotRadius is None else asked.robotRadius,
     )
     try:
-        return [
-            ImportedWorld(asked.name, vary_world(whole.world, asked.seed or 0, number, wishes))
-            for number in range(1, asked.variants + 1)
-        ]
+        made = vary_worlds(whole.world, asked.seed or 0, range(1, asked.variants + 1), wishes)
+        return [ImportedWorld(asked.name, world) for world in made]
     except WorldRejected as exc:
         raise DocumentError.of(f"{path}.variants" if path else "variants", str(asked.variants), exc.reason) from exc
 

@@ -7,14 +7,14 @@ variants, in any order.
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.data.world import Color, Furniture, Solid, World, start_pose
+from specs.data.world import Color, Furniture, Solid, World, corners_m, start_pose
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.geometry import HEADROOM_M, rounded
 from tasks.worlds.importer.own_floor import cell_at, largest_radius_m, measured, own_floor, reached_from
@@ -93,49 +93,72 @@ class _Crowd:
         return False
 
 
-def vary_world(world: World, seed: int, variant: int, wishes: VariantWishes) -> World:
-    """Returns one variant of an imported world, measured and certified.
+class _Building(NamedTuple):
+    """A world as it was imported, and what all its variants are made with.
+
+    Attributes:
+        grid: Its floor.
+        reached: What of it the robot gets to.
+        groups: The pieces that can be moved, those together that go into each other.
+    """
+
+    world: World
+    grid: ExactGrid
+    reached: Bool[np.ndarray, "x y"]
+    groups: list[list[int]]
+
+
+def vary_worlds(world: World, seed: int, variants: Iterable[int], wishes: VariantWishes) -> Iterator[World]:
+    """Yields variants of an imported world, measured and certified.
 
     Args:
         world: As it was imported.
         seed: At least 0.
-        variant: From 1; each has a random stream of its own.
+        variants: Their numbers, from 1; each has a random stream of its own.
         wishes: What to change.
 
     Raises:
-        WorldRejected: InvalidInput, where the robot does not get about in the world as it is, or no variant that was
-            tried leaves it its floor.
+        WorldRejected: InvalidInput, where the robot does not get about in the world as it is, or no try leaves it
+            its floor.
     """
-    before, start = own_floor(world), start_pose(world)
-    reached = reached_from(before, start, wishes.radius_m)
+    grid, start = own_floor(world), start_pose(world)
+    reached = reached_from(grid, start, wishes.radius_m)
     if not reached.any():
         raise WorldRejected(
             "InvalidInput", f"{world.name}: a robot of {wishes.radius_m:g} m radius has no room at the start"
         )
-    if (most_m := largest_radius_m(before, start)) < wishes.radius_m:
+    if (most_m := largest_radius_m(grid, start)) < wishes.radius_m:
         raise WorldRejected(
             "InvalidInput",
             f"{world.name}: a robot of {wishes.radius_m:g} m radius does not get about in it as it is, only one of up "
             f"to {most_m:g} m: robotRadius says whom variants are for",
         )
+    building = _Building(world, grid, reached, _groups(world))
+    yield from (_variant(building, seed, number, wishes) for number in variants)
+
+
+def _variant(building: _Building, seed: int, number: int, wishes: VariantWishes) -> World:
+    """Returns the first try that leaves the robot its floor."""
+    world = building.world
     for sub_seed in range(_TRIES):
-        rng = variant_stream(seed, variant, sub_seed)
-        furniture = _changed(world, wishes, rng, before, reached)
+        furniture = _changed(building, wishes, variant_stream(seed, number, sub_seed))
         changed = world.model_copy(
             update={
-                "name": f"{world.name}-{variant}",
+                "name": f"{world.name}-{number}",
                 "generation": _generation(world, seed, wishes),
                 "seed": seed,
                 "sub_seed": sub_seed,
-                "interior_index": variant,
+                "interior_index": number,
                 "furniture": furniture,
             }
         )
-        if _keeps(changed, wishes.radius_m, reached):
-            return measured(changed, wishes.radius_m)
+        if _keeps(changed, wishes.radius_m, building.reached):
+            made = measured(changed, wishes.radius_m)
+            if made.certificate.reachable_robot_radius_m >= wishes.radius_m:
+                return made
     raise WorldRejected(
         "InvalidInput",
-        f"{world.name}, variant {variant}: tried {_TRIES} times; a robot of {wishes.radius_m:g} m radius keeps less "
+        f"{world.name}, variant {number}: tried {_TRIES} times; a robot of {wishes.radius_m:g} m radius keeps less "
         f"than {KEPT_SHARE:.0%} of the floor, or loses a route's place: ask for less clutter or shorter moves",
     )
 
@@ -154,16 +177,12 @@ def _keeps(world: World, radius_m: float, reached: Bool[np.ndarray, "x y"]) -> b
     places = [cell_at(grid, place) for route in world.routes or () for place in route.points_m]
     lost = any(cell is not None and reached[cell] and not still[cell] for cell in places)
     kept = int(np.count_nonzero(still & reached))
-    if lost or kept < max(1.0, KEPT_SHARE * int(np.count_nonzero(left))):
-        return False
-    return largest_radius_m(grid, start_pose(world)) >= radius_m
+    return not lost and kept >= max(1.0, KEPT_SHARE * int(np.count_nonzero(left)))
 
 
-def _changed(
-    world: World, wishes: VariantWishes, rng: np.random.Generator, grid: ExactGrid, reached: Bool[np.ndarray, "x y"]
-) -> tuple[Furniture, ...]:
+def _changed(building: _Building, wishes: VariantWishes, rng: np.random.Generator) -> tuple[Furniture, ...]:
     """Returns the pieces of a variant, those that stay in the world's order."""
-    groups = _groups(world)
+    world, groups = building.world, building.groups
     gone = {number for group in groups if rng.random() < wishes.remove for number in group}
     pieces = {number: piece for number, piece in enumerate(world.furniture) if number not in gone}
     fixed = [_outline(wall) for wall in world.walls]
@@ -176,7 +195,7 @@ def _changed(
             pieces |= dict(zip(left, moved, strict=True))
             outlines |= {number: _outlines(pieces[number]) for number in left}
     crowd = _Crowd([*fixed, *(each for some in outlines.values() for each in some)])
-    return (*pieces.values(), *_clutter(world, wishes, rng, crowd, (grid, reached)))
+    return (*pieces.values(), *_clutter(building, wishes, rng, crowd))
 
 
 def _groups(world: World) -> list[list[int]]:
@@ -266,16 +285,10 @@ def _fits(outlines: Outlines, others: _Crowd, wishes: VariantWishes, world: Worl
     return not others.hits(outlines)
 
 
-def _clutter(
-    world: World,
-    wishes: VariantWishes,
-    rng: np.random.Generator,
-    crowd: _Crowd,
-    floor: tuple[ExactGrid, Bool[np.ndarray, "x y"]],
-) -> list[Furniture]:
+def _clutter(building: _Building, wishes: VariantWishes, rng: np.random.Generator, crowd: _Crowd) -> list[Furniture]:
     """Returns boxes and pallets on floor that the robot got to; fewer than asked for where there is no room."""
-    grid, reached = floor
-    cells, names = np.argwhere(reached), {piece.name for piece in world.furniture}
+    world, grid = building.world, building.grid
+    cells, names = np.argwhere(building.reached), {piece.name for piece in world.furniture}
     found: list[Furniture] = []
     for number in range(1, wishes.clutter + 1):
         name = next(each for each in (f"clutter_{number}", f"variant_clutter_{number}") if each not in names)
@@ -319,16 +332,13 @@ def _outlines(piece: Furniture) -> list[_Outline]:
 
 
 def _outline(solid: Solid) -> _Outline:
-    (x, y, z), (half_x, half_y, half_z), yaw = solid.center_m, solid.half_extents_m, solid.yaw_rad
+    corners = np.array(corners_m(solid))
     if solid.shape == "cylinder":
         angles = np.arange(16) * (math.tau / 16)
-        local = half_x / math.cos(math.tau / 32) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    elif solid.outline_m is not None:
-        local = np.array(solid.outline_m)
-    else:
-        local = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    return _Outline(local @ np.array([[cos, sin], [-sin, cos]]) + (x, y), z - half_z, z + half_z)
+        around = solid.half_extents_m[0] / math.cos(math.tau / 32)
+        corners = around * np.stack([np.cos(angles), np.sin(angles)], axis=1) + solid.center_m[:2]
+    z, half_z = solid.center_m[2], solid.half_extents_m[2]
+    return _Outline(corners, z - half_z, z + half_z)
 
 
 def _bounds(outlines: Outlines) -> tuple[float, float, float, float]:

@@ -10,10 +10,14 @@ from specs.data.world import Furniture, Route, Solid, World, solids
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.geometry import count_overlaps
 from tasks.worlds.importer.own_floor import cell_at, own_floor, reached_from
-from tasks.worlds.importer.variants import VariantWishes, vary_world
+from tasks.worlds.importer.variants import VariantWishes, vary_worlds
 from tests.factories.own_worlds import block, piece, walled_hall
 
 ALL = VariantWishes(move_m=0.4, remove=0.2, clutter=4, radius_m=0.2)
+
+
+def vary_world(world: World, seed: int, number: int, wishes: VariantWishes) -> World:
+    return next(vary_worlds(world, seed, [number], wishes))
 
 
 def rack(number: int, x: float, y: float) -> Furniture:
