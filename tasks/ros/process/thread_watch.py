@@ -6,6 +6,9 @@ One look reads each thread's state, then how long and how often it was run so fa
 moment if a look finds each asleep and run no more than at the look before: such a thread slept from its first reading
 to its second, and these stretches overlap. A thread that is woken but waits for a core reads as running.
 
+Since Linux 6.12 a thread that sleeps may stay in its core's queue for a while, and the kernel does not tell then where
+it sleeps (``wchan`` reads 0). Such a thread is one that may nap, until the kernel tells.
+
 roscpp's thread looks at the clock each millisecond, and sleeps in between on a condition that is a variable of roscpp's
 library. So the address that it waits at, which the kernel tells (``/proc/*/task/*/syscall``), says which one it is.
 """
@@ -72,6 +75,7 @@ _RUNS_BYTES = 64
 _AWAKE = b"RD"
 _STOPPED = b"Tt"
 _NAP = b"nanosleep"
+_UNTOLD = b"0"
 _NONE: frozenset[int] = frozenset()
 
 
@@ -220,9 +224,9 @@ class ThreadWatch:
         return {tid: count - int(there[tid].split()[2]) for tid, count in self.counts().items() if tid in there}
 
     def napping(self, exempt: Set[int] = _NONE) -> frozenset[int] | None:
-        """Returns the threads that were run since the mark and sleep by the wall's clock, as ``time.sleep`` does.
+        """Returns the threads that were run since the mark and may sleep by the wall's clock, as ``time.sleep`` does.
 
-        None says that one of them woke up meanwhile.
+        One of which the kernel does not tell where it sleeps may, too. None says that one of them woke up meanwhile.
 
         Args:
             exempt: Threads that may, as the first one of a Python node in ``rospy.spin``.
@@ -230,21 +234,22 @@ class ThreadWatch:
         if self.runs == self._marked:
             return _NONE
         ran = [tid for tid in _differ(self.runs, self._marked) - exempt if tid in self._threads]
-        naps = frozenset(tid for tid in ran if _naps(self._threads[tid]))
+        naps = frozenset(tid for tid in ran if _may_nap(self._threads[tid]))
         woken = any(self._woken(tid) for tid in ran if tid not in naps)
         return None if woken else naps
 
     def sleepers(self) -> frozenset[int]:
-        """Returns the threads that sleep by the wall's clock now."""
-        return frozenset(tid for tid, thread in self._threads.items() if _naps(thread))
+        """Returns the threads that the kernel tells to sleep by the wall's clock now."""
+        return frozenset(tid for tid, thread in self._threads.items() if _NAP in _waits_at(thread))
 
     def doing(self, tid: int) -> str:
         """Returns what a thread does, for a person: where it waits is the kernel's name; empty if it is gone."""
         thread = self._threads.get(tid)
         with contextlib.suppress(OSError):
             if thread is not None:
-                where = os.pread(thread.waits, _STATE_BYTES, 0).decode(errors="replace").strip("\0\n ")
-                return "runs" if self._state(thread) in _AWAKE or where in ("", "0") else f"waits in {where}"
+                where = _waits_at(thread)
+                told = self._state(thread) not in _AWAKE and where not in (b"", _UNTOLD)
+                return f"waits in {where.decode(errors='replace')}" if told else "runs"
         return ""
 
     def awake(self) -> int:
@@ -311,10 +316,16 @@ def _waited_ns(runs: bytes) -> int:
     return int(runs.split()[1]) if runs else 0
 
 
-def _naps(thread: _Thread) -> bool:
+def _waits_at(thread: _Thread) -> bytes:
+    """Returns the function of the kernel that a thread waits in; empty for one that is gone, 0 for one not told of."""
     with contextlib.suppress(OSError):
-        return _NAP in os.pread(thread.waits, _STATE_BYTES, 0)
-    return False
+        return os.pread(thread.waits, _STATE_BYTES, 0).strip(b"\0\n ")
+    return b""
+
+
+def _may_nap(thread: _Thread) -> bool:
+    where = _waits_at(thread)
+    return where == _UNTOLD or _NAP in where
 
 
 def allow_files() -> None:

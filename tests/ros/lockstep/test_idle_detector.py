@@ -186,3 +186,14 @@ def test_a_callback_may_nap_for_longer_if_it_waits_for_a_core(detector: IdleDete
     detector.look(1.1)
     assert detector.look(2.4) is IdleState.WAITS
     assert detector.look(2.6) is IdleState.QUIET
+
+
+def test_a_nap_that_the_kernel_does_not_tell_at_once_is_waited_for(detector: IdleDetector, worker: FakeThread) -> None:
+    detector.begin(1.0, fresh=False, ticked=True)
+    worker.waits_at = "0"
+    worker.run()
+    detector.look(1.03)
+    assert detector.look(1.031) is IdleState.WAITS
+    worker.waits_at = "futex_wait_queue"
+    worker.be("S")
+    assert detector.look(1.032) is IdleState.QUIET
