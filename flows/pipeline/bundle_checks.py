@@ -37,6 +37,7 @@ from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
 
 if TYPE_CHECKING:
+    from tasks.ros.launch.gazebo_launch import GazeboLaunch
     from tasks.ros.launch.launch_plan import LaunchSource
     from tasks.simulate.sandbox.launch_check import LaunchReport
 
@@ -442,13 +443,27 @@ def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str
         yield f"{name}: not read: {report.unread}"
     elif report.nodes:
         yield f"{name} starts {', '.join(report.nodes)}"
+    if report.gazebo:
+        yield from _gazebo_lines(source, report.gazebo)
     yield from report.missing
     yield from report.python2
 
 
+def _gazebo_lines(source: "LaunchSource", gazebo: "GazeboLaunch") -> Iterator[str]:
+    """Yields what becomes of what a launch file asks of Gazebo."""
+    name = f"{source.package} {source.launch_file}"
+    yield from (f"{name}: {each.node} is not started; in its place: {each.by}" for each in gazebo.replaced)
+    if gazebo.world:
+        yield f"{name}: its world is {gazebo.world.relative_to(source.bundle)}"
+    if gazebo.spawn:
+        start = f"[{gazebo.spawn.x_m:g}, {gazebo.spawn.y_m:g}, {gazebo.spawn.yaw_rad:g}]"
+        yield f"{name}: {gazebo.entity or 'its robot'} starts at {start}"
+    yield from (f"{name}: {each}" for each in gazebo.findings)
+
+
 def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:
     """Yields what is wrong with a launch file and its bundle's ``ros.yaml``; ``path`` is where the document has it."""
-    for why in report.refusals:
+    for why in (*report.refusals, *report.lost):
         allowed = f"a launch file that roslaunch takes, and not this one: {why}"
         yield Fault(path=f"{path}.launchFile", value=repr(source.launch_file), allowed=allowed)
     if report.declaration:

@@ -21,7 +21,7 @@ from xmlrpc.client import Binary
 
 from specs.errors import LaunchRefused
 from specs.launched_file import bundle_files, workspace_variables
-from tasks.ros.launch.packages import RosInstallation, bundle_packages, ros_installation
+from tasks.ros.launch.packages import RosInstallation, bundle_packages, make_gazebo_packages, ros_installation
 
 
 class NodePlan(NamedTuple):
@@ -61,11 +61,13 @@ class LaunchPlan(NamedTuple):
         file: The launch file.
         nodes: In the file's order.
         parameters: Of the parameter server, by full name.
+        lost: Nodes of the file whose program is not there, and why; an episode cannot run without.
     """
 
     file: str
     nodes: tuple[NodePlan, ...]
     parameters: dict[str, Any]
+    lost: tuple[str, ...] = ()
 
 
 _MEMORY_BYTES = 4 << 30
@@ -238,6 +240,14 @@ def launch_file(package, name):
     return found[0]
 
 
+def words(exc):
+    text = " ".join(str(exc).split()) or type(exc).__name__
+    package, paths, _ = text.partition(" ROS path [0]=")
+    if paths:
+        text = "there is no ROS package %r in the bundle or in ROS: put it into the bundle, or install it" % package
+    return text.replace(os.environ.get("ROS_PACKAGE_PATH", "").split(":")[0] + "/", "")
+
+
 def node(each, machine):
     # The resolved command holds the names that $(anon ...) stands for.
     command = roslaunch.node_args.create_local_process_args(each, machine)
@@ -279,9 +289,14 @@ def resolved(package, name):
                     "node %s is for the machine %s: all nodes of an episode run on one machine; "
                     "take the attribute machine away" % (each.name, given.address)
                 )
-    local = roslaunch.core.local_machine()
+    local, nodes, lost = roslaunch.core.local_machine(), [], []
+    for each in config.nodes:
+        try:
+            nodes.append(node(each, local))
+        except roslaunch.node_args.NodeParamsException as exc:
+            lost.append(["%s (%s %s)" % (each.namespace + each.name, each.package, each.type), words(exc)])
     return {
-        "file": path, "nodes": [node(each, local) for each in config.nodes],
+        "file": path, "nodes": nodes, "lost": lost,
         "parameters": {key: param.value for key, param in config.params.items()},
     }
 
@@ -293,11 +308,7 @@ def answer(package, name, environment):
         return json.dumps(resolved(package, name), default=binary)
     except Exception as exc:
         # What roslaunch raises has no common root below Exception.
-        text = " ".join(str(exc).split()) or type(exc).__name__
-        package, paths, _ = text.partition(" ROS path [0]=")
-        if paths:
-            text = "there is no ROS package %r in the bundle or in ROS: put it into the bundle, or install it" % package
-        return json.dumps({"refused": text.replace(os.environ.get("ROS_PACKAGE_PATH", "").split(":")[0] + "/", "")})
+        return json.dumps({"refused": words(exc)})
 
 
 answers = [answer(sys.argv[1], sys.argv[2], each) for each in json.load(sys.stdin)]
@@ -324,7 +335,21 @@ class LaunchSource(NamedTuple):
 
 
 def resolve_launch(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
-    """Returns for each environment what a launch file starts, or why roslaunch refuses it.
+    """Returns for each environment what a launch file starts, or why it cannot: each node that is lost is named.
+
+    Raises:
+        LaunchRefused: As ``read_launch`` says.
+    """
+    return [_complete(source, each) for each in read_launch(source, environments)]
+
+
+def _complete(source: LaunchSource, plan: LaunchPlan | LaunchRefused) -> LaunchPlan | LaunchRefused:
+    lost = plan.lost if isinstance(plan, LaunchPlan) else ()
+    return LaunchRefused(f"{_name(source)}: {'; '.join(lost)}") if lost else plan
+
+
+def read_launch(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
+    """Returns for each environment what roslaunch reads in a launch file, or why it refuses it.
 
     Args:
         source: The launch file.
@@ -341,7 +366,10 @@ def resolve_launch(source: LaunchSource, environments: Sequence[Mapping[str, str
     with tempfile.TemporaryDirectory(prefix="simyard-launch-") as folder:
         home = make_ros_home(Path(folder), installation)
         uri = "http://127.0.0.1:11311/"
+        stand_ins = make_gazebo_packages(home / "gazebo")
         asked = [node_environment(installation, source.bundle, uri, home, dict(key)) for key in distinct]
+        for each in asked:
+            each["ROS_PACKAGE_PATH"] += f":{stand_ins}"
         answers = _answers(installation, source, home, asked)
     found = {key: _plan(source, answer) for key, answer in zip(distinct, answers, strict=True)}
     return [found[key] for key in keys]
@@ -368,9 +396,11 @@ def _plan(source: LaunchSource, text: str) -> LaunchPlan | LaunchRefused:
     if "refused" in answer:
         return LaunchRefused(f"{_name(source)}: {answer['refused']}{_remedy(source, answer['refused'])}")
     nodes = tuple(_node(each) for each in answer["nodes"])
-    if not nodes:
+    lost = tuple(f"{node}: {why}{_remedy(source, why)}" for node, why in answer["lost"])
+    if not (nodes or lost):
         return LaunchRefused(f"{_name(source)}: it starts no node")
-    return LaunchPlan(answer["file"], nodes, {key: _value(value) for key, value in answer["parameters"].items()})
+    parameters = {key: _value(value) for key, value in answer["parameters"].items()}
+    return LaunchPlan(answer["file"], nodes, parameters, lost)
 
 
 def _remedy(source: LaunchSource, why: str) -> str:

@@ -1,4 +1,8 @@
-"""Where ROS 1 is on this machine, and which packages a bundle and ROS bring: their folders and executables."""
+"""Where ROS 1 is on this machine, and which packages a bundle and ROS bring: their folders and executables.
+
+Gazebo is never here: packages stand in for its own, so that roslaunch resolves launch files that include them. What
+they call their nodes and arguments is what their public documentation says.
+"""
 
 import functools
 import json
@@ -180,9 +184,57 @@ def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
                 continue
             seen.add(name)
             todo.append(name)
-            if name not in own and not _installed(installation, name):
+            if name not in own and name not in GAZEBO_PACKAGES and not _installed(installation, name):
                 missing.append(MissingPackage(name, needer, _debian_name(installation, name)))
     return sorted(missing)
+
+
+GAZEBO_PACKAGES = frozenset({"gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control", "rviz"})
+"""What Simyard stands for: its own engines and the windows of a person are nobody's to install."""
+_GAZEBO_NODES = ("gazebo", "gzserver", "gzclient", "debug", "gdbrun", "perf", "spawn_model")
+_NODES = {"gazebo_ros": _GAZEBO_NODES, "rviz": ("rviz",)}
+_EMPTY_WORLD = """<launch>
+  <arg name="paused" default="false"/>
+  <arg name="use_sim_time" default="true"/>
+  <arg name="extra_gazebo_args" default=""/>
+  <arg name="gui" default="true"/>
+  <arg name="recording" default="false"/>
+  <arg name="headless" default="false"/>
+  <arg name="debug" default="false"/>
+  <arg name="physics" default="ode"/>
+  <arg name="verbose" default="false"/>
+  <arg name="output" default="screen"/>
+  <arg name="world_name" default="worlds/empty.world"/>
+  <arg name="respawn_gazebo" default="false"/>
+  <arg name="use_clock_frequency" default="false"/>
+  <arg name="pub_clock_frequency" default="100"/>
+  <arg name="enable_ros_network" default="true"/>
+  <arg name="server_required" default="false"/>
+  <arg name="gui_required" default="false"/>
+  <param name="/use_sim_time" value="$(arg use_sim_time)"/>
+  <node name="gazebo" pkg="gazebo_ros" type="gzserver"
+    args="$(arg extra_gazebo_args) -e $(arg physics) $(arg world_name)"/>
+  <node if="$(arg gui)" name="gazebo_gui" pkg="gazebo_ros" type="gzclient"/>
+</launch>
+"""
+
+
+def make_gazebo_packages(folder: Path) -> Path:
+    """Makes the packages that stand in for Gazebo's own, and returns the folder that they are in.
+
+    A node of theirs does nothing: it has a name, by which it is known what it would have done.
+    """
+    for name in sorted(GAZEBO_PACKAGES):
+        package = folder / name
+        package.mkdir(parents=True)
+        (package / "package.xml").write_text(f"<package><name>{name}</name><version>0.0.0</version></package>")
+        for node in _NODES.get(name, ()):
+            (package / node).write_text("#!/bin/sh\n")
+            (package / node).chmod(0o755)
+    launch = folder / "gazebo_ros/launch"
+    launch.mkdir()
+    (launch / "empty_world.launch").write_text(_EMPTY_WORLD)
+    return folder
 
 
 def bundle_packages(bundle: Path) -> dict[str, Path]:

@@ -17,7 +17,8 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, resolve_launch, run_launch_program
+from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, shown_node
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_launch, run_launch_program
 from tasks.ros.launch.packages import missing_packages, ros_installation
 from tasks.ros.launch.python2 import python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
@@ -28,8 +29,8 @@ from tasks.simulate.sandbox.process_environment import process_environment
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
 _LIMIT_S = 90.0
-# Of a report: names of nodes and packages, and for each environment a refusal.
-_REPORT_BYTES, _REPORT_BYTES_EACH = 1 << 20, 1 << 14
+# Of a report: names of nodes and packages, a robot's description, and for each environment a refusal.
+_REPORT_BYTES, _REPORT_BYTES_EACH = 16 << 20, 1 << 14
 _CLOCK = "/use_sim_time"
 _NOT_OWN = "it is not this document's own bundle, and reading it would run what it says: install bubblewrap"
 _NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
@@ -46,6 +47,8 @@ class LaunchReport(Spec):
         ros: Which ROS is here, and where; or why none is, and what to install.
         has_ros: Whether one is.
         nodes: What is started for each lane, such as ``/roam (roamer roam.py)``.
+        lost: Nodes that cannot be started, and why; no episode begins without.
+        gazebo: What it asks of Gazebo, with the first environment that it does so with.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
         python2: What its nodes' programs have of Python 2, with file and line.
@@ -57,6 +60,8 @@ class LaunchReport(Spec):
     ros: str
     has_ros: bool
     nodes: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
+    gazebo: GazeboLaunch | None = None
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     python2: tuple[str, ...] = ()
@@ -146,11 +151,28 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
 def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> LaunchReport:
     plans = _plans(source, environments)
     good = [plan for plan in plans if isinstance(plan, LaunchPlan)]
-    nodes = dict.fromkeys(f"{node.name} ({node.package} {node.kind})" for plan in good for node in plan.nodes)
+    asked = [
+        read_gazebo_launch(plan, source.bundle, own)
+        for plan, own in zip(plans, environments, strict=True)
+        if isinstance(plan, LaunchPlan)
+    ]
+    gazebo = next((each for each in asked if each), None)
+    instead = {each.node for found in asked if found for each in found.replaced}
+    named = dict.fromkeys(shown_node(node) for plan in good for node in plan.nodes)
+    nodes = [each for each in named if each not in instead]
+    lost = dict.fromkeys(each for plan in good for each in plan.lost)
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
     needed = dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
-    report = LaunchReport(ros="", has_ros=True, nodes=(*nodes,), refusals=(*refusals,), simulated_clock=clock)
+    report = LaunchReport(
+        ros="",
+        has_ros=True,
+        nodes=(*nodes,),
+        lost=(*lost,),
+        gazebo=gazebo,
+        refusals=(*refusals,),
+        simulated_clock=clock,
+    )
     old = dict.fromkeys(each for plan in good for node in plan.nodes for each in _python2(source.bundle, node))
     return report.model_copy(update={"missing": (*needed,)} if needed else {}).model_copy(update={"python2": (*old,)})
 
@@ -165,9 +187,9 @@ def _python2(bundle: Path, node: NodePlan) -> Iterator[str]:
 def _plans(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> Sequence[LaunchPlan | LaunchRefused]:
     if not is_ros2(source.launch_file):
         try:
-            return resolve_launch(source, environments)
+            return read_launch(source, environments)
         except LaunchRefused as exc:
-            return [exc]
+            return [exc] * len(environments)
     found: list[LaunchPlan | LaunchRefused] = []
     with tempfile.TemporaryDirectory(prefix="simyard-check-") as folder:
         for number, variables in enumerate(environments):

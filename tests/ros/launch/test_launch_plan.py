@@ -8,8 +8,10 @@ from xmlrpc.client import Binary
 
 import pytest
 
+from specs.data.world import Start
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, resolve_launch, run_launch_program
+from tasks.ros.launch.gazebo_launch import read_gazebo_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, read_launch, resolve_launch, run_launch_program
 from tasks.ros.process.application_processes import alive
 
 
@@ -157,3 +159,35 @@ def test_a_script_that_is_there_and_not_executable_is_named_with_the_command(bun
     (bundle / "own/tool.sh").chmod(0o644)
     with pytest.raises(LaunchRefused, match=r"it is there: chmod \+x own/tool\.sh$"):
         plan(bundle, '<node pkg="own" type="tool.sh" name="a"/>')
+
+
+_GAZEBO = """<include file="$(find gazebo_ros)/launch/empty_world.launch">
+  <arg name="world_name" value="$(find own)/hall.world"/><arg name="gui" value="false"/>
+</include>
+<param name="robot_description" textfile="$(find own)/bot.urdf"/>
+<node pkg="gazebo_ros" type="spawn_model" name="spawn" args="-urdf -model bot -x 1.5 -Y -2 -param robot_description"/>
+<node pkg="own" type="tool.sh" name="route"/>"""
+
+
+def test_a_launch_file_that_starts_gazebo_is_read_without_gazebo(bundle: Path) -> None:
+    (bundle / "own/hall.world").write_text("<sdf/>")
+    (bundle / "own/bot.urdf").write_text("<robot/>")
+    found = read_gazebo_launch(plan(bundle, _GAZEBO), bundle, {})
+    assert found is not None
+    assert (found.world, found.entity, found.description) == (bundle / "own/hall.world", "bot", "<robot/>")
+    assert found.spawn == Start(x_m=1.5, y_m=0.0, yaw_rad=-2.0)
+    assert [node.name for node in found.nodes] == ["/route"]
+    assert found.findings == ()
+
+
+def test_every_node_that_is_lost_is_named_beside_those_that_are_there(bundle: Path) -> None:
+    (bundle / "own/launch/x.launch").write_text(
+        '<launch><node pkg="nav" type="plan" name="a"/><node pkg="own" type="tool.sh" name="b"/>'
+        '<node pkg="own" type="gone" name="c"/></launch>'
+    )
+    source = LaunchSource(bundle, "own", "x.launch")
+    found = only(read_launch(source, [{}]))
+    assert [node.name for node in found.nodes] == ["/b"]
+    assert [each.split(":")[0] for each in found.lost] == ["/a (nav plan)", "/c (own gone)"]
+    with pytest.raises(LaunchRefused, match=r"/a \(nav plan\).*'nav'.*/c \(own gone\)"):
+        only(resolve_launch(source, [{}]))
