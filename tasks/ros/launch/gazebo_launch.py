@@ -55,10 +55,10 @@ _SERVERS = frozenset({"gazebo", "gzserver", "debug", "gdbrun", "perf"})
 _CLIENTS = frozenset({"gzclient", "gzclient_gdb"})
 _SPAWNERS = frozenset({"spawn_model", "spawn_urdf", "spawn_gazebo_model"})
 _GAZEBO_ROS = frozenset({"gazebo_ros", "gazebo"})
-_SHOWN = {
+_STAND_FOR = {
     "rviz": "nothing: it shows pictures to a person",
     "rqt_gui": "nothing: it shows windows to a person",
-    "rqt_image_view": "nothing: it shows windows to a person",
+    "joint_state_publisher": "the robot's own joint states",
 }
 # Of Gazebo's server: what takes a value.
 _SERVER_VALUES = (
@@ -74,7 +74,7 @@ _MOST_DESCRIPTION_BYTES = 8 << 20
 
 
 def read_gazebo_launch(plan: LaunchPlan, bundle: Path, variables: Mapping[str, str]) -> GazeboLaunch | None:
-    """Returns what a launch file asks of Gazebo; None if it starts nothing of Gazebo's.
+    """Returns what a launch file asks of Gazebo; None if it starts nothing that Simyard stands for.
 
     Args:
         plan: The launch file as ROS resolved it.
@@ -84,7 +84,7 @@ def read_gazebo_launch(plan: LaunchPlan, bundle: Path, variables: Mapping[str, s
     servers = [node for node in plan.nodes if node.package in _GAZEBO_ROS and node.kind in _SERVERS]
     spawners = [node for node in plan.nodes if node.package in _GAZEBO_ROS and node.kind in _SPAWNERS]
     replaced = dict(_replaced(plan.nodes))
-    if not servers and not spawners:
+    if not replaced:
         return None
     reading = _Reading(plan, bundle, variables, servers)
     world = reading.world(servers[0]) if servers else None
@@ -95,10 +95,16 @@ def read_gazebo_launch(plan: LaunchPlan, bundle: Path, variables: Mapping[str, s
         entity=robot.entity,
         spawn=robot.spawn,
         description=robot.description,
-        nodes=tuple(node for node in plan.nodes if node.name not in replaced),
+        nodes=started_nodes(plan),
         replaced=tuple(replaced.values()),
         findings=tuple(reading.findings),
     )
+
+
+def started_nodes(plan: LaunchPlan) -> tuple[NodePlan, ...]:
+    """Returns the nodes of a launch file that are started: all that nothing stands for."""
+    replaced = dict(_replaced(plan.nodes))
+    return tuple(node for node in plan.nodes if node.name not in replaced)
 
 
 def shown_node(node: NodePlan) -> str:
@@ -109,7 +115,7 @@ def shown_node(node: NodePlan) -> str:
 def _replaced(nodes: Sequence[NodePlan]) -> Iterator[tuple[str, Replaced]]:
     """Yields the nodes that do not run, by name."""
     for node in nodes:
-        by = _SHOWN.get(node.package, "")
+        by = _STAND_FOR.get(node.package, "")
         if node.package in _GAZEBO_ROS:
             if node.kind in _SERVERS:
                 by = "Simyard's engine, in the world that is imported"

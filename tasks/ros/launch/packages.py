@@ -189,10 +189,18 @@ def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
     return sorted(missing)
 
 
-GAZEBO_PACKAGES = frozenset({"gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control", "rviz"})
+GAZEBO_PACKAGES = frozenset(
+    ["gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control", "rviz", "rqt_gui"]
+    + ["joint_state_publisher"]
+)
 """What Simyard stands for: its own engines and the windows of a person are nobody's to install."""
 _GAZEBO_NODES = ("gazebo", "gzserver", "gzclient", "debug", "gdbrun", "perf", "spawn_model")
-_NODES = {"gazebo_ros": _GAZEBO_NODES, "rviz": ("rviz",)}
+_NODES = {
+    "gazebo_ros": _GAZEBO_NODES,
+    "rviz": ("rviz",),
+    "rqt_gui": ("rqt_gui",),
+    "joint_state_publisher": ("joint_state_publisher", "joint_state_publisher_gui"),
+}
 _EMPTY_WORLD = """<launch>
   <arg name="paused" default="false"/>
   <arg name="use_sim_time" default="true"/>

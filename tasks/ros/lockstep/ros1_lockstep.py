@@ -8,6 +8,7 @@ from typing import Self
 
 from specs.errors import LaunchRefused
 from tasks.ros.graph.graph import Graph
+from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, make_ros_home, node_environment, resolve_launch
 from tasks.ros.launch.packages import ros_installation
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
@@ -201,7 +202,7 @@ class Ros1Lockstep:
             OSError: The machine has no room for so many.
         """
         try:
-            lane.application.start(plan.nodes, environment, prefix)
+            lane.application.start(started_nodes(plan), environment, prefix)
         except (OSError, ValueError) as exc:
             if isinstance(exc, OSError) and exc.errno in NO_ROOM:
                 raise

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from specs.data.world import Start
-from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch
+from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
 
 _MANIFEST = """<package format="2"><name>sim</name>
@@ -109,3 +109,12 @@ def test_all_other_nodes_run_and_each_of_gazebos_is_told(bundle: Path) -> None:
         "/rviz (rviz rviz)",
         "/spawn (gazebo_ros spawn_model)",
     ]
+
+
+def test_windows_for_a_person_are_not_started_whatever_starts_them(bundle: Path) -> None:
+    rviz, roam = NodePlan("/rviz", "rviz", "rviz", ("rviz",)), NodePlan("/roam", "roamer", "roam.py", ("roam.py",))
+    plan = LaunchPlan("/x.launch", (rviz, roam), {})
+    assert started_nodes(plan) == (roam,)
+    found = read_gazebo_launch(plan, bundle, {})
+    assert found is not None
+    assert [each.node for each in found.replaced] == ["/rviz (rviz rviz)"]
