@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from tests.docs.typed_blocks import blocks_in
-from tests.factories.gateway.served import await_answer, free_port
+from tests.factories.gateway.served import await_answer
 from tests.repository import ROOT
+from tests.servers.ports import free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(600)]
 PAGE = (ROOT / "docs/guide/from-robomaker.md").read_text()

@@ -2,13 +2,13 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import tempfile
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tests.servers.ports import free_port
 from tests.servers.tools import need_tool
 
 _START_S = "60"
@@ -20,7 +20,7 @@ def running_postgres() -> Generator[int]:
     """Yields the port of a server with a database and a user, both named ``prefect``; skips the test without one."""
     programs = str(_INSTALLED[-1]) if _INSTALLED else None
     need_tool("initdb", "postgresql", path=programs)
-    port = _free_port()
+    port = free_port()
     # Not in pytest's folder, which only its owner may enter: PostgreSQL refuses to run as root.
     folder = Path(tempfile.mkdtemp(prefix="simyard-postgres-"))
     user = "postgres" if os.geteuid() == 0 else None
@@ -42,9 +42,3 @@ def running_postgres() -> Generator[int]:
             call("pg_ctl", "stop", "-m", "immediate", "-D", data)
     finally:
         shutil.rmtree(folder)
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

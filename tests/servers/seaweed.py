@@ -1,18 +1,19 @@
 """A real S3 server for tests: SeaweedFS, from its wheel, on free ports of this machine."""
 
 import json
-import socket
 import subprocess
 import sysconfig
 import time
 from collections.abc import Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 
 import botocore.session
 from botocore.config import Config
 from botocore.exceptions import BotoCoreError, ClientError
+
+from tests.servers.ports import free_ports
 
 ACCESS_KEY = "simyard-test-key"
 SECRET_KEY = "simyard-test-secret"  # noqa: S105 - of a server that lives for one test run
@@ -32,7 +33,7 @@ class Seaweed:
 
     def __init__(self, folder: Path) -> None:
         """Starts it; see ``wait``."""
-        ports: dict[str, int] = dict(zip(_PORTS, _free_ports(len(_PORTS)), strict=True))
+        ports: dict[str, int] = dict(zip(_PORTS, free_ports(len(_PORTS)), strict=True))
         self._folder = folder
         self._command = _command(folder, ports)
         self.endpoint = f"http://127.0.0.1:{ports['s3']}"
@@ -146,12 +147,3 @@ def _wait(server: Seaweed, log: Path) -> None:
             time.sleep(0.2)
         else:
             return
-
-
-def _free_ports(number: int) -> list[int]:
-    # All held open until all are known, so that none is given twice.
-    with ExitStack() as held:
-        sockets = [held.enter_context(socket.socket()) for _ in range(number)]
-        for each in sockets:
-            each.bind(("127.0.0.1", 0))
-        return [each.getsockname()[1] for each in sockets]

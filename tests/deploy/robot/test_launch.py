@@ -83,18 +83,6 @@ def test_a_script_that_leaves_a_daemon_leaves_nothing(one: OneRobot) -> None:
     assert (reported.status, one.programs) == ("InSync", ["sleep 1000"])
 
 
-@pytest.mark.long
-def test_an_application_that_ends_is_started_again(one: OneRobot) -> None:
-    script = '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'
-    one.deploy(one.yard.publish({"run.sh": script}), 1)
-
-    def launches() -> int:
-        one.robot.supervise()
-        return (one.root / "launches").read_text().count("up")
-
-    eventually(lambda: launches() >= 3)
-
-
 def test_programs_see_an_environment_made_for_them(one: OneRobot, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "canary")
     scripts = {**GOOD, "env.sh": '#!/bin/sh\nenv > "$HOME/seen"\n'}

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 from pathlib import Path
 
 import pytest
@@ -13,8 +12,9 @@ from tasks.applications.registry import publish_bundle
 from tasks.deploy.robot import launch as robot_launch
 from tasks.ros.launch import robot_command
 from tests.deploy.one_robot import GOOD, OneRobot
-from tests.deploy.yard import eventually
+from tests.deploy.yard import PATIENCE_S, eventually
 from tests.repository import ROOT
+from tests.servers.ports import free_port
 
 ROAM = DeploymentLaunchConfig(packageName="roamer", launchFile="roam.launch")
 HAS_ROS = shutil.which("roslaunch") is not None or os.environ.get("CI") == "true"
@@ -99,10 +99,9 @@ def test_a_launch_file_that_the_bundle_does_not_have_is_told(one: OneRobot) -> N
 @pytest.mark.long
 @pytest.mark.skipif(not HAS_ROS, reason="ROS 1 is not installed")
 def test_nodes_of_ros_run_until_the_robot_ends(one: OneRobot, roamer: Version) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        master = f"http://127.0.0.1:{free.getsockname()[1]}"
+    own = {"ROS_MASTER_URI": f"http://127.0.0.1:{free_port()}", "ROS_IP": "127.0.0.1"}
 
-    reported = one.deploy(roamer, 1, launch=ROAM, environment={"ROS_MASTER_URI": master, "ROS_IP": "127.0.0.1"})
+    reported = one.deploy(roamer, 1, launch=ROAM, environment=own)
     eventually(lambda: any("roam.py" in each for each in one.programs))
     one.robot.end()
 
@@ -117,6 +116,7 @@ def test_a_launch_file_that_roslaunch_refuses_does_not_stay_up(one: OneRobot, tm
     (tmp_path / "broken/roamer/launch/roam.launch").write_text("<launch><node/></launch>")
     version = publish_bundle(one.yard.store, "robot-application", "roamer", tmp_path / "broken")
 
+    one.restarted(PATIENCE_S)  # it ends when it ends
     reported = one.deploy(version, 1, launch=ROAM)
 
     assert reported.failure_code == "EnvironmentSetupError"

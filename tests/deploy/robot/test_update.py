@@ -26,12 +26,10 @@ from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.yard import PATIENCE_S, STAYS_UP, Yard, eventually, marked_by
 
-# Stays up for longer than the grace period of a launch, the first time.
+# Stays up until the test lets it crash, however long a launch's grace lasts.
 CRASHES = """#!/bin/sh
-echo crashing >> "$HOME/crashes"
-if [ -e "$HOME/started-once" ]; then exit 7; fi
-touch "$HOME/started-once"
-sleep 0.5
+echo up >> "$HOME/launches"
+until [ -e "$HOME/crash" ]; do sleep 0.01; done
 exit 7
 """
 
@@ -290,11 +288,14 @@ def test_a_download_goes_on_after_a_restart(one: OneRobot) -> None:
 
 @pytest.mark.long
 def test_an_application_that_crashes_during_a_download_is_started_again(one: OneRobot) -> None:
-    crashing = {"run.sh": '#!/bin/sh\necho up >> "$HOME/launches"\nsleep 0.3\n'}
-    one.deploy(one.yard.publish(crashing), 1)
-    one.store = WaitingStore(one.yard.store, lambda: (one.root / "launches").read_text().count("up") >= 3)
+    def crashed_three_times() -> bool:
+        (one.root / "crash").touch()
+        return (one.root / "launches").read_text().count("up") > 3
+
+    one.deploy(one.yard.publish({"run.sh": CRASHES}), 1)
+    eventually((one.root / "launches").exists)
+    one.store = WaitingStore(one.yard.store, crashed_three_times)
     one.robot.end()
-    (one.root / "launches").unlink()
     one.restarted().recover()
 
     assert one.deploy(one.yard.publish(GOOD), 2, timeout_s=60.0).status == "InSync"
@@ -342,6 +343,8 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def supervised(one: OneRobot, status: str) -> Reported:
+    (one.root / "crash").touch()
+
     def look() -> bool:
         one.robot.supervise()
         time.sleep(0.002)
@@ -430,7 +433,7 @@ def test_the_only_version_there_is_is_tried_for_ever_and_that_is_told(one: OneRo
 
     def often() -> bool:
         one.robot.supervise()
-        return len((one.root / "crashes").read_text().splitlines()) > 7
+        return len((one.root / "launches").read_text().splitlines()) > 7
 
     eventually(often)
     assert one.yard.current(NAME) == bad.digest

@@ -16,6 +16,7 @@ from specs.arn import KINDS
 from tasks.gateway.access.access_keys import RIGHTS
 from tasks.gateway.connections import Bounds
 from tests.repository import ROOT
+from tests.servers.ports import free_port
 
 DOCUMENT = (ROOT / "docs/operate/gateway.md").read_text()
 BASH = ["bash", "-euo", "pipefail", "-c"]
@@ -54,9 +55,7 @@ def test_what_it_says_one_types_makes_keys_and_shows_what_was_done(
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "settings"))
     monkeypatch.setenv("SIMYARD_STORE", (tmp_path / "store").as_uri())
     monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
+    port = free_port()
     server = subprocess.Popen([*BASH, f"exec {block('serve').replace('8600', str(port))}"], stdout=subprocess.PIPE)
     try:
         await_port(port)

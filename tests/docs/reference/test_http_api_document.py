@@ -15,6 +15,7 @@ import pytest
 from specs.arn import parse_reference
 from specs.robomaker.operations import STATUSES, ErrorName
 from tests.repository import ROOT
+from tests.servers.ports import free_port
 
 PAGE = (ROOT / "docs/reference/http-api.md").read_text()
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
@@ -37,9 +38,7 @@ def test_the_forms_of_an_arn_mean_the_same():
 @pytest.fixture
 def environment(tmp_path: Path) -> Generator[dict[str, str]]:
     """The environment of a client, with a gateway at the port of its own."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     found = {key: value for key, value in os.environ.items() if not key.startswith(("AWS_", "SIMYARD_"))}
     found |= {
         "HOME": str(tmp_path),

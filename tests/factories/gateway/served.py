@@ -19,6 +19,7 @@ from tasks.gateway.rest_json import HttpRequest
 from tests.gateway.signed_requests import signed_request
 from tests.integration.runs import own_cache
 from tests.repository import ROOT
+from tests.servers.ports import free_port
 
 _START_S = 60
 NOBODY = b'{"fleet": "arn:aws:robomaker:us-west-2:123456789012:deployment-fleet/nobody"}'
@@ -162,12 +163,6 @@ def _new_yard(folder: Path) -> tuple[Path, AccessKey, Path]:
     assert owner is not None
     store.mkdir()
     return keys, owner, store
-
-
-def free_port() -> int:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return free.getsockname()[1]
 
 
 def await_answer(port: int, process: "subprocess.Popen[bytes]", log: Path) -> None:

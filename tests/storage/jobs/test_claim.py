@@ -11,7 +11,7 @@ import pytest
 from specs.errors import ObjectConflict, StoreError, StoreUnreachable
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import claim_key
-from tasks.storage.base.store import Store
+from tasks.storage.base.store import UNBOUNDED, Store, StoredObject
 from tasks.storage.jobs import claim as claims
 from tasks.storage.jobs.claim import (
     ClaimRecord,
@@ -73,38 +73,33 @@ def test_a_killed_holder_is_replaced_without_waiting_for_its_time_to_pass(store:
             assert claim.epoch == 2
 
 
-def _enter(store: Store, order: list[str], name: str) -> Thread:
-    def work() -> None:
-        with hold_claim(store, _KEY):
-            order.append(name)
-
-    thread = Thread(target=work)
-    thread.start()
-    return thread
-
-
 def test_others_wait_while_a_live_process_holds_the_claim(store: Store) -> None:
-    order: list[str] = []
+    order, looks = list[str](), list[ClaimRecord]()
+
+    def work() -> None:
+        with hold_claim(store, _KEY, waiting=looks.append):
+            order.append("second")
+
+    waiting = Thread(target=work)
     with hold_claim(store, _KEY):
-        waiting = _enter(store, order, "second")
-        time.sleep(0.5)
+        waiting.start()
+        eventually(lambda: len(looks) > 2)
         order.append("first")
     waiting.join()
     assert order == ["first", "second"]
 
 
-def test_a_holder_elsewhere_keeps_its_claim_as_long_as_it_beats(
-    file_store: Store, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(claims, "this_process", lambda: _ELSEWHERE)
-    order: list[str] = []
-    with hold_claim(file_store, _KEY, ttl_s=0.6) as claim:
-        waiting = _enter(file_store, order, "second")
-        time.sleep(2)
-        assert not claim.lost
-        order.append("first")
-    waiting.join()
-    assert order == ["first", "second"]
+def test_a_holder_elsewhere_keeps_its_claim_as_long_as_it_beats(file_store: Store) -> None:
+    file_store.create(_KEY, _held_elsewhere(ttl_s=0.01))
+    seen: list[int] = []
+
+    def beat(found: ClaimRecord) -> None:
+        seen.append(found.beat)
+        after = found.model_copy(update={"beat": found.beat + 1, "released": found.beat == 20})
+        file_store.put(_KEY, after.model_dump_json().encode())
+
+    with hold_claim(file_store, _KEY, waiting=beat) as claim:
+        assert (claim.epoch, seen) == (5, list(range(21)))
 
 
 def test_a_silent_holder_elsewhere_is_replaced_after_its_time(store: Store) -> None:
@@ -113,12 +108,22 @@ def test_a_silent_holder_elsewhere_is_replaced_after_its_time(store: Store) -> N
         assert claim.epoch == 5
 
 
-def test_a_holder_elsewhere_that_beats_is_not_waited_for(file_store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(claims, "this_process", lambda: _ELSEWHERE)
-    with hold_claim(file_store, _KEY, ttl_s=0.6) as held, hold_claim_unless_alive(file_store, _KEY) as claim:
+class _Beating(LocalStore):
+    """A store whose holder elsewhere writes its next beat whenever somebody has looked."""
+
+    def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
+        found = super().get(key, most_bytes)
+        record = ClaimRecord.model_validate_json(found.body)
+        self.put(key, record.model_copy(update={"beat": record.beat + 1}).model_dump_json().encode())
+        return found
+
+
+def test_a_holder_elsewhere_that_beats_is_not_waited_for(tmp_path: Path) -> None:
+    store = _Beating(tmp_path)
+    store.create(_KEY, _held_elsewhere(ttl_s=_FOREVER_S))
+    with hold_claim_unless_alive(store, _KEY) as claim:
         assert claim is None
-        assert not held.lost
-        assert _record(file_store).epoch == 1
+    assert _record(store).epoch == 4
 
 
 def test_the_claim_of_a_silent_holder_elsewhere_is_taken_after_its_time(store: Store) -> None:
@@ -215,14 +220,14 @@ def test_a_holder_that_cannot_reach_the_store_in_time_has_lost(tmp_path: Path) -
     assert not _record(failing).released
 
 
-def test_a_store_that_comes_back_in_time_is_no_loss(tmp_path: Path) -> None:
+def test_a_store_that_comes_back_is_no_loss(tmp_path: Path) -> None:
     failing = _Failing(tmp_path)
-    with hold_claim(failing, _KEY, ttl_s=3) as claim:
+    with hold_claim(failing, _KEY, ttl_s=0.3) as claim:
         failing.away.set()
         failing.wait_for_beats(1)
         failing.away.clear()
         failing.wait_for_beats(1)
-        assert not claim.lost
+        eventually(lambda: not claim.lost)
     assert _record(failing).released
 
 

@@ -77,23 +77,26 @@ def test_who_waited_for_another_process_finds_the_run_ended(file_store: Store):
             sys.executable,
             "-c",
             textwrap.dedent(f"""
-                import time
+                import sys
                 from tasks.storage.store_url import open_store
                 from tasks.storage.jobs.records import advance
                 from tasks.storage.jobs.runs import begin_run
                 store = open_store({file_store.url!r})
                 with begin_run(store, {IDENTITY!r}) as run:
                     print("holding", flush=True)
-                    time.sleep(1.0)
+                    sys.stdin.read()
                     advance(store, "pipeline-run", run.id, "Completed")
             """),
         ],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     )
     with other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"holding\n"
-        with begin_run(file_store, IDENTITY) as run:
+        ends, told = other.stdin, other.stdout
+        assert ends
+        assert told
+        assert told.readline() == b"holding\n"
+        with begin_run(file_store, IDENTITY, waiting=lambda *_: ends.close()) as run:
             assert is_terminal(run)
     assert len(records(file_store, "pipeline-run")) == 1
 

@@ -2,7 +2,6 @@
 
 import os
 import re
-import socket
 import subprocess
 import sys
 import time
@@ -17,6 +16,7 @@ from tasks.storage.store_url import open_store
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store
 from tests.servers.chromium import Page, browsing
 from tests.servers.eventually import eventually
+from tests.servers.ports import free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 LONG = f"{ATTACK} {'W' * 300}"
@@ -36,9 +36,7 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A store in which every text is an attack, and a line longer than any window, behind the command."""
     folder = tmp_path_factory.mktemp("served")
     shown = shown_store(open_store((folder / "store").as_uri()), LONG)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        url = f"http://127.0.0.1:{free.getsockname()[1]}"
+    url = f"http://127.0.0.1:{free_port()}"
     command = [sys.executable, "-m", "simyard", "serve", "--workers", "0", "--port", url.rpartition(":")[2]]
     environment = {**os.environ, "SIMYARD_STORE": (folder / "store").as_uri(), "PREFECT_HOME": str(folder)}
     output = folder / "output"

@@ -1,6 +1,5 @@
 """The graph answers as ROS's own master does, call by call."""
 
-import socket
 import subprocess
 import time
 import xmlrpc.client
@@ -13,6 +12,7 @@ import pytest
 
 from tests.ros.graph.episode import PUBLISHES, SUBSCRIBES, Episode
 from tests.ros.graph.noetic.ros_episode import RosEpisode
+from tests.servers.ports import free_port
 
 pytestmark = [pytest.mark.long, pytest.mark.integration]
 NAMES = ["/a", "/b", "~c", "d", "/e/f", "e/f/", "/e"]
@@ -47,8 +47,7 @@ OWN = {topic.name for topic in (*PUBLISHES, *SUBSCRIBES)}
 @pytest.fixture
 def rosmaster(noetic: RosEpisode, tmp_path: Path) -> Generator[xmlrpc.client.ServerProxy]:
     """ROS's own master."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        port = probe.getsockname()[1]
+    port = free_port()
     command = ["rosmaster", "--core", "-p", str(port)]
     with subprocess.Popen(
         command, env=noetic.environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path
