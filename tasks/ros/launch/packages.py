@@ -190,9 +190,8 @@ def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
 
 
 GAZEBO_PACKAGES = frozenset(
-    ["gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control", "rviz", "rqt_gui"]
-    + ["joint_state_publisher"]
-)
+    {"gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control"}
+) | frozenset({"rviz", "rqt_gui", "joint_state_publisher"})
 """What Simyard stands for: its own engines and the windows of a person are nobody's to install."""
 _GAZEBO_NODES = ("gazebo", "gzserver", "gzclient", "debug", "gdbrun", "perf", "spawn_model")
 _NODES = {
@@ -263,19 +262,37 @@ def read_manifest(path: Path) -> ElementTree.Element:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise LaunchRefused(f"{path}: more than {_MOST_BYTES} bytes")
+    return plain_xml(data, str(path), "package.xml")
+
+
+def plain_xml(data: bytes, name: str, what: str) -> ElementTree.Element:
+    """Returns the outermost element of a stranger's XML.
+
+    Args:
+        data: The text.
+        name: What a person calls it.
+        what: What it shall be.
+
+    Raises:
+        LaunchRefused: It is no XML, or has a document type, which entities need.
+    """
     try:
-        return ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tree()))  # noqa: S314 - without entities
+        return ElementTree.fromstring(data, ElementTree.XMLParser(target=_Tree(what)))  # noqa: S314 - without entities
     except (ElementTree.ParseError, LookupError, ValueError) as exc:
-        raise LaunchRefused(f"{path}: not a package.xml: {exc}") from exc
+        raise LaunchRefused(f"{name}: not a {what}: {exc}") from exc
     except LaunchRefused as exc:
-        raise LaunchRefused(f"{path}: {exc}") from None
+        raise LaunchRefused(f"{name}: {exc}") from None
 
 
 class _Tree(ElementTree.TreeBuilder):
     """Builds a document's tree, and none of one that could have entities, in whatever encoding."""
 
+    def __init__(self, what: str) -> None:
+        super().__init__()
+        self._what = what
+
     def doctype(self, *_: object) -> NoReturn:
-        raise LaunchRefused("a package.xml has no document type, and no entities")
+        raise LaunchRefused(f"a {self._what} has no document type, and no entities")
 
 
 def _manifests(bundle: Path) -> Iterator[Path]:
