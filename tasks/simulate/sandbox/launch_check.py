@@ -145,7 +145,7 @@ def _read_apart(source: LaunchSource, environments: Sequence[Mapping[str, str]])
             return {"unread": f"the process that reads it: {exc}"}
         except ValidationError:
             return {"unread": "the process that reads it says nothing"}
-    return answer.model_dump(include=answer.model_fields_set - {"ros", "has_ros"})
+    return {name: getattr(answer, name) for name in answer.model_fields_set - {"ros", "has_ros"}}
 
 
 def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> LaunchReport:

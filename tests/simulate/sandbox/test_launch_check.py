@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from flows.pipeline.bundle_checks import report_lines
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.ros2.launch_file.launch_description import ros2_installation
@@ -70,3 +71,24 @@ def test_missing_packages_of_ros_1_and_python_2_are_told_besides_what_is_started
     )
     (old,) = found.python2
     assert old.startswith("courier/scripts/answer.py, line 33: no Python 3: Missing parentheses in call to 'print'")
+
+
+@pytest.mark.long
+def test_what_it_asks_of_gazebo_comes_out_of_the_process_that_reads_it(ros: RosInstallation, tmp_path: Path):
+    (tmp_path / "sim/launch").mkdir(parents=True)
+    (tmp_path / "sim/package.xml").write_text("<package><name>sim</name><depend>gazebo_ros</depend></package>")
+    (tmp_path / "sim/hall.world").write_text("<sdf/>")
+    (tmp_path / "sim/launch/sim.launch").write_text(
+        '<launch><include file="$(find gazebo_ros)/launch/empty_world.launch">'
+        '<arg name="world_name" value="$(find sim)/hall.world"/><arg name="gui" value="false"/></include>'
+        '<node pkg="nav" type="plan" name="plan"/></launch>'
+    )
+    source = LaunchSource(tmp_path, "sim", "sim.launch")
+    found = check_launch_file(source, [{}], own=True)
+    assert (found.unread, found.refusals, found.missing, found.nodes) == ("", (), (), ())
+    assert [each.split(":")[0] for each in found.lost] == ["/plan (nav plan)"]
+    assert list(report_lines(source, found))[1:] == [
+        "sim sim.launch: /gazebo (gazebo_ros gzserver) is not started; in its place: Simyard's engine, in the world "
+        "that is imported",
+        "sim sim.launch: its world is sim/hall.world",
+    ]
