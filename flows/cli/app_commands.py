@@ -83,6 +83,36 @@ def publish(
     echo(f"{version.name} version {version.number}: {', '.join(builds)}")
 
 
+@app_app.command("draft")
+def draft(
+    bundle: Annotated[Path, typer.Argument(help="Folder of a simulation application's packages.", show_default=False)],
+    package: Annotated[str, typer.Argument(help="The launch configuration's packageName.", show_default=False)],
+    launch_file: Annotated[str, typer.Argument(help="Its launchFile, which starts Gazebo.", show_default=False)],
+    *,
+    out: Annotated[
+        Path | None, typer.Option(help="Where robot.xml and ros.yaml are written to; the bundle, if left out.")
+    ] = None,
+    variable: Annotated[
+        list[str] | None, typer.Option(metavar="NAME=VALUE", help="An environment variable; may be repeated.")
+    ] = None,
+) -> None:
+    """Write robot.xml and ros.yaml of the robot that a launch file spawns in Gazebo, to be edited.
+
+    Names all of its description that is not taken, and prints the entry of a document's worlds for its world.
+    """
+    from flows.pipeline.robot_drafts import draft_of_launch, world_entry, write_draft  # noqa: PLC0415 - loads shapely
+    from tasks.ros.launch.launch_plan import LaunchSource  # noqa: PLC0415 - of this command alone
+
+    variables = {name: value for name, _, value in (each.partition("=") for each in variable or ())}
+    found = draft_of_launch(LaunchSource(bundle.resolve(), package, launch_file), variables)
+    for path in write_draft(found.draft, out or bundle):
+        echo(str(path))
+    for finding in (*found.draft.findings, *found.gazebo.findings):
+        echo(f"  {finding}", err=True)
+    if entry := world_entry(found.gazebo, Path.cwd()):
+        echo(f"worlds:\n  {entry}")
+
+
 @app_app.command("delete")
 def delete(
     name: _Name,

@@ -123,18 +123,31 @@ def _read_apart(asked: WorldImport, path: str, folders: list[Path]) -> ImportAns
     Raises:
         DocumentError: It came to no answer.
     """
+    try:
+        return ImportAnswer.model_validate_json(answer_apart(_MODULE, asked.model_dump_json(), folders))
+    except (LaunchRefused, ValidationError) as exc:
+        why = str(exc) if isinstance(exc, LaunchRefused) else "it says nothing that is an answer"
+        allowed = f"a world that is read in {_LIMIT_S:g} s with 4 GB of memory; the process that reads it: {why}"
+        raise DocumentError.of(path, repr(asked.source), allowed) from exc
+
+
+def answer_apart(module: str, asked: str, folders: Sequence[Path]) -> str:
+    """Returns the last line that a module prints, run in the confinement of applications.
+
+    Args:
+        module: Run with ``python -m``.
+        asked: What it reads.
+        folders: What it sees of this machine's own files.
+
+    Raises:
+        LaunchRefused: It came to no answer.
+    """
     with tempfile.TemporaryDirectory(prefix="simyard-import-") as folder:
         place = Place(Path(folder), Path(folder))
-        try:
-            command = confined_command(_MODULE, [], place, folders)
-            own = {name: os.environ[name] for name in _NEEDED if name in os.environ}
-            environment = process_environment(own, place.programs) | place.variables()
-            said = run_launch_program(command, environment, place.folder, asked.model_dump_json(), _LIMIT_S)
-            return ImportAnswer.model_validate_json(said)
-        except (LaunchRefused, ValidationError) as exc:
-            why = str(exc) if isinstance(exc, LaunchRefused) else "it says nothing that is an answer"
-            allowed = f"a world that is read in {_LIMIT_S:g} s with 4 GB of memory; the process that reads it: {why}"
-            raise DocumentError.of(path, repr(asked.source), allowed) from exc
+        command = confined_command(module, [], place, folders)
+        own = {name: os.environ[name] for name in _NEEDED if name in os.environ}
+        environment = process_environment(own, place.programs) | place.variables()
+        return run_launch_program(command, environment, place.folder, asked, _LIMIT_S)
 
 
 def keep_world(store: Store, imported: ImportedWorld, path: str = "source") -> None:

@@ -76,6 +76,10 @@ def test_each_shell_block_succeeds(block: str, tmp_path: Path):
     done = _typed(block, _checkout(tmp_path))
 
     assert done.returncode == 0, done.stderr
+    if "app draft" in block:
+        assert (tmp_path / "my_robot/robot.xml").is_file()
+        assert "source: examples/ros/gazebo/rover_sim/worlds/hall.world, start: [1, 0.5, 1.57]" in done.stdout
+        return
     assert "roamer roam.launch starts /roam (roamer roam.py)" in done.stdout
     assert "robots run roslaunch roamer roam.launch" in done.stdout
 
