@@ -17,6 +17,7 @@ from specs.settings import SERVER_WAIT
 from tasks.progress.log_lines import log_duration
 from tasks.server import process
 from tasks.server.health import (
+    accepts,
     is_answering,
     is_listening,
     refuses,
@@ -56,6 +57,7 @@ def _drain() -> None:
 
 _RETRIES = "PREFECT_CLIENT_MAX_RETRIES"
 _OWN_WAIT_S = 20
+_BUSY_S = 30.0
 _SAID_CHARACTERS = 300
 # Those that this process has set itself.
 _OWN_VARIABLES = (
@@ -211,7 +213,7 @@ def _require(api_url: str, password: str) -> None:
             "PREFECT_API_AUTH_STRING, as simyard up prints it",
         )
     remedy = "unset it, or simyard up and export what that prints"
-    if not succeeds_within(lambda: is_answering(api_url)):
+    if not (succeeds_within(lambda: is_answering(api_url)) or _answers_late(api_url)):
         raise StageFailed(
             "InternalServiceError",
             f"no Prefect server answers at PREFECT_API_URL={url_without_password(api_url)}; {remedy}",
@@ -222,6 +224,13 @@ def _require(api_url: str, password: str) -> None:
             f"what answers at PREFECT_API_URL={url_without_password(api_url)} is no API of Prefect's: its address ends "
             f"with /api, as http://127.0.0.1:4200/api does; {remedy}",
         )
+
+
+def _answers_late(api_url: str) -> bool:
+    """Returns whether a server that takes connections and says nothing answers after all: it is busy."""
+    with suppress(TimeoutError):
+        return accepts(api_url) and succeeds_within(lambda: is_answering(api_url), _BUSY_S)
+    return False
 
 
 def _proxy_setting(api_url: str) -> dict[str, str | None]:

@@ -101,14 +101,26 @@ def refuses(api_url: str, password: str, timeout_s: float = 5.0) -> bool:
 
 def is_listening(api_url: str, timeout_s: float = 10.0) -> bool:
     """Returns False only if this moment nothing listens at the URL's address; a server that is busy listens still."""
-    parts = urlsplit(api_url)
-    port = parts.port or (443 if parts.scheme == "https" else 80)
     try:
+        return accepts(api_url, timeout_s)
+    except TimeoutError:
+        return True
+
+
+def accepts(api_url: str, timeout_s: float = 5.0) -> bool:
+    """Returns whether a connection to the URL's address is taken, as by a server that is too busy to answer.
+
+    Raises:
+        TimeoutError: Nobody says.
+    """
+    try:
+        parts = urlsplit(api_url)
+        port = parts.port or (443 if parts.scheme == "https" else 80)
         with socket.create_connection((parts.hostname or "", port), timeout=timeout_s):
             return True
     except TimeoutError:
-        return True
-    except OSError:
+        raise
+    except (OSError, ValueError):  # refused, or no address at all
         return False
 
 

@@ -5,6 +5,7 @@ import socket
 import pytest
 
 from tasks.server.health import (
+    accepts,
     is_answering,
     is_healthy,
     is_listening,
@@ -57,8 +58,10 @@ def test_a_server_that_is_silent_is_still_listening_and_one_that_ended_is_not():
         silent.listen()
         url = f"http://127.0.0.1:{silent.getsockname()[1]}/api"
         assert is_listening(url)
+        assert accepts(url)
         assert not is_answering(url, timeout_s=0.2)
     assert not is_listening(url)
+    assert not accepts(url)
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ import os
 import sqlite3
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -69,3 +70,21 @@ def test_a_server_that_has_gone_away_is_sent_nothing(monkeypatch: pytest.MonkeyP
         gone.__enter__()
     gone.__exit__(None, None, None)
     assert sent == ["all"]
+
+
+def test_a_server_that_is_too_busy_to_answer_at_first_is_used(monkeypatch: pytest.MonkeyPatch):
+    """On 214f82e9 a run was refused where the server that the user chose had been silent for some seconds."""
+    looks = iter([False, False, True])
+    monkeypatch.setattr("flows.prefect.prefect_server.is_answering", lambda _: next(looks))
+    monkeypatch.setattr(
+        "flows.prefect.prefect_server.succeeds_within", lambda question, *for_s: _tries(question, for_s)
+    )
+    with answering() as api_url:
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server() as chosen:
+            assert chosen.api_url == api_url
+
+
+def _tries(question: Callable[[], bool], for_s: tuple[float, ...]) -> bool:
+    """Asks once, and often only where it is told for how long."""
+    return any(question() for _ in range(10 if for_s else 1))
