@@ -7,6 +7,7 @@ import os
 import socket
 import time
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from specs.errors import LaunchRefused
@@ -18,9 +19,11 @@ from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
-from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
-from tasks.ros.ros2.ros2_node import Matches, Ros2Node
+from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
+from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
+from tasks.ros.ros2.robot_links import RobotLinks
+from tasks.ros.ros2.ros2_installation import ros2_installation
+from tasks.ros.ros2.ros2_node import Matches, RobotInterface, Ros2Node
 
 _LENGTH_BYTES = 4
 # Connections seldom change, and asking for all of them costs as much as a message.
@@ -28,26 +31,27 @@ _MATCHES_S = 0.02
 
 
 class DomainThreads(ThreadWatch):
-    """The threads of this process that receive for one domain: a command that they hold has not come yet.
+    """The threads of this process that receive for one domain: a command that they hold has not come yet."""
 
-    Args:
-        threads: Their numbers.
-    """
-
-    def __init__(self, threads: frozenset[int]) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self._own = threads
-        self.refresh([os.getpid()])
+        self.own: frozenset[int] = frozenset()
 
     def refresh(self, pids: Iterable[int]) -> None:
         """Looks again which of them there are."""
         super().refresh(pids)
-        for tid in [tid for tid in self._threads if tid not in self._own]:
+        for tid in [tid for tid in self._threads if tid not in self.own]:
             self._forget(tid)
 
+    def follow(self, threads: frozenset[int]) -> None:
+        """Watches these from now on."""
+        if threads != self.own:
+            self.own = threads
+            self.refresh([os.getpid()])
 
-class TopicConnection(NamedTuple):
-    """All readers of a topic at once."""
+
+class LinkConnection(NamedTuple):
+    """All readers of a topic in one process."""
 
     robot: Ros2Node
     topic: str
@@ -58,10 +62,10 @@ class TopicConnection(NamedTuple):
 
 
 class TopicReaders(NamedTuple):
-    """The nodes that read a topic: DDS has no order among them."""
+    """The nodes of a process that read a topic: DDS has no order among them."""
 
     node: str
-    connection: TopicConnection
+    connection: LinkConnection
 
 
 class Commanders(NamedTuple):
@@ -75,26 +79,17 @@ class DdsGraph:
 
     Args:
         domain: The episode's.
-        topics: What the robot publishes: types of ROS 2 by topic.
-        command: The topic that it takes commands from.
-        distribution: The release of ROS 2 that is spoken to.
+        interface: What the robot publishes and takes.
         processes: How many processes with nodes of ROS 2 there will be, and their names.
     """
 
-    def __init__(
-        self,
-        domain: EpisodeDomain,
-        topics: Mapping[str, str],
-        command: str,
-        distribution: str,
-        processes: tuple[int, frozenset[str]],
-    ) -> None:
-        self._robot = Ros2Node(domain, topics, command, distribution)
-        self._watch = DomainThreads(self._robot.threads)
-        self._command, (self._expected, self._names) = command, processes
+    def __init__(self, domain: EpisodeDomain, interface: RobotInterface, processes: tuple[int, frozenset[str]]) -> None:
+        self._robot = RobotLinks(domain, interface)
+        self._watch = DomainThreads()
+        self._interface, (self._expected, self._names) = interface, processes
         self._quiet, self._other = socket.socketpair()
-        self._connections = {name: [TopicReaders("", TopicConnection(self._robot, name))] for name in topics}
-        self._matches, self._matched_s = Matches({}, 0, 0, 0), 0.0
+        self._matched_s = 0.0
+        self._connected: dict[str, Matches] = {}
         self._changes = self._served = 0
         self._closed = False
 
@@ -115,8 +110,11 @@ class DdsGraph:
         """Returns a number that grows when nodes connect or go."""
         now_s = time.perf_counter()
         if not self._closed and now_s - self._matched_s > _MATCHES_S:
-            before, self._matches, self._matched_s = self._matches, self._robot.matches(), now_s
-            self._changes += before != self._matches
+            self._robot.find()
+            self._watch.follow(self._robot.threads)
+            before, self._matched_s = self._connected, now_s
+            self._connected = {link.name: link.matches for link in self._robot.links.values()}
+            self._changes += before != self._connected
         return self._changes
 
     @property
@@ -126,54 +124,69 @@ class DdsGraph:
 
     @property
     def outgoing(self) -> Mapping[str, list[TopicReaders]]:
-        """Returns who is connected to the robot's topics."""
-        readers = self._matches.readers
-        return {topic: each if readers.get(topic) else [] for topic, each in self._connections.items()}
+        """Returns who is connected to the robot's topics: one process at a time, by its nodes' names."""
+        links = list(enumerate(self._robot.links.values()))
+        return {
+            topic: [
+                TopicReaders(f"{place:06}", LinkConnection(link.node, topic))
+                for place, link in links
+                if link.matches.readers.get(topic)
+            ]
+            for topic in self._interface.topics
+        }
 
     @property
     def incoming(self) -> list[Commanders]:
         """Returns whose commands the robot is connected to."""
-        return [Commanders(self._quiet)] if self._matches.commanders else []
+        return [Commanders(self._quiet)] if self._commanders else []
+
+    @property
+    def _commanders(self) -> int:
+        return sum(link.matches.commanders for link in self._robot.links.values())
 
     @property
     def tags(self) -> dict[str, str]:
         """Returns what the application gave to ``/robomaker/job/add_tags``."""
-        return self._robot.tags
+        return self._robot.job.tags
 
     @property
     def cancelled(self) -> bool:
         """Returns whether the application called ``/robomaker/job/cancel``."""
-        return self._robot.cancelled
+        return self._robot.job.cancelled
 
     def publish(self, topic: str, data: bytes) -> bool:
         """Publishes a message; returns whether anybody reads it."""
-        self._robot.send(topic, data)
-        return bool(self._matches.readers.get(topic))
+        self._robot.publish(topic, data)
+        return bool(self.outgoing[topic])
 
     def keep(self, topic: str, data: bytes) -> None:
-        """Keeps a latched message for who comes; DDS does so with what is sent, if it is sent to somebody."""
-        if not self._matches.readers.get(topic):
-            self._robot.send(topic, data)
+        """Keeps a latched message for who comes."""
+        self._robot.keep(topic, data)
 
     def take(self) -> list[tuple[str, bytes]]:
-        """Returns the commands that have come since the last call, in the order that they came in."""
-        return [] if self._closed else [(self._command, each) for each in self._robot.take_commands()]
+        """Returns the commands that have come since the last call: of a process in the order that they came in."""
+        return [] if self._closed else [(self._interface.command, each) for each in self._robot.take_commands()]
 
     def nodes(self) -> frozenset[str]:
         """Returns the nodes' names: nobody registers in ROS 2, and ``unconnected`` says how many are missing."""
         return self._names
 
     def publishers(self, topic: str) -> frozenset[str]:
-        """Returns names of nodes that publish commands; DDS knows how many, not which."""
-        return self._names if topic == self._command and self._matches.commanders else frozenset()
+        """Returns names of nodes in processes that publish commands."""
+        links = self._robot.links.values() if topic == self._interface.command else ()
+        return frozenset(name for link in links if link.matches.commanders for name in link.names)
 
     def unconnected(self) -> list[str]:
         """Returns what keeps the episode from its beginning, for a person."""
         found: list[str] = []
-        if self._matches.others < self._expected:
-            found.append(f"{self._matches.others} of {self._expected} processes with nodes are in the DDS domain")
-        if self._matches.refused:
-            found.append(f"a node publishes {self._command} best effort: the robot hears who is reliable")
+        links = list(self._robot.links.values())
+        if len(links) < self._expected:
+            found.append(f"{len(links)} of {self._expected} processes with nodes are in the DDS domain")
+        found += [f"{link.name} {why}" for link in links if (why := self._robot.missing(link))]
+        refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
+        if refused:
+            command = self._interface.command
+            found.append(f"{', '.join(refused)} publishes {command} best effort: the robot hears who is reliable")
         return found
 
     def gaps(self) -> list[str]:
@@ -186,7 +199,6 @@ class DdsGraph:
             return
         self._closed = True
         self._watch.close()
-        self._connections = {}
         self._robot.close()
         self._quiet.close()
         self._other.close()
@@ -200,6 +212,7 @@ class Ros2Lockstep(Ros1Lockstep):
     """The applications of all lanes of a chunk; see ``Lockstep``. Arguments are those of ``Ros1Lockstep``."""
 
     _domains: tuple[EpisodeDomain, ...] = ()
+    _of_nodes: Mapping[str, str] = MappingProxyType({})
 
     @property
     def _first_command_s(self) -> float:
@@ -207,9 +220,14 @@ class Ros2Lockstep(Ros1Lockstep):
         return 0.0
 
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
-        launch = self._launch
+        launch, installation = self._launch, ros2_installation()
         source = LaunchSource(launch.bundle, launch.package, launch.launch_file)
-        self._domains = tuple(episode_domains(len(launch.environment)))
+        try:
+            spaces = make_spaces(launch.bundle, installation, launch.home / "packages")
+            self._of_nodes = installation.environment(spaces)
+        except LaunchRefused as exc:
+            return [exc for _ in environments]
+        self._domains = tuple(episode_domains(len(launch.environment), installation.middleware or CYCLONE))
         found: dict[frozenset[tuple[str, str]], LaunchPlan | LaunchRefused] = {}
         keys = [frozenset(each.items()) for each in environments]
         for key in keys:
@@ -229,19 +247,27 @@ class Ros2Lockstep(Ros1Lockstep):
         latched = frozenset(topic for topic in (STATIC, robot.goal, robot.floor_map) if topic is not None)
         names = frozenset(each.name for each in plan.nodes)
         processes = sum(map(runs_ros2, plan.nodes))
-        domain, distribution = self._domains[number], ros2_installation().distribution
-        graph = DdsGraph(domain, topics, self._messages.commands.name, distribution, (processes, names))
+        domain, installation = self._domains[number], ros2_installation()
+        cyclone = domain.middleware == CYCLONE
+        interface = RobotInterface(topics, self._messages.commands.name, installation.distribution, cyclone)
+        graph = DdsGraph(domain, interface, (processes, names))
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
         environment = {
             **self._launch.environment[number],
-            **ros2_installation().environment(),
-            **domain.environment,
+            **self._of_nodes,
+            **domain.environment(home, installation.fast_dds),
             **episode_environment(home),
         }
         self._start(lane, plan, environment)
         return lane
+
+    def close(self) -> None:
+        """Ends every process, closes every port, removes every file; nothing happens a second time."""
+        super().close()
+        for domain in self._domains:
+            domain.close()
 
 
 def runs_ros2(node: NodePlan) -> bool:

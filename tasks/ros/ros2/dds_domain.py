@@ -1,20 +1,59 @@
-"""A DDS domain for an episode: a number, a tag, loopback only; what ROS 2's nodes are told of it."""
+"""A DDS domain for an episode: a number, loopback only, and what ROS 2's nodes are told of it.
 
+Sources: ROS 2's documentation, "The ROS_DOMAIN_ID"; Cyclone DDS's guide to its configuration; Fast DDS's documentation,
+"XML profiles"; rmw_fastrtps_cpp, which reads them. DDSI-RTPS 2.5, section 9.6.2.4, for ports.
+"""
+
+import contextlib
+import errno
 import itertools
 import os
 import secrets
-from collections.abc import Mapping
-from typing import NamedTuple
+import socket
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple, Protocol
 
-# The domains whose ports lie below those that Linux gives out by itself (ROS 2's documentation, "The ROS_DOMAIN_ID").
+CYCLONE, FAST = "rmw_cyclonedds_cpp", "rmw_fastrtps_cpp"
+MIDDLEWARES = (CYCLONE, FAST)
+"""What nodes may speak for the robot to understand them, the better first."""
+
+# The domains whose ports lie below those that Linux gives out by itself.
 DOMAINS = range(102)
 # Participants, one a process: each is looked for at this many ports.
 _PARTICIPANTS = 60
 # A scan goes out whole: the largest UDP datagram, less headers.
 _DATAGRAM_BYTES, _FRAGMENT_BYTES = 65_500, 65_000
+_FIRST_PORT, _PORTS_A_DOMAIN, _PORT_OF_FIRST = 7400, 250, 10
 
 # How soon a writer asks whether all has come; lock-step waits for the answer.
 _HEARTBEAT = "1ms"
+# How often a participant says that it is there: the first time may be too early for who shall hear it.
+_AGAIN = "1s"
+_PROFILE = "fastdds.xml"
+# Names of one process's participants with peers of their own; Cyclone DDS has one configuration for each.
+_numbers = itertools.count(1000)
+
+
+class DomainPlace(Protocol):
+    """Where a participant lives."""
+
+    @property
+    def number(self) -> int:
+        """Returns this process's own number for it."""
+        ...
+
+    @property
+    def uri(self) -> str:
+        """Returns its CYCLONEDDS_URI."""
+        ...
+
+
+class LinkPlace(NamedTuple):
+    """Where a participant lives that only one other one hears of; see ``DomainPlace``."""
+
+    number: int
+    uri: str
 
 
 class EpisodeDomain(NamedTuple):
@@ -22,51 +61,152 @@ class EpisodeDomain(NamedTuple):
 
     Attributes:
         number: The ROS_DOMAIN_ID.
-        tag: Participants of other tags do not see these, in the same domain or not; nobody can guess it.
+        tag: Participants of other tags do not see these, in the same domain or not; nobody can guess it. Fast DDS knows
+            none: it is empty there, and other processes are kept away by the number alone.
+        middleware: What the nodes speak.
+        held: Keeps other processes of Simyard from the number.
     """
 
     number: int
     tag: str
+    middleware: str = CYCLONE
+    held: socket.socket | None = None
 
     @property
     def uri(self) -> str:
         """Returns the CYCLONEDDS_URI: interfaces, discovery without multicast, whole scans in a datagram."""
+        index = f"<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>{_PARTICIPANTS}"
+        return self._uri(f"{index}</MaxAutoParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers>")
+
+    def link(self, addresses: Iterable[str]) -> LinkPlace:
+        """Returns where a participant lives that only one other one hears of.
+
+        Args:
+            addresses: Where that one listens.
+        """
+        peers = "".join(f"<Peer address='{each}'/>" for each in addresses)
+        found = f"<ExternalDomainId>{self.number}</ExternalDomainId><ParticipantIndex>none</ParticipantIndex>"
+        found += f"<SPDPInterval>{_AGAIN}</SPDPInterval><Peers AddLocalhost='false'>{peers}</Peers>"
+        return LinkPlace(next(_numbers), self._uri(found))
+
+    def _uri(self, discovery: str) -> str:
+        tag = f"<Tag>{self.tag}</Tag>" if self.tag else ""
         return (
             "<CycloneDDS><Domain id='any'><General>"
             "<Interfaces><NetworkInterface address='127.0.0.1' multicast='false'/></Interfaces>"
             "<AllowMulticast>false</AllowMulticast>"
             f"<MaxMessageSize>{_DATAGRAM_BYTES}B</MaxMessageSize><FragmentSize>{_FRAGMENT_BYTES}B</FragmentSize>"
-            "</General><Discovery><ParticipantIndex>auto</ParticipantIndex>"
-            f"<MaxAutoParticipantIndex>{_PARTICIPANTS}</MaxAutoParticipantIndex>"
-            f"<Peers><Peer address='127.0.0.1'/></Peers><Tag>{self.tag}</Tag></Discovery><Internal>"
+            f"</General><Discovery>{discovery}{tag}</Discovery><Internal>"
             f"<HeartbeatInterval min='{_HEARTBEAT}' minsched='{_HEARTBEAT}'>{_HEARTBEAT}</HeartbeatInterval>"
             "<AckDelay>0ms</AckDelay></Internal></Domain></CycloneDDS>"
         )
 
-    @property
-    def environment(self) -> Mapping[str, str]:
-        """Returns what ROS 2's nodes see: this domain, over Cyclone DDS, on this machine alone."""
-        return {
-            "ROS_DOMAIN_ID": str(self.number),
-            "RMW_IMPLEMENTATION": "rmw_cyclonedds_cpp",
-            "CYCLONEDDS_URI": self.uri,
-            # Since Iron: leave to CYCLONEDDS_URI who is looked for, which says loopback.
-            "ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT",
-        }
+    def environment(self, folder: Path, fast_dds: int = 2) -> Mapping[str, str]:
+        """Returns what ROS 2's nodes see: this domain, on this machine alone.
+
+        Args:
+            folder: Where Fast DDS's profile is written to.
+            fast_dds: Its major version.
+        """
+        own = {"ROS_DOMAIN_ID": str(self.number), "RMW_IMPLEMENTATION": self.middleware}
+        # Since Iron: leave to the middleware's own configuration who is looked for, which says loopback.
+        own["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SYSTEM_DEFAULT"
+        if self.middleware == CYCLONE:
+            return {**own, "CYCLONEDDS_URI": self.uri}
+        path = folder / _PROFILE
+        path.write_text(fast_dds_profile(fast_dds))
+        return {**own, "FASTRTPS_DEFAULT_PROFILES_FILE": str(path), "FASTDDS_DEFAULT_PROFILES_FILE": str(path)}
+
+    def close(self) -> None:
+        """Leaves the number to others."""
+        if self.held is not None:
+            self.held.close()
 
 
-def episode_domains(count: int) -> list[EpisodeDomain]:
-    """Returns a domain for each of so many episodes of this process.
+def fast_dds_profile(version: int) -> str:
+    """Returns the XML profile of Fast DDS: the same interface and peers, over UDP alone, answers without a delay.
 
-    A process has one configuration for a domain, so the numbers differ; tags keep episodes of other processes apart.
+    A participant that is killed leaves its shared memory behind, so there is none. Readers answer heartbeats at once,
+    and writers requests: both wait 5 ms by default, and lock-step waits for the answer.
+
+    Args:
+        version: 2 or 3: each ignores the whole file for a name that it does not know, and then listens everywhere.
+    """
+    ack, beat, nack = "initialAcknackDelay", "heartbeatResponseDelay", "nackResponseDelay"
+    untold = ""
+    if version > 2:
+        ack, beat, nack = "initial_acknack_delay", "heartbeat_response_delay", "nack_response_delay"
+        # What it tells of types makes Cyclone DDS refuse those with sequences.
+        untold = (
+            "<propertiesPolicy><properties><property><name>fastdds.type_propagation</name><value>disabled</value>"
+            "</property></properties></propertiesPolicy>"
+        )
+    place = "<locator><udpv4><address>127.0.0.1</address></udpv4></locator>"
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>'
+        '<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">'
+        "<transport_descriptors><transport_descriptor><transport_id>loopback</transport_id><type>UDPv4</type>"
+        "<sendBufferSize>1048576</sendBufferSize><receiveBufferSize>4194304</receiveBufferSize>"
+        f"<maxInitialPeersRange>{_PARTICIPANTS}</maxInitialPeersRange>"
+        "<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>"
+        "</transport_descriptor></transport_descriptors>"
+        '<participant profile_name="simyard" is_default_profile="true"><rtps>'
+        "<userTransports><transport_id>loopback</transport_id></userTransports>"
+        "<useBuiltinTransports>false</useBuiltinTransports>"
+        f"<defaultUnicastLocatorList>{place}</defaultUnicastLocatorList>"
+        f"<builtin><metatrafficUnicastLocatorList>{place}</metatrafficUnicastLocatorList>"
+        f"<initialPeersList>{place}</initialPeersList></builtin>{untold}</rtps></participant>"
+        '<data_reader profile_name="at_once_reader" is_default_profile="true">'
+        f"<times><{ack}><nanosec>0</nanosec></{ack}><{beat}><nanosec>0</nanosec></{beat}></times></data_reader>"
+        '<data_writer profile_name="at_once_writer" is_default_profile="true">'
+        f"<times><{nack}><nanosec>0</nanosec></{nack}></times></data_writer>"
+        "</profiles>"
+    )
+
+
+def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain]:
+    """Returns a domain for each of so many episodes, which no other process of Simyard on this network has.
+
+    Numbers that somebody else's participants use are left out. Whoever asks closes what it gets.
+
+    Args:
+        count: How many.
+        middleware: What their nodes speak.
 
     Raises:
         ValueError: More episodes than there are domains.
     """
-    if count > len(DOMAINS):
-        raise ValueError(
-            f"{count} episodes at once, and DDS has {len(DOMAINS)} domains for ROS 2: simulate fewer lanes in a chunk"
-        )
-    first = os.getpid() % len(DOMAINS)
-    numbers = itertools.islice(itertools.cycle(DOMAINS), first, first + count)
-    return [EpisodeDomain(number, f"simyard-{secrets.token_hex(12)}") for number in numbers]
+    first, found = os.getpid() % len(DOMAINS), list[EpisodeDomain]()
+    for number in itertools.islice(itertools.cycle(DOMAINS), first, first + len(DOMAINS)):
+        if len(found) == count:
+            break
+        if held := _held(number):
+            tag = f"simyard-{secrets.token_hex(12)}" if middleware == CYCLONE else ""
+            found.append(EpisodeDomain(number, tag, middleware, held))
+    if len(found) == count:
+        return found
+    for each in found:
+        each.close()
+    raise ValueError(
+        f"{count} episodes at once, and {len(found)} of DDS's {len(DOMAINS)} domains for ROS 2 are free here: "
+        "simulate fewer lanes in a chunk"
+    )
+
+
+def _held(number: int) -> socket.socket | None:
+    """Returns what keeps a number from other processes; None if one has it.
+
+    The kernel gives the name of such a socket to one process of a network, and takes it back when that ends.
+    """
+    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+    port = _FIRST_PORT + _PORTS_A_DOMAIN * number + _PORT_OF_FIRST
+    try:
+        held.bind(f"\0simyard-ros2-domain-{number}")
+        with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
+            taken.bind(("127.0.0.1", port))
+    except OSError as exc:
+        held.close()
+        if exc.errno != errno.EADDRINUSE:
+            raise
+        return None
+    return held

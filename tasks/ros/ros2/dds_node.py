@@ -11,6 +11,7 @@ messages Gid, NodeEntitiesInfo and ParticipantEntitiesInfo; rmw_cyclonedds, ``cd
 import functools
 import os
 import secrets
+import struct
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import new_class
@@ -18,7 +19,6 @@ from typing import Any, NamedTuple, cast
 from uuid import UUID
 
 import numpy as np
-from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsParticipant
 from cyclonedds.core import DDSException, Policy, Qos
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import IdlStruct, annotations, types
@@ -28,8 +28,9 @@ from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
+from rosbags.serde import SerdeError
 
-from tasks.ros.ros2.dds_domain import EpisodeDomain
+from tasks.ros.ros2.dds_domain import DomainPlace
 from tasks.ros.ros2.interface_types import (
     DEFAULT_DISTRIBUTION,
     dds_type_name,
@@ -124,11 +125,13 @@ class Profile(NamedTuple):
         depth: How many samples are kept.
         reliable: Lost samples are sent again.
         latched: Who comes late gets what was sent before (transient local).
+        others: A reader does not hear its own participant.
     """
 
     depth: int = 10
     reliable: bool = True
     latched: bool = False
+    others: bool = False
 
 
 DEFAULT = Profile()
@@ -137,7 +140,7 @@ TRANSFORMS = Profile(depth=100)
 STATIC_TRANSFORMS = Profile(depth=1, latched=True)
 MAP = Profile(depth=1, latched=True)
 SERVICES = Profile()
-ENTITIES = Profile(depth=1, latched=True)
+ENTITIES = Profile(depth=1, latched=True, others=True)
 
 
 def dds_qos(profile: Profile, user_data: bytes) -> Qos:
@@ -157,6 +160,8 @@ def dds_qos(profile: Profile, user_data: bytes) -> Qos:
         Policy.Liveliness.Automatic(forever),
         Policy.Userdata(user_data),
     ]
+    if profile.others:
+        own.append(Policy.IgnoreLocal.Participant)
     if profile.latched:
         kept = Policy.History.KeepLast(profile.depth)
         own.append(Policy.DurabilityService(0, kept, -1, -1, -1))
@@ -165,6 +170,9 @@ def dds_qos(profile: Profile, user_data: bytes) -> Qos:
 
 TOPIC = "ros_discovery_info"
 KIND = "rmw_dds_common/msg/ParticipantEntitiesInfo"
+_GUID_BYTES = 16
+# What rosbags raises of bytes that are no message.
+NO_MESSAGE = (SerdeError, struct.error, ValueError, LookupError, AssertionError, TypeError)
 _GID, _NODE = "rmw_dds_common/msg/Gid", "rmw_dds_common/msg/NodeEntitiesInfo"
 
 
@@ -195,6 +203,38 @@ def entities_cdr(participant: UUID, nodes: Sequence[NodeEntities], distribution:
         node_entities_info_seq=[_node(each, distribution) for each in nodes],
     )
     return bytes(store.serialize_cdr(message, KIND))
+
+
+class ToldNodes(NamedTuple):
+    """What a participant says of its nodes.
+
+    Attributes:
+        participant: Its GUID.
+        names: The nodes' full names.
+        readers: GUIDs of what they read with.
+    """
+
+    participant: UUID
+    names: frozenset[str]
+    readers: frozenset[UUID]
+
+
+def told_nodes(cdr: bytes, distribution: str = DEFAULT_DISTRIBUTION) -> ToldNodes | None:
+    """Returns what a participant says of its nodes; None for bytes that are no such message."""
+    try:
+        message: Any = type_store(distribution).deserialize_cdr(cdr, KIND)
+    except NO_MESSAGE:
+        return None
+    nodes = message.node_entities_info_seq
+    return ToldNodes(
+        _uuid(message.gid),
+        frozenset(f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in nodes),
+        frozenset(_uuid(gid) for each in nodes for gid in each.reader_gid_seq),
+    )
+
+
+def _uuid(gid: Any) -> UUID:  # noqa: ANN401 - a class that rosbags makes
+    return UUID(bytes=bytes(gid.data)[:_GUID_BYTES])
 
 
 def _node(node: NodeEntities, distribution: str) -> Any:  # noqa: ANN401 - a class that rosbags makes
@@ -271,11 +311,6 @@ class Reader:
         """Returns how many writers it has."""
         return self._dds.get_subscription_matched_status().current_count
 
-    @property
-    def refused(self) -> int:
-        """Returns how many writers offer less than the reader asks for, such as best effort, and are not heard."""
-        return self._dds.get_requested_incompatible_qos_status().total_count
-
     def take(self) -> list[bytes]:
         """Returns the messages that have come since the last call, in the order that they came in."""
         # What a writer's end leaves in the queue is no message.
@@ -287,7 +322,7 @@ class DdsNode:
     """A node, alone in its participant, as a process with one node of rclcpp or rclpy has it.
 
     Args:
-        domain: Where it lives; this process has no other node there.
+        place: Where it lives; this process has no other node of that number.
         name: The node's name.
         distribution: The release of ROS 2 that is spoken to.
 
@@ -296,17 +331,17 @@ class DdsNode:
         threads: Those of this process that receive and send for the domain.
     """
 
-    def __init__(self, domain: EpisodeDomain, name: str, distribution: str = DEFAULT_DISTRIBUTION) -> None:
+    def __init__(self, place: DomainPlace, name: str, distribution: str = DEFAULT_DISTRIBUTION) -> None:
         self.name, self.distribution = name, distribution
         before = _threads()
-        self._domain = Domain(domain.number, domain.uri)
-        self.participant = DomainParticipant(domain.number, Qos(Policy.Userdata(b"enclave=/;")))
+        self._domain = Domain(place.number, place.uri)
+        self.participant = DomainParticipant(place.number, Qos(Policy.Userdata(b"enclave=/;")))
         self.threads = _threads() - before
-        self._others = BuiltinDataReader(self.participant, BuiltinTopicDcpsParticipant)
-        self._known: set[UUID] = set()
         self._writers: list[Writer] = []
         self._readers: list[Reader] = []
-        self._told = Writer(self, TOPIC, KIND, ENTITIES, "", service=False)
+        self._told: Writer | None = None
+        self._hears: Reader | None = None
+        self._heard = False
 
     def publisher(self, topic: str, kind: str, profile: Profile) -> Writer:
         """Returns a publisher of a ROS topic such as ``/scan``."""
@@ -326,22 +361,28 @@ class DdsNode:
         self._readers.append(Reader(self, dds_topic, kind, profile, own, service=service))
         return self._readers[-1]
 
-    def others(self) -> int:
-        """Returns how many other participants have been seen in the domain: one for each process with ROS 2's nodes."""
-        self._known.update(each.key for each in self._others.take(_MANY) if each.sample_info.valid_data)
-        return len(self._known - {self.participant.get_guid()})
-
     def announce(self) -> None:
-        """Tells the graph of the node, its readers and its writers; to be called once they are made."""
+        """Tells the graph of the node, its readers and its writers; to be called once, when they are made."""
         readers, writers = [each.guid for each in self._readers], [each.guid for each in self._writers]
+        # Others hear of writers and of readers in the order that these are made in: who takes what this writer says,
+        # and whom this reader hears, knows those before.
+        self._hears = Reader(self, TOPIC, KIND, ENTITIES, "", service=False)
+        self._told = Writer(self, TOPIC, KIND, ENTITIES, "", service=False)
         self._told.write(entities_cdr(self.participant.get_guid(), self._entities(readers, writers), self.distribution))
+
+    def known(self) -> bool:
+        """Returns whether another participant knows all that was announced: it has heard of the node, and was heard."""
+        if self._told is None or self._hears is None:
+            return False
+        self._heard = self._heard or bool(self._hears.take())
+        return self._heard and self._told.readers > 0 and self._told.acknowledged()
 
     def _entities(self, readers: Sequence[UUID], writers: Sequence[UUID]) -> list[NodeEntities]:
         return [NodeEntities("/", self.name, readers, writers)]
 
     def close(self) -> None:
         """Takes the node out of its domain; its threads and its ports go with it."""
-        for each in ("_writers", "_readers", "_told", "_others", "participant", "_domain"):
+        for each in ("_writers", "_readers", "_told", "_hears", "participant", "_domain"):
             self.__dict__.pop(each, None)
 
 

@@ -2,22 +2,34 @@
 
 import struct
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 from uuid import UUID
 
-from rosbags.serde import SerdeError
 from rosbags.typesys.store import Typestore
 
 from tasks.ros.message.ros_messages import REQUEST_BYTES, joined_tags
-from tasks.ros.ros2.dds_domain import EpisodeDomain
-from tasks.ros.ros2.dds_node import DEFAULT, MAP, STATIC_TRANSFORMS, TRANSFORMS, DdsNode, Profile, ServiceServer, Writer
+from tasks.ros.ros2.dds_domain import DomainPlace
+from tasks.ros.ros2.dds_node import (
+    DEFAULT,
+    MAP,
+    NO_MESSAGE,
+    STATIC_TRANSFORMS,
+    TRANSFORMS,
+    DdsNode,
+    Profile,
+    ServiceServer,
+    Writer,
+)
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, DEFAULT_DISTRIBUTION, type_store
 
 NODE_NAME = "simyard_robot"
-TWIST = "geometry_msgs/msg/Twist"
+ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
+TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+COMMANDS = (TWIST, STAMPED)
 _LITTLE = b"\x00\x01"
 _TWIST_CDR = {_LITTLE: struct.Struct("<6d"), b"\x00\x00": struct.Struct(">6d")}
-_ENCAPSULATION_BYTES = 4
+_ENCAPSULATION_BYTES, _FRAME_AT = 4, 12
 # All that the robot writes is reliable, so that nothing is lost and its arrival is acknowledged; a reader that asks for
 # less, as of sensor data and of the clock, gets the same samples.
 _PROFILES = {
@@ -26,8 +38,6 @@ _PROFILES = {
     "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
 }
 _STATIC = "/tf_static"
-# What rosbags raises of bytes that are no message.
-_NO_MESSAGE = (SerdeError, struct.error, ValueError, LookupError, AssertionError, TypeError)
 _FAULT_CHARACTERS = 500
 
 
@@ -37,49 +47,68 @@ class Matches(NamedTuple):
     Attributes:
         readers: How many, by topic.
         commanders: How many write commands.
-        refused: How many write commands and offer less than the robot asks for.
-        others: How many other processes are in the domain.
     """
 
     readers: Mapping[str, int]
     commanders: int
-    refused: int
-    others: int
 
 
-class Ros2Node:
-    """The robot's node in an episode's domain.
-
-    Args:
-        domain: The episode's.
-        topics: What it publishes: types such as ``sensor_msgs/msg/LaserScan`` by topic.
-        command: The topic that it takes commands from.
-        distribution: The release of ROS 2 that is spoken to.
+@dataclass
+class JobRequests:
+    """What an application asked of its job.
 
     Attributes:
         tags: What was given to ``/robomaker/job/add_tags``.
         cancelled: Whether ``/robomaker/job/cancel`` was called.
     """
 
-    def __init__(
-        self, domain: EpisodeDomain, topics: Mapping[str, str], command: str, distribution: str = DEFAULT_DISTRIBUTION
-    ) -> None:
-        self.tags: dict[str, str] = {}
-        self.cancelled = False
-        self._store, self._topics = type_store(distribution), dict(topics)
-        self._node = DdsNode(domain, NODE_NAME, distribution)
-        self._writers = {topic: self._publisher(topic, kind) for topic, kind in topics.items()}
-        self._commands = self._node.subscription(command, TWIST, DEFAULT)
-        self._services = [
-            ServiceServer(self._node, "/robomaker/job/add_tags", ADD_TAGS, self._add_tags),
-            ServiceServer(self._node, "/robomaker/job/cancel", CANCEL, self._cancel),
-        ]
+    tags: dict[str, str] = field(default_factory=dict[str, str])
+    cancelled: bool = False
+
+
+class RobotInterface(NamedTuple):
+    """What the robot publishes and takes.
+
+    Attributes:
+        topics: Types such as ``sensor_msgs/msg/LaserScan`` by topic.
+        command: The topic that it takes commands from.
+        distribution: The release of ROS 2 that is spoken to.
+        services: Whether it offers its services: other middlewares than Cyclone DDS mark requests in another way.
+    """
+
+    topics: Mapping[str, str]
+    command: str
+    distribution: str = DEFAULT_DISTRIBUTION
+    services: bool = True
+
+
+class Ros2Node:
+    """The robot's node.
+
+    Args:
+        place: Where it lives.
+        interface: What it publishes and takes.
+        job: What its services write to.
+    """
+
+    def __init__(self, place: DomainPlace, interface: RobotInterface, job: JobRequests) -> None:
+        self._job, self._topics = job, dict(interface.topics)
+        self._store = type_store(interface.distribution)
+        self._node = DdsNode(place, NODE_NAME, interface.distribution)
+        self._writers = {topic: self._publisher(topic, kind) for topic, kind in interface.topics.items()}
+        self._commands = [self._node.subscription(interface.command, kind, DEFAULT) for kind in COMMANDS]
+        self._services = self._offered() if interface.services else []
         self._sent: set[str] = set()
         self._node.announce()
 
+    def _offered(self) -> list[ServiceServer]:
+        return [
+            ServiceServer(self._node, ADD_TAGS_SERVICE, ADD_TAGS, self._add_tags),
+            ServiceServer(self._node, CANCEL_SERVICE, CANCEL, self._cancel),
+        ]
+
     def _publisher(self, topic: str, kind: str) -> Writer:
-        profile = STATIC_TRANSFORMS if topic == _STATIC else _PROFILES.get(kind, DEFAULT)
-        return self._node.publisher(topic, kind, profile)
+        return self._node.publisher(topic, kind, robot_profile(topic, kind))
 
     def send(self, topic: str, ros1: bytes) -> None:
         """Publishes a message, given in ROS 1's form."""
@@ -92,8 +121,9 @@ class Ros2Node:
         return not self._sent
 
     def take_commands(self) -> list[bytes]:
-        """Returns the Twists that have come since the last call, in ROS 1's form."""
-        return [twist_bytes(each) for each in self._commands.take()]
+        """Returns the Twists that have come since the last call, stamped or not, in ROS 1's form."""
+        plain, stamped = self._commands
+        return [*map(twist_bytes, plain.take()), *map(stamped_twist_bytes, stamped.take())]
 
     def serve(self) -> int:
         """Answers calls of services; returns how many there were."""
@@ -102,7 +132,11 @@ class Ros2Node:
     def matches(self) -> Matches:
         """Returns who is connected now."""
         readers = {topic: each.readers for topic, each in self._writers.items()}
-        return Matches(readers, self._commands.writers, self._commands.refused, self._node.others())
+        return Matches(readers, sum(each.writers for each in self._commands))
+
+    def known(self) -> bool:
+        """Returns whether another participant knows all that this node publishes."""
+        return self._node.known()
 
     @property
     def guid(self) -> UUID:
@@ -118,23 +152,37 @@ class Ros2Node:
         """Takes the robot out of its domain."""
         self._writers.clear()
         self._services.clear()
-        self.__dict__.pop("_commands", None)
+        self._commands.clear()
         if "_node" in self.__dict__:
             self.__dict__.pop("_node").close()
 
     def _add_tags(self, request: bytes) -> bytes:
         try:
-            self.tags = joined_tags(self.tags, request_tags(self._store, request))
+            self._job.tags = joined_tags(self._job.tags, request_tags(self._store, request))
         except ValueError as exc:
             return self._outcome(f"{ADD_TAGS}_Response", fault=str(exc)[:_FAULT_CHARACTERS])
         return self._outcome(f"{ADD_TAGS}_Response")
 
     def _cancel(self, request: bytes) -> bytes:  # noqa: ARG002 - it says nothing
-        self.cancelled = True
+        self._job.cancelled = True
         return self._outcome(f"{CANCEL}_Response")
 
     def _outcome(self, kind: str, fault: str = "") -> bytes:
         return bytes(self._store.serialize_cdr(self._store.types[kind](success=not fault, message=fault), kind))
+
+
+def robot_profile(topic: str, kind: str) -> Profile:
+    """Returns how the robot publishes a topic."""
+    return STATIC_TRANSFORMS if topic == _STATIC else _PROFILES.get(kind, DEFAULT)
+
+
+def stamped_twist_bytes(cdr: bytes) -> bytes:
+    """Returns the Twist of a ``TwistStamped`` in ROS 1's form; its time and its frame mean nothing here."""
+    little = cdr[:2] == _LITTLE
+    (length,) = struct.unpack_from("<I" if little else ">I", cdr, _FRAME_AT) if len(cdr) >= _FRAME_AT + 4 else (0,)
+    # Eight bytes of time and the frame's name; numbers of eight bytes begin at multiples of eight.
+    at = _FRAME_AT + 4 + length - _ENCAPSULATION_BYTES
+    return twist_bytes(cdr[:_ENCAPSULATION_BYTES] + cdr[_ENCAPSULATION_BYTES + at + -at % 8 :])
 
 
 def twist_bytes(cdr: bytes) -> bytes:
@@ -159,6 +207,6 @@ def request_tags(store: Typestore, request: bytes) -> dict[str, str]:
         raise ValueError(f"a request of {len(request)} bytes, {REQUEST_BYTES} are taken")
     try:
         message = store.deserialize_cdr(request, f"{ADD_TAGS}_Request")
-    except _NO_MESSAGE as exc:
+    except NO_MESSAGE as exc:
         raise ValueError(f"no request: {exc}") from exc
     return {each.key: each.value for each in message.tags}  # type: ignore[attr-defined]

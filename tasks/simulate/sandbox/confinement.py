@@ -48,6 +48,8 @@ _GPU_DEVICES, _GPU_LIBRARIES = ("nvidia*", "kfd", "dri", "dxg"), "rocm*"  # dxg:
 _OWN_DEVICES = ("null", "zero", "full", "random", "urandom")
 # Where ROS is, where that is not where it usually is: its Python, and the folder share/ros within its own.
 _ROS_PYTHON, _ROS_ROOT = "SIMYARD_ROS_PYTHON", "ROS_ROOT"
+# Where packages of ROS 2 are installed, as its set-up files say it.
+_ROS2_PREFIXES = "AMENT_PREFIX_PATH"
 # Of memory, what /tmp may take: nodes of ROS have their home folders there.
 _TMP_SHARE = 0.25
 # The largest compiled program has some 100 MB.
@@ -328,7 +330,11 @@ def _tmp_size() -> tuple[str, ...]:
 
 def _ros_folders() -> Iterator[Path]:
     """Yields where ROS lies if somebody has said so; never a folder that holds a person's home."""
-    told = (Path(os.environ[name]).parent.parent for name in (_ROS_PYTHON, _ROS_ROOT) if os.environ.get(name))
+    told = [Path(os.environ[name]).parent.parent for name in (_ROS_PYTHON, _ROS_ROOT) if os.environ.get(name)]
+    for prefix in map(Path, filter(None, os.environ.get(_ROS2_PREFIXES, "").split(":"))):
+        told.append(prefix)
+        if (prefix / "pyvenv.cfg").is_file():  # a virtual environment: its Python is another one's
+            told += [(prefix / "bin/python3").resolve().parents[1] / name for name in _OF_PYTHON]
     yield from (folder for folder in told if folder.is_absolute() and not Path.home().is_relative_to(folder))
 
 

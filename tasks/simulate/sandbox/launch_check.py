@@ -19,9 +19,10 @@ from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
 from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, shown_node
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_launch, run_launch_program
-from tasks.ros.launch.packages import missing_packages, ros_installation
+from tasks.ros.launch.packages import missing_packages, read_manifest, ros_installation
 from tasks.ros.launch.python2 import python2_sentences
-from tasks.ros.ros2.launch_file.launch_description import resolve_description, ros2_installation
+from tasks.ros.ros2.launch_file.launch_description import ament_packages, resolve_description
+from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement, require_confined
@@ -36,6 +37,8 @@ _NOT_OWN = "it is not this document's own bundle, and reading it would run what 
 _NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
 # What nodes are written with, by what their package.xml, their Python or their linked program says.
 _CLIENT_LIBRARIES = {"rclpy": (b">rclpy<", b"import rclpy", b"from rclpy"), "rclcpp": (b">rclcpp<", b"librclcpp.so")}
+# How packages of messages are called; other names may be those of programs, which are not in ROS 2's index.
+_OF_MESSAGES = ("_msgs", "_srvs", "_interfaces", "_actions")
 _PROGRAM_BYTES = 64 << 20
 _ROS2_PLACES = "AMENT_PREFIX_PATH, or below /opt/ros"
 
@@ -110,11 +113,14 @@ def _ros2_report(source: LaunchSource, environments: Sequence[Mapping[str, str]]
     report = LaunchReport(ros=installation.sentence, has_ros=True)
     if find_spec("cyclonedds") is None:
         return report.model_copy(update={"ros": _NO_DDS, "has_ros": False})
+    if installation.fault:
+        return report.model_copy(update={"ros": installation.fault, "has_ros": False})
     report = report.model_copy(update=_read(source, environments, own=own))
     if installation.here or not (report.missing or report.refusals):
         return report
     why = "; ".join((*report.missing, *report.refusals))
-    said = f"no ROS 2 is here ({_ROS2_PLACES}), and {source.package} {source.launch_file} needs it: {why}"
+    lacks = "ROS 2 is here without launch_ros or what is missing" if installation.prefixes else "no ROS 2 is here"
+    said = f"{lacks} ({_ROS2_PLACES}), and {source.package} {source.launch_file} needs it: {why}"
     return report.model_copy(update={"ros": said, "has_ros": False, "missing": (), "refusals": ()})
 
 
@@ -202,14 +208,26 @@ def _plans(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> S
 
 def _needed_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
     """Yields what nodes need of ROS 2 that is not here, as their packages and their programs' own text tell."""
-    if not is_ros2(source.launch_file) or ros2_installation().prefixes:
+    if not is_ros2(source.launch_file):
         return
+    installation = ros2_installation()
+    here = {"rclpy": bool(installation.python_paths("rclpy")), "rclcpp": installation.library("rclcpp")}
+    packages = ament_packages(source.bundle, installation.prefixes, installation.python)
     files = bundle_files(source.bundle)
     for node in plan.nodes:
-        manifests = (source.bundle / each / PACKAGE_XML for each in package_folders(files, node.package))
+        manifests = [source.bundle / each / PACKAGE_XML for each in package_folders(files, node.package)]
         told = b"".join(map(_text, (*manifests, Path(node.command[0])))) if node.package else b""
-        found = [name for name, marks in _CLIENT_LIBRARIES.items() if any(mark in told for mark in marks)]
+        lacking = (name for name in _CLIENT_LIBRARIES if not here[name])
+        found = [name for name in lacking if any(mark in told for mark in _CLIENT_LIBRARIES[name])]
+        found += sorted(_messages(manifests) - packages.keys()) if installation.prefixes else []
         yield from (f"{node.name} ({node.package} {node.kind}) needs {name}" for name in found)
+
+
+def _messages(manifests: Sequence[Path]) -> set[str]:
+    """Returns the packages of messages that some packages need when they run."""
+    found = (each for path in manifests for each in read_manifest(path) if each.tag in {"depend", "exec_depend"})
+    names = {(each.text or "").strip() for each in found}
+    return {name for name in names if name.endswith(_OF_MESSAGES)}
 
 
 def _text(path: Path) -> bytes:

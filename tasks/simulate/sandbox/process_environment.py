@@ -53,6 +53,9 @@ PASSED: tuple[PassedVariable, ...] = (
     PassedVariable("SIMYARD_PROGRAMS", "whether programs are traced anew"),
     PassedVariable("SIMYARD_ROS_PYTHON", "where ROS is, if not where it usually is"),
     PassedVariable("ROS_ROOT", "where ROS is, if not where it usually is"),
+    PassedVariable("AMENT_PREFIX_PATH", "where ROS 2 is, if not where it usually is"),
+    PassedVariable("ROS_DISTRO", "which release of ROS 2, if several are here"),
+    PassedVariable("RMW_IMPLEMENTATION", "which middleware nodes of ROS 2 speak, if several are here"),
     PassedVariable(
         "JAX_PLATFORMS", "CPU or GPU", r"(cpu|(cuda|rocm|gpu)(,cpu)?)?", "cpu, or with a GPU: cuda, rocm or cuda,cpu"
     ),

@@ -9,12 +9,13 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
+from uuid import UUID
 
 from cyclonedds.core import InstanceState, Policy, Qos, ReadCondition, SampleState, ViewState, WaitSet
 from cyclonedds.domain import DomainParticipant
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import final
-from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint32
+from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint8, uint32
 from cyclonedds.pub import DataWriter
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
@@ -118,6 +119,28 @@ class Odometry(IdlStruct, typename="nav_msgs.msg.dds_.Odometry_"):
     twist: TwistWithCovariance
 
 
+@final
+@dataclass
+class Gid(IdlStruct, typename="rmw_dds_common.msg.dds_.Gid_"):
+    data: array[uint8, 16]
+
+
+@final
+@dataclass
+class NodeEntitiesInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.NodeEntitiesInfo_"):
+    node_namespace: str
+    node_name: str
+    reader_gid_seq: sequence[Gid]
+    writer_gid_seq: sequence[Gid]
+
+
+@final
+@dataclass
+class ParticipantEntitiesInfo(IdlStruct, typename="rmw_dds_common.msg.dds_.ParticipantEntitiesInfo_"):
+    gid: Gid
+    node_entities_info_seq: sequence[NodeEntitiesInfo]
+
+
 _PLAIN_CDR = Policy.DataRepresentation(use_cdrv0_representation=True)
 _FOREVER = duration(infinite=True)
 
@@ -130,6 +153,16 @@ def quality(depth: int, *, reliable: bool = True) -> Qos:
 
 SENSOR_DATA = quality(5, reliable=False)
 CLOCK = quality(1, reliable=False)
+ENTITIES = Qos(
+    Policy.Reliability.Reliable(_FOREVER),
+    Policy.Durability.TransientLocal,
+    Policy.History.KeepLast(1),
+    _PLAIN_CDR,
+)
+
+
+def _gid(guid: UUID) -> Gid:
+    return Gid(list(guid.bytes))  # type: ignore[arg-type]
 
 
 class Node:
@@ -142,12 +175,19 @@ class Node:
         self._taken: list[tuple[Any, ReadCondition, Callable[[Any], None]]] = []
         self._timers: list[list[Any]] = []
         self.now_ns = 0
+        self._endpoints: tuple[list[Gid], list[Gid]] = [], []
+        # What rmw tells the graph: each participant its own nodes, and all listen.
+        graph = Topic(self.participant, "ros_discovery_info", ParticipantEntitiesInfo, ENTITIES)
+        self._graph = DataWriter(self.participant, graph, ENTITIES), DataReader(self.participant, graph, ENTITIES)
+        self._announce()
         self.subscribe("/clock", Clock, self._tick, CLOCK)
 
     def publisher(self, topic: str, kind: type, qos: Qos | None = None, name: str = "") -> Callable[[object], None]:
         """create_publisher(...).publish"""
         qos = qos or quality(10)
-        return DataWriter(self.participant, Topic(self.participant, name or f"rt{topic}", kind, qos), qos).write
+        made = DataWriter(self.participant, Topic(self.participant, name or f"rt{topic}", kind, qos), qos)
+        self._announce(writer=made)
+        return made.write
 
     def subscribe(self, topic: str, kind: type, callback: Callable[[Any], None], qos: Qos | None = None) -> None:
         """create_subscription"""
@@ -156,6 +196,16 @@ class Node:
         condition = ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Alive)
         self._waits.attach(condition)
         self._taken.append((reader, condition, callback))
+        self._announce(reader=reader)
+
+    def _announce(self, reader: DataReader[Any] | None = None, writer: DataWriter[Any] | None = None) -> None:
+        for gids, made in zip(self._endpoints, (reader, writer), strict=True):
+            gids.extend([_gid(made.get_guid())] if made is not None else [])
+        name = next(each[len("__node:=") :] for each in sys.argv if each.startswith("__node:="))
+        readers, writers = self._endpoints
+        node = NodeEntitiesInfo("/", name, readers, writers)  # type: ignore[arg-type]
+        own = _gid(self.participant.get_guid())
+        self._graph[0].write(ParticipantEntitiesInfo(own, [node]))  # type: ignore[arg-type]
 
     def timer(self, period_ns: int, callback: Callable[[], None]) -> None:
         """create_timer, by the clock of the simulation"""

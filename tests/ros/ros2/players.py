@@ -19,6 +19,8 @@ RAYS = 90
 _DATA = ROOT / "tests/data/ros2"
 _MODULES = ("player", "avoidance")
 _LAUNCH = """
+import os
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
@@ -30,6 +32,7 @@ def generate_launch_description():
     return LaunchDescription([
         DeclareLaunchArgument("program", default_value=EnvironmentVariable("PROGRAM", default_value="avoider")),
         Node(package="play", executable=program, name="player"),
+        *[Node(package="play", executable=each, name=each) for each in os.environ.get("BESIDE", "").split()],
     ])
 """
 
@@ -127,11 +130,16 @@ def drive(
     steps: int = 60,
     patience: LockstepPatience | None = None,
 ) -> Run:
-    """Returns what came of episodes whose lanes run a program each, or all the same."""
+    """Returns what came of episodes whose lanes run a program each, or all the same; ``a+b`` are two nodes of one."""
     programs = [program] * lanes if isinstance(program, str) else list(program)
     bundle = folder / "bundle"
     if not bundle.is_dir():
         make_bundle(bundle)
-    launch = Launch(bundle, "play", "play.launch.py", folder / "home", [{"PROGRAM": each} for each in programs])
+    launch = Launch(bundle, "play", "play.launch.py", folder / "home", [_variables(each) for each in programs])
     with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
         return Run(lockstep, lanes, steps)
+
+
+def _variables(programs: str) -> dict[str, str]:
+    first, *others = programs.split("+")
+    return {"PROGRAM": first, "BESIDE": " ".join(others)}

@@ -14,7 +14,7 @@ from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import stamp
 from tasks.ros.ros2.dds_domain import episode_domains
 from tasks.ros.ros2.interface_types import dds_type_name, type_hash, type_store
-from tasks.ros.ros2.ros2_node import Ros2Node
+from tasks.ros.ros2.ros2_node import JobRequests, RobotInterface, Ros2Node
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.packets import Capture, Endpoint, Sample, endpoints
 from tests.ros.ros2.players import make_bundle
@@ -60,9 +60,9 @@ def wire(tmp_path_factory: pytest.TempPathFactory) -> Wire:
     program = make_bundle(tmp_path_factory.mktemp("bundle")) / "play/scripts/avoider"
     (domain,) = episode_domains(1)
     with capture:
-        robot = Ros2Node(domain, TOPICS, "/cmd_vel")
-        environment = {**domain.environment, "PATH": os.environ["PATH"]}
-        command = [sys.executable, str(program), "--ros-args", "-p", "use_sim_time:=true"]
+        robot = Ros2Node(domain, RobotInterface(TOPICS, "/cmd_vel"), JobRequests())
+        environment = {**domain.environment(tmp_path_factory.mktemp("lane")), "PATH": os.environ["PATH"]}
+        command = [sys.executable, str(program), "--ros-args", "-r", "__node:=player", "-p", "use_sim_time:=true"]
         node = subprocess.Popen(command, env=environment)
         try:
             came = _answer(robot)
@@ -71,6 +71,7 @@ def wire(tmp_path_factory: pytest.TempPathFactory) -> Wire:
             node.wait()
             own = robot.guid.bytes[:12]
             robot.close()
+            domain.close()
         samples = capture.samples()
     mine = [each for each in samples if each.guid[:12] == own]
     others = [each for each in samples if each.guid[:12] != own]
@@ -96,7 +97,10 @@ def test_the_robots_topics_have_ros_2s_names_and_types(wire: Wire) -> None:
     assert seen["ros_discovery_info"] == "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_"
     assert seen["rr/robomaker/job/cancelReply"] == "robomaker_simulation_msgs::srv::dds_::Cancel_Response_"
     heard = {each.text("topic"): each.text("type") for each in wire.robot if each.what == "reader"}
-    assert heard["rt/cmd_vel"] == "geometry_msgs::msg::dds_::Twist_"
+    commands = {
+        each.text("type") for each in wire.robot if each.what == "reader" and each.text("topic") == "rt/cmd_vel"
+    }
+    assert commands == {"geometry_msgs::msg::dds_::Twist_", "geometry_msgs::msg::dds_::TwistStamped_"}
     assert heard["rq/robomaker/job/add_tagsRequest"] == "robomaker_simulation_msgs::srv::dds_::AddTags_Request_"
 
 

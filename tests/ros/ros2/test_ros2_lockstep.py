@@ -74,6 +74,16 @@ def test_a_node_that_ends_fails_its_lane_and_leaves_its_neighbour_alone(tmp_path
 
 
 @pytest.mark.long
+def test_nodes_that_talk_to_each_other_give_the_same_row_however_long_each_waits_for_a_core(tmp_path: Path) -> None:
+    """Told at the same time, one would have the other's advice sometimes before it sees the walls, sometimes not."""
+    runs = [drive(tmp_path / str(k), "advised+adviser", lanes=lanes, steps=25) for k, lanes in enumerate((1, 1, 4))]
+    assert [run.failures for run in runs] == [{}, {}, {}]
+    assert {run.digests[0] for run in runs} == {runs[0].digests[0]}
+    assert not any(each.late or each.stray for run in runs for each in run.tallies)
+    assert any(each.ahead_m_s for each in runs[0].commands[0])
+
+
+@pytest.mark.long
 def test_ten_repeats_alone_and_among_eight_and_with_burners_are_the_same(tmp_path: Path) -> None:
     # More than the default: beside other work several threads wait for a core one after the other.
     patient = partial(drive, patience=LockstepPatience(stage_s=6.0))

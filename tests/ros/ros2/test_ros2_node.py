@@ -1,9 +1,14 @@
 """A node of ROS 2 among other participants of its domain."""
 
+import json
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
+from xml.etree import ElementTree
 
 import pytest
 from cyclonedds.core import Qos
@@ -15,10 +20,20 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tasks.ros.message.ros_messages import REQUEST_BYTES
+from tasks.ros.ros2 import dds_domain
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, dds_qos, structure
+from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
-from tasks.ros.ros2.ros2_node import Ros2Node, request_tags, twist_bytes
+from tasks.ros.ros2.ros2_node import (
+    STAMPED,
+    JobRequests,
+    RobotInterface,
+    Ros2Node,
+    request_tags,
+    stamped_twist_bytes,
+    twist_bytes,
+)
+from tests.repository import ROOT
 
 TWIST = "geometry_msgs/msg/Twist"
 _WAIT_S = 10.0
@@ -26,14 +41,20 @@ T = TypeVar("T")
 
 
 @pytest.fixture
-def domain() -> EpisodeDomain:
+def domain() -> Iterator[EpisodeDomain]:
     (found,) = episode_domains(1)
-    return found
+    yield found
+    found.close()
 
 
 @pytest.fixture
-def robot(domain: EpisodeDomain) -> Iterator[Ros2Node]:
-    made = Ros2Node(domain, {"/scan": "sensor_msgs/msg/LaserScan"}, "/cmd_vel")
+def job() -> JobRequests:
+    return JobRequests()
+
+
+@pytest.fixture
+def robot(domain: EpisodeDomain, job: JobRequests) -> Iterator[Ros2Node]:
+    made = Ros2Node(domain, RobotInterface({"/scan": "sensor_msgs/msg/LaserScan"}, "/cmd_vel"), job)
     yield made
     made.close()
 
@@ -68,21 +89,23 @@ def _call(domain: EpisodeDomain, robot: Ros2Node, service: str, kind: str, **val
     return reply
 
 
-def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: Ros2Node) -> None:
+def test_robomakers_service_takes_tags(domain: EpisodeDomain, robot: Ros2Node, job: JobRequests) -> None:
     tag = structure("robomaker_simulation_msgs/msg/Tag")
     tags = [tag(key="room", value="kitchen"), tag(key="a", value="")]  # type: ignore[call-arg]
     reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=tags)
     assert reply.success  # type: ignore[attr-defined]
-    assert robot.tags == {"room": "kitchen", "a": ""}
+    assert job.tags == {"room": "kitchen", "a": ""}
 
 
-def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(domain: EpisodeDomain, robot: Ros2Node) -> None:
+def test_tags_that_robomaker_does_not_take_are_refused_with_the_reason(
+    domain: EpisodeDomain, robot: Ros2Node, job: JobRequests
+) -> None:
     tag = structure("robomaker_simulation_msgs/msg/Tag")
     many = [tag(key=str(number), value="") for number in range(51)]  # type: ignore[call-arg]
     reply = _call(domain, robot, "/robomaker/job/add_tags", ADD_TAGS, tags=many)
     assert not reply.success  # type: ignore[attr-defined]
     assert "at most 50" in reply.message  # type: ignore[attr-defined]
-    assert robot.tags == {}
+    assert job.tags == {}
 
 
 @given(st.binary(max_size=80).map(lambda data: b"\x00\x01\x00\x00" + data) | st.binary(max_size=80))
@@ -96,10 +119,10 @@ def test_bytes_that_are_no_request_have_no_tags(request: bytes) -> None:
     assert all(isinstance(text, str) for pair in found.items() for text in pair)
 
 
-def test_robomakers_service_cancels(domain: EpisodeDomain, robot: Ros2Node) -> None:
-    assert not robot.cancelled
+def test_robomakers_service_cancels(domain: EpisodeDomain, robot: Ros2Node, job: JobRequests) -> None:
+    assert not job.cancelled
     assert _call(domain, robot, "/robomaker/job/cancel", CANCEL, structure_needs_at_least_one_member=0)
-    assert robot.cancelled
+    assert job.cancelled
 
 
 def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: EpisodeDomain) -> None:
@@ -120,18 +143,9 @@ def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: Epis
     node.close()
 
 
-def test_a_best_effort_commander_is_counted_as_one_that_is_not_heard(domain: EpisodeDomain, robot: Ros2Node) -> None:
-    participant = DomainParticipant(domain.number)
-    topic = Topic(participant, "rt/cmd_vel", structure(TWIST))
-    writer = DataWriter(participant, topic, dds_qos(Profile(depth=5, reliable=False), b""))
-    _until(lambda: robot.matches().refused)
-    assert robot.matches().commanders == 0
-    assert writer.get_publication_matched_status().current_count == 0
-
-
 def test_a_robot_that_is_closed_leaves_no_thread_and_no_port(domain: EpisodeDomain) -> None:
     before = _count("task"), _count("fd")
-    robot = Ros2Node(domain, {"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel")
+    robot = Ros2Node(domain, RobotInterface({"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel"), JobRequests())
     assert len(robot.threads) == _count("task") - before[0] > 0
     robot.close()
     robot.close()
@@ -148,19 +162,66 @@ def test_twists_of_both_byte_orders_are_read_and_others_are_left_as_they_are() -
     assert twist_bytes(b"\x00\x01\x00\x00short") == b"\x00\x01\x00\x00short"
 
 
+@given(frame=st.text(st.characters(max_codepoint=127, min_codepoint=1), max_size=20))
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_a_stamped_twist_is_its_twist_whatever_its_frame_is_called(order: str, frame: str) -> None:
+    store = type_store()
+    types = store.types
+    vector, now = types["geometry_msgs/msg/Vector3"], types["builtin_interfaces/msg/Time"](sec=3, nanosec=4)
+    twist = types[TWIST](linear=vector(x=0.5, y=0.1, z=0.0), angular=vector(x=0.0, y=0.0, z=-1.0))
+    message = types[STAMPED](header=types["std_msgs/msg/Header"](stamp=now, frame_id=frame), twist=twist)
+    stamped = bytes(store.serialize_cdr(message, STAMPED, little_endian=order == "little"))
+    assert stamped_twist_bytes(stamped) == bytes(store.serialize_cdr(twist, TWIST))[4:]
+
+
+@given(st.binary(max_size=120))
+def test_bytes_that_are_no_stamped_twist_are_left_for_the_reader_to_refuse(data: bytes) -> None:
+    assert isinstance(stamped_twist_bytes(data), bytes)
+
+
 def test_each_episode_has_a_domain_and_a_tag_of_its_own() -> None:
-    found = episode_domains(102)
-    assert {each.number for each in found} == set(range(102))
-    assert len({each.tag for each in found}) == 102
-    assert all(each.environment["ROS_DOMAIN_ID"] == str(each.number) for each in found)
-    with pytest.raises(ValueError, match="simulate fewer lanes"):
-        episode_domains(103)
+    found = episode_domains(30)
+    try:
+        assert len({each.number for each in found}) == len({each.tag for each in found}) == 30
+        with pytest.raises(ValueError, match="simulate fewer lanes"):
+            episode_domains(103)
+    finally:
+        for each in found:
+            each.close()
 
 
-def test_nodes_are_told_of_the_loopback_alone() -> None:
-    (domain,) = episode_domains(1)
-    environment = domain.environment
+def test_two_processes_never_have_the_same_domain() -> None:
+    asked = "from tasks.ros.ros2.dds_domain import *; found = episode_domains(30); "
+    asked += "print([each.number for each in found]); input()"
+    command = [sys.executable, "-W", "ignore", "-c", asked]
+    with subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as other:
+        assert other.stdout is not None
+        theirs = json.loads(other.stdout.readline())
+        # Whatever numbers a process begins with, it leaves out those.
+        with_theirs = [number for number in theirs if (held := _hold(number)) and held.close() is None]
+        other.communicate("\n")
+    assert (len(theirs), with_theirs) == (30, [])
+
+
+def _hold(number: int) -> socket.socket | None:
+    return dds_domain._held(number)
+
+
+def test_nodes_are_told_of_the_loopback_alone(domain: EpisodeDomain, tmp_path: Path) -> None:
+    environment = domain.environment(tmp_path)
     assert environment["RMW_IMPLEMENTATION"] == "rmw_cyclonedds_cpp"
+    assert environment["ROS_DOMAIN_ID"] == str(domain.number)
     assert "address='127.0.0.1'" in environment["CYCLONEDDS_URI"]
     assert "<AllowMulticast>false" in environment["CYCLONEDDS_URI"]
     assert domain.tag in environment["CYCLONEDDS_URI"]
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_fast_dds_is_told_of_the_loopback_alone_too_and_has_no_shared_memory(version: int, tmp_path: Path) -> None:
+    environment = EpisodeDomain(7, "", "rmw_fastrtps_cpp").environment(tmp_path, version)
+    root = ElementTree.fromstring(Path(environment["FASTDDS_DEFAULT_PROFILES_FILE"]).read_text())  # noqa: S314 - our own
+    texts = {each.tag.rpartition("}")[2]: each.text for each in root.iter()}
+    assert (texts["useBuiltinTransports"], texts["type"]) == ("false", "UDPv4")
+    assert {each.text for each in root.iter() if each.tag.endswith("address")} == {"127.0.0.1"}
+    assert ("fastdds.type_propagation" in texts.values()) == (version == 3)
+    assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"] == environment["FASTDDS_DEFAULT_PROFILES_FILE"]

@@ -8,7 +8,7 @@ import pytest
 from flows.pipeline.bundle_checks import report_lines
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
-from tasks.ros.ros2.launch_file.launch_description import ros2_installation
+from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.simulate.sandbox import launch_check
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tests.ros.conftest import COURIER, ros

@@ -26,73 +26,7 @@ import tasks
 from specs.errors import LaunchRefused
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, run_launch_program
 from tasks.ros.launch.packages import read_manifest
-from tasks.ros.ros2.interface_types import DEFAULT_DISTRIBUTION, DISTRIBUTIONS
-
-_OPT = Path("/opt/ros")
-_PYTHON = "/usr/bin/python3"
-
-
-class Ros2Installation(NamedTuple):
-    """ROS 2 as it is found here.
-
-    Attributes:
-        prefixes: Where packages are installed, the nearest first; empty without ROS 2.
-        distribution: Such as ``jazzy``.
-        python: What runs nodes in Python; with ROS 2 the system's.
-    """
-
-    prefixes: tuple[Path, ...]
-    distribution: str
-    python: str = _PYTHON
-
-    @property
-    def here(self) -> bool:
-        """Returns whether launch files run with ROS 2's own ``launch`` and ``launch_ros``."""
-        return bool(self.python_paths("launch_ros"))
-
-    @property
-    def sentence(self) -> str:
-        """Returns the same for a person."""
-        if not self.here:
-            return "no ROS 2 with launch_ros: launch files run with Simyard's own stand-ins of launch and launch_ros"
-        return f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}"
-
-    def python_paths(self, module: str = "") -> list[str]:
-        """Returns the folders of ROS 2's Python modules, or of those that have one."""
-        found = [each for prefix in self.prefixes for each in sorted(prefix.glob("lib/python3*/*-packages"))]
-        return [str(each) for each in found if not module or (each / module).is_dir()]
-
-    def environment(self) -> dict[str, str]:
-        """Returns what ROS 2's own set-up files would set, as far as programs need it."""
-        own = {
-            "PATH": ":".join([*(f"{each}/bin" for each in self.prefixes), "/usr/bin:/bin:/usr/sbin:/sbin"]),
-            "ROS_VERSION": "2",
-            "ROS_PYTHON_VERSION": "3",
-            "ROS_DISTRO": self.distribution,
-        }
-        if self.prefixes:
-            own["AMENT_PREFIX_PATH"] = ":".join(map(str, self.prefixes))
-            own["LD_LIBRARY_PATH"] = ":".join(f"{each}/lib" for each in self.prefixes)
-            own["PYTHONPATH"] = ":".join(self.python_paths())
-        return own
-
-
-def ros2_installation(variables: Mapping[str, str] | None = None) -> Ros2Installation:
-    """Returns the ROS 2 of this machine: that of ``AMENT_PREFIX_PATH``, or the newest known below ``/opt/ros``.
-
-    Args:
-        variables: Where ``AMENT_PREFIX_PATH`` and ``ROS_DISTRO`` are looked up; this process's own by default.
-    """
-    given = os.environ if variables is None else variables
-    prefixes = [Path(each) for each in given.get("AMENT_PREFIX_PATH", "").split(":") if each]
-    named = given.get("ROS_DISTRO", "")
-    if prefixes:
-        return Ros2Installation(tuple(prefixes), named if named in DISTRIBUTIONS else DEFAULT_DISTRIBUTION)
-    for name in reversed(DISTRIBUTIONS):
-        if (_OPT / name / "share/ament_index").is_dir():
-            return Ros2Installation((_OPT / name,), name)
-    return Ros2Installation((), named if named in DISTRIBUTIONS else DEFAULT_DISTRIBUTION)
-
+from tasks.ros.ros2.ros2_installation import Ros2Installation, ros2_installation
 
 _DEPTH = 6
 _INDEX = "share/ament_index/resource_index/packages"
@@ -307,24 +241,48 @@ def _answer(
     folder: Path,
 ) -> dict[str, Any]:
     """Returns what the launch file starts, or ``refused`` and why."""
-    own = {**variables, **installation.environment(), "LANG": "C.UTF-8", "HOME": str(folder), "TMPDIR": str(folder)}
+    given = installation.environment(install_spaces(packages, installation))
+    own = {**variables, **given, "LANG": "C.UTF-8", "HOME": str(folder), "TMPDIR": str(folder)}
     own["PYTHONDONTWRITEBYTECODE"] = "1"
     command = [installation.python, "-c", PROGRAM]
     if not installation.here:
         command = [sys.executable, "-m", _STAND_IN]
         own |= {"PYTHONPATH": str(Path(tasks.__file__).parents[1]), "PYTHONSAFEPATH": "1"}
-    own["AMENT_PREFIX_PATH"] = ":".join(dict.fromkeys([*_prefixes(packages), *map(str, installation.prefixes)]))
+        own.pop("LD_LIBRARY_PATH", None)  # of another Python than this one
     folder.mkdir(parents=True, exist_ok=True)
     request = {
         "file": str(path),
         "folder": str(folder),
+        "python_path": given.get("PYTHONPATH", ""),
         "packages": {name: each._asdict() for name, each in packages.items()},
     }
     return json.loads(run_launch_program(command, own, folder, json.dumps(request), _LIMIT_S))
 
 
-def _prefixes(packages: Mapping[str, AmentPackage]) -> list[str]:
-    return [each.prefix for each in packages.values() if each.prefix != each.share]
+def install_spaces(packages: Mapping[str, AmentPackage], installation: Ros2Installation) -> list[Path]:
+    """Returns where a bundle's packages are installed; those that are not built are nowhere."""
+    found = dict.fromkeys(Path(each.prefix) for each in packages.values() if each.prefix != each.share)
+    return [each for each in found if each not in installation.prefixes]
+
+
+def make_spaces(bundle: Path, installation: Ros2Installation, folder: Path) -> list[Path]:
+    """Returns where nodes find the packages of their bundle, as ``get_package_share_directory`` looks for them.
+
+    Args:
+        bundle: Folder that holds the ROS packages.
+        installation: ROS 2.
+        folder: Where an index of packages that are not built is made.
+
+    Raises:
+        LaunchRefused: A package.xml, setup.py or setup.cfg cannot be read.
+    """
+    packages = ament_packages(bundle, (), installation.python)
+    (folder / _INDEX).mkdir(parents=True, exist_ok=True)
+    for name, package in packages.items():
+        if package.prefix == package.share:
+            (folder / _INDEX / name).touch()
+            (folder / "share" / name).symlink_to(package.share)
+    return [folder, *install_spaces(packages, installation)]
 
 
 def _nodes(answer: Mapping[str, Any]) -> tuple[NodePlan, ...]:

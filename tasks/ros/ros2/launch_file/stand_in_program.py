@@ -140,6 +140,8 @@ def main() -> None:
     request = json.load(sys.stdin)
     for name in _OWN:
         os.environ.pop(name, None)
+    if request["python_path"]:
+        os.environ["PYTHONPATH"] = request["python_path"]
     try:
         answer: dict[str, Any] = {"processes": _processes(request)}
     except (Exception, SystemExit) as exc:  # noqa: BLE001 - whatever the launch file raises is its own

@@ -1,0 +1,237 @@
+"""The robot among an episode's processes: a participant for each of them, and one that only looks who is there.
+
+DDS sends a sample to all readers of a topic at once; nodes that then talk to each other would do so in an order that
+nobody fixes. A participant that announces itself to one process alone, from a port that nobody else knows, has that
+process's readers alone. So the robot tells one process at a time, as it does with ROS 1.
+
+Two participants know each other when each has taken what the other says of its nodes: the robot tells the graph of
+itself, and listens to it, over a reliable topic and last, after it has told of its readers and writers.
+
+Sources: DDS 1.4, section 2.2.5, built-in topics; rmw_dds_common, which announces nodes as ``DdsNode.announce`` does.
+"""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, cast
+from uuid import UUID
+
+from cyclonedds.builtin import (
+    BuiltinDataReader,
+    BuiltinTopicDcpsParticipant,
+    BuiltinTopicDcpsPublication,
+    BuiltinTopicDcpsSubscription,
+)
+from cyclonedds.core import Policy
+
+from tasks.ros.ros2.dds_domain import EpisodeDomain
+from tasks.ros.ros2.dds_node import ENTITIES, KIND, TOPIC, DdsNode, ToldNodes, told_nodes
+from tasks.ros.ros2.interface_types import dds_type_name, topic_name
+from tasks.ros.ros2.ros2_node import COMMANDS, JobRequests, Matches, RobotInterface, Ros2Node, robot_profile
+
+_MANY = 1024
+# What participants say of themselves: where they listen, as Cyclone DDS has it, and their process.
+_ADDRESSES, _PROCESS = "__NetworkAddresses", ("__Pid", "fastdds.physical_data.process")
+_NOBODY = Matches({}, 0)
+
+
+class Endpoint(NamedTuple):
+    """A reader or a writer of a process.
+
+    Attributes:
+        participant: The process's.
+        topic, kind: DDS's names of its topic and type.
+        reliable: Whether it asks that nothing be lost, or offers that.
+        latched: Whether it asks for what was sent before it came, or offers that.
+    """
+
+    participant: UUID
+    topic: str
+    kind: str
+    reliable: bool
+    latched: bool
+
+
+@dataclass
+class RobotLink:
+    """The robot's participant for one process.
+
+    Attributes:
+        participant: The process's.
+        process: Its number.
+        node: The robot's node that it sees.
+        names: Its nodes' full names.
+        readers: What they read with.
+        matches: Who was connected when it was looked at last.
+    """
+
+    participant: UUID
+    process: int
+    node: Ros2Node
+    names: frozenset[str] = frozenset()
+    readers: frozenset[UUID] = frozenset()
+    matches: Matches = _NOBODY
+
+    @property
+    def order(self) -> tuple[list[str], int]:
+        """Returns what says when it is told: by its nodes' names, which no repeat changes."""
+        return sorted(self.names), self.process
+
+    @property
+    def name(self) -> str:
+        """Returns the same for a person."""
+        return ", ".join(sorted(self.names))
+
+
+class RobotLinks:
+    """All participants of an episode's robot.
+
+    Args:
+        domain: The episode's.
+        interface: What the robot publishes and takes.
+
+    Attributes:
+        job: What the application asked of its job.
+        links: By the other participant: those with nodes, in the order that they are told in.
+    """
+
+    def __init__(self, domain: EpisodeDomain, interface: RobotInterface) -> None:
+        self.job = JobRequests()
+        self.links: dict[UUID, RobotLink] = {}
+        self._domain, self._interface = domain, interface
+        self._wanted = {topic_name(topic): topic for topic in interface.topics}
+        self._latched: dict[str, bytes] = {}
+        self._seen: dict[UUID, RobotLink] = {}
+        self._nodes_told: dict[UUID, ToldNodes] = {}
+        self._subscriptions: dict[UUID, Endpoint] = {}
+        self._publications: dict[UUID, Endpoint] = {}
+        self._observer = DdsNode(domain, "", interface.distribution)
+        participant = self._observer.participant
+        self._builtin = [
+            BuiltinDataReader(participant, topic)
+            for topic in (BuiltinTopicDcpsParticipant, BuiltinTopicDcpsSubscription, BuiltinTopicDcpsPublication)
+        ]
+        # Without a key: what one participant says must not take the place of what another one has said.
+        self._told = self._observer.reader(TOPIC, KIND, ENTITIES._replace(depth=_MANY))
+
+    @property
+    def threads(self) -> frozenset[int]:
+        """Returns the threads of this process that receive and send for the robot."""
+        return frozenset[int]().union(*(node.threads for node in self._nodes()))
+
+    def find(self) -> None:
+        """Looks who has come and gone, links who has nodes, and notes who is connected."""
+        participants, subscriptions, publications = self._builtin
+        own = self._observer.participant.get_guid()
+        for each in _taken(participants):
+            if not each.sample_info.valid_data:
+                self._forget(each.key)
+            elif each.key != own and each.key not in self._seen:
+                self._link(each.key, {policy.key: policy.value for policy in each.qos if hasattr(policy, "key")})
+        _update(self._subscriptions, subscriptions)
+        _update(self._publications, publications)
+        # What a participant says of its nodes may come before what says that it is there.
+        for told in filter(None, (told_nodes(each, self._interface.distribution) for each in self._told.take())):
+            self._nodes_told[told.participant] = told
+        for participant in self._seen.keys() & self._nodes_told.keys():
+            told = self._nodes_told.pop(participant)
+            self._seen[participant].names, self._seen[participant].readers = told.names, told.readers
+        with_nodes = (item for item in self._seen.items() if item[1].names)
+        self.links = dict(sorted(with_nodes, key=lambda item: item[1].order))
+        for link in self.links.values():
+            link.matches = link.node.matches()
+
+    def _link(self, participant: UUID, told: Mapping[str, str]) -> None:
+        process = next((int(told[name]) for name in _PROCESS if told.get(name, "").isdecimal()), 0)
+        addresses = [each.removeprefix("udp/").partition("@")[0] for each in told.get(_ADDRESSES, "").split(",")]
+        node = Ros2Node(self._domain.link(addresses), self._interface, self.job)
+        self._seen[participant] = RobotLink(participant, process, node)
+        for topic, data in self._latched.items():
+            node.send(topic, data)
+
+    def _forget(self, participant: UUID) -> None:
+        link = self._seen.pop(participant, None)
+        if link is not None:
+            link.node.close()
+
+    def keep(self, topic: str, data: bytes) -> None:
+        """Keeps a message for processes that come, and for those that do not read the topic yet."""
+        self._latched[topic] = data
+        for node in self._nodes():
+            if not node.matches().readers[topic]:
+                node.send(topic, data)
+
+    def publish(self, topic: str, data: bytes) -> None:
+        """Publishes a message to all processes; one that is latched also to those that come."""
+        if robot_profile(topic, self._interface.topics[topic]).latched:
+            self._latched[topic] = data
+        for node in self._nodes():
+            node.send(topic, data)
+
+    def acknowledged(self) -> bool:
+        """Returns whether all reliable readers have what was sent."""
+        return all(node.acknowledged() for node in self._nodes())
+
+    def take_commands(self) -> list[bytes]:
+        """Returns the Twists that have come since the last call: of one process in their order, then of the next."""
+        return [each for link in self.links.values() for each in link.node.take_commands()]
+
+    def serve(self) -> int:
+        """Answers calls of services; returns how many there were."""
+        return sum(node.serve() for node in self._nodes())
+
+    def missing(self, link: RobotLink) -> str:
+        """Returns what a process and the robot do not know of each other yet; empty if they know all."""
+        if not link.node.known():
+            return "has not found the robot"
+        if unseen := link.readers - self._subscriptions.keys():
+            return f"says nothing of {len(unseen)} of its subscriptions"
+        asked = Counter(each.topic for each in self._subscriptions.values() if self._heard(link, each))
+        for topic, name in self._wanted.items():
+            if link.matches.readers.get(name, 0) < asked[topic]:
+                return f"is not connected to {name}"
+        writers = [each for each in self.commanders(link) if each.reliable]
+        return f"is not connected to {self._interface.command}" if link.matches.commanders < len(writers) else ""
+
+    def _heard(self, link: RobotLink, reader: Endpoint) -> bool:
+        """Returns whether the robot can be heard by a reader of a process."""
+        name = self._wanted.get(reader.topic)
+        kind = self._interface.topics.get(name or "", "")
+        fits = bool(name) and reader.participant == link.participant and reader.kind == dds_type_name(kind)
+        return fits and (not reader.latched or robot_profile(name or "", kind).latched)
+
+    def commanders(self, link: RobotLink) -> list[Endpoint]:
+        """Returns who writes commands in a process, whether the robot hears it or not."""
+        topic, kinds = topic_name(self._interface.command), {dds_type_name(kind) for kind in COMMANDS}
+        own = (each for each in self._publications.values() if each.participant == link.participant)
+        return [each for each in own if each.topic == topic and each.kind in kinds]
+
+    def _nodes(self) -> Sequence[Ros2Node]:
+        return [link.node for link in self._seen.values()]
+
+    def close(self) -> None:
+        """Takes the robot out of its domain."""
+        for participant in list(self._seen):
+            self._forget(participant)
+        self.links = {}
+        self._builtin.clear()
+        self.__dict__.pop("_told", None)
+        if "_observer" in self.__dict__:
+            self.__dict__.pop("_observer").close()
+
+
+def _taken(reader: BuiltinDataReader) -> Sequence[Any]:
+    return cast("Sequence[Any]", reader.take(_MANY))
+
+
+def _update(endpoints: dict[UUID, Endpoint], reader: BuiltinDataReader) -> None:
+    """Notes which readers or writers have come, and which are gone."""
+    for each in _taken(reader):
+        if each.sample_info.valid_data:
+            reliable, latched = (
+                Policy.Reliability.BestEffort not in each.qos,
+                Policy.Durability.Volatile not in each.qos,
+            )
+            endpoints[each.key] = Endpoint(each.participant_key, each.topic_name, each.type_name, reliable, latched)
+        else:
+            endpoints.pop(each.key, None)

@@ -1,0 +1,150 @@
+"""The robot among processes with nodes: one participant for each, so that one process at a time is told."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator
+from uuid import UUID
+
+import pytest
+
+from tasks.ros.ros2.dds_domain import EpisodeDomain, LinkPlace, episode_domains
+from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, Reader, Writer, told_nodes
+from tasks.ros.ros2.interface_types import type_store
+from tasks.ros.ros2.robot_links import RobotLinks
+from tasks.ros.ros2.ros2_node import STAMPED, TWIST, RobotInterface
+
+SCAN, KIND = "/scan", "std_msgs/msg/String"
+_WAIT_S = 60.0
+_numbers = itertools.count(5000)
+
+
+class Process:
+    """What a process with one node has: it reads the scan and writes commands."""
+
+    def __init__(self, domain: EpisodeDomain, name: str, kind: str = TWIST, *, reliable: bool = True) -> None:
+        own = f"<Discovery><ExternalDomainId>{domain.number}</ExternalDomainId>"
+        self.node = DdsNode(LinkPlace(next(_numbers), domain.uri.replace("<Discovery>", own)), name)
+        self.scan: Reader = self.node.subscription(SCAN, KIND, DEFAULT)
+        self.commands: Writer = self.node.publisher("/cmd_vel", kind, Profile(reliable=reliable))
+        self.node.announce()
+
+    def close(self) -> None:
+        """Ends it."""
+        self.__dict__.pop("scan", None)
+        self.__dict__.pop("commands", None)
+        self.node.close()
+
+
+@pytest.fixture
+def domain() -> Iterator[EpisodeDomain]:
+    (found,) = episode_domains(1)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def robot(domain: EpisodeDomain) -> Iterator[RobotLinks]:
+    made = RobotLinks(domain, RobotInterface({SCAN: KIND, "/tf_static": KIND}, "/cmd_vel"))
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start(domain: EpisodeDomain) -> Iterator[Callable[..., Process]]:
+    made: list[Process] = []
+
+    def start(name: str, kind: str = TWIST, *, reliable: bool = True) -> Process:
+        made.append(Process(domain, name, kind, reliable=reliable))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+def _until(found: Callable[[], bool]) -> None:
+    ends_s = time.monotonic() + _WAIT_S
+    while not found():
+        assert time.monotonic() < ends_s, "it did not come to that"
+        time.sleep(0.001)
+
+
+def _complete(robot: RobotLinks, count: int) -> bool:
+    robot.find()
+    return len(robot.links) == count and not any(map(robot.missing, robot.links.values()))
+
+
+def _message(text: str) -> bytes:
+    store = type_store()
+    return bytes(store.cdr_to_ros1(store.serialize_cdr(store.types[KIND](data=text), KIND), KIND))
+
+
+def test_one_process_at_a_time_is_told_and_they_are_told_by_their_nodes_names(
+    robot: RobotLinks, start: Callable[..., Process]
+) -> None:
+    second, first = start("b"), start("a")
+    _until(lambda: _complete(robot, 2))
+    links = list(robot.links.values())
+    assert [each.name for each in links] == ["/a", "/b"]
+    for told, other, link in ((first, second, links[0]), (second, first, links[1])):
+        link.node.send(SCAN, _message(link.name))
+        _until(robot.acknowledged)
+        # Who is connected has taken it when it is acknowledged; who is not never gets it.
+        assert (len(told.scan.take()), other.scan.take()) == (1, [])
+
+
+@pytest.mark.parametrize("kind", [TWIST, STAMPED])
+def test_a_process_is_complete_once_its_commands_are_heard_stamped_or_not(
+    robot: RobotLinks, start: Callable[..., Process], kind: str
+) -> None:
+    process = start("a", kind)
+    _until(lambda: _complete(robot, 1))
+    store = type_store()
+    make = {name: store.types[f"geometry_msgs/msg/{name}"] for name in ("Twist", "TwistStamped", "Vector3")}
+    twist = make["Twist"](linear=make["Vector3"](x=0.5, y=0, z=0), angular=make["Vector3"](x=0, y=0, z=0.25))
+    header = store.types["std_msgs/msg/Header"](
+        stamp=store.types["builtin_interfaces/msg/Time"](sec=0, nanosec=0), frame_id="base_link"
+    )
+    message = twist if kind == TWIST else make["TwistStamped"](header=header, twist=twist)
+    process.commands.write(bytes(store.serialize_cdr(message, kind)))
+    heard: list[bytes] = []
+    _until(lambda: bool(heard.extend(robot.take_commands()) or heard))
+    assert heard == [bytes(store.serialize_cdr(twist, TWIST))[4:]]
+
+
+def test_a_best_effort_commander_is_known_as_one_that_is_not_heard(
+    robot: RobotLinks, start: Callable[..., Process]
+) -> None:
+    start("a", reliable=False)
+    _until(lambda: _complete(robot, 1))
+    (link,) = robot.links.values()
+    assert [each.reliable for each in robot.commanders(link)] == [False]
+    assert link.matches.commanders == 0
+
+
+def test_what_is_latched_reaches_a_process_that_comes_later(robot: RobotLinks, start: Callable[..., Process]) -> None:
+    robot.publish("/tf_static", _message("wall"))
+    process = start("late")
+    latched = process.node.subscription("/tf_static", KIND, Profile(depth=1, latched=True))
+    came: list[bytes] = []
+
+    def found() -> bool:
+        robot.find()
+        came.extend(latched.take())
+        return bool(came)
+
+    _until(found)
+    assert type_store().deserialize_cdr(came[0], KIND).data == "wall"  # type: ignore[attr-defined]
+
+
+def test_a_process_that_ends_is_forgotten(robot: RobotLinks, start: Callable[..., Process]) -> None:
+    process = start("a")
+    _until(lambda: _complete(robot, 1))
+    process.close()
+    _until(lambda: _complete(robot, 0))
+
+
+@pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40])
+def test_bytes_that_say_nothing_of_nodes_are_passed_over(data: bytes) -> None:
+    found = told_nodes(data)
+    assert found is None or isinstance(found.participant, UUID)
