@@ -3,8 +3,8 @@
 It lies where ``AMENT_PREFIX_PATH`` says, or below ``/opt/ros``. That may be what Debian's packages or ``colcon`` made,
 whose ``local_setup.sh`` says what programs see; or a virtual environment with the wheels of ROS 2, which has none.
 
-Sources: ROS 2's design article "ament index"; ros_environment, which says the release; what the wheels set when a Python
-begins, which is the same as here, and which starts each Python a second time for it.
+Sources: ROS 2's design article "ament index"; ros_environment, which says the release; what the wheels set when a
+Python begins, which is the same as here, and for which each Python starts a second time.
 """
 
 import functools
