@@ -183,6 +183,7 @@ class RosRobot(Spec):
         command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
         ready_s: Wall time that the nodes may take to be ready.
         first_command_s: Simulated time until which the robot may stand because no node publishes commands yet.
+        time_over: What an episode is whose time is over, if its simulation application is to judge and says nothing.
     """
 
     topics: RosTopics = RosTopics()
@@ -194,6 +195,7 @@ class RosRobot(Spec):
     command_timeout_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
     first_command_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 10.0
+    time_over: Literal["passed", "failed"] = "failed"
 
 
 PolicyField = Literal[

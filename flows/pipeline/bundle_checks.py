@@ -7,6 +7,7 @@ import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
 from specs.arn import reference_path
@@ -55,6 +56,8 @@ class _Launch(NamedTuple):
     package: str
     file: str
     simulated: bool
+    alone: bool = False
+    variables: Mapping[str, str] = MappingProxyType({})
 
     def fault(self, files: Collection[str]) -> Fault | None:
         """Returns what is wrong with it, given the files of its bundle."""
@@ -62,7 +65,8 @@ class _Launch(NamedTuple):
             return None
         if self.simulated:
             kind: ApplicationKind = "robot-application" if self.kind == "robot" else "simulation-application"
-            return simulated_fault(self.path, kind, self.application, (self.package, self.file), files)
+            launched = (self.package, self.file)
+            return simulated_fault(self.path, kind, self.application, launched, files, alone=self.alone)
         if {f"{self.package}/{self.file}", ros_launch_file(files, self.package, self.file)} & {*files}:
             return None
         allowed = f"a file in {self.application}'s bundle; it has no {self.package}/{self.file}"
@@ -70,25 +74,35 @@ class _Launch(NamedTuple):
 
 
 def simulated_fault(
-    path: str, kind: ApplicationKind, application: str, launch: tuple[str, str], files: Collection[str]
+    path: str,
+    kind: ApplicationKind,
+    application: str,
+    launch: tuple[str, str],
+    files: Collection[str],
+    *,
+    alone: bool = False,
 ) -> Fault | None:
     """Returns what is wrong with a launch configuration of a simulation; None if its bundle has what it names.
 
     Args:
         path: Where the document has it.
-        kind: Of the application: what simulation applications launch is a module, whatever it is called.
+        kind: Of the application: a simulation application that has both launches a module, not a launch file of ROS.
         application: The application's name.
         launch: Its packageName and launchFile.
         files: Names of the files of its bundle.
+        alone: Whether there is no robot application, so that this one brings the robot.
     """
     (package, file), robot = launch, kind == "robot-application"
-    found = simulated_file(files, package, file) if robot else None
-    if found is None and (robot or module_file(package, file) not in files):
-        thing = "a launch file or a module" if robot and names_ros_launch(file) else "a module"
-        missing = looked_for(package, file) if robot else module_file(package, file)
+    found, module = simulated_file(files, package, file), module_file(package, file)
+    if not robot and (module in files or not names_ros_launch(file)):
+        found = module if module in files else None
+    if found is None:
+        thing = "a launch file or a module" if names_ros_launch(file) else "a module"
+        missing = looked_for(package, file) if robot or names_ros_launch(file) else module
         allowed = f"{thing} in {application}'s bundle; it has no {missing}"
         return Fault(path=f"{path}.launchFile", value=repr(file), allowed=allowed)
-    if found and found == ros_launch_file(files, package, file) and ROBOT_XML not in files:
+    drives = robot or alone
+    if drives and found == ros_launch_file(files, package, file) and ROBOT_XML not in files:
         allowed = (
             f"of a ROS package, a bundle that has {ROBOT_XML} beside the package: the robot's base, sensors and motors "
             f"as MuJoCo has them; copy {_EXAMPLE} there for a TurtleBot3, or change it for another base with two wheels"
@@ -273,7 +287,9 @@ def _launched(spec: PipelineSpec) -> Iterator[_Launch]:
                 path = f"simulationBatch.createSimulationJobRequests[{number}].{kind}Applications[{place}].launchConfig"
                 launched = (use.launchConfig.packageName or "", use.launchConfig.launchFile or "")
                 name = reference_path(use.application)
-                yield _Launch(path, kind, name, use.applicationVersion, *launched, simulated=True)
+                alone, variables = not request.robotApplications, use.launchConfig.environmentVariables or {}
+                version = use.applicationVersion
+                yield _Launch(path, kind, name, version, *launched, simulated=True, alone=alone, variables=variables)
     for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):
         path = f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
         launched = (use.launchConfig.packageName, use.launchConfig.launchFile)
@@ -358,6 +374,9 @@ def check_own_names(spec: PipelineSpec, base: Path) -> None:
         return
     own = {each.name: base / each.source for each in spec.applications if each.kind == "simulation"}
     used = _scenarios(spec.simulationBatch)
+    judges = [launch for launch in _launched(spec) if launch.kind == "simulation" and launch.application in own]
+    if any(_starts_nodes(each, bundle_files(own[each.application])) for each in judges):
+        return  # any tag with a number is a metric
     if used and used <= own.keys():
         _require_metrics(spec.gate, _declared_metrics(own[name] for name in sorted(used)))
 
@@ -388,6 +407,8 @@ def planned_names(plan: BatchPlan, store: Store) -> frozenset[str] | None:
     Raises:
         ObjectNotFound: A bundle is gone.
     """
+    if any(template.scenario.starts_nodes for template in plan.templates):
+        return None  # any tag with a number is one
     digests = dict.fromkeys(template.scenario.digest for template in plan.templates)
     return _declared_metrics(unpack(store, digest, cache_folder() / "bundles") for digest in digests)
 
@@ -473,7 +494,7 @@ def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport")
 
 def own_ros_launches(spec: PipelineSpec, base: Path) -> list[OwnLaunch]:
     """Returns the ROS launch files that a document simulates of its own bundles; each is read once."""
-    own = {each.name: base / each.source for each in spec.applications if each.kind == "robot"}
+    own = {(each.kind, each.name): base / each.source for each in spec.applications}
     read: dict[LaunchSource, LaunchReport] = {}
     found: list[OwnLaunch] = []
     for path, source, variables in _ros_sources(spec, own):
@@ -492,19 +513,23 @@ def environments(variables: Mapping[str, str], sweep: Mapping[str, tuple[str, ..
     return [first, *others][:_MOST_ENVIRONMENTS]
 
 
-def _ros_sources(spec: PipelineSpec, own: Mapping[str, Path]) -> Iterator["tuple[str, LaunchSource, dict[str, str]]"]:
-    requests = spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ()
-    for number, request in enumerate(requests):
-        for place, use in enumerate(request.robotApplications or ()):
-            folder = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
-            package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
-            if folder is None or ros_launch_file(bundle_files(folder), package, name) is None:
-                continue
-            path = f"simulationBatch.createSimulationJobRequests[{number}].robotApplications[{place}].launchConfig"
-            variables = use.launchConfig.environmentVariables or {}
-            from tasks.ros.launch.launch_plan import LaunchSource  # noqa: PLC0415 - few documents have a ROS launch file
+def _ros_sources(
+    spec: PipelineSpec, own: Mapping[tuple[str, str], Path]
+) -> Iterator["tuple[str, LaunchSource, dict[str, str]]"]:
+    for launch in _launched(spec):
+        folder = own.get((launch.kind, launch.application)) if launch.version in {None, LATEST} else None
+        if folder is None or not launch.simulated or not _starts_nodes(launch, bundle_files(folder)):
+            continue
+        from tasks.ros.launch.launch_plan import LaunchSource  # noqa: PLC0415 - few documents have a ROS launch file
 
-            yield path, LaunchSource(folder.resolve(), package, name), dict(variables)
+        yield launch.path, LaunchSource(folder.resolve(), launch.package, launch.file), dict(launch.variables)
+
+
+def _starts_nodes(launch: _Launch, files: Collection[str]) -> bool:
+    """Returns whether a launch file of ROS is meant: of a simulation application, a module of that name is."""
+    if ros_launch_file(files, launch.package, launch.file) is None:
+        return False
+    return launch.kind == "robot" or module_file(launch.package, launch.file) not in files
 
 
 def _sweep(spec: PipelineSpec) -> dict[str, tuple[str, ...]]:

@@ -101,10 +101,12 @@ def launch_faults(plan: BatchPlan, store: Store) -> list[Fault]:
 
     Each stands once, however many requests launch it.
     """
-    return [fault for kind, launch in dict.fromkeys(plan.launches()) for fault in _launch_faults(store, kind, launch)]
+    alone = [template.scenario for template in plan.templates if template.alone]
+    launches = dict.fromkeys(plan.launches())
+    return [fault for kind, each in launches for fault in _launch_faults(store, kind, each, alone=each in alone)]
 
 
-def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunch) -> Iterator[Fault]:
+def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunch, *, alone: bool) -> Iterator[Fault]:
     version = f"{launch.name} version {launch.version}"
     try:
         files = list_bundle_files(store, launch.digest)
@@ -114,7 +116,7 @@ def _launch_faults(store: Store, kind: ApplicationKind, launch: ApplicationLaunc
         yield Fault(path=f"{_REQUESTS}.{field}", value=version, allowed=f"a version whose bundle is whole; {failure}")
         return
     launched = (launch.package, launch.launch_file)
-    if fault := simulated_fault(f"{_REQUESTS}.launchConfig", kind, launch.name, launched, files):
+    if fault := simulated_fault(f"{_REQUESTS}.launchConfig", kind, launch.name, launched, files, alone=alone):
         yield fault
 
 

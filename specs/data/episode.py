@@ -7,7 +7,7 @@ from pydantic import Field
 from specs.base import Spec
 from specs.data.outcomes import OutcomeReason
 from specs.field_types import Architecture
-from specs.launched_file import module_name
+from specs.launched_file import module_name, names_ros_launch
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 
 # How often sensors are read and controls decided, and how often physics is stepped between them unless a robot.xml asks
@@ -61,6 +61,16 @@ class ApplicationLaunch(Spec):
         """Returns the name of the Python module that is meant, if one is."""
         return module_name(self.launch_file)
 
+    @property
+    def starts_nodes(self) -> bool:
+        """Returns whether it is a launch file of ROS: a module's ending is gone when a batch is planned."""
+        return names_ros_launch(self.launch_file)
+
+
+def is_alone(robot: ApplicationLaunch, scenario: ApplicationLaunch) -> bool:
+    """Returns whether a simulation application runs without a robot application: its own nodes drive the robot."""
+    return scenario.starts_nodes and robot == scenario
+
 
 class EpisodeRequest(Spec):
     """One lane of a batch.
@@ -69,6 +79,8 @@ class EpisodeRequest(Spec):
         index: Position in the batch, from 0; the job is ``<batch>/<index>``.
         world: ``<generation>/<world>``.
         seed: Draws the scenario's goals and the sensors' noise.
+        robot: What drives; the simulation application itself, where there is no robot application.
+        scenario: What judges.
         environment: Environment variables as the launch configurations and the matrix give them.
         duration_s: Simulated seconds at most (maxJobDurationInSeconds).
     """
@@ -81,6 +93,11 @@ class EpisodeRequest(Spec):
     environment: dict[str, str]
     duration_s: float
     failure_behavior: FailureBehavior = "Fail"
+
+    @property
+    def alone(self) -> bool:
+        """Returns whether there is no robot application."""
+        return is_alone(self.robot, self.scenario)
 
     @property
     def bundles(self) -> frozenset[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 if TYPE_CHECKING:
     from specs.data.episode import EpisodeResult
 
-OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash"]
+OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash", "judged"]
 
 
 # The order is the code that scenarios return: 1 is the first (docs/guide/applications.md); 0 says that the robot did
@@ -68,6 +68,7 @@ OUTCOME_REASONS = (
     ReasonRecord("stuck", "The robot did not get on for longer than the scenario allows.", _STUCK),
     ReasonRecord("out of bounds", "The robot was outside the outer walls.", _OUT),
     ReasonRecord("crash", "An application failed, so that there is nothing to judge.", OTHER_MARK),
+    ReasonRecord("judged", "The simulation application says that the robot did not do its task.", OTHER_MARK),
 )
 
 REASON_CODES: tuple[OutcomeReason, ...] = ("", *(reason.name for reason in OUTCOME_REASONS))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # who checks a document needs the names of columns, and no Nu
 
     from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
-SCHEMA_VERSION = "5"
+SCHEMA_VERSION = "6"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[

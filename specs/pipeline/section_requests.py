@@ -10,6 +10,7 @@ from pydantic import JsonValue
 
 from specs.arn import ResourceKind, arn
 from specs.base import Fault, Spec, canonical_document
+from specs.launched_file import names_ros_launch
 from specs.pipeline.generation_parts import GenerationPart, generation_parts
 from specs.pipeline.simulation_section import (
     Deployment,
@@ -177,13 +178,14 @@ def _without(section: Spec, *names: str) -> dict[str, JsonValue]:
 
 
 REQUESTS = "simulationBatch.createSimulationJobRequests"
+_BOTH = "one: an episode needs a robot and a scenario; a simulation application alone must be a launch file of ROS 1"
 
 
 def undriven_faults(section: object) -> list[Fault]:
     """Returns a fault for each application that a request lacks, and for what its launch configuration does not say.
 
-    RoboMaker took a request without a robot, and a launch configuration with a command instead
-    (docs/reference/robomaker.md, sections 3 and 10). An episode needs both applications, and a module of each.
+    RoboMaker took a request without one of them, and a launch configuration with a command instead
+    (docs/reference/robomaker.md, sections 3 and 10). A simulation application of ROS may be alone.
 
     Args:
         section: The batch, a SimulationBatch or what a document has in its place.
@@ -193,10 +195,13 @@ def undriven_faults(section: object) -> list[Fault]:
 
 
 def _faults(where: str, request: object) -> Iterator[Fault]:
+    judge = next(iter(items(part(request, "simulationApplications"))), None)
+    alone = names_ros_launch(str(part(part(judge, "launchConfig"), "launchFile")))
     for field in ("robotApplications", "simulationApplications"):
         uses = items(part(request, field))
         if not uses:
-            yield Fault(path=f"{where}.{field}", value="none", allowed="one: an episode needs a robot and a scenario")
+            if field != "robotApplications" or not alone:
+                yield Fault(path=f"{where}.{field}", value="none", allowed=_BOTH)
             continue
         launch = part(uses[0], "launchConfig")
         for name, what in (("packageName", "folder in the bundle"), ("launchFile", "module in that folder")):

@@ -36,6 +36,8 @@ class NodePlan(NamedTuple):
         cwd: Folder that it is started in; empty for the episode's own.
         required: Its end is the end of the application.
         respawn: roslaunch would start it again.
+        simulation: It is the simulation application's.
+        test: rostest would start it.
     """
 
     name: str
@@ -47,6 +49,13 @@ class NodePlan(NamedTuple):
     cwd: str = ""
     required: bool = False
     respawn: bool = False
+    simulation: bool = False
+    test: bool = False
+
+    @property
+    def judges(self) -> bool:
+        """Returns whether its end says how the episode ends."""
+        return self.simulation and (self.required or self.test)
 
     def own_environment(self) -> dict[str, str]:
         """Returns what this node has besides its application's environment."""
@@ -62,12 +71,50 @@ class LaunchPlan(NamedTuple):
         nodes: In the file's order.
         parameters: Of the parameter server, by full name.
         lost: Nodes of the file whose program is not there, and why; an episode cannot run without.
+        tests: Its test nodes, which rostest starts and roslaunch does not; each writes its results to ``results_file``.
     """
 
     file: str
     nodes: tuple[NodePlan, ...]
     parameters: dict[str, Any]
     lost: tuple[str, ...] = ()
+    tests: tuple[NodePlan, ...] = ()
+
+
+def joined_plan(robot: LaunchPlan | None, simulation: LaunchPlan) -> LaunchPlan | LaunchRefused:
+    """Returns what both applications of an episode start, or why they cannot run together.
+
+    Args:
+        robot: The robot application's; None where there is none.
+        simulation: The simulation application's, whose test nodes are started, too. The other's parameters win.
+    """
+    driving = robot.nodes if robot else ()
+    judging = [node._replace(simulation=True) for node in simulation.nodes]
+    judging += [node._replace(simulation=True, test=True) for node in simulation.tests]
+    both = {node.name for node in driving} & {node.name for node in judging}
+    if both:
+        named = ", ".join(sorted(both))
+        return LaunchRefused(f"both applications start {named}: ROS lets one node have a name; rename one of them")
+    parameters = {**simulation.parameters, **(robot.parameters if robot else {})}
+    return LaunchPlan(simulation.file, (*driving, *judging), parameters)
+
+
+_RESULTS = "test_results"
+
+
+def node_stem(name: str) -> str:
+    """Returns the name of a node's files."""
+    return name.strip("/").replace("/", "-")
+
+
+def results_file(home: Path, name: str) -> Path:
+    """Returns where a test node writes its results as JUnit has them.
+
+    Args:
+        home: The episode's folder.
+        name: The node's.
+    """
+    return home / _RESULTS / f"{node_stem(name)}.xml"
 
 
 _MEMORY_BYTES = 4 << 30
@@ -151,7 +198,7 @@ def _last_bytes(file: IO[bytes], most_bytes: int) -> str:
 
 # One thread each: many lanes share the machine's cores, and sums of floats keep their order.
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-_WRITTEN = ("tmp", "log", "bin")
+_WRITTEN = ("tmp", "log", "bin", _RESULTS)
 
 
 def node_environment(
@@ -248,6 +295,10 @@ def words(exc):
     return text.replace(os.environ.get("ROS_PACKAGE_PATH", "").split(":")[0] + "/", "")
 
 
+def full_name(each):
+    return each.namespace + (each.name or each.test_name)
+
+
 def node(each, machine):
     # The resolved command holds the names that $(anon ...) stands for.
     command = roslaunch.node_args.create_local_process_args(each, machine)
@@ -256,7 +307,7 @@ def node(each, machine):
         prefix = len(each.launch_prefix.split()) if each.launch_prefix else 0
         folder = os.path.dirname(command[prefix])
     return {
-        "name": each.namespace + each.name, "package": each.package, "kind": each.type, "command": command,
+        "name": full_name(each), "package": each.package, "kind": each.type, "command": command,
         "environment": [[str(name), str(value)] for name, value in each.env_args], "namespace": each.namespace,
         "cwd": folder, "required": bool(each.required), "respawn": bool(each.respawn),
     }
@@ -289,14 +340,17 @@ def resolved(package, name):
                     "node %s is for the machine %s: all nodes of an episode run on one machine; "
                     "take the attribute machine away" % (each.name, given.address)
                 )
-    local, nodes, lost = roslaunch.core.local_machine(), [], []
-    for each in config.nodes:
+    for each in config.tests:
+        stem = full_name(each).strip("/").replace("/", "-")
+        each.args = "%s --gtest_output=xml:test_results/%s.xml" % (each.args, stem)
+    local, nodes, tests, lost = roslaunch.core.local_machine(), [], [], []
+    for found, each in [(nodes, each) for each in config.nodes] + [(tests, each) for each in config.tests]:
         try:
-            nodes.append(node(each, local))
+            found.append(node(each, local))
         except roslaunch.node_args.NodeParamsException as exc:
-            lost.append(["%s (%s %s)" % (each.namespace + each.name, each.package, each.type), words(exc)])
+            lost.append(["%s (%s %s)" % (full_name(each), each.package, each.type), words(exc)])
     return {
-        "file": path, "nodes": nodes, "lost": lost,
+        "file": path, "nodes": nodes, "tests": tests, "lost": lost,
         "parameters": {key: param.value for key, param in config.params.items()},
     }
 
@@ -395,12 +449,12 @@ def _plan(source: LaunchSource, text: str) -> LaunchPlan | LaunchRefused:
     answer = json.loads(text)
     if "refused" in answer:
         return LaunchRefused(f"{_name(source)}: {answer['refused']}{_remedy(source, answer['refused'])}")
-    nodes = tuple(_node(each) for each in answer["nodes"])
+    nodes, tests = (tuple(_node(each) for each in answer[kind]) for kind in ("nodes", "tests"))
     lost = tuple(f"{node}: {why}{_remedy(source, why)}" for node, why in answer["lost"])
-    if not (nodes or lost):
+    if not (nodes or tests or lost):
         return LaunchRefused(f"{_name(source)}: it starts no node")
     parameters = {key: _value(value) for key, value in answer["parameters"].items()}
-    return LaunchPlan(answer["file"], nodes, parameters, lost)
+    return LaunchPlan(answer["file"], nodes, parameters, lost, tests)
 
 
 def _remedy(source: LaunchSource, why: str) -> str:

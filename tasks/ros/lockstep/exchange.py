@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from specs.bundle_files import RosRobot
+from tasks.ros.launch.launch_plan import LaunchSource
 
 
 class Sends(Protocol):
@@ -159,6 +160,8 @@ class Launch(NamedTuple):
         launch_file: Its launchFile, with ``.launch`` or ``.launch.py``.
         home: An empty folder to write to, for logs and temporary files; gone after ``close``.
         environment: Of each lane: its environment variables.
+        simulation: What the simulation application launches, if it is ROS's; the same where there is no robot
+            application.
     """
 
     bundle: Path
@@ -166,6 +169,12 @@ class Launch(NamedTuple):
     launch_file: str
     home: Path
     environment: Sequence[Mapping[str, str]]
+    simulation: LaunchSource | None = None
+
+    @property
+    def source(self) -> LaunchSource:
+        """Returns what drives."""
+        return LaunchSource(self.bundle, self.package, self.launch_file)
 
 
 class ExchangeTotals(NamedTuple):
@@ -193,6 +202,15 @@ class Lockstep(Protocol):
     @property
     def cancelled(self) -> frozenset[int]:
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
+        ...
+
+    @property
+    def tests(self) -> Mapping[int, bool]:
+        """Returns the lanes whose test nodes have ended, and whether all of them passed."""
+        ...
+
+    def simulation_failed(self, lane: int) -> bool:
+        """Returns whether what failed in a lane was the simulation application."""
         ...
 
     def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:

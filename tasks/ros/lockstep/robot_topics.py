@@ -178,6 +178,15 @@ class LockstepRecorder:
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
         return self._inner.cancelled
 
+    @property
+    def tests(self) -> Mapping[int, bool]:
+        """Returns the lanes whose test nodes have ended, and whether all of them passed."""
+        return self._inner.tests
+
+    def simulation_failed(self, lane: int) -> bool:
+        """Returns whether what failed in a lane was the simulation application."""
+        return self._inner.simulation_failed(lane)
+
     def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up; of that nothing is kept."""
         self._inner.begin(sensed, floors)

@@ -4,12 +4,14 @@ import functools
 import math
 import shutil
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Self
 
 from specs.errors import LaunchRefused
 from tasks.ros.graph.graph import Graph
 from tasks.ros.launch.gazebo_launch import started_nodes
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, make_ros_home, node_environment, resolve_launch
+from tasks.ros.launch.launch_plan import LaunchPlan, joined_plan, make_ros_home, node_environment, resolve_launch
+from tasks.ros.launch.message_modules import make_message_modules, named_packages
 from tasks.ros.launch.packages import ros_installation
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
@@ -67,6 +69,7 @@ class Ros1Lockstep:
         self._failures: dict[int, str] = {}
         self._now_ns, self._step, self._closed = _BEGINS_NS, 0, False
         self._due_ns = math.inf
+        self._modules: Path | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -83,6 +86,18 @@ class Ros1Lockstep:
     def cancelled(self) -> frozenset[int]:
         """Returns the lanes whose application called ``/robomaker/job/cancel``."""
         return frozenset(number for number, lane in self._lanes.items() if lane.graph.cancelled)
+
+    @property
+    def tests(self) -> Mapping[int, bool]:
+        """Returns the lanes whose test nodes have ended, and whether all of them passed."""
+        ended = {number: lane.application.tests_passed() for number, lane in self._lanes.items()}
+        return {number: passed for number, passed in ended.items() if passed is not None}
+
+    def simulation_failed(self, lane: int) -> bool:
+        """Returns whether what failed in a lane was the simulation application."""
+        return self._launch.simulation == self._launch.source or (
+            lane in self._lanes and self._lanes[lane].application.simulation_failed
+        )
 
     def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits until every application is ready, and lets it warm up with its robot at rest.
@@ -110,7 +125,8 @@ class Ros1Lockstep:
             self.exchange(sensed)
         for lane in lanes:
             lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
-        self._due_ns = self._now_ns + self._first_command_s * 1e9
+        if self._launch.simulation is None:  # whoever judges may move the robot otherwise, or wait longer
+            self._due_ns = self._now_ns + self._first_command_s * 1e9
         self._check_commanded(lanes)
 
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
@@ -167,8 +183,15 @@ class Ros1Lockstep:
 
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
         """Returns what is started with each environment, or why nothing can be."""
-        source = LaunchSource(self._launch.bundle, self._launch.package, self._launch.launch_file)
-        return resolve_launch(source, environments)
+        source, simulation = self._launch.source, self._launch.simulation
+        bundles = dict.fromkeys(each.bundle for each in (source, simulation) if each)
+        packages = [name for bundle in bundles for name in named_packages(bundle)]
+        self._modules = make_message_modules(self._launch.home / "messages", ros_installation(), packages)
+        robots = resolve_launch(source, environments) if source != simulation else [None] * len(environments)
+        if simulation is None:
+            return [each for each in robots if each is not None]
+        both = zip(robots, resolve_launch(simulation, environments), strict=True)
+        return [_joined(robot, judge) for robot, judge in both]
 
     def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
         """Returns a lane with its nodes started, or with why they cannot be."""
@@ -182,15 +205,20 @@ class Ros1Lockstep:
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
         detector = IdleDetector(ApplicationProcesses(home, self._tracker, self._limits), graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched)
-        variables = self._launch.environment[number]
-        environment = node_environment(installation, self._launch.bundle, graph.uri, home, variables)
+        variables, simulation = self._launch.environment[number], self._launch.simulation
         try:
             for name, value in {**plan.parameters, "/use_sim_time": True}.items():
                 graph.set_parameter(name, value)
         except ValueError as exc:
             lane.failure = f"a parameter of its launch file: {exc}"
             return lane
-        self._start(lane, plan, environment, network.prefix)
+        for ours in (False, True):
+            bundle = simulation.bundle if simulation and ours else self._launch.bundle
+            environment = node_environment(installation, bundle, graph.uri, home, variables)
+            if self._modules is not None:
+                environment["PYTHONPATH"] = ":".join(filter(None, (environment["PYTHONPATH"], str(self._modules))))
+            nodes = tuple(node for node in plan.nodes if node.simulation is ours)
+            self._start(lane, plan._replace(nodes=nodes), environment, network.prefix)
         return lane
 
     def _start(
@@ -265,3 +293,13 @@ class Ros1Lockstep:
         end_applications([lane.application], self._tracker)
         lane.graph.close()
         lane.network.close()
+
+
+def _joined(
+    robot: LaunchPlan | LaunchRefused | None, simulation: LaunchPlan | LaunchRefused
+) -> LaunchPlan | LaunchRefused:
+    """Returns what the applications of an episode start together, or why one of them cannot."""
+    for each in (simulation, robot):
+        if isinstance(each, LaunchRefused):
+            return each
+    return joined_plan(robot, simulation)  # pyright: ignore[reportArgumentType] - neither is refused

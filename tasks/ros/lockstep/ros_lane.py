@@ -224,7 +224,10 @@ class RosLane:
 
     def check(self) -> None:
         """Looks whether a node ended, or the graph gave up."""
+        self.application.await_leaving(self.graph.nodes(), _LAST_WORDS_S)
         self.failure = self.failure or self.application.failure() or self.graph.failure
+        if self.application.tests_passed() is not None:
+            return
         if not self.failure and self._had_source and not self.graph.incoming:
             # A node that ends unregisters first, and says a moment later with which status.
             self.failure = self.application.last_failure(_LAST_WORDS_S)

@@ -17,6 +17,15 @@ _RULE = "=" * 80
 
 MESSAGES: Mapping[str, str] = MappingProxyType(
     {
+        "gazebo_msgs/ModelState": (
+            "string model_name\ngeometry_msgs/Pose pose\ngeometry_msgs/Twist twist\nstring reference_frame"
+        ),
+        "gazebo_msgs/ModelStates": "string[] name\ngeometry_msgs/Pose[] pose\ngeometry_msgs/Twist[] twist",
+        "gazebo_msgs/ODEPhysics": (
+            "bool auto_disable_bodies\nuint32 sor_pgs_precon_iters\nuint32 sor_pgs_iters\nfloat64 sor_pgs_w\n"
+            "float64 sor_pgs_rms_error_tol\nfloat64 contact_surface_layer\nfloat64 contact_max_correcting_vel\n"
+            "float64 cfm\nfloat64 erp\nuint32 max_contacts"
+        ),
         "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z",
         "geometry_msgs/Pose": "Point position\nQuaternion orientation",
         "geometry_msgs/PoseStamped": "Header header\nPose pose",
@@ -61,6 +70,21 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
 # Request and response.
 SERVICES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
+        "gazebo_msgs/GetModelState": (
+            "string model_name\nstring relative_entity_name",
+            "Header header\ngeometry_msgs/Pose pose\ngeometry_msgs/Twist twist\nbool success\nstring status_message",
+        ),
+        "gazebo_msgs/GetPhysicsProperties": (
+            "",
+            "float64 time_step\nbool pause\nfloat64 max_update_rate\ngeometry_msgs/Vector3 gravity\n"
+            "gazebo_msgs/ODEPhysics ode_config\nbool success\nstring status_message",
+        ),
+        "gazebo_msgs/GetWorldProperties": (
+            "",
+            "float64 sim_time\nstring[] model_names\nbool rendering_enabled\nbool success\nstring status_message",
+        ),
+        "gazebo_msgs/SetModelState": ("gazebo_msgs/ModelState model_state", "bool success\nstring status_message"),
+        "std_srvs/Empty": ("", ""),
         "robomaker_simulation_msgs/AddTags": ("Tag[] tags", "bool success\nstring message"),
         "robomaker_simulation_msgs/Cancel": ("", "bool success\nstring message"),
         "robomaker_simulation_msgs/ListTags": ("", "bool success\nstring message\nTag[] tags"),

@@ -12,11 +12,11 @@ import signal
 import subprocess
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from pathlib import Path
 from typing import NamedTuple
 
-from tasks.ros.launch.launch_plan import NodePlan
+from tasks.ros.launch.launch_plan import NodePlan, node_stem, results_file
 from tasks.ros.process.lane_limits import LaneLimits, ending
 from tasks.ros.process.thread_watch import ThreadWatch
 
@@ -194,6 +194,7 @@ _WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
 _ROUNDS = 500
 _PAUSE_S = 0.002
 _LOG_END_BYTES = 2000
+_RESULTS_BYTES = 64 << 10
 _LAST_WORDS_CHARACTERS = 300
 
 
@@ -214,6 +215,7 @@ class ApplicationProcesses:
     Attributes:
         watch: Its threads.
         done: Names of nodes that ended as they should.
+        simulation_failed: Whether the node that ended, and should not have, is the simulation application's.
     """
 
     def __init__(self, home: Path, tracker: ProcessTracker, limits: LaneLimits) -> None:
@@ -221,6 +223,9 @@ class ApplicationProcesses:
         self._tracker, self._limits = tracker, limits
         self._nodes: list[_Node] = []
         self.done: set[str] = set()
+        self.simulation_failed = False
+        self._passed: dict[str, bool] = {}
+        self._seen: set[str] = set()
         self._printed = ""
         self._epoch = -1
 
@@ -233,7 +238,7 @@ class ApplicationProcesses:
             prefix: What stands before each command.
         """
         for plan in plans:
-            log = self.home / "log" / f"{plan.name.strip('/').replace('/', '-')}.out"
+            log = self.home / "log" / f"{node_stem(plan.name)}.out"
             command = [*prefix, *_WITH_US, *self._limits.command(), *plan.command]
             with log.open("wb") as out:
                 process = subprocess.Popen(  # noqa: S603 - as roslaunch resolved it
@@ -262,6 +267,11 @@ class ApplicationProcesses:
             if node.plan.name in self.done or node.process.poll() is None:
                 continue
             status = int(node.process.returncode)
+            if node.plan.judges:
+                self.done.add(node.plan.name)
+                results = results_file(self.home, node.plan.name)
+                self._passed[node.plan.name] = status == 0 and not _has_failures(results)
+                continue
             if status == 0 and not node.plan.required and not node.plan.respawn:
                 self.done.add(node.plan.name)
                 continue
@@ -270,8 +280,30 @@ class ApplicationProcesses:
                 why = ", and is required"
             elif node.plan.respawn:
                 why = ", and would be respawned: that is not done in lock-step"
+            self.simulation_failed = node.plan.simulation
             return f"node {node.plan.name} {ending(status)}{why}{self._last_words(node)}"
         return ""
+
+    def tests_passed(self) -> bool | None:
+        """Returns whether the nodes whose end says so passed; None before a required one, or all tests, have ended."""
+        plans = [each.plan for each in self._nodes if each.plan.judges]
+        over = any(plan.required and plan.name in self._passed for plan in plans)
+        over = over or all(plan.name in self._passed for plan in plans)
+        return all(self._passed.values()) if plans and over else None
+
+    def await_leaving(self, registered: Set[str], limit_s: float) -> None:
+        """Waits for some time until nodes have ended that judge and have left: so a test ends at one simulated time.
+
+        Args:
+            registered: The nodes that the master knows now.
+            limit_s: How long.
+        """
+        leaving = [each for each in self._nodes if each.plan.judges and each.plan.name not in self.done]
+        leaving = [each for each in leaving if each.plan.name in self._seen and each.plan.name not in registered]
+        self._seen |= registered
+        ends_s = time.perf_counter() + limit_s
+        while any(each.process.poll() is None for each in leaving) and time.perf_counter() < ends_s:
+            time.sleep(_PAUSE_S)
 
     def last_failure(self, limit_s: float) -> str:
         """Returns which node ended that should not have, as ``failure`` does, and waits for some time that one ends."""
@@ -322,9 +354,22 @@ class ApplicationProcesses:
 
     def printed(self) -> str:
         """Returns what its nodes printed last, each line after its node's name; known when its folder is gone, too."""
-        return self._printed or "\n".join(
-            f"{node.log.stem}: {line}" for node in self._nodes for line in _log_end(node.log)
-        )
+        if self._printed:
+            return self._printed
+        both, said = len({node.plan.simulation for node in self._nodes}) > 1, list[str]()
+        for simulation, head in ((False, "robot application:"), (True, "simulation application:")):
+            lines = [*self._lines(simulation=simulation)]
+            said += [head, *lines] if both and lines else lines
+        return "\n".join(said)
+
+    def _lines(self, *, simulation: bool) -> Iterator[str]:
+        """Yields what the nodes of an application printed last, and the results of its tests."""
+        for node in self._nodes:
+            if node.plan.simulation is simulation:
+                yield from (f"{node.log.stem}: {line}" for line in _log_end(node.log))
+                if node.plan.test:
+                    results = results_file(self.home, node.plan.name)
+                    yield from (f"{results.name}: {line}" for line in _log_end(results, _RESULTS_BYTES))
 
     def _last_words(self, node: _Node) -> str:
         """Returns the last line that a node wrote, if it wrote any."""
@@ -332,13 +377,19 @@ class ApplicationProcesses:
         return f": {lines[-1][:_LAST_WORDS_CHARACTERS]}" if lines else ""
 
 
-def _log_end(path: Path) -> list[str]:
+def _has_failures(results: Path) -> bool:
+    """Returns whether a test's results, as JUnit has them, name a failure or an error."""
+    text = "\n".join(_log_end(results, _RESULTS_BYTES))
+    return "<failure" in text or "<error" in text
+
+
+def _log_end(path: Path, most_bytes: int = _LOG_END_BYTES) -> list[str]:
     """Returns the last lines that a node wrote."""
     # A node may have put anything in its log's place: a pipe that nobody writes to would be waited for.
     flags = os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK
     with contextlib.suppress(OSError), os.fdopen(os.open(path, flags), "rb") as log:
-        log.seek(max(0, os.fstat(log.fileno()).st_size - _LOG_END_BYTES))
-        return log.read(_LOG_END_BYTES).decode(errors="replace").strip().splitlines()
+        log.seek(max(0, os.fstat(log.fileno()).st_size - most_bytes))
+        return log.read(most_bytes).decode(errors="replace").strip().splitlines()
     return []
 
 

@@ -209,7 +209,7 @@ class Jobs:
             "status": self._state(index)["status"],
             "dataSourceNames": cast("JsonValue", sources or None),
             "computeType": cast("_Document", asked.get("compute") or {}).get("computeType"),
-            "robotApplicationNames": [request.robot.name],
+            "robotApplicationNames": None if request.alone else [request.robot.name],
             "simulationApplicationNames": [request.scenario.name],
         }
 
@@ -297,6 +297,8 @@ class Jobs:
         entry = dict(self._entries[self._batch.layout.template_of(index)])
         request = self._batch.layout.request(index)
         for kind, resolved in (("robotApplications", request.robot), ("simulationApplications", request.scenario)):
+            if kind == "robotApplications" and request.alone:
+                continue
             (use,) = cast("list[_Document]", entry[kind])
             launch = self._launch(cast("_Document", use["launchConfig"]), request.environment)
             entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]

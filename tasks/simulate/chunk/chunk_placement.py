@@ -29,6 +29,7 @@ from tasks.simulate.engines.program_cache import applications_identity
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
 from tasks.simulate.host.declaration import controller_kind
+from tasks.simulate.host.ros_judge import until_judged
 from tasks.simulate.lane.chunk_applications import Applications, check_robot, check_scenario
 from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.lane.staging import Lane, place, stack_lanes, with_shortest_paths
@@ -169,11 +170,13 @@ def _program(
         BundleCrash: An application does not import, or its robot is refused.
     """
     (robot, scenario), (names, texts) = launches, environment
-    bundle = HostBundle(folders[0], robot)
-    kind = controller_kind(*bundle)
+    judge = HostBundle(folders[1], scenario) if scenario.starts_nodes else None
+    bundle = HostBundle(folders[0], robot, judge)
+    kind = controller_kind(folders[0], robot)
     host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
-    make_controller = host.declare if host else load_factory(*bundle, "controller", "RobotApplicationCrash")
-    make_scenario = load_factory(folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    make_controller = host.declare if host else load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
+    load_scenario = functools.partial(load_factory, folders[1], scenario, "scenario", "SimulationApplicationCrash")
+    make_scenario = until_judged if judge else load_scenario()
     sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})
     identity = applications_identity(launches, folders, names, dict(texts))
     applications = Applications(make_controller, make_scenario, dict(texts), names, sensors, identity)

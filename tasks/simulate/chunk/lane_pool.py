@@ -24,7 +24,8 @@ from tasks.simulate.chunk.chunk_placement import PlacedChunk
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lanes
-from tasks.simulate.host.controllers import HostControllers, TagsJobs
+from tasks.simulate.host.controllers import HostControllers, JudgesJobs, TagsJobs
+from tasks.simulate.host.ros_judge import judged_row
 from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
 from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row, withdrawn_row
@@ -67,10 +68,14 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
         return row
     if isinstance(host, TagsJobs):
         give_tags(lane.request.index, host.tags(position))
-    if position in host.cancelled:
+    row = row.model_copy(update=host.measures(position))
+    if position in host.crashes:
+        code = {"failure_code": host.failure_code(position)} if isinstance(host, JudgesJobs) else {}
+        return row.model_copy(update={"failure_reason": host.crashes[position], **code})
+    judgement = host.judgement(position) if isinstance(host, JudgesJobs) else None
+    if position in host.cancelled and (judgement is None or judgement.passed is None):
         return withdrawn_row(lane.request)
-    known = {"failure_reason": host.crashes[position]} if position in host.crashes else {}
-    return row.model_copy(update={**host.measures(position), **known})
+    return judged_row(row, judgement) if judgement else row
 
 
 def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:

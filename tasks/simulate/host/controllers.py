@@ -21,6 +21,7 @@ from specs.data.episode import ApplicationLaunch
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, load_factory
 from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.host.declaration import ControllerKind
+from tasks.simulate.host.ros_judge import Judgement
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors
@@ -70,6 +71,19 @@ class TagsJobs(Protocol):
         ...
 
 
+@runtime_checkable
+class JudgesJobs(Protocol):
+    """Controllers whose lanes an application of ROS may judge."""
+
+    def judgement(self, lane: int) -> Judgement | None:
+        """Returns what a lane's application says of it; None where a scenario judges."""
+        ...
+
+    def failure_code(self, lane: int) -> CrashCode:
+        """Returns whose crash a lane's is."""
+        ...
+
+
 class HostStart(NamedTuple):
     """What controllers of a chunk begin with.
 
@@ -101,10 +115,15 @@ class HostApplication:
 
 
 class HostBundle(NamedTuple):
-    """Where a robot application lies, and how it is launched."""
+    """Where a robot application lies, and how it is launched.
+
+    Attributes:
+        judge: The simulation application, if its nodes run beside it; the same where there is no robot application.
+    """
 
     folder: Path
     launch: ApplicationLaunch
+    judge: "HostBundle | None" = None
 
     @property
     def robot(self) -> Path:

@@ -25,6 +25,7 @@ from specs.bundle_files import BumperDeclaration, LidarDeclaration, OdometryDecl
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from tasks.ros.bag.message_log import MessageLog
+from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import (
     ExchangeTotals,
     FloorMap,
@@ -44,6 +45,7 @@ from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import base_of, compile_robot
 from tasks.simulate.host.controllers import HostApplication, HostBundle, HostStart
 from tasks.simulate.host.declaration import ControllerKind, read_ros_robot
+from tasks.simulate.host.ros_judge import Judgement, judged_by
 from tasks.simulate.host.twist_drive import TwistMap, twist_map
 from tasks.simulate.sensors.lidar import Lidar, ray_angles
 
@@ -211,6 +213,7 @@ def _turned_back(
 logger = logging.getLogger(__name__)
 LockstepMaker = Callable[[RobotBase, Launch], Lockstep]
 _ROBOT: CrashCode = "RobotApplicationCrash"
+_SIMULATION: CrashCode = "SimulationApplicationCrash"
 
 
 class RosSetup(NamedTuple):
@@ -249,6 +252,8 @@ class RosLanes:
         self._keeps = False
         self._traffic: LockstepRecorder | None = None
         self._cancelled = frozenset[int]()
+        self._tests: dict[int, bool] = {}
+        self._simulation_failed = {*range(len(start.lanes))} if _is_alone(setup.bundle) else set[int]()
         self._ended: dict[int, tuple[ExchangeTotals, Mapping[str, str]]] = {}
 
     def keep_traffic(self) -> None:
@@ -262,7 +267,7 @@ class RosLanes:
 
     @property
     def cancelled(self) -> frozenset[int]:
-        """Returns the lanes whose own application asked for the end of its job."""
+        """Returns the lanes whose own application asked for the end of its job, or whose tests have ended."""
         return self._cancelled
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
@@ -292,6 +297,18 @@ class RosLanes:
     def tags(self, lane: int) -> Mapping[str, str]:
         """Returns the tags that a lane's application gave to its job."""
         return self._end(lane)[1]
+
+    def judgement(self, lane: int) -> Judgement | None:
+        """Returns what a lane's application says of it; None where a scenario judges."""
+        if self._setup.bundle.judge is None:
+            return None
+        tags = self.tags(lane)
+        passed = judged_by(tags, tests=self._tests.get(lane))
+        return Judgement(passed, lane in self._cancelled, self._setup.robot.time_over, tags)
+
+    def failure_code(self, lane: int) -> CrashCode:
+        """Returns whose crash a lane's is."""
+        return _SIMULATION if lane in self._simulation_failed else _ROBOT
 
     def close(self) -> None:
         """Ends all applications; what they did stays known. A second call does nothing."""
@@ -348,6 +365,7 @@ class RosLanes:
             launch_file=setup.bundle.launch.launch_file,
             home=self._home.path,
             environment=[lane.request.environment for lane in lanes],
+            simulation=setup.bundle.judge and _source(setup.bundle.judge),
         )
         base = robot_base(setup.robot, self._start.sensors.lidar)
         lockstep = setup.make(base, launch)
@@ -361,21 +379,24 @@ class RosLanes:
     def _without_lost(self, sensed: Sequence[Sensed | None]) -> list[Sensed | None]:
         """Returns what is sensed, without lanes whose applications failed or ended while they got ready."""
         assert self._lockstep is not None  # noqa: S101 - just begun
-        lost = {*self._lockstep.failures, *self._lockstep.cancelled}
+        lost = {*self._lockstep.failures, *self._lockstep.cancelled, *self._lockstep.tests}
         return [None if lane in lost else each for lane, each in enumerate(sensed)]
 
     def _note_failures(self, asked: Sequence[int], commands: Sequence[TwistCommand]) -> None:
         """Notes what became of lanes that were asked; what happens to those that are done changes no row."""
         if self._lockstep is None:
             return
-        failures, cancelled = self._lockstep.failures, self._lockstep.cancelled
+        failures, cancelled = self._lockstep.failures, self._lockstep.cancelled | self._lockstep.tests.keys()
+        self._tests.update(self._lockstep.tests)
         for lane in asked:
             if lane in failures:
+                if self._lockstep.simulation_failed(lane):
+                    self._simulation_failed.add(lane)
                 self.crashes.setdefault(lane, self._reason(failures[lane]))
             elif not np.isfinite(commands[lane]).all():
                 why = f"{self._setup.robot.topics.command}: a Twist that is not finite: {_shown(commands[lane])}"
                 self.crashes.setdefault(lane, self._reason(why))
-        self._cancelled |= cancelled.intersection(asked) - self.crashes.keys()
+        self._cancelled |= cancelled & {*asked} - self.crashes.keys()
 
     def _end(self, lane: int) -> tuple[ExchangeTotals, Mapping[str, str]]:
         if self._lockstep is not None:
@@ -388,6 +409,14 @@ class RosLanes:
 
     def _reason(self, why: str) -> str:
         return BundleCrash(_ROBOT, f"{self._name}: {why}").reason
+
+
+def _source(bundle: HostBundle) -> LaunchSource:
+    return LaunchSource(bundle.folder, bundle.launch.package, bundle.launch.launch_file)
+
+
+def _is_alone(bundle: HostBundle) -> bool:
+    return bundle.judge is not None and _source(bundle.judge) == _source(bundle)
 
 
 def _shown(command: TwistCommand) -> str:
@@ -419,6 +448,9 @@ def ros_application(bundle: HostBundle, kind: ControllerKind, make: LockstepMake
         setup = RosSetup(bundle, robot, twist_map(bundle.robot, robot.drive), JointPlaces(bundle.robot), make)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{bundle.launch.name}: {refused}") from refused
+    if bundle.judge is not None:  # it has goals of its own
+        topics = robot.topics.model_copy(update={"goal": None})
+        setup = setup._replace(robot=robot.model_copy(update={"topics": topics}))
     sensors = declared_sensors(robot)
 
     def declare(environment: Mapping[str, object]) -> DeclaredSensors:  # noqa: ARG001 - nodes read it, sensors do not

@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from specs.base import Spec
-from specs.data.episode import ApplicationLaunch
+from specs.data.episode import ApplicationLaunch, is_alone
 from specs.field_types import BagFormat
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
 from specs.robomaker.bundle import ApplicationKind
@@ -26,6 +26,8 @@ class JobTemplate(Spec):
     """One of a batch's createSimulationJobRequests, with everything it refers to resolved.
 
     Attributes:
+        robot: What drives; the simulation application itself, where there is no robot application.
+        scenario: What judges.
         environment: The launch configurations' variables; the robot's win over the scenario's. Those of data sources
             are ``data:<digest>`` (``data_sources``), and folders only where an episode is simulated.
         duration_s: Simulated seconds at most.
@@ -40,6 +42,11 @@ class JobTemplate(Spec):
     failure_behavior: FailureBehavior
     worlds: tuple[str, ...] = ()
     record: bool = False
+
+    @property
+    def alone(self) -> bool:
+        """Returns whether there is no robot application."""
+        return is_alone(self.robot, self.scenario)
 
 
 class BatchPlan(Spec):
@@ -92,7 +99,8 @@ class BatchPlan(Spec):
     def launches(self) -> Iterator[tuple[ApplicationKind, ApplicationLaunch]]:
         """Yields the applications as its requests launch them, and of which kind each is."""
         for template in self.templates:
-            yield "robot-application", template.robot
+            if not template.alone:
+                yield "robot-application", template.robot
             yield "simulation-application", template.scenario
 
     def records(self) -> bool:

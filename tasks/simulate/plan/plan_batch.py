@@ -13,7 +13,7 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError, KeptFaults
 from specs.field_types import Architecture, OutputLocation, TagMap
-from specs.launched_file import module_file, module_name, names_ros_launch, simulated_file
+from specs.launched_file import is_ros2, module_file, module_name, names_ros_launch, ros_launch_file, simulated_file
 from specs.pipeline.section_requests import REQUESTS, undriven_faults
 from specs.pipeline.simulation_section import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline.simulation_section import PipelineSimulationApplication as ScenarioUse
@@ -129,19 +129,21 @@ def _template(
     number: int, request: PipelineJobRequest, launches: "_Launches", data: Sequence[PinnedSource]
 ) -> JobTemplate:
     where = f"{REQUESTS}[{number}]"
-    robot = next(iter(request.robotApplications or ()))
+    robot = next(iter(request.robotApplications or ()), None)
     scenario = next(iter(request.simulationApplications or ()))
-    faults, place = KeptFaults(), f"{where}.simulationApplications[0]"
-    driver = faults.keep(lambda: launches.resolved(f"{where}.robotApplications[0]", "robot-application", robot))
+    faults, place, own = KeptFaults(), f"{where}.simulationApplications[0]", f"{where}.robotApplications[0]"
+    driver = faults.keep(lambda: launches.resolved(own, "robot-application", robot)) if robot else None
     judge = faults.keep(lambda: launches.resolved(place, "simulation-application", scenario))
-    if driver is None or judge is None:
+    if faults or judge is None:
         raise faults.together()
+    if fault := _judge_fault(where, driver, judge):
+        raise DocumentError([fault])
     return JobTemplate(
-        robot=driver,
+        robot=driver or judge,
         scenario=judge,
         environment={
             **(scenario.launchConfig.environmentVariables or {}),
-            **(robot.launchConfig.environmentVariables or {}),
+            **((robot and robot.launchConfig.environmentVariables) or {}),
             **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
         },
         duration_s=float(request.maxJobDurationInSeconds),
@@ -149,6 +151,22 @@ def _template(
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
         record=bool(request.loggingConfig and request.loggingConfig.recordAllRosTopics),
     )
+
+
+def _judge_fault(where: str, robot: ApplicationLaunch | None, judge: ApplicationLaunch) -> Fault | None:
+    """Returns why a robot application and a simulation application do not go together; None if they do."""
+    place = f"{where}.simulationApplications[0].launchConfig.launchFile"
+    if robot is None and not judge.starts_nodes:
+        allowed = f"one: {judge.name} launches a module, which only judges; a launch file of ROS may be alone"
+        return Fault(path=f"{where}.robotApplications", value="none", allowed=allowed)
+    if not judge.starts_nodes:
+        return None
+    if is_ros2(judge.launch_file):
+        return Fault(path=place, value=repr(judge.launch_file), allowed="a module, or a launch file of ROS 1")
+    if robot and (not robot.starts_nodes or is_ros2(robot.launch_file)):
+        allowed = f"a module, as the robot application's {robot.launch_file} is no launch file of ROS 1 as this one is"
+        return Fault(path=place, value=repr(judge.launch_file), allowed=allowed)
+    return None
 
 
 def _first_of_each(refusal: DocumentError) -> DocumentError:
@@ -189,9 +207,12 @@ class _Launches(NamedTuple):
 
     def _is_module(self, kind: ApplicationKind, digest: str, package: str, named: str) -> bool:
         """Returns whether a module is launched, which loses its ending; other files keep it."""
-        if kind != "robot-application" or not names_ros_launch(named) or self.find_files is None:
+        if not names_ros_launch(named) or self.find_files is None:
             return True
-        return simulated_file(self.find_files(digest), package, named) == module_file(package, named)
+        files, module = self.find_files(digest), module_file(package, named)
+        if kind == "simulation-application":  # documents from before say x.launch, and mean the module beside it
+            return module in files or ros_launch_file(files, package, named) is None
+        return simulated_file(files, package, named) == module
 
 
 def _simulated_architecture(version: Version, asked: Architecture | None) -> Architecture | None:

@@ -210,15 +210,35 @@ def test_a_deployment_may_launch_what_episodes_are_driven_with(tmp_path: Path):
     check_launch_files(_spec(tmp_path, use, deployment=deployment), tmp_path)
 
 
-def test_a_launch_file_of_ros_is_no_scenario(tmp_path: Path):
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_launch_file_of_ros_may_judge_and_brings_the_robot_if_it_is_alone(tmp_path: Path, *, alone: bool):
+    _ros_package(tmp_path, "patrol/launch/go.launch")
+    spec = _judged_spec(tmp_path, "go.launch", alone=alone)
+    if not alone:
+        check_launch_files(spec, tmp_path)
+        return
+    with pytest.raises(DocumentError, match=r"simulationApplications\[0\].launchConfig.packageName.*robot.xml"):
+        check_launch_files(spec, tmp_path)
+
+
+def test_a_launch_file_that_a_simulation_application_does_not_have_is_refused(tmp_path: Path):
     _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
-    spec = _spec(tmp_path, _use("mine", "patrol", "go.launch"))
+    with pytest.raises(
+        DocumentError, match=r"a launch file or a module in judge's bundle; it has no patrol/launch/no.launch"
+    ):
+        check_launch_files(_judged_spec(tmp_path, "no.launch"), tmp_path)
+
+
+def _judged_spec(tmp_path: Path, launch_file: str, *, alone: bool = False) -> PipelineSpec:
+    """Returns a document whose simulation application is the package's bundle."""
+    spec = _spec(tmp_path, _use("courier", "courier", "go_to_goal"))
     document = spec.model_dump(mode="json", exclude_none=True)
-    document["applications"].append({"name": "mine", "kind": "simulation", "source": "mine"})
+    document["applications"].append({"name": "judge", "kind": "simulation", "source": "mine"})
     request = document["simulationBatch"]["createSimulationJobRequests"][0]
-    request["simulationApplications"] = [_use("mine", "patrol", "go.launch")]
-    with pytest.raises(DocumentError, match=r"'go.launch': a module in mine's bundle; it has no patrol/go.py"):
-        check_launch_files(PipelineSpec.model_validate(document), tmp_path)
+    request["simulationApplications"] = [_use("judge", "patrol", launch_file)]
+    if alone:
+        del request["robotApplications"]
+    return PipelineSpec.model_validate(document)
 
 
 EXPLODES = '<mujoco><worldbody><replicate count="100000000"><site/></replicate></worldbody></mujoco>'

@@ -6,6 +6,15 @@ from tasks.ros.message.definition import MESSAGES, SERVICES, definition, type_di
 
 # As ROS's own packages have them (docs.ros.org/en/noetic/api); of RoboMaker's, as its generated code has them.
 PUBLISHED = {
+    # gazebo_msgs as of github.com/ros-simulation/gazebo_ros_pkgs, branch noetic-devel, by ROS's genmsg.
+    "gazebo_msgs/GetModelState": "4c515e936d3319c9610c559c60bfc3d4",
+    "gazebo_msgs/GetPhysicsProperties": "575a5e74786981b7df2e3afc567693a6",
+    "gazebo_msgs/GetWorldProperties": "36bb0f2eccf4d8be971410c22818ba3f",
+    "gazebo_msgs/ModelState": "9330fd35f2fcd82d457e54bd54e10593",
+    "gazebo_msgs/ModelStates": "48c080191eb15c41858319b4d8a609c2",
+    "gazebo_msgs/ODEPhysics": "667d56ddbd547918c32d1934503dc335",
+    "gazebo_msgs/SetModelState": "5b3ab0281d4f5445def017e3a2e4a07b",
+    "std_srvs/Empty": "d41d8cd98f00b204e9800998ecf8427e",
     "geometry_msgs/PoseStamped": "d3812c3cbc69362b77dc0b19b345f8f5",
     "geometry_msgs/Twist": "9f195f881246fdfa2798d1d3eebca84a",
     "nav_msgs/OccupancyGrid": "3381f2d731d4076ec5c71b0759edbe4e",

@@ -72,6 +72,13 @@ class FakeLockstep:
     def tags(self, lane: int) -> Mapping[str, str]:
         return self._tags.get(lane, {})
 
+    @property
+    def tests(self) -> Mapping[int, bool]:
+        return {}
+
+    def simulation_failed(self, lane: int) -> bool:  # noqa: ARG002 - its nodes are the robot application's
+        return False
+
     def printed(self, lane: int) -> str:
         return "patrol: no map" if lane in self._of_kind(NOT_READY) else ""
 

@@ -67,3 +67,44 @@ def test_of_several_builds_the_one_that_is_asked_for_is_simulated(asked: str | N
     (template,) = plan_batch(SimulationBatch.model_validate(batch), [WORLD], {WORLD: ""}, builds).templates
     assert (template.robot.architecture, template.robot.digest) == (simulated, BUILDS[simulated] * 64)
     assert (template.scenario.architecture, template.scenario.digest) == (None, "a" * 64)
+
+
+def judged(launch_file: str, robot: str | None = None) -> SimulationBatch:
+    uses = {"simulationApplications": launch_file, **({"robotApplications": robot} if robot else {})}
+    entry: dict[str, Any] = {"maxJobDurationInSeconds": 60}
+    for kind, file in uses.items():
+        entry[kind] = [{"application": kind, "launchConfig": {"packageName": "p", "launchFile": file}}]
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [entry]})
+
+
+ROS_FILES = {"p/launch/judge.launch", "p/launch/drive.launch", "p/launch/two.launch.py", "p/module.py"}
+
+
+def test_a_simulation_application_of_ros_may_be_alone_and_drives_then():
+    plan = plan_batch(judged("judge.launch"), [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
+    (template,) = plan.templates
+    assert template.alone
+    assert template.robot == template.scenario
+    assert [kind for kind, _ in plan.launches()] == ["simulation-application"]
+
+
+@pytest.mark.parametrize(
+    ("judge", "robot", "why"),
+    [
+        ("module.launch", None, "a launch file of ROS may be alone"),
+        ("module", None, "a simulation application alone must be a launch file of ROS 1"),
+        ("two.launch.py", "drive.launch", "a module, or a launch file of ROS 1"),
+        ("judge.launch", "module", "is no launch file of ROS 1 as this one is"),
+        ("judge.launch", "two.launch.py", "is no launch file of ROS 1 as this one is"),
+    ],
+)
+def test_applications_that_cannot_run_together_are_refused(judge: str, robot: str | None, why: str):
+    with pytest.raises(DocumentError, match=why):
+        plan_batch(judged(judge, robot), [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
+
+
+def test_a_robot_of_ros_and_a_judge_of_ros_keep_their_launch_files():
+    asked = judged("judge.launch", "drive.launch")
+    (template,) = plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES).templates
+    assert (template.robot.launch_file, template.scenario.launch_file) == ("drive.launch", "judge.launch")
+    assert not template.alone
