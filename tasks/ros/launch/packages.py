@@ -8,9 +8,12 @@ import functools
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 from xml.etree import ElementTree
@@ -184,7 +187,8 @@ def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
                 continue
             seen.add(name)
             todo.append(name)
-            if name not in own and name not in GAZEBO_PACKAGES and not _installed(installation, name):
+            stands = name in GAZEBO_PACKAGES or (name == "xacro" and has_xacro())
+            if name not in own and not stands and not _installed(installation, name):
                 missing.append(MissingPackage(name, needer, _debian_name(installation, name)))
     return sorted(missing)
 
@@ -193,6 +197,13 @@ GAZEBO_PACKAGES = frozenset(
     {"gazebo", "gazebo_msgs", "gazebo_plugins", "gazebo_ros", "gazebo_ros_control"}
 ) | frozenset({"rviz", "rqt_gui", "joint_state_publisher"})
 """What Simyard stands for: its own engines and the windows of a person are nobody's to install."""
+
+
+def has_xacro() -> bool:
+    """Returns whether Simyard's own Python has xacro."""
+    return find_spec("xacro") is not None
+
+
 _GAZEBO_NODES = ("gazebo", "gzserver", "gzclient", "debug", "gdbrun", "perf", "spawn_model")
 _NODES = {
     "gazebo_ros": _GAZEBO_NODES,
@@ -226,10 +237,33 @@ _EMPTY_WORLD = """<launch>
 """
 
 
+_XACRO = """
+import os, sys, types
+from pathlib import Path
+
+def share(name):
+    roots = [Path(each) for each in os.environ["ROS_PACKAGE_PATH"].split(":")]
+    near = [each / name for each in roots if (each / name / "package.xml").is_file()]
+    named = "<name>%s</name>" % name
+    inside = [each.parent for each in sorted(roots[0].rglob("package.xml")) if named in each.read_text()]
+    if not near + inside:
+        raise KeyError("there is no ROS package %r in the bundle or in ROS" % name)
+    return str((inside + near)[0])
+
+index = types.ModuleType("ament_index_python.packages")
+index.get_package_share_directory = share
+sys.modules["ament_index_python"] = types.ModuleType("ament_index_python")
+sys.modules["ament_index_python.packages"] = index
+import xacro
+xacro.main()
+"""
+
+
 def make_gazebo_packages(folder: Path) -> Path:
     """Makes the packages that stand in for Gazebo's own, and returns the folder that they are in.
 
-    A node of theirs does nothing: it has a name, by which it is known what it would have done.
+    A node of theirs does nothing: it has a name, by which it is known what it would have done. Where Simyard has xacro,
+    it stands in for ROS's, which is looked for before.
     """
     for name in sorted(GAZEBO_PACKAGES):
         package = folder / name
@@ -238,6 +272,14 @@ def make_gazebo_packages(folder: Path) -> Path:
         for node in _NODES.get(name, ()):
             (package / node).write_text("#!/bin/sh\n")
             (package / node).chmod(0o755)
+    if has_xacro():
+        (folder / "xacro").mkdir()
+        (folder / "xacro/package.xml").write_text("<package><name>xacro</name><version>2.0.0</version></package>")
+        (folder / "xacro/program.py").write_text(_XACRO)
+        for name in ("xacro", "xacro.py"):
+            command = shlex.join([sys.executable, "-I", str(folder / "xacro/program.py")])
+            (folder / "xacro" / name).write_text(f'#!/bin/sh\nexec {command} "$@"\n')
+            (folder / "xacro" / name).chmod(0o755)
     launch = folder / "gazebo_ros/launch"
     launch.mkdir()
     (launch / "empty_world.launch").write_text(_EMPTY_WORLD)

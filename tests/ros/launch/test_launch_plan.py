@@ -191,3 +191,16 @@ def test_every_node_that_is_lost_is_named_beside_those_that_are_there(bundle: Pa
     assert [each.split(":")[0] for each in found.lost] == ["/a (nav plan)", "/c (own gone)"]
     with pytest.raises(LaunchRefused, match=r"/a \(nav plan\).*'nav'.*/c \(own gone\)"):
         only(resolve_launch(source, [{}]))
+
+
+def test_xacro_of_simyard_expands_where_ros_has_none(bundle: Path) -> None:
+    (bundle / "own/part.xacro").write_text(
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro"><xacro:property name="half" value="0.25"/></robot>'
+    )
+    (bundle / "own/bot.xacro").write_text(
+        '<robot name="bot" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:include filename="$(find own)/part.xacro"/>'
+        '<xacro:arg name="mass" default="1"/><link name="a" mass="$(arg mass)" size="${2 * half}"/></robot>'
+    )
+    text = '<param name="d" command="$(find xacro)/xacro --inorder $(find own)/bot.xacro mass:=3"/>'
+    found = plan(bundle, f'{text}<node pkg="own" type="tool.sh" name="a"/>')
+    assert '<link mass="3" name="a" size="0.5"/>' in found.parameters["/d"]
