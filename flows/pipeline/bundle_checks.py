@@ -105,7 +105,8 @@ def simulated_fault(
     if drives and found == ros_launch_file(files, package, file) and ROBOT_XML not in files:
         allowed = (
             f"of a ROS package, a bundle that has {ROBOT_XML} beside the package: the robot's base, sensors and motors "
-            f"as MuJoCo has them; copy {_EXAMPLE} there for a TurtleBot3, or change it for another base with two wheels"
+            f"as MuJoCo has them; copy {_EXAMPLE} there for a TurtleBot3, change it for another base with two "
+            "wheels, or have one drafted of the robot that a launch file spawns in Gazebo: simyard app draft"
         )
         return Fault(path=f"{path}.packageName", value=repr(package), allowed=allowed)
     return None
@@ -453,7 +454,19 @@ def ros_faults(launches: Sequence[OwnLaunch]) -> list[Fault]:
 
 def ros_notes(launches: Sequence[OwnLaunch]) -> list[str]:
     """Returns what is to be said of launch files that is no fault of the document."""
-    return list(dict.fromkeys(line for each in launches for line in report_lines(each.source, each.report)))
+    lines = [line for each in launches for line in report_lines(each.source, each.report)]
+    return list(dict.fromkeys([*lines, *topic_lines([each.report for each in launches])]))
+
+
+def topic_lines(reports: Sequence["LaunchReport"]) -> Iterator[str]:
+    """Yields a line for each topic that a node of some launch files wants and nobody of them publishes."""
+    # Loaded only where ROS is.
+    from tasks.ros.launch.node_topics import unpublished  # noqa: PLC0415
+
+    wants = dict.fromkeys(each for report in reports for each in report.wants)
+    gives = [topic for report in reports for topic in report.gives]
+    unknown = list(dict.fromkeys(node for report in reports for node in report.unknown))
+    yield from unpublished([*wants], gives, unknown)
 
 
 def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:

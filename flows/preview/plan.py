@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults
+from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults, topic_lines
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable
 from flows.pipeline.version_retention import version_lines
@@ -162,12 +162,12 @@ def host_plan(batch: BatchPlan, folders: Mapping[str, Path], own: Collection[str
     """
     launches: dict[LaunchSource, LaunchReport] = {}
     for template in batch.templates:
-        robot = template.robot
-        folder = folders[robot.digest]
-        kind, source = controller_kind(folder, robot), _source(folder, robot)
-        if kind in {"ros", "ros2"} and source not in launches:
-            asked = environments(template.environment, batch.sweep)
-            launches[source] = check_launch_file(source, asked, own=robot.digest in own)
+        for launch in (template.robot, template.scenario) if template.scenario.starts_nodes else (template.robot,):
+            folder = folders[launch.digest]
+            kind, source = controller_kind(folder, launch), _source(folder, launch)
+            if kind in {"ros", "ros2"} and source not in launches:
+                asked = environments(template.environment, batch.sweep)
+                launches[source] = check_launch_file(source, asked, own=launch.digest in own)
     return HostPlan(launches)
 
 
@@ -191,6 +191,7 @@ def host_lines(plan: HostPlan, lanes: int) -> Iterator[str]:
                 f"{started} of up to {gigabytes:.1f} GB together; about "
                 f"{pace.low:,.0f} to {pace.high:,.0f} control steps a second in all"
             ] = None
+    said.update(dict.fromkeys(topic_lines([*plan.launches.values()])))
     yield from said
 
 

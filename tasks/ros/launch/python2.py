@@ -22,14 +22,7 @@ def python2_sentences(program: Path, shown: str) -> list[str]:
         program: The file that a node runs.
         shown: What a person calls it.
     """
-    try:
-        with program.open("rb") as file:
-            text = file.read(_MOST_BYTES)
-    except OSError:
-        return []
-    first = text.partition(b"\n")[0]
-    if not (first.startswith(b"#!") and b"python" in first):
-        return []
+    text = _python(program)
     try:
         tree = ast.parse(text)
     except SyntaxError as exc:
@@ -39,6 +32,26 @@ def python2_sentences(program: Path, shown: str) -> list[str]:
     else:
         found = sorted(set(_gone(tree)))
     return [f"{shown}, line {line}: {what}: 2to3 -w rewrites Python 2" for line, what in found[:_MOST]]
+
+
+def python_tree(program: Path) -> ast.Module | None:
+    """Returns a program in Python 3 as a tree; None for another one."""
+    text = _python(program)
+    try:
+        return ast.parse(text) if text else None
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
+        return None  # what it says when it runs is in its output
+
+
+def _python(program: Path) -> bytes:
+    """Returns the text of a program in Python; nothing of another one."""
+    try:
+        with program.open("rb") as file:
+            text = file.read(_MOST_BYTES)
+    except OSError:
+        return b""
+    first = text.partition(b"\n")[0]
+    return text if first.startswith(b"#!") and b"python" in first else b""
 
 
 def _gone(tree: ast.Module) -> Iterator[tuple[int, str]]:

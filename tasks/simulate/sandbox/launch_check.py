@@ -19,6 +19,7 @@ from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
 from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, shown_node
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_launch, run_launch_program
+from tasks.ros.launch.node_topics import WantedTopic, node_topics
 from tasks.ros.launch.packages import missing_packages, read_manifest, ros_installation
 from tasks.ros.launch.python2 import python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import ament_packages, resolve_description
@@ -33,6 +34,7 @@ _LIMIT_S = 90.0
 # Of a report: names of nodes and packages, a robot's description, and for each environment a refusal.
 _REPORT_BYTES, _REPORT_BYTES_EACH = 16 << 20, 1 << 14
 _CLOCK = "/use_sim_time"
+_OWN_TOPICS = ("/clock", "/tf", "/tf_static", "/rosout", "/rosout_agg", "/gazebo/model_states")
 _NOT_OWN = "it is not this document's own bundle, and reading it would run what it says: install bubblewrap"
 _NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
 # What nodes are written with, by what their package.xml, their Python or their linked program says.
@@ -52,6 +54,9 @@ class LaunchReport(Spec):
         nodes: What is started for each lane, such as ``/roam (roamer roam.py)``.
         lost: Nodes that cannot be started, and why; no episode begins without.
         gazebo: What it asks of Gazebo, with the first environment that it does so with.
+        wants: Topics that its nodes subscribe to, as their programs say.
+        gives: Topics that its nodes or its bundle's robot publish.
+        unknown: Nodes that publish what nobody can read, such as those in C++.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
         python2: What its nodes' programs have of Python 2, with file and line.
@@ -65,6 +70,9 @@ class LaunchReport(Spec):
     nodes: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
     gazebo: GazeboLaunch | None = None
+    wants: tuple[WantedTopic, ...] = ()
+    gives: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
     python2: tuple[str, ...] = ()
@@ -84,10 +92,11 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
     ros2 = is_ros2(source.launch_file)
     report = (_ros2_report if ros2 else _ros1_report)(source, environments, own=own)
     try:
-        read_ros_robot(source.bundle)
+        topics = read_ros_robot(source.bundle).topics
     except RobotRefused as refused:
         return report.model_copy(update={"declaration": str(refused)})
-    return report
+    robot = {topics.scan, topics.odometry, topics.joints, topics.imu, topics.bumper, topics.goal, topics.floor_map}
+    return report.model_copy(update={"gives": (*report.gives, *_OWN_TOPICS, *sorted(filter(None, robot)))})
 
 
 def _ros1_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:
@@ -164,8 +173,9 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     ]
     gazebo = next((each for each in asked if each), None)
     instead = {each.node for found in asked if found for each in found.replaced}
-    named = dict.fromkeys(shown_node(node) for plan in good for node in plan.nodes)
-    nodes = [each for each in named if each not in instead]
+    every = {shown_node(node): node for plan in good for node in (*plan.nodes, *plan.tests)}
+    nodes = {name: node for name, node in every.items() if name not in instead}
+    topics = {name: node_topics(node, source.bundle) for name, node in nodes.items()}
     lost = dict.fromkeys(each for plan in good for each in plan.lost)
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
@@ -176,10 +186,13 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
         nodes=(*nodes,),
         lost=(*lost,),
         gazebo=gazebo,
+        wants=tuple(WantedTopic(node=name, topic=topic) for name, own in topics.items() for topic in own.wants),
+        gives=tuple(dict.fromkeys(topic for own in topics.values() for topic in own.gives)),
+        unknown=tuple(name for name, own in topics.items() if not own.known),
         refusals=(*refusals,),
         simulated_clock=clock,
     )
-    old = dict.fromkeys(each for plan in good for node in plan.nodes for each in _python2(source.bundle, node))
+    old = dict.fromkeys(each for node in every.values() for each in _python2(source.bundle, node))
     return report.model_copy(update={"missing": (*needed,)} if needed else {}).model_copy(update={"python2": (*old,)})
 
 

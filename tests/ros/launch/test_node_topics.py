@@ -1,0 +1,60 @@
+"""Topics that nodes want and give, read from their programs."""
+
+from pathlib import Path
+
+import pytest
+
+from tasks.ros.launch.launch_plan import NodePlan
+from tasks.ros.launch.node_topics import NodeTopics, WantedTopic, node_topics, unpublished
+
+_ROS1 = """#!/usr/bin/env python3
+import rospy
+rospy.Subscriber("scan", Scan, print)
+rospy.Subscriber(name="/amcl_pose", data_class=Pose)
+rospy.wait_for_message("~start", Empty)
+rospy.Subscriber(computed, Scan)
+goals = rospy.Publisher("goal", Pose, queue_size=1)
+"""
+_ROS2 = """#!/usr/bin/env python3
+class Roam(Node):
+    def __init__(self):
+        self.create_subscription(Scan, "scan", self.see, 1)
+        self.out = self.create_publisher(Twist, "cmd_vel", 1)
+"""
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Path:
+    """The program of a node in a bundle."""
+    return tmp_path / "roam.py"
+
+
+def read(program: Path, text: str, *words: str, namespace: str = "/") -> NodeTopics:
+    program.write_text(text)
+    command = (str(program), *words, "__name:=roam")
+    node = NodePlan(f"{namespace}roam", "roamer", "roam.py", command, namespace=namespace)
+    return node_topics(node, program.parent)
+
+
+def test_names_that_stand_there_are_known(program: Path) -> None:
+    found = read(program, _ROS1)
+    assert found == NodeTopics(("/scan", "/amcl_pose", "/roam/start"), ("/goal",), known=True)
+    assert read(program, _ROS2) == NodeTopics(("/scan",), ("/cmd_vel",), known=True)
+
+
+def test_remappings_and_namespaces_count_as_in_ros(program: Path) -> None:
+    found = read(program, _ROS1, "scan:=/front", "goal:=plan/goal", namespace="/robot/")
+    assert found.wants == ("/front", "/amcl_pose", "/robot/roam/start")
+    assert found.gives == ("/robot/plan/goal",)
+
+
+@pytest.mark.parametrize("text", ["\x7fELF", "#!/bin/sh\n", "#!/usr/bin/env python\nprint 'old'\n"])
+def test_a_program_that_nobody_reads_may_publish_anything(program: Path, text: str) -> None:
+    assert read(program, text) == NodeTopics()
+
+
+def test_topics_without_a_publisher_are_told_with_who_may_publish_them() -> None:
+    wanted = [WantedTopic(node="/roam (roamer roam.py)", topic=topic) for topic in ("/scan", "/map")]
+    said = "/roam (roamer roam.py) wants /map, which nobody publishes"
+    assert list(unpublished(wanted, ["/scan"], [])) == [said]
+    assert list(unpublished(wanted, ["/scan"], ["/amcl (amcl amcl)"])) == [f"{said}, unless /amcl (amcl amcl) does"]
