@@ -23,6 +23,7 @@ from tasks.simulate.sandbox.confinement import Place, confined_command
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import decode_world, encode_world, write_world
+from tasks.worlds.importer.source_files import MAPS, MODELS
 from tasks.worlds.importer.source_scene import ImportAnswer
 
 _MODULE = "tasks.worlds.importer.import_process"
@@ -30,6 +31,8 @@ _LIMIT_S = 900.0
 # Nothing is simulated: what is wrong with a variable for that is not told here.
 _NEEDED = ("PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _SHOWN = 12
+# A map that is turned or shifted agrees with a third of a world by chance.
+_SAME_PLACE = 0.5
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,8 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     if faults:
         raise DocumentError(faults)
     placed = asked.model_copy(update={"source": str(source), "models": tuple(map(str, models)) or None})
-    answer = _read_apart(placed, f"{dot}source", [source.parent, *models])
+    beside = [folder for each in (MODELS, MAPS) if (folder := source.parent.parent / each).is_dir()]
+    answer = _read_apart(placed, f"{dot}source", [source.parent, *beside, *models])
     if answer.faults:
         raise DocumentError([_in_source(fault, f"{dot}source", asked.source) for fault in answer.faults])
     return ImportedWorld(asked.name, decode_world(answer.world.encode()))
@@ -216,7 +220,9 @@ def import_lines(world: World) -> Iterator[str]:
         within = f"{100 * agreement.within_5cm:.1f} % of its border within 5 cm"
         mean = f"{100 * agreement.mean_m:.1f} cm off in the mean"
         floor = f"{100 * agreement.free_iou:.1f} % of the free floor the same"
-        yield f"  agrees with {agreement.map} at {agreement.height_m:g} m: {within}, {mean}, {floor}"
+        line = f"{agreement.map}, best at {agreement.height_m:g} m: {within}, {mean}, {floor}"
+        another = agreement.within_5cm < _SAME_PLACE
+        yield f"  does not agree with {line}; is it in the frame of the world?" if another else f"  agrees with {line}"
     for kind in _BECAME:
         found = [each for each in report.findings if each.became == kind]
         yield from (f"  {_finding_line(each)}" for each in found[:_SHOWN])

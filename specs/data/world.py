@@ -353,11 +353,11 @@ class MapAgreement(Spec):
     """How an imported world agrees with a map of the same place.
 
     Attributes:
-        map: The map's file name.
-        height_m: Height at which the world was cut.
+        map: The map's file, from the folder that it was found from.
+        height_m: Height at which the world was cut: of those of lidars, the one at which both agree best.
         within_5cm: Share of the map's occupied border cells with a surface of the world within 5 cm, 0-1.
         mean_m: Mean distance from these cells to the nearest surface.
-        free_iou: Free floor of both over free floor of either, 0-1.
+        free_iou: Free floor of both over free floor of either, of what hangs together, 0-1.
     """
 
     map: str

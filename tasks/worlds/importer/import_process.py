@@ -24,7 +24,7 @@ from tasks.worlds.importer.map_reader import MAP_WALL_M, read_floor, read_map
 from tasks.worlds.importer.mjcf_reader import read_mjcf
 from tasks.worlds.importer.placed_parts import Found, Model, Placed, scene_of, unique
 from tasks.worlds.importer.sdf_reader import read_sdf
-from tasks.worlds.importer.source_files import SourceFiles
+from tasks.worlds.importer.source_files import MAPS, SourceFiles
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
 from tasks.worlds.importer.triangle_mesh import MESH_SUFFIXES, MeshUnreadable, joined, mesh_parts
 from tasks.worlds.importer.upright_solids import TOLERANCE_M
@@ -109,18 +109,25 @@ def read_mesh(
 def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
     """Returns a scene whose files name the maps beside its source, and how it agrees with each of these.
 
-    A YAML file beside it that is no map is somebody's for something else.
+    Packages of ROS have worlds in ``worlds/`` and maps in ``maps/``, each robot's in its own folder. A YAML file there
+    that is no map is somebody's for something else.
     """
     files, found = dict(scene.files), list[MapAgreement]()
     solids = [solid for piece in scene.pieces for solid in piece.solids]
-    for beside in sorted(each for each in path.parent.glob("*.yaml") if each.is_file())[:_MOST_MAPS]:
+    beside, maps = path.parent.resolve(), path.parent.resolve().parent / MAPS
+    places = [(beside, "*.yaml"), (maps, "*.yaml"), (maps, "*/*.yaml")]
+    listed = [(folder, each) for folder, pattern in places for each in sorted(folder.glob(pattern))]
+    own = [(folder, each) for folder, each in listed if each.is_file() and each.resolve().is_relative_to(folder)]
+    for folder, each in own[:_MOST_MAPS]:
         try:
-            cells, described = read_floor(beside)
+            cells, described = read_floor(each)
         except SourceError:
             continue
-        for name in (beside.name, described.image):
-            files[name] = hashlib.sha256((path.parent / name).read_bytes()).hexdigest()
-        known = FloorMap(beside.name, cells.occupied, cells.free, described.resolution_m, described.origin)
+        root = folder if folder == beside else folder.parent
+        for file in (each, each.parent / described.image):
+            files[file.relative_to(root).as_posix()] = hashlib.sha256(file.read_bytes()).hexdigest()
+        name = each.relative_to(root).as_posix()
+        known = FloorMap(name, cells.occupied, cells.free, described.resolution_m, described.origin)
         found.append(agreement(solids, known))
     return replace(scene, files=files), found
 

@@ -11,13 +11,15 @@ from scipy import ndimage
 from shapely.geometry.base import BaseGeometry
 
 from specs.data.world import MapAgreement, Solid, corners_m
+from tasks.worlds.geometry import label_parts
 from tasks.worlds.importer.mesh_sections import merged
 
-LIDAR_M = 0.13
-"""Height of the lidars of the robots that most maps were made with."""
+_LIDARS_M = (0.13, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.45, 0.5)
+"""Heights of lidars, first the most usual one: a map does not say how high its own was."""
 _NEAR_M = 0.05
 _TOUCHED = 0.75
 """Of a cell's side: a cell whose middle is as near to a solid is touched by it."""
+_SAMPLE = 1_500
 
 
 class FloorMap(NamedTuple):
@@ -38,34 +40,61 @@ class FloorMap(NamedTuple):
     origin: tuple[float, float, float]
 
 
-def agreement(solids: Sequence[Solid], known: FloorMap, height_m: float = LIDAR_M) -> MapAgreement:
-    """Returns how solids agree with a map.
+def agreement(solids: Sequence[Solid], known: FloorMap) -> MapAgreement:
+    """Returns how solids agree with a map, cut at the height of a lidar at which they agree best.
 
-    Of what the map has, the occupied cells beside free ones are compared: they are what a robot saw. A free cell in a
-    solid, and an occupied one that no solid touches, are floor of one side alone.
+    Of what the map has, the occupied cells beside free ones are compared: they are what a robot saw. Its floor are the
+    free cells that hang together: what a lidar saw through a crack, or within walls, nobody drives on. Of these, a cell
+    in a solid, and an occupied one that no solid touches, are floor of one side alone.
 
     Args:
         solids: Of a world, in the map's frame.
         known: The map.
-        height_m: Where the world is cut: the height of the lidar that the map was made with.
     """
-    world = merged([outline(each) for each in solids if abs(each.center_m[2] - height_m) <= each.half_extents_m[2]])
+    seen = middles(known, known.occupied & ndimage.binary_dilation(known.free, structure=np.ones((3, 3))))
+    some = seen[:: max(1, len(seen) // _SAMPLE)]
+    shares = [_share_near(_away_m(cut_at(solids, height_m), some)) for height_m in _LIDARS_M]
+    height_m = _LIDARS_M[int(np.argmax(shares))]
+    world = cut_at(solids, height_m)
     shapely.prepare(world)
-    seen = known.occupied & ndimage.binary_dilation(known.free, structure=np.ones((3, 3)))
-    away = np.atleast_1d(shapely.distance(shapely.points(middles(known, seen)), shapely.boundary(world)))
-    looked = known.free | known.occupied
-    places = shapely.points(middles(known, looked))
+    away = _away_m(world, seen)
+    floor = _largest_part(known.free)
+    looked = floor | known.occupied
     from_solid = np.full(known.free.shape, np.inf)
-    from_solid[looked] = shapely.distance(places, world)
-    both = known.free & (from_solid > 0.0)
-    either = known.free | (looked & (from_solid > _TOUCHED * known.resolution_m))
+    from_solid[looked] = shapely.distance(shapely.points(middles(known, looked)), world)
+    both = floor & (from_solid > 0.0)
+    either = floor | (known.occupied & (from_solid > _TOUCHED * known.resolution_m))
     return MapAgreement(
         map=known.name,
         height_m=height_m,
-        within_5cm=round(float((away <= _NEAR_M).mean()), 4) if len(away) else 0.0,
-        mean_m=round(float(away.mean()), 4) if len(away) else 0.0,
+        within_5cm=round(_share_near(away), 4),
+        mean_m=round(float(away.mean()), 4) if len(away) and np.isfinite(away).all() else 0.0,
         free_iou=round(float(both.sum() / max(int(either.sum()), 1)), 4),
     )
+
+
+def cut_at(solids: Sequence[Solid], height_m: float) -> BaseGeometry:
+    """Returns what solids fill at a height."""
+    return merged([outline(each) for each in solids if abs(each.center_m[2] - height_m) <= each.half_extents_m[2]])
+
+
+def _away_m(world: BaseGeometry, places: Float[np.ndarray, "places 2"]) -> Float[np.ndarray, "places"]:
+    """Returns how far places are from the surfaces of a cut; without any, farther than all bounds."""
+    surface = shapely.boundary(world)
+    if surface.is_empty:
+        return np.full(len(places), np.inf)
+    return np.atleast_1d(shapely.distance(shapely.points(places), surface))
+
+
+def _share_near(away_m: Float[np.ndarray, "places"]) -> float:
+    return float((away_m <= _NEAR_M).mean()) if len(away_m) else 0.0
+
+
+def _largest_part(free: Bool[np.ndarray, "rows columns"]) -> Bool[np.ndarray, "rows columns"]:
+    labels = label_parts(free)
+    sizes = np.bincount(labels.ravel())
+    sizes[0] = 0
+    return free & (labels == int(sizes.argmax()))
 
 
 def middles(known: FloorMap, cells: Bool[np.ndarray, "rows columns"]) -> Float[np.ndarray, "cells 2"]:

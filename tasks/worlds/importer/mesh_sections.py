@@ -26,6 +26,7 @@ _SAME_M = 1e-5
 _LEVEL_M = 5e-4
 _SHEET_M = 0.01
 """How thick a surface without anything behind it becomes."""
+_TWICE = 1e-3
 _MOST_LEVELS = 48
 _MOST_SLABS = 64
 _TUBE_M2 = 0.05
@@ -235,11 +236,14 @@ def _filled(part: Component, height: float) -> BaseGeometry:
     segments = _cut(part, height)
     if not len(segments):
         return _NOTHING
-    lines = shapely.union_all(shapely.linestrings(segments))
+    strings = shapely.linestrings(segments)
+    lines = shapely.union_all(strings)
     faces, bridges, dangles, _ = shapely.polygonize_full([lines])
     rings = list(faces.geoms)
     open_lines = [each for each in (*bridges.geoms, *dangles.geoms) if not each.is_empty]
-    if open_lines:
+    # A surface with a front and a back lies there twice, and an even number of lines is around what it holds.
+    is_twice = not part.is_closed and 2.0 * lines.length <= (1.0 + _TWICE) * float(shapely.length(strings).sum())
+    if open_lines or is_twice:
         segments = _ring_segments(rings)
     solid: list[BaseGeometry] = []
     if rings:

@@ -13,6 +13,8 @@ from xml.parsers.expat import ExpatError, ParserCreate
 from specs.base import Fault
 from tasks.worlds.importer.source_scene import SourceError
 
+MODELS, MAPS = "models", "maps"
+"""Folders of a package of ROS, beside that of its worlds."""
 MOST_ELEMENTS = 500_000
 DEEPEST = 100
 _MOST_FILE_BYTES = 256 << 20
@@ -82,7 +84,7 @@ class SourceFiles:
         self.digests: dict[str, str] = {}
         self.faults: list[Fault] = []
         self._source = source
-        beside = [source.parent, source.parent / "models", source.parent.parent / "models"]
+        beside = [source.parent, source.parent / MODELS, source.parent.parent / MODELS]
         self._own = source.parent.resolve()
         self.folders = list(dict.fromkeys(each.resolve() for each in [*folders, *beside] if each.is_dir()))
         self._bytes, self._elements = 0, 0

@@ -165,12 +165,22 @@ def test_the_report_says_what_became_of_a_source(world: World) -> None:
     )
     assert lines[1].startswith("  start [2, 3, 0] (as asked), ")
     assert lines[2] == (
-        "  agrees with map.yaml at 0.13 m: 97.1 % of its border within 5 cm, 0.8 cm off in the mean, "
+        "  agrees with map.yaml, best at 0.13 m: 97.1 % of its border within 5 cm, 0.8 cm off in the mean, "
         "99.3 % of the free floor the same"
     )
     assert lines[3] == "  approximated chair_0: a mesh, off by at most 1.0 cm"
     assert lines[-2] == "  ... and 3 more approximated; the world's document has them in its report"
     assert lines[-1] == "  unresolved model://crane: looked for in models"
+
+
+def test_a_map_in_another_frame_is_told(world: World) -> None:
+    assert world.report is not None
+    (agreement,) = world.report.agreements
+    far = agreement.model_copy(update={"within_5cm": 0.2})
+    report = world.report.model_copy(update={"agreements": (far,)})
+    line = list(import_lines(world.model_copy(update={"report": report})))[2]
+    assert line.startswith("  does not agree with map.yaml, best at 0.13 m: 20.0 % of its border")
+    assert line.endswith("; is it in the frame of the world?")
 
 
 def test_what_a_world_lacks_is_an_alarm(world: World) -> None:

@@ -57,6 +57,20 @@ def test_a_world_is_compared_with_the_maps_beside_its_source(tmp_path: Path) -> 
     assert compared.generation != alone.generation, "another map is another report"
 
 
+def test_the_maps_of_a_package_are_found_beside_its_worlds(tmp_path: Path) -> None:
+    source, maps, out = tmp_path / "worlds" / "yard.world", tmp_path / "maps" / "waffle", tmp_path / "elsewhere"
+    for folder in (source.parent, maps, out):
+        folder.mkdir(parents=True)
+    source.write_text(SDF)
+    rows = ("." * 60, *("." * 20 + "#" * 20 + "." * 20,) * 20, "." * 60)
+    write_map(maps, rows, origin=[2.5, -0.55, 0.0])
+    write_map(out, rows, origin=[2.5, -0.55, 0.0])
+    (tmp_path / "maps" / "link").symlink_to(out)
+    report = imported(source).report
+    assert report is not None
+    assert [(each.map, each.within_5cm) for each in report.agreements] == [("maps/waffle/map.yaml", 1.0)]
+
+
 def test_a_mesh_is_imported_in_its_unit(tmp_path: Path) -> None:
     (tmp_path / "cube.obj").write_text(CUBE)
     world = imported(tmp_path / "cube.obj", unit="cm")

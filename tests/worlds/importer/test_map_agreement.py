@@ -46,3 +46,34 @@ def test_a_wall_that_is_missing_or_elsewhere_costs_its_share():
 def test_what_is_above_the_cut_is_not_compared():
     above = wall(1.0, 1.0, 0.5, 0.5, z=1.0)
     assert agreement((*WALLS, LAST, above), floor_map()) == agreement((*WALLS, LAST), floor_map())
+
+
+def test_a_world_is_cut_where_the_lidar_of_the_map_was():
+    low = wall(1.5, 1.05, 0.025, 1.05).model_copy(
+        update={"center_m": (1.5, 1.05, 0.1), "half_extents_m": (0.1, 1.0, 0.1)}
+    )
+    found = agreement((*WALLS, LAST, low), floor_map())
+    assert found.height_m == 0.13, "a low thing takes some floor, and no border: the usual height is as good"
+    kerb = [
+        each.model_copy(
+            update={"center_m": (*each.center_m[:2], 0.6), "half_extents_m": (*each.half_extents_m[:2], 0.33)}
+        )
+        for each in (*WALLS, LAST)
+    ]
+    assert (agreement(kerb, floor_map()).height_m, agreement(kerb, floor_map()).within_5cm) == (0.3, 1.0)
+
+
+def test_floor_that_nobody_gets_to_is_not_compared():
+    known = floor_map()
+    free = known.free.copy()
+    free[:, 40] = False
+    within_walls = free.copy()
+    within_walls[1:-1, 41] = True
+    both = [known._replace(free=each, occupied=~each) for each in (free, within_walls)]
+    walls = (*WALLS, wall(2.05, 1.05, 0.05, 1.05))
+    assert [agreement(walls, each).free_iou for each in both] == [1.0, 1.0]
+
+
+def test_an_empty_cut_agrees_with_nothing():
+    found = agreement((), floor_map())
+    assert (found.within_5cm, found.mean_m) == (0.0, 0.0)

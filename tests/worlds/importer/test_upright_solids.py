@@ -102,6 +102,13 @@ def test_what_is_hollow_stays_hollow():
     assert not covered(fit_of(pipe), 0.5).contains(shapely.Point(0, 0))
 
 
+def test_a_mesh_whose_faces_have_a_front_and_a_back_is_as_solid_as_with_one_side():
+    box = trimesh.creation.box((1, 0.7, 1.9))
+    once = fit_of(box)
+    twice = fit_of(trimesh.Trimesh(box.vertices, np.concatenate([box.faces, box.faces[:, ::-1]]), process=False))
+    assert [covered(fit, 0.5).area for fit in (once, twice)] == pytest.approx([0.7, 0.7], abs=1e-4)
+
+
 def test_solids_that_overlap_in_one_mesh_stay_solid():
     shape = fit_of(walls(((0, 0, 0), (2, 1, 1)), ((1, 0, 0), (3, 1, 1))))
     assert covered(shape, 0.5).contains(shapely.Point(1.5, 0.5))
