@@ -1,17 +1,19 @@
 """When an application has nothing left to do: what is sent to it next, all of its nodes find in the same state.
 
 Its threads must have slept at one moment, no request of its nodes may be under way, and three kinds of sleepers need
-more: one that was sent something and has not noticed; one that polls, which must have looked once more; and one that
-sleeps by the wall's clock within a callback.
+more: one that was sent something and has not noticed; one that polls, which must have looked once more, and have found
+nothing (``docs/decisions/0048-polls-that-change-nothing.md``); and one that sleeps by the wall's clock within a
+callback.
 """
 
 from collections import Counter
+from collections.abc import Sequence, Set
 from enum import Enum
 from typing import NamedTuple
 
 from tasks.ros.lockstep.exchange import GraphSide
 from tasks.ros.process.application_processes import ApplicationProcesses
-from tasks.ros.process.thread_watch import Rest, keeps_timers
+from tasks.ros.process.thread_watch import Rest, Runs, keeps_timers
 
 # What is sent over the loopback device wakes its reader at once, unless that reader waits for something else.
 _UNNOTICED_S = 0.02
@@ -20,6 +22,14 @@ _POLL_S = 0.06
 _POLLS = 4
 _MISSED_POLLS = 4.0
 _MISSED_S = 0.025
+# A poll that runs for longer than usual found something. Each time that it does so once more, more of it is usual.
+_USUAL = 2.0
+_USUAL_NS = 20_000.0
+# Whoever wakes because its time is over, and finds nothing, runs for less, at times that vary by less.
+_LITTLE_NS = 100_000
+_IN_TIME = 0.03
+_LOOKED = 0.15
+_FEW = 6
 # How soon to ask again whether one polled, in its periods: whoever asks takes the core that it may wait for.
 _PEEK = 0.4
 # A thread that is given up again and again is taken back later and later, for each time costs _MISSED_S.
@@ -50,6 +60,49 @@ class _Lapse(NamedTuple):
     polls: int
 
 
+class _Wake(NamedTuple):
+    """When a thread ran last, as far as was seen, how long after the time before, what was counted, its period."""
+
+    at_s: float
+    gap_s: float
+    counted: Runs
+    period_s: float
+
+
+class PollOrders:
+    """In which orders the pollers of one process polled.
+
+    What one of them does, another one may find when it polls next, and a third one what that one does. All have found
+    everything once they polled in every order, with nothing done in between. As many rounds as pollers hold every
+    order; those who poll often do so in the time that one round takes, so where they are few, sets of them are kept.
+
+    Args:
+        pollers: The threads.
+    """
+
+    def __init__(self, pollers: Sequence[int]) -> None:
+        self._bits = {tid: 1 << number for number, tid in enumerate(pollers)}
+        # Of each set of them, by its bits: who polled after all others of the set had polled in every order.
+        self._last = [0] * (1 << len(pollers)) if len(pollers) <= _FEW else []
+        self._rounds, self._polled = 0, set[int]()
+
+    def add(self, polled: Set[int]) -> None:
+        """Notes who polled since the last time, in an order that is not known."""
+        bits = [bit for tid, bit in self._bits.items() if tid in polled]
+        for those in range(len(self._last) - 1, 0, -1):
+            for bit in bits:
+                if those & bit and self._last[those ^ bit] == those ^ bit:
+                    self._last[those] |= bit
+        self._polled |= polled & self._bits.keys()
+        if len(self._polled) == len(self._bits):
+            self._rounds, self._polled = self._rounds + 1, set()
+
+    @property
+    def all_seen(self) -> bool:
+        """Returns whether they polled in every order."""
+        return self._rounds >= len(self._bits) or (bool(self._last) and self._last[-1] == len(self._last) - 1)
+
+
 class IdleDetector:
     """Judges one application.
 
@@ -75,16 +128,21 @@ class IdleDetector:
         self.application, self.graph = application, graph
         self._watch = application.watch
         self._sleepers: frozenset[int] = frozenset()
-        self._begun_s = self._base_s = 0.0
+        self._begun_s = 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
         self._noted = False
-        self._base: dict[int, bytes] | None = None
-        self._due: dict[int, float] = {}
+        self._ticked = False
+        self._usual_ns: dict[int, float] = {}
+        # Who has to poll, what was counted of it last, and when it was seen to poll; None while somebody else is awake.
+        self._due: dict[int, tuple[Runs, float]] | None = None
+        self._orders: dict[int, PollOrders] = {}
+        self._usual = _USUAL
         self._lapses: dict[int, _Lapse] = {}
-        self._counted: tuple[float, dict[int, int]] = (0.0, {})
+        self._wakes: dict[int, _Wake] = {}
+        self._counted: tuple[float, dict[int, Runs]] = (0.0, {})
         self._known: frozenset[int] = frozenset()
-        self._looked_s = self._idle_s = 0.0
+        self._before_s = self._looked_s = self._idle_s = 0.0
         self._idle_runs: Counter[int] = Counter()
 
     def begin(self, now_s: float, *, fresh: bool, ticked: bool) -> None:
@@ -103,34 +161,31 @@ class IdleDetector:
             self._watch.snapshot()
         self._watch.mark()
         self._begun_s, self._begun_runs = now_s, self._watch.runs
-        self._base, self.rest_s = None, 0.0
-        self._due = {tid: s for tid, s in self.pollers.items() if ticked or tid not in self.timers}
+        self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
 
     def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
         self._noted = False
-        if self._base is not None and not self._peek(now_s):
+        if self._due and not self._polled(now_s):
             return IdleState.WAITS
-        self._looked_s = now_s
+        self._before_s, self._looked_s = self._looked_s, now_s
         self.application.find()
-        noted, rest, served = self._watch.runs, self._watch.look(), self.graph.served
+        rest, served = self._watch.look(self.pollers.keys()), self.graph.served
         heard, self._served = served != self._served, served
         self._noted = rest is not Rest.AWAKE
         if self._lapses:
             self._take_back(now_s)
-        if self.graph.busy or (rest is Rest.AWAKE and self._watch.awake() not in self.pollers):
-            self._base = None
-            return IdleState.AWAKE
-        if heard or self._watch.changed - self.pollers.keys():
-            self._base = None
-            return IdleState.SOON
-        if rest is Rest.AWAKE:
-            self.next_s = now_s + _AGAIN_S
-            return IdleState.WAITS
+        awake = rest is Rest.AWAKE or bool(self.graph.busy)
+        woken = self._watch.changed - self.pollers.keys() if rest is not Rest.AWAKE else frozenset[int]()
+        in_time = [self._in_time(tid, now_s) for tid in woken]
+        if awake or heard or woken:
+            if awake or heard or not all(in_time):
+                self._due = None
+            if not self.has_time(self._nap_s, now_s):
+                self._begin_to_poll(woken | self._watch.sleepers(), now_s)
+            return IdleState.AWAKE if awake else IdleState.SOON
         self.rest_s = self.rest_s or now_s
-        if self._due and not self._polled(now_s, noted):
-            return IdleState.WAITS
-        return self._rested(rest, now_s)
+        return self._rested(rest, now_s) if self._proved(now_s) else IdleState.WAITS
 
     def _rested(self, rest: Rest, now_s: float) -> IdleState:
         """Returns whether nobody sleeps who has not noticed what was sent, or naps within a callback."""
@@ -142,7 +197,7 @@ class IdleDetector:
             return IdleState.SOON
         if napping and self.has_time(self._nap_s, now_s):
             return IdleState.WAITS
-        if napping and self._begin_to_poll(napping, waited_s):
+        if napping and self._begin_to_poll(napping, now_s):
             return IdleState.SOON
         self._sleepers |= napping
         return IdleState.STOPPED if rest is Rest.STOPPED else IdleState.QUIET
@@ -179,42 +234,49 @@ class IdleDetector:
     def count(self, now_s: float) -> None:
         """Begins to count how often threads run although nothing is sent to them."""
         self._watch.snapshot()
-        self._counted = (now_s, self._watch.counts())
+        self._counted = (now_s, self._watch.counted())
 
     def find_pollers(self, now_s: float) -> None:
         """Notes which threads ran again and again since ``count``, and which sleep by the wall's clock for longer."""
         begun_s, before = self._counted
         self._watch.snapshot()
-        for tid, count in self._watch.counts().items():
-            runs = count - before.get(tid, count)
-            if runs >= _POLLS and (now_s - begun_s) / runs < _POLL_S:
-                self._add_poller(tid, (now_s - begun_s) / runs)
+        for tid, counted in self._watch.counted().items():
+            runs = counted.times - before.get(tid, counted).times
+            # What comes to a node at its start wakes threads that wait at sockets: only many runs are no chance.
+            enough = _POLLS * (_POLLS if self._watch.listens(tid) else 1)
+            if runs >= enough and (now_s - begun_s) / runs < _POLL_S:
+                self._add_poller(tid, (now_s - begun_s) / runs, (counted.ran_ns - before[tid].ran_ns) / runs)
         self._known, self.suspect = frozenset(self._watch.runs), False
 
     def sleeps_on(self) -> bool:
         """Returns whether a thread has slept by the wall's clock ever since ``count``; ``rospy.spin`` wakes again."""
         self._watch.snapshot()
-        before, now = self._counted[1], self._watch.counts()
+        before, now = self._counted[1], self._watch.counted()
         return any(before.get(tid) == now.get(tid) for tid in self._watch.sleepers())
 
     def find_sleepers(self) -> None:
         """Notes which threads sleep by the wall's clock while nothing is to be done, as ``rospy.spin`` does."""
         self._sleepers = self._watch.sleepers()
 
-    def _begin_to_poll(self, napping: frozenset[int], waited_s: float) -> bool:
-        """Returns whether some of those that nap for too long poll: all wait for them from now on."""
-        counts = self._watch.counts_since_mark()
-        found = {tid: waited_s / counts[tid] for tid in napping if counts.get(tid, 0) >= _POLLS}
-        for tid in [tid for tid, period_s in found.items() if period_s < _POLL_S]:
-            self._add_poller(tid, found[tid])
-            self._due[tid], self._base = found[tid], None
-        return bool(found.keys() & self.pollers.keys())
+    def _begin_to_poll(self, napping: frozenset[int], now_s: float) -> bool:
+        """Returns whether some of those that nap for too long, or do not rest, poll: all wait for them from now on."""
+        waited_s, counts, before = now_s - self._begun_s, self._watch.counted(), self._begun_runs
+        found: dict[int, Runs] = {}
+        for tid in (napping - self.pollers.keys()) & counts.keys():
+            begun = Runs.of(before.get(tid, b""))
+            found[tid] = Runs(counts[tid].ran_ns - begun.ran_ns, 0, counts[tid].times - begun.times)
+        found = {tid: ran for tid, ran in found.items() if ran.times >= _POLLS and waited_s / ran.times < _POLL_S}
+        # What computes for long and hands it on from thread to thread does not poll.
+        found = {tid: ran for tid, ran in found.items() if self._watch.naps(tid) or ran.ran_ns < _LITTLE_NS * ran.times}
+        for tid, ran in found.items():
+            self._add_poller(tid, waited_s / ran.times, ran.ran_ns / ran.times)
+            self._due = None
+        return bool(found)
 
-    def _add_poller(self, tid: int, period_s: float) -> None:
-        self.pollers[tid] = period_s
+    def _add_poller(self, tid: int, period_s: float, usual_ns: float) -> None:
+        self.pollers[tid], self._usual_ns[tid] = period_s, usual_ns
         if keeps_timers(self._watch.process(tid), tid):
             self.timers.add(tid)
-        self._watch.put_first(self.pollers.keys())
 
     def _note_rest(self, now_s: float) -> None:
         """Notes which threads were run since the last look, when the application was taken for quiet."""
@@ -223,58 +285,105 @@ class IdleDetector:
             self._idle_runs.clear()
         self._idle_s += now_s - self._looked_s
         self._idle_runs.update(self._watch.changed - self.pollers.keys())
+        self._wakes = {tid: wake for tid, wake in self._wakes.items() if tid in self._watch.runs}
         often = any(runs >= _POLLS and self._idle_s / runs < _POLL_S for runs in self._idle_runs.values())
         self.suspect = self.suspect or often or not self._watch.runs.keys() <= self._known
 
-    def _polled(self, now_s: float, noted: dict[int, bytes]) -> bool:
-        """Returns whether each thread that polls had looked once more before this look, and slept again.
+    def _proved(self, now_s: float) -> bool:
+        """Returns whether polling changes nothing any more; all who do not poll slept since the look before."""
+        if self._due is None:
+            self._due = self._begin_orders(now_s)
+            return not self._due
+        # What is on its way between two sockets at this look is there at the next.
+        confirmed, self._due, self.next_s = not self._due, {}, now_s
+        return confirmed
 
-        Args:
-            now_s: By a clock that only grows.
-            noted: What was noted of each thread at the look before. Whom a thread wakes that polls during a look, that
-                look may have missed.
-        """
-        if self._base is None:
-            self._base, self._base_s = {tid: self._watch.runs.get(tid, b"") for tid in self._due}, now_s
-            self.next_s = now_s + _PEEK * min(self._due.values())
+    def _begin_orders(self, now_s: float) -> dict[int, tuple[Runs, float]]:
+        """Returns who has to poll: all pollers of those processes in which anybody else was run."""
+        touched = self._watch.touched(self._begun_runs, self.pollers.keys())
+        groups: dict[int, list[int]] = {}
+        for tid in self.pollers:
+            pid = self._watch.process(tid)
+            if touched & {pid, 0} and (self._ticked or tid not in self.timers):
+                groups.setdefault(pid, []).append(tid)
+        self._orders = {pid: PollOrders(tids) for pid, tids in groups.items()}
+        due = {tid: (Runs.of(self._watch.now(tid)), now_s) for tids in groups.values() for tid in tids}
+        self.next_s = now_s + _PEEK * min((self.pollers[tid] for tid in due), default=0.0)
+        return due
+
+    def _polled(self, now_s: float) -> bool:
+        """Returns whether those who have to poll did so in every order; asks no others, so it costs little."""
+        due, polled = self._due or {}, set[int]()
+        counted = {tid: Runs.of(self._watch.now(tid)) for tid in due}
+        awake = {tid for tid in due if self._watch.waits_for_core(tid)}
+        for tid in due.keys() - awake:
+            noted, at_s = due[tid]
+            runs = counted[tid].times - noted.times
+            if runs > 0 and (counted[tid].ran_ns - noted.ran_ns) / runs > self._usual * self._usual_ns[tid] + _USUAL_NS:
+                self._usual *= _USUAL
+                self._due = None
+                return True
+            if runs > 0:
+                polled.add(tid)
+            elif self._missed(tid, now_s - at_s, now_s):
+                self._give_up(tid, now_s)
+                self._due = None
+                return True
+        if polled:  # Who polls meanwhile began before these had polled: only its next time counts.
+            self._due = {
+                tid: (Runs.of(self._watch.now(tid)), now_s if tid in polled else at_s) for tid, (_, at_s) in due.items()
+            }
+        for orders in self._orders.values():
+            orders.add(polled)
+        self.next_s = now_s + _PEEK * min(self.pollers[tid] for tid in due)
+        return all(orders.all_seen for orders in self._orders.values())
+
+    def _missed(self, tid: int, waited_s: float, now_s: float) -> bool:
+        """Returns whether a thread does not poll any more, as it seems; one that naps in its work may nap as long."""
+        if waited_s < max(_MISSED_S, _MISSED_POLLS * self.pollers[tid]):
             return False
-        self.next_s = now_s
-        return all(noted.get(tid) != runs for tid, runs in self._base.items() if tid in self._due)
+        return not (self._watch.naps(tid) and self.has_time(self._nap_s, now_s))
 
-    def _peek(self, now_s: float) -> bool:
-        """Returns whether each thread that polls was run since all others slept; asks no others, so it costs little."""
-        base, waited_s = self._base or {}, now_s - self._base_s
-        for tid, period_s in list(self._due.items()):
-            # Asked before whether it ran: one that sleeps, and did not run after all, waited for no core in between.
-            waits = waited_s < max(_MISSED_S, _MISSED_POLLS * period_s) or self._watch.waits_for_core(tid)
-            if self._watch.ran(tid, base.get(tid)):
-                continue
-            if waits:
-                self.next_s = now_s + _PEEK * period_s
-                return False
-            self._give_up(tid, now_s)
-        return True
+    def _in_time(self, tid: int, now_s: float) -> bool:
+        """Returns whether a thread only woke up as it does again and again, each tenth of a second or more seldom.
+
+        roscpp has three threads or more of that kind in each node: if one of them in a graph of ten nodes began
+        everything anew, no round would end. It woke as long after the time before as that time after the one before,
+        ran once, and no longer than then.
+        """
+        before, counted = self._wakes.get(tid), Runs.of(self._watch.runs.get(tid, b""))
+        before = before or _Wake(now_s, 0.0, counted, 0.0)
+        gap_s, looked_s = now_s - before.at_s, now_s - self._before_s
+        near_s = _IN_TIME * gap_s + looked_s
+        again = gap_s > _POLL_S and looked_s < _LOOKED * gap_s and abs(gap_s - before.gap_s) < near_s
+        self._wakes[tid] = _Wake(now_s, gap_s, counted, gap_s if again else before.period_s)
+        return (
+            abs(gap_s - before.period_s) < near_s
+            and counted.times - before.counted.times == 1
+            and counted.ran_ns - before.counted.ran_ns < _LITTLE_NS
+        )
 
     def _give_up(self, tid: int, now_s: float) -> None:
         """Waits no more for a thread that does not poll any more, as it seems."""
-        del self._due[tid]
-        before, runs = self._lapses.get(tid), self._watch.counts().get(tid, 0)
+        before, runs = self._lapses.get(tid), Runs.of(self._watch.now(tid)).times
         polls = min(2 * before.polls, _MOST_POLLS) if before is not None else _POLLS
-        self._lapses[tid] = _Lapse(self.pollers.pop(tid), now_s, runs, polls)
+        period_s = self.pollers.pop(tid)
+        if not self._watch.listens(tid):  # what comes to a socket wakes whoever waits for it, and no one has to wait
+            self._lapses[tid] = _Lapse(period_s, now_s, runs, polls)
 
     def _take_back(self, now_s: float) -> None:
         """Waits again for threads that were given up, and have polled since: nobody rests whom one of them wakes."""
-        counts = self._watch.counts()
+        counts = self._watch.counted()
         for tid in self._lapses.keys() - self.pollers.keys():
             lapse = self._lapses[tid]
-            runs = counts.get(tid, 0) - lapse.runs
+            runs = counts.get(tid, Runs()).times - lapse.runs
             if runs < lapse.polls:
                 continue
             if (now_s - lapse.at_s) / runs < _POLL_S:
-                self._add_poller(tid, lapse.period_s)
-                self._due[tid], self._base = lapse.period_s, None
+                self._add_poller(tid, lapse.period_s, self._usual_ns[tid])
+                self._due = None
             else:  # it slept for long: what it does from now on says whether it polls
-                self._lapses[tid] = lapse._replace(at_s=now_s, runs=counts.get(tid, 0))
+                self._lapses[tid] = lapse._replace(at_s=now_s, runs=counts.get(tid, Runs()).times)
 
 
 def _shown(rate_hz: float) -> str:

@@ -19,7 +19,7 @@ import resource
 from collections.abc import Generator, Iterable, Mapping, Set
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from tasks.ros.process.lane_limits import NO_ROOM
 
@@ -76,7 +76,22 @@ _AWAKE = b"RD"
 _STOPPED = b"Tt"
 _NAP = b"nanosleep"
 _UNTOLD = b"0"
+# Whoever waits there hears nothing of a socket.
+_DEAF = (_NAP, b"futex")
 _NONE: frozenset[int] = frozenset()
+
+
+class Runs(NamedTuple):
+    """What the kernel counts of a thread: how long it ran, how long it waited for a core, how often it was run."""
+
+    ran_ns: int = 0
+    waited_ns: int = 0
+    times: int = 0
+
+    @classmethod
+    def of(cls, noted: bytes) -> Self:
+        """Returns what was noted of a thread; zeros for one that was not there."""
+        return cls(*map(int, noted.split()))
 
 
 class Rest(Enum):
@@ -138,24 +153,20 @@ class ThreadWatch:
             with _gone():
                 self._threads[tid] = _opened(self._proc, there[tid], tid)
 
-    def put_first(self, tids: Set[int]) -> None:
-        """Lets looks begin with these threads, if they are there: whom they wake is then asked after them."""
-        self._threads = dict(sorted(self._threads.items(), key=lambda each: each[0] not in tids))
-
-    def look(self) -> Rest:
-        """Returns whether all threads slept since the last look; one without a look before it never says so."""
+    def look(self, besides: Set[int] = _NONE) -> Rest:
+        """Returns whether all threads, besides some, slept since the last look; the first look never says so."""
         self.looks += 1
         hot, stopped = self._hot, False
-        if hot is not None and self._state(hot) in _AWAKE:
+        if hot is not None and hot.tid not in besides and self._state(hot) in _AWAKE:
             return Rest.AWAKE
-        for thread in list(self._threads.values()):
+        for thread in [each for tid, each in self._threads.items() if tid not in besides]:
             state = self._state(thread)
             if state in _AWAKE:
                 self._hot = thread
                 return Rest.AWAKE
             stopped = stopped or state in _STOPPED
         self.snapshot()
-        if self.changed:
+        if self.changed - besides:
             return Rest.MOVED
         return Rest.STOPPED if stopped else Rest.ASLEEP
 
@@ -180,11 +191,16 @@ class ThreadWatch:
 
     def ran(self, tid: int, noted: bytes | None) -> bool:
         """Returns whether a thread was run since that was noted of it, or is gone."""
+        now = self.now(tid)
+        return not now or now != noted
+
+    def now(self, tid: int) -> bytes:
+        """Returns what is to be noted of a thread now; empty for one that is gone."""
         thread = self._threads.get(tid)
         try:
-            return thread is None or os.pread(thread.runs, _RUNS_BYTES, 0) != noted
+            return os.pread(thread.runs, _RUNS_BYTES, 0) if thread is not None else b""
         except OSError:
-            return True
+            return b""
 
     def waits_for_core(self, tid: int) -> bool:
         """Returns whether a thread is awake; one that was not run since it slept, and is, waits for a core."""
@@ -206,22 +222,34 @@ class ThreadWatch:
             except OSError:
                 self._forget(tid)
                 continue
-            longest_ns = max(longest_ns, _waited_ns(now) - _waited_ns(before.get(tid, b"")))
+            longest_ns = max(longest_ns, Runs.of(now).waited_ns - Runs.of(before.get(tid, b"")).waited_ns)
         return longest_ns / 1e9
+
+    def touched(self, before: Mapping[int, bytes], besides: Set[int]) -> frozenset[int]:
+        """Returns the processes of which threads, besides some, were run since that was noted, or came or are gone.
+
+        A thread that is gone may be any process's: 0 stands for all.
+
+        Args:
+            before: What ``runs`` was.
+            besides: Threads that may run by themselves. One of them that waits for what may be sent to it counts.
+        """
+        ran = _differ(self.runs, before)
+        return frozenset(self.process(tid) for tid in ran if tid not in besides or self.listens(tid))
 
     def process(self, tid: int) -> int:
         """Returns the process of a thread; 0 for one that is not known."""
         thread = self._threads.get(tid)
         return thread.pid if thread is not None else 0
 
-    def counts(self) -> dict[int, int]:
-        """Returns how often each thread was run, as of the last look."""
-        return {tid: int(runs.split()[2]) for tid, runs in self.runs.items() if runs}
+    def counted(self) -> dict[int, Runs]:
+        """Returns what the kernel counts of each thread, as of the last look."""
+        return {tid: Runs.of(runs) for tid, runs in self.runs.items() if runs}
 
     def counts_since_mark(self) -> dict[int, int]:
         """Returns how often threads were run between the mark and the last look; of those that were there then."""
-        there = {tid: noted for tid, noted in self._marked.items() if noted}
-        return {tid: count - int(there[tid].split()[2]) for tid, count in self.counts().items() if tid in there}
+        there = {tid: Runs.of(noted).times for tid, noted in self._marked.items() if noted}
+        return {tid: counted.times - there[tid] for tid, counted in self.counted().items() if tid in there}
 
     def napping(self, exempt: Set[int] = _NONE) -> frozenset[int] | None:
         """Returns the threads that were run since the mark and may sleep by the wall's clock, as ``time.sleep`` does.
@@ -259,6 +287,17 @@ class ThreadWatch:
     def _woken(self, tid: int) -> bool:
         """Returns whether a thread was run since the last look, or waits for a core after its nap."""
         return self.waits_for_core(tid) or self.ran(tid, self.runs.get(tid))
+
+    def listens(self, tid: int) -> bool:
+        """Returns whether a thread may wait for something to come to a socket, until a limit perhaps."""
+        thread = self._threads.get(tid)
+        where = _waits_at(thread) if thread is not None else b""
+        return not any(name in where for name in _DEAF)
+
+    def naps(self, tid: int) -> bool:
+        """Returns whether a thread may sleep by the wall's clock now, as ``time.sleep`` does."""
+        thread = self._threads.get(tid)
+        return thread is not None and _may_nap(thread)
 
     def close(self) -> None:
         """Closes the files."""
@@ -305,15 +344,10 @@ def _opened(proc: Path, pid: int, tid: int) -> _Thread:
     return _Thread(pid, tid, *files)
 
 
-def _differ(after: dict[int, bytes], before: dict[int, bytes]) -> frozenset[int]:
+def _differ(after: Mapping[int, bytes], before: Mapping[int, bytes]) -> frozenset[int]:
     """Returns the threads that were run in between, that came, or that are gone."""
     gone = before.keys() - after.keys()
     return frozenset(tid for tid, runs in after.items() if before.get(tid) != runs) | gone
-
-
-def _waited_ns(runs: bytes) -> int:
-    """Returns how long a thread waited for a core, by its ``schedstat``; 0 for one that was gone."""
-    return int(runs.split()[1]) if runs else 0
 
 
 def _waits_at(thread: _Thread) -> bytes:

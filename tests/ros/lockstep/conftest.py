@@ -1,7 +1,8 @@
 """An application whose threads are what a test says of them."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -55,6 +56,13 @@ def detector(
     pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits
 ) -> Iterator[IdleDetector]:
     """Judges an application of these two threads, to which nobody is connected."""
+    with detector_of(proc, pump, limits) as found:
+        yield found
+
+
+@contextmanager
+def detector_of(proc: Path, pump: EventPump, limits: LaneLimits = ENDLESS) -> Generator[IdleDetector]:
+    """Judges an application of the threads that are in a folder, to which nobody is connected."""
     tracker = ProcessTracker()
     application = ApplicationProcesses(proc.parent, tracker, limits)
     application.watch = ThreadWatch(proc)

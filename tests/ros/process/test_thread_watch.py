@@ -130,7 +130,7 @@ def test_one_that_ends_is_forgotten_with_its_files(start: Start) -> None:
     watched = watch(process)
     process.communicate(b"x")
     until(watched, Rest.ASLEEP)
-    assert watched.counts() == {}
+    assert watched.counted() == {}
     assert sum(1 for _ in Path("/proc/self/fd").iterdir()) < before + 2
     watched.close()
 
