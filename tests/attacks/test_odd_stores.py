@@ -64,7 +64,9 @@ def _look(server: OddServer, agent: subprocess.Popen[bytes], answer: str) -> int
     return agent.poll()
 
 
-@pytest.mark.parametrize("duration_s", [0.0, pytest.param(3600.0, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(
+    "duration_s", [0.0, pytest.param(3600.0, marks=[pytest.mark.soak, pytest.mark.timeout(36000)])]
+)
 def test_no_answer_of_the_store_ends_an_agent_or_its_application(root: Path, duration_s: float) -> None:
     until_s = time.monotonic() + duration_s
     with odd_server("500, a page") as server, _agent(root, "s3://bucket/store", server.endpoint) as agent:
