@@ -6,6 +6,7 @@ A launch file runs programs when it is read (``<param command="...">``): reading
 
 import json
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
+from specs.program_file import HEAD_BYTES, needed_programs, start_fault
 from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, shown_node
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_launch, run_launch_program
 from tasks.ros.launch.node_topics import WantedTopic, node_topics
@@ -35,6 +37,8 @@ _LIMIT_S = 90.0
 _REPORT_BYTES, _REPORT_BYTES_EACH = 16 << 20, 1 << 14
 _CLOCK = "/use_sim_time"
 _OWN_TOPICS = ("/clock", "/tf", "/tf_static", "/rosout", "/rosout_agg", "/gazebo/model_states")
+# Nodes written for Python 2 ask for it; the home folder of an episode has it.
+_OF_EACH_EPISODE = "python"
 _NOT_OWN = "it is not this document's own bundle, and reading it would run what it says: install bubblewrap"
 _NO_DDS = "nodes of ROS 2 need Cyclone DDS: pip install 'simyard[ros2]'"
 # What nodes are written with, by what their package.xml, their Python or their linked program says.
@@ -177,6 +181,7 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     nodes = {name: node for name, node in every.items() if name not in instead}
     topics = {name: node_topics(node, source.bundle) for name, node in nodes.items()}
     lost = dict.fromkeys(each for plan in good for each in plan.lost)
+    lost |= dict.fromkeys(each for node in nodes.values() for each in _unstartable(source.bundle, node))
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
     needed = dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
@@ -194,6 +199,23 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     )
     old = dict.fromkeys(each for node in every.values() for each in _python2(source.bundle, node))
     return report.model_copy(update={"missing": (*needed,)} if needed else {}).model_copy(update={"python2": (*old,)})
+
+
+def _unstartable(bundle: Path, node: NodePlan) -> Iterator[str]:
+    """Yields why Linux does not start a node's own program, which is a file of the bundle, as its first bytes say."""
+    program = Path(node.command[0])
+    if not program.is_relative_to(bundle) or not program.is_file():
+        return
+    with program.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    shown = str(program.relative_to(bundle))
+    if wrong := start_fault(head, shown):
+        yield f"{shown_node(node)}: {wrong}"
+        return
+    path = os.pathsep.join((os.environ.get("PATH", ""), os.defpath))
+    for name in needed_programs(head):
+        if name != _OF_EACH_EPISODE and shutil.which(name, path=path) is None:
+            yield f"{shown_node(node)}: {shown}, line 1: needs {name}, which is not here: install it, or name another"
 
 
 def _python2(bundle: Path, node: NodePlan) -> Iterator[str]:

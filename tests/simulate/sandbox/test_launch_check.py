@@ -50,6 +50,32 @@ def test_what_the_stand_ins_refuse_is_no_fault_of_the_document(tmp_path: Path):
     assert "the package play has no executable 'pilot'" in found.ros
 
 
+@pytest.mark.parametrize(
+    ("first", "why"),
+    [
+        ("#!/usr/bin/env python3\r\n", "line 1: ends in CR LF, and the CR counts to the interpreter's name: dos2unix"),
+        ("import os\n", "line 1: says not what runs it: begin it with #!/bin/sh"),
+        ("#!/opt/gone/python\n", "line 1: needs /opt/gone/python, which is not here: install it"),
+    ],
+)
+def test_a_script_that_linux_does_not_start_is_a_fault_of_the_launch_file(tmp_path: Path, first: str, why: str):
+    bundle = make_bundle(tmp_path)
+    script = bundle / "play/scripts/avoider"
+    script.write_bytes(first.encode() + b"import sys\n")
+    (lost,) = report(bundle, "avoider").lost
+    assert lost.startswith(f"/player (play avoider): play/scripts/avoider, {why}")
+
+
+@pytest.mark.long
+def test_a_script_of_ros_1_that_linux_does_not_start_is_told_as_well(ros: RosInstallation, tmp_path: Path):
+    shutil.copytree(COURIER / "courier", tmp_path / "courier")
+    node = tmp_path / "courier/scripts/answer.py"
+    node.write_bytes(node.read_bytes().replace(b"\n", b"\r\n"))
+    found = check_launch_file(LaunchSource(tmp_path, "courier", "answer.launch"), [{}], own=True)
+    (lost,) = found.lost
+    assert lost.startswith("/answer (courier answer.py): courier/scripts/answer.py, line 1: ends in CR LF")
+
+
 def test_without_cyclone_dds_no_node_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(launch_check, "find_spec", lambda _: None)
     found = report(make_bundle(tmp_path), "avoider")
