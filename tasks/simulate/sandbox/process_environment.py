@@ -111,6 +111,7 @@ FIXED: Mapping[str, tuple[str, str]] = {
     "PYTHONHASHSEED": ("0", "the order of a set in a controller is the same each time"),
     "PYTHONUTF8": ("1", "files are read the same in any language"),
     "PYTHONUNBUFFERED": ("1", "what a controller prints is there when its process ends"),
+    "OPENBLAS_NUM_THREADS": ("1", "its threads wait for work by turning in circles, which costs a process a second"),
     "HOME": ("/tmp", "of the process alone, as TMPDIR; a folder of its own where bubblewrap is not"),  # noqa: S108
 }
 """Values that are the same on each machine, with a reason each."""

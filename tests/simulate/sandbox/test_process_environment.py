@@ -34,7 +34,6 @@ DECIDING = {
     "TF_XLA_FLAGS": "--gone",
     "OMP_NUM_THREADS": "0",
     "MKL_CBWR": "COMPATIBLE",
-    "OPENBLAS_NUM_THREADS": "0",
     "NUMBA_DISABLE_JIT": "1",
     "NPY_DISABLE_CPU_FEATURES": "AVX2",
     "PYTHONOPTIMIZE": "2",
@@ -50,10 +49,16 @@ def test_neither_secrets_nor_what_decides_numbers_reaches_a_simulation():
 
 
 def test_what_is_fixed_wins_over_the_users_own():
-    own = {"PYTHONHASHSEED": "7", "HOME": "/home/owner", "JAX_COMPILATION_CACHE_DIR": "/of/the/run"}
+    own = {
+        "PYTHONHASHSEED": "7",
+        "OPENBLAS_NUM_THREADS": "2",
+        "HOME": "/home/owner",
+        "JAX_COMPILATION_CACHE_DIR": "/of/the/run",
+    }
     given = process_environment(own, PROGRAMS)
     assert {name: given[name] for name in own} == {
         "PYTHONHASHSEED": FIXED["PYTHONHASHSEED"][0],
+        "OPENBLAS_NUM_THREADS": "1",
         "HOME": FIXED["HOME"][0],
         "JAX_COMPILATION_CACHE_DIR": str(PROGRAMS),
     }
