@@ -18,7 +18,7 @@ from flows.gateway.admission import (
 )
 from flows.gateway.gateway import Gateway, Handlers, missing, path_of
 from flows.pipeline.references import latest_finder
-from flows.pipeline.tested_batch import batch_plan, launch_faults
+from flows.pipeline.tested_batch import batch_plan, launch_faults, worldless_fault
 from specs.arn import resource_kind
 from specs.base import Fault
 from specs.data.outcomes import MOST_OWN_TAGS, is_reserved
@@ -138,7 +138,7 @@ def _plan(store: Store, asked: Document) -> BatchPlan:
     try:
         require_output(store, output_location(section).s3Bucket, "outputLocation.s3Bucket")
         plan = batch_plan(section, (), store, latest_finder(store))
-        faults = launch_faults(plan, store)
+        faults = [*filter(None, [worldless_fault(plan)]), *launch_faults(plan, store)]
     except DocumentError as exc:
         raise type(exc)([in_request(fault, asked) for fault in exc.faults], _SOURCE) from exc
     if faults:

@@ -22,6 +22,7 @@ from flows.pipeline.tested_batch import (
     require_one_version,
     tested_bundles,
     world_digests,
+    worldless_fault,
 )
 from flows.pipeline.version_retention import latest_version, publish_brought
 from flows.pipeline.world_imports import ImportedWorld, import_worlds, keep_world
@@ -246,7 +247,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         found = replace(found, exported=faults.keep(lambda: world_digests(worlds, store)))
     if batch := spec.simulationBatch:
         faults.keep(lambda: require_environment(os.environ))
-        plan = faults.keep(lambda: _checked_plan(batch, store, find))
+        plan = faults.keep(lambda: _checked_plan(batch, store, find, worlds=bool(spec.worldGeneration)))
         faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         faults.keep(lambda: check_planned_confinement(plan, store) if plan else None)
         compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
@@ -345,12 +346,21 @@ def _import(entry: WorldImport, number: int, store: Store, base: Path) -> list[I
     return imported
 
 
-def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion) -> BatchPlan:
-    """Returns the plan of a batch whose output bucket is there, and whose bundles have what is launched."""
+def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion, *, worlds: bool) -> BatchPlan:
+    """Returns the plan of a batch whose output bucket is there, and whose bundles have what is launched.
+
+    Args:
+        section: The document's section.
+        store: Where everything is.
+        find: Finds versions.
+        worlds: Whether the document generates worlds, so that its requests need none of their own.
+    """
     faults = KeptFaults()
     faults.keep(lambda: _require_bucket(store, output_location(section), "simulationBatch"))
     faults.keep(lambda: require_bag_writers(section.recordings.bags))
     plan = faults.keep(lambda: batch_plan(section, (), store, find))
+    if plan and not worlds and (fault := worldless_fault(plan)):
+        faults.add([fault])
     if plan:
         faults.add(launch_faults(plan, store))
     if plan is None or faults:

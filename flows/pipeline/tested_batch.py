@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 from flows.pipeline.bundle_checks import simulated_fault
+from flows.pipeline.world_imports import keep_world, launched_world
 from specs.arn import absence, parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
@@ -16,7 +17,7 @@ from specs.robomaker.simulation import DataSourceConfig
 from tasks.applications.registry import BUNDLE_ERRORS, bundle_failure
 from tasks.simulate.data.data_sources import PinnedSource
 from tasks.simulate.data.mounts import pin_source
-from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate, lane_count
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import FindFiles, FindVersion, matrix_worlds, plan_batch, requested_worlds
 from tasks.storage.archives import list_bundle_files
@@ -57,10 +58,45 @@ def batch_plan(
             section, matrix, digests or {}, find, lambda one: pin(one.model_dump_json()), find_files=files
         )
 
-    plan = faults.keep(planned)
+    plan = faults.keep(lambda: with_launched_worlds(planned(), section, store))
     if plan is None or faults:
         raise faults.together()
     return shuffle_if_endable(plan, gate)
+
+
+def with_launched_worlds(plan: BatchPlan, section: SimulationBatch, store: Store) -> BatchPlan:
+    """Returns a plan whose requests without a world have that of their simulation application's launch file.
+
+    Where the plan has worlds for all requests, nothing is read. What is imported lies in the store afterwards.
+
+    Raises:
+        DocumentError: A launch file cannot be read, starts no world of Gazebo's, or its world cannot be imported.
+    """
+    templates, digests, faults = list[JobTemplate](), dict(plan.world_digests), KeptFaults()
+    for template in plan.templates:
+        if plan.worlds_of(template) or not template.scenario.starts_nodes:
+            templates.append(template)
+            continue
+        found = faults.keep(lambda template=template: launched_world(store, template.scenario, template.environment))
+        if found:
+            keep_world(store, found, f"{_REQUESTS}.simulationApplications")
+            digests[found.reference] = found.digest
+            templates.append(template.model_copy(update={"worlds": (found.reference,)}))
+    if faults:
+        raise faults.together()
+    if digests.keys() == plan.world_digests.keys():
+        return plan
+    changed = plan.model_copy(update={"templates": tuple(templates), "world_digests": digests})
+    most = section.batchPolicy and section.batchPolicy.maxConcurrency
+    return changed.model_copy(update={"lanes": lane_count(most, Layout(changed).episodes)})
+
+
+def worldless_fault(plan: BatchPlan) -> Fault | None:
+    """Returns that a request of a batch has no world to run in; None if each has."""
+    if all(map(plan.worlds_of, plan.templates)):
+        return None
+    allowed = "worldConfigs in each request, a list of worlds, or worldGeneration or worlds in the document"
+    return Fault(path="simulationBatch.matrix.worlds", value="'all'", allowed=allowed)
 
 
 def bundle_files_in(store: Store) -> FindFiles:

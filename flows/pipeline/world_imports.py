@@ -9,18 +9,22 @@ import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from specs.base import Fault
+from specs.data.episode import ApplicationLaunch
 from specs.data.world import ROBOT_RADIUS_M, ImportFinding, World, solids
 from specs.errors import DocumentError, LaunchRefused, ObjectExists
 from specs.pipeline.world_sections import WorldImport
-from tasks.ros.launch.launch_plan import run_launch_program
+from tasks.applications.registry import unpack
+from tasks.ros.launch.launch_plan import LaunchSource, run_launch_program
 from tasks.simulate.sandbox.confinement import Place, confined_command
 from tasks.simulate.sandbox.process_environment import process_environment
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
 from tasks.storage.worlds import decode_world, encode_world, write_world
 from tasks.worlds.importer.source_files import MAPS, MODELS
@@ -33,6 +37,8 @@ _NEEDED = ("PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _SHOWN = 12
 # A map that is turned or shifted agrees with a third of a world by chance.
 _SAME_PLACE = 0.5
+_LAUNCHED_KEPT = 64
+_JUDGES = "simulationBatch.createSimulationJobRequests[*].simulationApplications[0]"
 
 
 @dataclass(frozen=True)
@@ -84,6 +90,50 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     if answer.faults:
         raise DocumentError([_in_source(fault, f"{dot}source", asked.source) for fault in answer.faults])
     return ImportedWorld(asked.name, decode_world(answer.world.encode()))
+
+
+@lru_cache(maxsize=_LAUNCHED_KEPT)
+def _launched(name: str, source: LaunchSource, variables: tuple[tuple[str, str], ...]) -> ImportedWorld:
+    from tasks.simulate.sandbox.launch_check import check_launch_file  # noqa: PLC0415 - few documents need it
+
+    folder, path = source.bundle, f"{_JUDGES}.worldConfigs"
+    report = check_launch_file(source, [dict(variables)], own=False)
+    gazebo = report.gazebo
+    if gazebo is None or gazebo.world is None:
+        why = report.unread or "; ".join((*report.refusals, *(gazebo.findings if gazebo else ())))
+        why = why or ("" if report.has_ros else report.ros) or "it starts no world of Gazebo's"
+        allowed = (
+            f"a world, in worldConfigs or in the document: {source.package} {source.launch_file} brings none: {why}"
+        )
+        raise DocumentError.of(path, "none", allowed)
+    start = gazebo.spawn
+    asked: dict[str, object] = {"name": name, "source": _inside(gazebo.world, folder)}
+    if gazebo.model_folders:
+        asked["models"] = [_inside(each, folder) for each in gazebo.model_folders]
+    if start:
+        asked["start"] = [start.x_m, start.y_m, start.yaw_rad]
+    return import_world(WorldImport.model_validate(asked), folder, path)
+
+
+def _inside(path: Path, folder: Path) -> str:
+    """Returns a path as seen from a bundle, wherever that is unpacked."""
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)
+
+
+def launched_world(store: Store, launch: ApplicationLaunch, variables: Mapping[str, str]) -> ImportedWorld:
+    """Returns the world that a simulation application's launch file starts Gazebo with; the spawn is its start.
+
+    Args:
+        store: Where the bundle is.
+        launch: The simulation application.
+        variables: Environment variables of its job.
+
+    Raises:
+        DocumentError: The launch file cannot be read, starts no world, or its world cannot be imported.
+    """
+    folder = unpack(store, launch.digest, cache_folder() / "bundles")
+    source = LaunchSource(folder, launch.package, launch.launch_file)
+    return _launched(launch.name, source, tuple(sorted(variables.items())))
 
 
 def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[ImportedWorld]:

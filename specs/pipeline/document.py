@@ -8,6 +8,7 @@ from pydantic import Field
 from specs.base import Spec, digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
+from specs.launched_file import names_ros_launch
 from specs.pipeline.gate_section import Gate, drawn_once, unaudited
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
@@ -166,7 +167,10 @@ def _names_worlds(section: object) -> bool:
 
 
 def _brings_world(request: object) -> bool:
+    """Returns whether a request names its world, or launches a file of ROS that may: only its bundle tells."""
     applications = items(part(request, "simulationApplications"))
+    if any(names_ros_launch(str(part(part(one, "launchConfig"), "launchFile"))) for one in applications):
+        return True
     configs = [config for one in applications for config in items(part(one, "worldConfigs"))]
     return any(part(config, "world") is not None for config in configs)
 

@@ -183,8 +183,11 @@ def test_a_fault_is_told_where_it_stands_in_the_request(tmp_path: Path):
 
 
 def test_a_request_without_a_world_is_told_where_to_name_one(tmp_path: Path):
+    job = sample("create-simulation-job.guide")
+    assert read(tmp_path, job).simulationBatch is not None  # its simulation application's launch file may bring one
+    job["simulationApplications"][0]["launchConfig"]["launchFile"] = "rooms"
     with pytest.raises(DocumentError, match="worldConfigs in every request") as refused:
-        read(tmp_path, sample("create-simulation-job.guide"))
+        read(tmp_path, job)
     assert len(refused.value.faults) == 1
 
 

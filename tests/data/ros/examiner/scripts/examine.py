@@ -16,12 +16,14 @@ JUNIT = '<testsuite tests="1" failures="{0}"><testcase name="drives">{1}</testca
 
 class Examiner:
     def __init__(self):
-        self.verdict = None
+        self.verdict, self.start = None, None
         rospy.Subscriber("/odom", Odometry, self.look, queue_size=1)
 
     def look(self, odometry):
         place = odometry.pose.pose.position
-        gone_m, now_s = (place.x**2 + place.y**2) ** 0.5, odometry.header.stamp.to_sec()
+        self.start = self.start or place
+        gone_m = ((place.x - self.start.x) ** 2 + (place.y - self.start.y) ** 2) ** 0.5
+        now_s = odometry.header.stamp.to_sec()
         if self.verdict is None and (gone_m >= FAR_M or now_s >= LIMIT_S):
             self.verdict = gone_m >= FAR_M
             self.say(gone_m, now_s)
