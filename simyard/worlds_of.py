@@ -66,6 +66,7 @@ def world_import(
     models: Sequence[str | os.PathLike[str]] = (),
     wall_height_m: float | None = None,
     unit: str | None = None,
+    routes: Sequence[str | os.PathLike[str]] = (),
     store: str | os.PathLike[str] | None = None,
 ) -> "World":
     """Returns a world made of a building of one's own, which is in the store then; `document.report` says what became.
@@ -77,6 +78,7 @@ def world_import(
         models: Folders that `model://` and `package://` lead to.
         wall_height_m: How high stands what a map shows; 2 m.
         unit: Of a mesh: m, cm, mm, in or ft.
+        routes: Files of routes and places, such as Nav2's waypoints, in the source's frame.
         store: As for `worlds`.
 
     Raises:
@@ -96,6 +98,7 @@ def world_import(
             "models": [os.fspath(each) for each in models] or None,
             "wallHeight": wall_height_m,
             "unit": unit,
+            "routes": [os.fspath(each) for each in routes] or None,
         }
     )
     opened = open_store(store_url(store))

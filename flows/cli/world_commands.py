@@ -155,6 +155,9 @@ def import_(
     ] = None,
     wall_height: Annotated[float | None, typer.Option(help="How high (m) stands what a map shows; 2.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of a mesh: m, cm, mm, in or ft.")] = None,
+    routes: Annotated[
+        list[Path] | None, typer.Option(help="A file of routes or places, such as Nav2's waypoints; may be repeated.")
+    ] = None,
     store: StoreUrl = None,
 ) -> None:
     """Import a building of your own; prints what documents name it by, and what became of its parts."""
@@ -167,6 +170,7 @@ def import_(
             "models": [str(each) for each in models or ()] or None,
             "wallHeight": wall_height,
             "unit": unit,
+            "routes": [str(each) for each in routes or ()] or None,
         }
     )
     imported = import_world(asked, Path.cwd())

@@ -77,16 +77,21 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     """
     source = (base / asked.source).absolute()
     models = tuple((base / each).absolute() for each in asked.models or ())
+    routes = tuple((base / each).absolute() for each in asked.routes or ())
     dot = f"{path}." if path else ""
     faults = [] if source.is_file() else [_missing(f"{dot}source", asked.source, f"a file; there is none at {source}")]
     for number, (named, folder) in enumerate(zip(asked.models or (), models, strict=True)):
         if not folder.is_dir():
             faults.append(_missing(f"{dot}models[{number}]", named, f"a folder; there is none at {folder}"))
+    for number, (named, file) in enumerate(zip(asked.routes or (), routes, strict=True)):
+        if not file.is_file():
+            faults.append(_missing(f"{dot}routes[{number}]", named, f"a file; there is none at {file}"))
     if faults:
         raise DocumentError(faults)
-    placed = asked.model_copy(update={"source": str(source), "models": tuple(map(str, models)) or None})
+    update = {"source": str(source), "models": tuple(map(str, models)), "routes": tuple(map(str, routes))}
+    placed = asked.model_copy(update={name: value or None for name, value in update.items()})
     beside = [folder for each in (MODELS, MAPS) if (folder := source.parent.parent / each).is_dir()]
-    answer = _read_apart(placed, f"{dot}source", [source.parent, *beside, *models])
+    answer = _read_apart(placed, f"{dot}source", [source.parent, *beside, *models, *(each.parent for each in routes)])
     if answer.faults:
         raise DocumentError([_in_source(fault, f"{dot}source", asked.source) for fault in answer.faults])
     return ImportedWorld(asked.name, decode_world(answer.world.encode()))
@@ -266,6 +271,8 @@ def import_lines(world: World) -> Iterator[str]:
     how = "as asked" if any(each.startswith("start=") for each in world.source.settings) else "found"
     free = f"{100 * certificate.free_floor_share:.0f} % of {size} free"
     yield f"  start [{start.x_m:g}, {start.y_m:g}, {start.yaw_rad:g}] ({how}), {free}"
+    if world.routes:
+        yield f"  routes {', '.join(f'{route.name} ({len(route.points_m)})' for route in world.routes)}"
     for agreement in report.agreements:
         within = f"{100 * agreement.within_5cm:.1f} % of its border within 5 cm"
         mean = f"{100 * agreement.mean_m:.1f} cm off in the mean"

@@ -119,6 +119,9 @@ class WorldImport(Ruled):
         default=None, title="Wall height (m)", description="How high stands what a map shows; 2 m if left out."
     )
     unit: MeshUnit | None = Field(default=None, title="Unit", description="Of a mesh; metres if left out.")
+    routes: Annotated[tuple[SourcePath, ...], Field(max_length=100)] | None = Field(
+        default=None, title="Routes", description="Files of routes and places, in the source's frame."
+    )
     variants: Annotated[Integer, Field(ge=1, le=MAX_WORLDS_OF_DOCUMENT)] | None = Field(default=None, title="Variants")
     seed: Seed | None = Field(default=None, title="Seed")
     move: Annotated[Number, Field(ge=0.0, le=5.0)] | None = Field(

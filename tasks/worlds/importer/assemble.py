@@ -19,6 +19,7 @@ from specs.data.world import (
     MapAgreement,
     OccupancyMap,
     Rectangle,
+    Route,
     Solid,
     Start,
     World,
@@ -114,15 +115,17 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
         source=source,
     )
     grid = own_floor(world)
+    routes, lost = _kept_routes(grid, scene.routes, described.file)
     start = _checked_start(grid, asked, described.file) if asked else _find_start(grid, described.file)
     report = ImportReport(
         parts=scene.parts,
         exact=scene.exact,
-        findings=(*scene.findings, *_out_of_reach(grid, start)),
+        findings=(*scene.findings, *lost, *_out_of_reach(grid, start)),
         agreements=tuple(described.agreements),
     )
     lights = scene.lights or (Light(position_m=(start.x_m, start.y_m, rounded(ceiling_m - _LIGHT_BELOW_M))),)
-    return measured(world.model_copy(update={"start": start, "report": report, "lights": lights}))
+    update = {"start": start, "report": report, "lights": lights, "routes": routes or None}
+    return measured(world.model_copy(update=update))
 
 
 def _is_wall(piece: Furniture) -> bool:
@@ -196,6 +199,32 @@ def _checked_start(grid: ExactGrid, start: Start, file: str) -> Start:
     value = f"[{start.x_m:g}, {start.y_m:g}], {clear_m:.2f} m from the nearest solid"
     allowed = f"a place with {LEAST_RADIUS_M} m around it, such as [{other.x_m:g}, {other.y_m:g}]"
     raise SourceError([Fault(path="start", value=value, allowed=allowed)], file)
+
+
+def _kept_routes(grid: ExactGrid, routes: Sequence[Route], file: str) -> tuple[tuple[Route, ...], list[ImportFinding]]:
+    """Returns routes without the places where not even the smallest robot can stand, and what was left out.
+
+    Raises:
+        SourceError: A route has no other places: it is of another building, or in another frame.
+    """
+    free, kept, lost, faults = grid.free(LEAST_RADIUS_M), list[Route](), list[ImportFinding](), list[Fault]()
+    for route in routes:
+        cells = [cell_at(grid, place) for place in route.points_m]
+        left = tuple(at for at, cell in zip(route.points_m, cells, strict=True) if cell is not None and free[cell])
+        if left:
+            kept.append(route.model_copy(update={"points_m": left}))
+        else:
+            x, y = route.points_m[0]
+            allowed = f"places with {LEAST_RADIUS_M} m around them, in the frame of {file}"
+            faults.append(Fault(path=f"route {route.name}", value=f"[{x:g}, {y:g}] and all others", allowed=allowed))
+        for number, (at, cell) in enumerate(zip(route.points_m, cells, strict=True), start=1):
+            if at not in left:
+                clear = "not on the floor" if cell is None else f"{grid.distance_m[cell]:.2f} m from a solid"
+                subject = f"route {route.name}, place {number}"
+                lost.append(ImportFinding(subject=subject, became="dropped", why=f"[{at[0]:g}, {at[1]:g}] is {clear}"))
+    if faults:
+        raise SourceError(faults, file)
+    return tuple(kept), lost
 
 
 def _find_start(grid: ExactGrid, file: str) -> Start:

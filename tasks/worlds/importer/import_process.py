@@ -23,6 +23,7 @@ from tasks.worlds.importer.map_agreement import FloorMap, agreement
 from tasks.worlds.importer.map_reader import MAP_WALL_M, read_floor, read_map
 from tasks.worlds.importer.mjcf_reader import read_mjcf
 from tasks.worlds.importer.placed_parts import Found, Model, Placed, scene_of, unique
+from tasks.worlds.importer.route_reader import read_routes
 from tasks.worlds.importer.sdf_reader import read_sdf
 from tasks.worlds.importer.source_files import MAPS, SourceFiles
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
@@ -43,6 +44,9 @@ def import_source(asked: WorldImport) -> ImportAnswer:
         scene, kind, agreements = _read_scene(asked, path), source_kind(path.name) or "sdf", list[MapAgreement]()
         if kind != "map":
             scene, agreements = _with_maps(scene, path)
+        if asked.routes:
+            routes, files = read_routes([Path(each) for each in asked.routes])
+            scene = replace(scene, routes=routes, files={**scene.files, **files})
         described = ImportedAs(
             name=asked.name,
             kind=kind,

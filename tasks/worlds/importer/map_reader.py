@@ -162,7 +162,7 @@ def _description_faults(fields: Mapping[str, object]) -> Iterator[Fault]:
     image, resolution, origin = fields.get("image"), fields.get("resolution"), fields.get("origin")
     if not isinstance(image, str) or not image:
         yield _fault("image", image, "the name of a picture (.pgm or .png) in the folder of this file")
-    if not (_is_number(resolution) and 0.001 <= resolution <= 10.0):
+    if not (is_number(resolution) and 0.001 <= resolution <= 10.0):
         yield _fault("resolution", resolution, "metres a cell, from 0.001 to 10")
     if not (isinstance(origin, list) and len(cast("list[object]", origin)) in (2, 3) and all(map(_is_place, origin))):
         yield _fault("origin", origin, "[x, y, yaw] of the lower left corner, in metres and rad, each within 100 km")
@@ -174,7 +174,7 @@ def _description_faults(fields: Mapping[str, object]) -> Iterator[Fault]:
         "occupied_thresh": fields.get("occupied_thresh", _THRESHOLDS["occupied_thresh"]),
         "free_thresh": fields.get("free_thresh", _THRESHOLDS["free_thresh"]),
     }
-    wrong = {name: value for name, value in thresholds.items() if not (_is_number(value) and 0.0 <= value <= 1.0)}
+    wrong = {name: value for name, value in thresholds.items() if not (is_number(value) and 0.0 <= value <= 1.0)}
     yield from (_fault(name, value, "from 0 to 1") for name, value in wrong.items())
     occupied, free = thresholds.values()
     if not wrong and cast("float", free) > cast("float", occupied):
@@ -197,14 +197,15 @@ def _shown(value: object) -> str:
     return repr(value)[:80] if isinstance(value, str | int | float) else f"a {type(value).__name__}"
 
 
-def _is_number(value: object) -> TypeGuard[float]:
+def is_number(value: object) -> TypeGuard[float]:
+    """Returns whether what stands in a YAML file is a number that a computation can take."""
     if isinstance(value, int):
         return not isinstance(value, bool) and abs(value) <= _MOST_WHOLE
     return isinstance(value, float) and math.isfinite(value)
 
 
 def _is_place(value: object) -> bool:
-    return _is_number(value) and abs(value) <= 1e5
+    return is_number(value) and abs(value) <= 1e5
 
 
 def _picture_path(path: Path, image: str) -> Path:

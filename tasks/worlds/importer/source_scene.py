@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from specs.base import Fault, Spec
-from specs.data.world import Furniture, ImportFinding, Light, Start
+from specs.data.world import Furniture, ImportFinding, Light, Route, Start
 from specs.errors import DocumentError
 
 MOST_SOLIDS = 20_000
@@ -28,6 +28,7 @@ class Scene:
         findings: All others, and what else was left out, in the source's order.
         files: SHA-256 of every file that was read, by its name relative to the source's folder, or to the model folder
             that it was found in.
+        routes: Ways and places that came with it.
         floor_m: How high the floor stands in the source; the pieces are lower by that.
     """
 
@@ -38,6 +39,7 @@ class Scene:
     exact: int = 0
     findings: tuple[ImportFinding, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+    routes: tuple[Route, ...] = ()
     floor_m: float = 0.0
 
 

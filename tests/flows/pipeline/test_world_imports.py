@@ -14,7 +14,7 @@ from flows.pipeline.world_imports import (
     keep_world,
     unresolved_lines,
 )
-from specs.data.world import ImportFinding, MapAgreement, World
+from specs.data.world import ImportFinding, MapAgreement, Route, World
 from specs.errors import DocumentError, LaunchRefused
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.world_sections import WorldImport
@@ -171,6 +171,18 @@ def test_the_report_says_what_became_of_a_source(world: World) -> None:
     assert lines[3] == "  approximated chair_0: a mesh, off by at most 1.0 cm"
     assert lines[-2] == "  ... and 3 more approximated; the world's document has them in its report"
     assert lines[-1] == "  unresolved model://crane: looked for in models"
+
+
+def test_routes_are_told(world: World) -> None:
+    routes = (Route(name="tour", points_m=((1.0, 2.0), (3.0, 4.0))), Route(name="dock", points_m=((1.0, 2.0),)))
+    assert "  routes tour (2), dock (1)" in import_lines(world.model_copy(update={"routes": routes}))
+
+
+def test_a_file_of_routes_that_is_not_there_is_named(tmp_path: Path) -> None:
+    write_map(tmp_path, ROWS)
+    with pytest.raises(DocumentError) as caught:
+        import_world(entry(routes=["tour.yaml"]), tmp_path)
+    assert [fault.path for fault in caught.value.faults] == ["routes[0]"]
 
 
 def test_a_map_in_another_frame_is_told(world: World) -> None:

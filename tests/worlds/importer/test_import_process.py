@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.data.world import World
+from specs.data.world import Route, World
 from specs.pipeline.world_sections import WorldImport
 from tasks.storage.worlds import decode_world
 from tasks.worlds.importer.import_process import import_source
@@ -69,6 +69,31 @@ def test_the_maps_of_a_package_are_found_beside_its_worlds(tmp_path: Path) -> No
     report = imported(source).report
     assert report is not None
     assert [(each.map, each.within_5cm) for each in report.agreements] == [("maps/waffle/map.yaml", 1.0)]
+
+
+def test_routes_come_with_a_world_if_a_robot_can_stand_at_their_places(tmp_path: Path) -> None:
+    (tmp_path / "yard.world").write_text(SDF)
+    (tmp_path / "tour.yaml").write_text("[[2, 0], [3.2, 0]]")
+    alone = imported(tmp_path / "yard.world")
+    toured = imported(tmp_path / "yard.world", routes=[str(tmp_path / "tour.yaml")])
+    assert toured.routes == (Route(name="tour", points_m=((2.0, 0.0), (3.2, 0.0))),)
+    assert toured.generation != alone.generation, "other routes are another world"
+
+
+def test_a_place_without_room_is_left_out_of_a_route_and_a_route_of_such_places_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "yard.world").write_text(SDF)
+    (tmp_path / "tour.yaml").write_text("[[2, 0], [4, 0], [90, 0]]")
+    world = imported(tmp_path / "yard.world", routes=[str(tmp_path / "tour.yaml")])
+    assert (world.routes, world.report is not None) == ((Route(name="tour", points_m=((2.0, 0.0),)),), True)
+    dropped = [(each.subject, each.why) for each in world.report.findings] if world.report else []
+    assert dropped == [
+        ("route tour, place 2", "[4, 0] is 0.00 m from a solid"),
+        ("route tour, place 3", "[90, 0] is not on the floor"),
+    ]
+    (tmp_path / "tour.yaml").write_text("[[90, 0]]")
+    asked = {"name": "yard", "source": str(tmp_path / "yard.world"), "start": [2, 0]}
+    answer = import_source(WorldImport.model_validate({**asked, "routes": [str(tmp_path / "tour.yaml")]}))
+    assert [fault.path for fault in answer.faults] == ["route tour"]
 
 
 def test_a_mesh_is_imported_in_its_unit(tmp_path: Path) -> None:

@@ -1,0 +1,119 @@
+"""Files of routes and places, as robots have them, become the routes of a world.
+
+Read are the routes of AWS's worlds (``poses``), Nav2's waypoints (``waypoints``, a list or named), lists of goals, and
+named places (``places``) and routes (``routes``). A pose is ``[x, y, ...]``, ``{x, y}``, or has one of these as its
+``position`` or ``pose``; how it is turned is left to whoever drives there. A place is a route of one point.
+"""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import cast
+
+import yaml
+
+from specs.base import Fault
+from specs.data.world import Route
+from tasks.worlds.geometry import rounded
+from tasks.worlds.importer.map_reader import is_number
+from tasks.worlds.importer.source_files import shown
+from tasks.worlds.importer.source_scene import SourceError
+
+_MOST_BYTES = 1 << 20
+_MOST_PLACES = 10_000
+_FARTHEST_M = 1e5
+_LISTS = ("poses", "waypoints", "goals")
+_POSE = "[x, y], {x: , y: }, or one of these as position or pose, in metres"
+_FILE = "poses, waypoints or goals, a list of poses; or routes or places, by their names"
+
+
+def read_routes(paths: Sequence[Path]) -> tuple[tuple[Route, ...], Mapping[str, str]]:
+    """Returns the routes of files, in their order, and the SHA-256 of each file by its name.
+
+    Raises:
+        SourceError: One of them is no file of routes, or two routes have a name; carries all faults.
+    """
+    found, files, faults = dict[str, Route](), dict[str, str](), list[Fault]()
+    for number, path in enumerate(paths):
+        try:
+            body = _body(path)
+            files[f"routes/{number}/{path.name}"] = hashlib.sha256(body).hexdigest()
+            for route in _routes_of(path, body):
+                if route.name in found:
+                    faults.append(Fault(path=path.name, value=route.name, allowed="a name that no other route has"))
+                found[route.name] = route
+        except SourceError as exc:
+            faults += exc.faults
+    if faults:
+        raise SourceError(faults, "routes")
+    return tuple(found.values()), files
+
+
+def _refused(path: Path, where: str, value: str, allowed: str) -> SourceError:
+    place = f"{path.name}: {where}" if where else path.name
+    return SourceError([Fault(path=place, value=shown(value), allowed=allowed)], path.name)
+
+
+def _body(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            body = file.read(_MOST_BYTES + 1)
+    except OSError as exc:
+        raise _refused(path, "", exc.strerror or "cannot be read", "a file of routes that can be read") from exc
+    if len(body) > _MOST_BYTES:
+        raise _refused(path, "", "more than 1 MiB", "a smaller file of routes")
+    # Aliases make much of a small file, and no tool writes them into one of routes.
+    if any(b"*" in line or b"&" in line for line in body.splitlines() if not line.lstrip().startswith(b"#")):
+        raise _refused(path, "", "a YAML alias", "a file without & and *")
+    return body
+
+
+def _routes_of(path: Path, body: bytes) -> Iterator[Route]:
+    """Yields the routes of one file; the one that has no name is called as the file."""
+    try:
+        data: object = yaml.safe_load(body)
+    except (yaml.YAMLError, ValueError, RecursionError) as exc:
+        raise _refused(path, "", f"no YAML ({exc})", _FILE) from exc
+    given = cast("Mapping[object, object]", data if isinstance(data, dict) else {"poses": data})
+    listed = [name for name in _LISTS if name in given]
+    if len(listed) > 1 or not (listed or "routes" in given or "places" in given):
+        raise _refused(path, "", " and ".join(listed) or "nothing of a route", _FILE)
+    for name in listed:
+        yield _route(path, path.stem, given[name], name)
+    for name, poses in _named(path, given, "routes"):
+        yield _route(path, name, poses, f"routes.{name}")
+    for name, pose in _named(path, given, "places"):
+        yield _route(path, name, [pose], f"places.{name}")
+
+
+def _named(path: Path, given: "Mapping[object, object]", key: str) -> Iterator[tuple[str, object]]:
+    named = given.get(key, {})
+    if not isinstance(named, dict):
+        raise _refused(path, key, str(named), "names, each with its own")
+    for name, value in cast("Mapping[object, object]", named).items():
+        if not isinstance(name, str) or not 0 < len(name) <= 64 or not name.isprintable():
+            raise _refused(path, key, repr(name), "a name of 1 to 64 letters")
+        yield name, value
+
+
+def _route(path: Path, name: str, poses: object, where: str) -> Route:
+    """Returns the route through poses: a list, or by names, in the file's order, as Nav2's panel saves them."""
+    each = list(cast("Mapping[object, object]", poses).values()) if isinstance(poses, dict) else poses
+    if not isinstance(each, list) or not 0 < len(cast("list[object]", each)) <= _MOST_PLACES:
+        raise _refused(path, where, repr(each), f"1 to {_MOST_PLACES:,} poses")
+    points = [_place(path, pose, f"{where}[{number}]") for number, pose in enumerate(cast("list[object]", each))]
+    return Route(name=name, points_m=tuple(points))
+
+
+def _place(path: Path, pose: object, where: str) -> tuple[float, float]:
+    at = pose
+    for key in ("pose", "pose", "position"):  # a stamped pose has a pose that has a position
+        at = cast("Mapping[object, object]", at).get(key, at) if isinstance(at, dict) else at
+    if isinstance(at, dict):
+        fields = cast("Mapping[object, object]", at)
+        at = [fields.get("x"), fields.get("y")]
+    first = cast("list[object]", at)[:2] if isinstance(at, list) else []
+    if len(first) == 2 and all(is_number(value) and abs(value) <= _FARTHEST_M for value in first):
+        x_m, y_m = cast("list[float]", first)
+        return rounded(float(x_m)), rounded(float(y_m))
+    raise _refused(path, where, repr(pose), _POSE)
