@@ -266,8 +266,12 @@ class IdleDetector:
             begun = Runs.of(before.get(tid, b""))
             found[tid] = Runs(counts[tid].ran_ns - begun.ran_ns, 0, counts[tid].times - begun.times)
         found = {tid: ran for tid, ran in found.items() if ran.times >= _POLLS and waited_s / ran.times < _POLL_S}
-        # What computes for long and hands it on from thread to thread does not poll.
-        found = {tid: ran for tid, ran in found.items() if self._watch.naps(tid) or ran.ran_ns < _LITTLE_NS * ran.times}
+        # What computes for long and hands it on from thread to thread does not poll, nor who is woken by what comes.
+        found = {
+            tid: ran
+            for tid, ran in found.items()
+            if self._watch.naps(tid) or (ran.ran_ns < _LITTLE_NS * ran.times and not self._watch.listens(tid))
+        }
         for tid, ran in found.items():
             self._add_poller(tid, waited_s / ran.times, ran.ran_ns / ran.times)
             self._due = None
