@@ -15,7 +15,7 @@ from tests.ros.lockstep.room import drive
 # Three times the default: beside other work several threads wait for a core one after the other, and only the longest
 # wait is not counted. That no stage is late is asserted all the same.
 PATIENCE = LockstepPatience(stage_s=6.0)
-APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late"]
+APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late", "chain", "hands"]
 
 
 @pytest.fixture

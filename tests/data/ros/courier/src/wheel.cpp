@@ -1,5 +1,12 @@
-// A Timer in simulated time drives by the last scan.
+// A Timer in simulated time drives by the last scan; with ~periods_ms, the last of several threads that poll does, each
+// for what the one before it found.
 #include <algorithm>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+#include <vector>
 
 #include <geometry_msgs/Twist.h>
 #include <ros/ros.h>
@@ -8,18 +15,44 @@
 int main(int count, char** arguments) {
   ros::init(count, arguments, "wheel");
   ros::NodeHandle node;
-  double nearest = 9.0;
+  std::atomic<double> nearest{9.0};
   ros::Publisher commands = node.advertise<geometry_msgs::Twist>("/cmd_vel", 1);
-  ros::Subscriber scans = node.subscribe<sensor_msgs::LaserScan>(
-      "/scan", 1, [&](const sensor_msgs::LaserScan::ConstPtr& scan) {
-        nearest = *std::min_element(scan->ranges.begin(), scan->ranges.end());
-      });
-  ros::Timer timer = node.createTimer(ros::Duration(0.1), [&](const ros::TimerEvent&) {
+  auto drive = [&] {
     geometry_msgs::Twist command;
     command.linear.x = std::min(0.3, nearest / 3.0);
     command.angular.z = nearest < 0.5 ? 0.8 : 0.1;
     commands.publish(command);
-  });
+  };
+  std::vector<double> periods_ms;
+  ros::param::get("~periods_ms", periods_ms);
+  std::vector<std::atomic<int>> found(periods_ms.size() + 1);
+  ros::Subscriber scans = node.subscribe<sensor_msgs::LaserScan>(
+      "/scan", 1, [&](const sensor_msgs::LaserScan::ConstPtr& scan) {
+        nearest = *std::min_element(scan->ranges.begin(), scan->ranges.end());
+        ++found[0];
+      });
+  auto poll = [&](size_t number) {
+    const std::chrono::duration<double, std::milli> period(periods_ms[number]);
+    std::mutex mutex;
+    std::condition_variable nobody_notifies;
+    while (ros::ok()) {
+      if (number % 2) {
+        std::this_thread::sleep_for(period);
+      } else {
+        std::unique_lock<std::mutex> lock(mutex);
+        nobody_notifies.wait_for(lock, period);
+      }
+      const int seen = found[number];
+      if (found[number + 1] == seen) continue;
+      if (number + 1 == periods_ms.size()) drive();
+      found[number + 1] = seen;
+    }
+  };
+  std::vector<std::thread> threads;
+  for (size_t number = 0; number < periods_ms.size(); ++number) threads.emplace_back(poll, number);
+  ros::Timer timer;
+  if (periods_ms.empty()) timer = node.createTimer(ros::Duration(0.1), [&](const ros::TimerEvent&) { drive(); });
   ros::spin();
+  for (std::thread& thread : threads) thread.join();
   return 0;
 }
