@@ -291,6 +291,7 @@ def words(exc):
     text = " ".join(str(exc).split()) or type(exc).__name__
     package, paths, _ = text.partition(" ROS path [0]=")
     if paths:
+        package = package.rpartition(": ")[2]
         text = "there is no ROS package %r in the bundle or in ROS: put it into the bundle, or install it" % package
     return text.replace(os.environ.get("ROS_PACKAGE_PATH", "").split(":")[0] + "/", "")
 

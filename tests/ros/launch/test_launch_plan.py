@@ -130,6 +130,7 @@ def test_included_files_and_loaded_parameters_count(bundle: Path) -> None:
     ("text", "words"),
     [
         ('<node pkg="nowhere" type="x" name="a"/>', "no ROS package 'nowhere' in the bundle or in ROS: put it"),
+        ('<arg name="map" default="$(find nowhere)/map.yaml"/>', "no ROS package 'nowhere' in the bundle or in ROS"),
         ('<node pkg="own" type="missing" name="a"/>', "missing"),
         ('<arg name="must"/><node pkg="own" type="tool.sh" name="$(arg must)"/>', "must"),
         ('<include file="$(find nowhere)/x.launch"/>', "no ROS package 'nowhere' in the bundle or in ROS: put it"),
