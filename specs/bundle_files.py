@@ -1,6 +1,7 @@
 """The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, and sensors."""
 
 import math
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -196,6 +197,36 @@ class RosRobot(Spec):
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
     first_command_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 10.0
     time_over: Literal["passed", "failed"] = "failed"
+
+
+class DraftRequest(Spec):
+    """What is asked of the process that makes drafts.
+
+    Attributes:
+        bundle: Folder that holds the ROS packages.
+        description: The robot's URDF or SDF.
+        model_folders: Where ``model://`` leads.
+    """
+
+    bundle: Path
+    description: str
+    model_folders: tuple[Path, ...] = ()
+
+
+class RobotDraft(Spec):
+    """A draft of the files that declare a robot.
+
+    Attributes:
+        robot_xml: Of ``robot.xml``.
+        ros_yaml: Of ``ros.yaml``.
+        findings: What was not taken, and why, a sentence each.
+        refused: Why there is no draft; or empty.
+    """
+
+    robot_xml: str = ""
+    ros_yaml: str = ""
+    findings: tuple[str, ...] = ()
+    refused: str = ""
 
 
 PolicyField = Literal[

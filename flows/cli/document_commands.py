@@ -101,6 +101,7 @@ def validate(
 ) -> None:
     """Check a document, or a template alone, and tell all its faults at once."""
     from flows.pipeline.bundle_checks import check_own_bundles, unchecked_references
+    from flows.pipeline.robot_drafts import with_drafts
     from specs.template.body import TemplateBody
     from tasks.documents.parse import parse
     from tasks.documents.pipeline_file import is_template, pipeline_of
@@ -118,9 +119,10 @@ def validate(
         return
     spec = pipeline_of(data, file, file.parent)
     with _name_file(file):
-        notes = check_own_bundles(spec, file.resolve().parent, _references_in(store))
+        drafted = with_drafts(spec, file.resolve().parent)
+        notes = check_own_bundles(drafted.spec, file.resolve().parent, _references_in(store))
     echo(f"{file}: {spec.name}: valid")
-    for note in notes:
+    for note in (*notes, *drafted.notes):
         echo(note)
     if not store and (left := unchecked_references(spec)):
         echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does, or --store")

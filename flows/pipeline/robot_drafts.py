@@ -3,19 +3,27 @@
 Both the launch file and the robot's description are an application's own: they are read in its confinement.
 """
 
-from collections.abc import Mapping
+import hashlib
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
 from pydantic import ValidationError
 
 from flows.pipeline.world_imports import answer_apart
-from specs.bundle_files import ROS_FILE
+from specs.arn import reference_path
+from specs.bundle_files import ROS_FILE, DraftRequest, RobotDraft
 from specs.errors import DocumentError, LaunchRefused
-from tasks.applications.robot_draft import DraftRequest, RobotDraft
+from specs.launched_file import bundle_files, is_ros2, module_file, ros_launch_file
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
+from specs.robomaker.bundle import LATEST
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
-from tasks.simulate.sandbox.launch_check import check_launch_file
+from tasks.storage.base.local_files import cache_folder
 
 _MODULE = "tasks.applications.robot_draft"
 _ROBOT_XML = "robot.xml"
@@ -43,6 +51,8 @@ def draft_of_launch(source: LaunchSource, variables: Mapping[str, str]) -> Draft
     Raises:
         DocumentError: The launch file cannot be read, spawns no robot, or its description makes none.
     """
+    from tasks.simulate.sandbox.launch_check import check_launch_file  # noqa: PLC0415 - few documents need it
+
     report = check_launch_file(source, [dict(variables)], own=True)
     gazebo, named = report.gazebo, f"{source.package} {source.launch_file}"
     why = report.unread or "; ".join(report.refusals) or ("" if report.has_ros else report.ros)
@@ -100,3 +110,125 @@ def world_entry(gazebo: GazeboLaunch, base: Path) -> str:
 def _relative(path: Path, base: Path) -> str:
     real, own = path.resolve(), base.resolve()
     return str(real.relative_to(own) if real.is_relative_to(own) else real)
+
+
+_KEPT = 32
+_Use = PipelineRobotApplication | PipelineSimulationApplication
+
+
+class DraftedDocument(NamedTuple):
+    """A document whose own robots all have a ``robot.xml``, as far as one could be drafted.
+
+    Attributes:
+        spec: The document; a bundle that had none is replaced by a copy with its draft.
+        notes: What is to be said of drafts.
+    """
+
+    spec: PipelineSpec
+    notes: tuple[str, ...] = ()
+
+
+def with_drafts(spec: PipelineSpec, base: Path) -> DraftedDocument:
+    """Returns a document whose own bundles without ``robot.xml`` have one drafted, if a launch file spawns a robot.
+
+    The robot is that of the simulation application's launch file, or of the robot application's own. Where none can be
+    drafted, the bundle stays as it is, and is refused for what it lacks.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+    """
+    own = {(each.kind, each.name): (base / each.source).resolve() for each in spec.applications}
+    drafted: dict[tuple[str, str], DraftedRobot] = {}
+    for request in spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ():
+        uses: list[tuple[str, _Use]] = [("robot", each) for each in request.robotApplications or ()]
+        uses += [("simulation", each) for each in request.simulationApplications or ()]
+        launched = [each for each in (_launched(use, own.get((kind, _name(use)))) for kind, use in uses) if each]
+        if not uses or not launched:
+            continue
+        key = (uses[0][0], _name(uses[0][1]))
+        folder = own.get(key)
+        if folder is None or key in drafted or not _lacks_robot(uses[0][1], folder):
+            continue
+        found = next(_drafts(reversed(launched)), None)
+        if found:
+            drafted[key] = found
+    if not drafted:
+        return DraftedDocument(spec)
+    applications = tuple(
+        each.model_copy(update={"source": str(_with_files(own[key], drafted[key].draft))}) if key in drafted else each
+        for each in spec.applications
+        for key in [(each.kind, each.name)]
+    )
+    notes = [line for (_, name), found in drafted.items() for line in _lines(name, found.draft)]
+    return DraftedDocument(spec.model_copy(update={"applications": applications}), (*notes,))
+
+
+def _name(use: _Use) -> str:
+    return reference_path(use.application)
+
+
+def _lacks_robot(use: _Use, folder: Path) -> bool:
+    """Returns whether a bundle is driven by a launch file, and has no robot."""
+    files = bundle_files(folder)
+    package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
+    return _ROBOT_XML not in files and ros_launch_file(files, package, name) is not None
+
+
+def _launched(use: _Use, folder: Path | None) -> tuple[LaunchSource, tuple[tuple[str, str], ...]] | None:
+    """Returns the launch file of ROS 1 that one of the document's own bundles is used with, and its variables."""
+    package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
+    if folder is None or use.applicationVersion not in {None, LATEST} or is_ros2(name):
+        return None
+    files = bundle_files(folder)
+    if ros_launch_file(files, package, name) is None or module_file(package, name) in files:
+        return None
+    return LaunchSource(folder, package, name), tuple(sorted((use.launchConfig.environmentVariables or {}).items()))
+
+
+def _drafts(launched: Iterable[tuple[LaunchSource, tuple[tuple[str, str], ...]]]) -> Iterator[DraftedRobot]:
+    for source, variables in launched:
+        found = _draft_once(source, variables, _fingerprint(source.bundle))
+        if found:
+            yield found
+
+
+@lru_cache(maxsize=_KEPT)
+def _draft_once(source: LaunchSource, variables: tuple[tuple[str, str], ...], _state: str) -> DraftedRobot | None:
+    """Returns a draft, made once for each state of a bundle; None where its launch file spawns no robot."""
+    try:
+        return draft_of_launch(source, dict(variables))
+    except DocumentError:
+        return None  # the bundle is refused for having no robot.xml, which says how to have one
+
+
+def _fingerprint(folder: Path) -> str:
+    found = ((each.relative_to(folder).as_posix(), each.lstat()) for each in sorted(folder.rglob("*")))
+    told = "\n".join(f"{name} {state.st_size} {state.st_mtime_ns} {state.st_mode}" for name, state in found)
+    return hashlib.sha256(told.encode()).hexdigest()
+
+
+def _with_files(folder: Path, draft: RobotDraft) -> Path:
+    """Returns a copy of a bundle with the files of a draft that it lacks, in the cache."""
+    name = hashlib.sha256(f"{folder} {_fingerprint(folder)} {draft.robot_xml} {draft.ros_yaml}".encode()).hexdigest()
+    place = cache_folder() / "drafts" / name
+    if place.is_dir():
+        return place
+    place.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=place.parent) as making:
+        copy = Path(making) / "bundle"
+        shutil.copytree(folder, copy, symlinks=True)
+        for file, text in ((_ROBOT_XML, draft.robot_xml), (ROS_FILE, draft.ros_yaml)):
+            if not (copy / file).exists():
+                (copy / file).write_text(text)
+        try:
+            copy.rename(place)
+        except OSError:
+            if not place.is_dir():  # another process made the same
+                raise
+    return place
+
+
+def _lines(name: str, draft: RobotDraft) -> Sequence[str]:
+    first = f"{name} has no {_ROBOT_XML}: one is drafted of what its launch file spawns; simyard app draft writes it"
+    return [first, *(f"{name}: draft: {each}" for each in draft.findings)]

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults, topic_lines
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
+from flows.pipeline.robot_drafts import with_drafts
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable, with_launched_worlds
 from flows.pipeline.version_retention import version_lines
 from flows.pipeline.world_imports import imported_lines
@@ -220,12 +221,13 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
             first line, all of it at once.
     """
     trial = OverlayStore(store)  # bundles are published as a run would, and forgotten
-    found = resolve_references(spec, trial, base)
+    found, drafted = resolve_references(spec, trial, base), with_drafts(spec, base).notes
     find = finder(trial, found.bundled)
     spec, imported = found.placed(spec), list(found.imported_digests())
     batch, plan, beside = _planned(spec, trial, find, found.bundled_digests(), imported)
     yield f"{spec.name}, on {store.url}"
     yield from (f"applications      {line}" for line in version_lines(spec, store, trial))
+    yield from (f"{'' if number else 'draft':<18}{line}" for number, line in enumerate(drafted))
     worlds = enumerate(imported_lines(found.imported_by_name()))
     yield from (f"{'' if number else 'worlds':<18}{line}" for number, line in worlds)
     if spec.worldGeneration:

@@ -25,8 +25,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from specs.base import Spec
-from specs.bundle_files import RosRobot
+from specs.bundle_files import DraftRequest, RobotDraft, RosRobot
 from specs.errors import LaunchRefused
 from tasks.applications.robot_description import (
     Joint,
@@ -51,36 +50,6 @@ _ABOVE_FLOOR_M = 0.01
 _CORNERS = 24
 _MOST_MESH_BYTES = 64 << 20
 _DRIVES = ("skid_steer_drive", "diff_drive", "diff-drive", "DiffDrive", "planar_move", "planar-move", "VelocityControl")
-
-
-class DraftRequest(Spec):
-    """What is asked of the process that makes drafts.
-
-    Attributes:
-        bundle: Folder that holds the ROS packages.
-        description: The robot's URDF or SDF.
-        model_folders: Where ``model://`` leads.
-    """
-
-    bundle: Path
-    description: str
-    model_folders: tuple[Path, ...] = ()
-
-
-class RobotDraft(Spec):
-    """A draft of the files that declare a robot.
-
-    Attributes:
-        robot_xml: Of ``robot.xml``.
-        ros_yaml: Of ``ros.yaml``.
-        findings: What was not taken, and why, a sentence each.
-        refused: Why there is no draft; or empty.
-    """
-
-    robot_xml: str = ""
-    ros_yaml: str = ""
-    findings: tuple[str, ...] = ()
-    refused: str = ""
 
 
 class _Drive(NamedTuple):

@@ -9,9 +9,9 @@ import pytest
 import shapely
 import trimesh
 
-from specs.bundle_files import DifferentialDrive, RosRobot, VelocityDrive
+from specs.bundle_files import DifferentialDrive, DraftRequest, RobotDraft, RosRobot, VelocityDrive
 from specs.errors import LaunchRefused
-from tasks.applications.robot_draft import DraftRequest, RobotDraft, draft_robot
+from tasks.applications.robot_draft import draft_robot
 from tasks.simulate.host.declaration import read_ros_robot
 from tasks.simulate.host.twist_drive import twist_map
 from tests.repository import ROOT

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from flows.pipeline.robot_drafts import draft_of_launch, world_entry, write_draft
+from flows.pipeline.bundle_checks import check_own_bundles
+from flows.pipeline.robot_drafts import draft_of_launch, with_drafts, world_entry, write_draft
+from specs.bundle_files import RobotDraft
 from specs.data.world import Start
 from specs.errors import DocumentError
-from tasks.applications.robot_draft import RobotDraft
+from specs.pipeline.document import PipelineSpec
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
@@ -44,3 +46,60 @@ def test_a_launch_file_that_spawns_nothing_is_refused_with_what_it_lacks(ros: Ro
     launch.write_text(launch.read_text().replace("robot_description", "other", 1))
     with pytest.raises(DocumentError, match="spawns what the parameter /robot_description describes, and nobody sets"):
         draft_of_launch(LaunchSource(bundle, "rover_sim", "hall.launch"), {})
+
+
+_NODE = "#!/usr/bin/env python3\nimport rospy\nrospy.init_node('stand')\nrospy.spin()\n"
+
+
+def _document(folder: Path) -> PipelineSpec:
+    """Returns a document whose robot application has a node and no robot, which its simulation application spawns."""
+    shutil.copytree(GAZEBO, folder / "sim")
+    package = folder / "robot/stand"
+    (package / "launch").mkdir(parents=True)
+    (package / "package.xml").write_text("<package format='2'><name>stand</name></package>")
+    (package / "launch/stand.launch").write_text('<launch><node pkg="stand" type="stand.py" name="stand"/></launch>')
+    (package / "stand.py").write_text(_NODE)
+    (package / "stand.py").chmod(0o755)
+    request: dict[str, object] = {
+        "maxJobDurationInSeconds": 1,
+        "robotApplications": [
+            {"application": "stand", "launchConfig": {"packageName": "stand", "launchFile": "stand.launch"}}
+        ],
+        "simulationApplications": [
+            {"application": "hall", "launchConfig": {"packageName": "rover_sim", "launchFile": "hall.launch"}}
+        ],
+    }
+    data: dict[str, object] = {
+        "name": "drafted",
+        "applications": [
+            {"name": "stand", "kind": "robot", "source": "robot"},
+            {"name": "hall", "kind": "simulation", "source": "sim"},
+        ],
+        "worlds": [{"name": "hall", "source": "sim/rover_sim/worlds/hall.world"}],
+        "simulationBatch": {"createSimulationJobRequests": [request]},
+    }
+    return PipelineSpec.model_validate(data)
+
+
+def test_a_document_whose_robots_are_there_stays_as_it_is(tmp_path: Path):
+    spec = _document(tmp_path)
+    (tmp_path / "robot/robot.xml").write_text("<mujoco/>")
+    assert with_drafts(spec, tmp_path) == (spec, ())
+
+
+@pytest.mark.long
+def test_a_bundle_without_a_robot_gets_that_which_gazebo_spawns(ros: RosInstallation, tmp_path: Path):
+    spec = _document(tmp_path)
+    (tmp_path / "robot/ros.yaml").write_text("first_command_s: 5\n")
+    drafted = with_drafts(spec, tmp_path)
+    stand, hall = drafted.spec.applications
+    assert (
+        (tmp_path / stand.source / "robot.xml").read_text().startswith("<!-- A draft, made of the description of rover")
+    )
+    assert (tmp_path / stand.source / "ros.yaml").read_text() == "first_command_s: 5\n"
+    assert (tmp_path / stand.source / "stand/stand.py").stat().st_mode & 0o111
+    assert not (tmp_path / "robot/robot.xml").exists()
+    assert hall.source == "sim"
+    assert drafted.notes[0].startswith("stand has no robot.xml: one is drafted of what its launch file spawns")
+    assert with_drafts(spec, tmp_path).spec == drafted.spec
+    assert any("rover starts at [1, 0.5, 1.57]" in each for each in check_own_bundles(drafted.spec, tmp_path))

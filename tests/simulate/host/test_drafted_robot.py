@@ -5,9 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from specs.bundle_files import DraftRequest
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
-from tasks.applications.robot_draft import DraftRequest, draft_robot
+from tasks.applications.robot_draft import draft_robot
 from tasks.ros.launch.packages import RosInstallation
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.simulations import DRIFT, FOLDERS, pushing, simulate_lanes
