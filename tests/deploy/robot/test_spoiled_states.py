@@ -96,7 +96,7 @@ def _spoiled(
             yield key, spoil(encode_document(dice.choice(states)), dice), b"null"
 
 
-@pytest.mark.parametrize("size", [100, pytest.param(2000, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
+@pytest.mark.parametrize("size", [40, pytest.param(2000, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
 def test_spoiled_states_and_metadata_end_neither_the_agent_nor_its_application(
     size: int, yard: Yard, owner: Owner, careful: CarefulRobot, installed: Version
 ) -> None:
@@ -130,6 +130,7 @@ def test_a_field_of_any_value_is_refused_or_is_no_state(
     assert careful.runs == (installed.digest, 1)
 
 
+@pytest.mark.long
 @_EXAMPLES
 @given(name=st.sampled_from(["timestamp.json", "snapshot.json", "targets.json", "deployer.json"]), data=st.data())
 def test_metadata_of_any_values_is_refused(

@@ -247,6 +247,7 @@ def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Pa
     assert left.record() == before
 
 
+@pytest.mark.long
 def test_on_s3_it_is_the_same(s3_store: Store):
     batch = begun(s3_store, plan(s3_store, lanes=2))
     run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)

@@ -70,6 +70,7 @@ def test_no_lower_seed_fails_so(batch: OpenBatch, found: ShrunkJob):
     assert not any(is_same_failure(found.ending, ending) for ending in endings)
 
 
+@pytest.mark.long
 def test_where_only_another_failure_of_that_kind_needs_less_it_says_so(
     batch: OpenBatch, found: ShrunkJob, tmp_path: Path
 ):

@@ -131,13 +131,6 @@ def test_jobs_of_an_ended_batch_are_the_same_from_its_line_as_from_its_chunks(fi
         assert found == live
 
 
-def test_the_calls_need_neither_prefect_nor_arrays() -> None:
-    heavy = ("prefect", "jax", "mujoco", "pyarrow", "numpy")
-    code = f"import sys, flows.gateway.handlers; print([each for each in {heavy!r} if each in sys.modules])"
-    answer = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True, cwd=ROOT)
-    assert answer.stdout == "[]\n"
-
-
 def _change(store: Store, key: str, **members: Any) -> None:  # noqa: ANN401 - what a stranger writes
     store.put(key, json.dumps({**json.loads(store.get(key).body), **members}).encode())
 

@@ -21,9 +21,8 @@ def test_every_device_gets_the_same_whole_vectors_of_lanes(lanes: int, devices: 
     assert padded % (8 * devices) == 0
 
 
-@pytest.mark.parametrize(
-    "engine", ["mujoco", pytest.param("planar", marks=pytest.mark.long), pytest.param("mjx", marks=pytest.mark.soak)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ["mujoco", "planar", pytest.param("mjx", marks=pytest.mark.soak)])
 def test_the_second_slice_compiles_nothing(pens: dict[str, World], engine: str):
     requests = [delivery(k, world="hand/pen-0", duration_s=60.0) for k in range(2)]
     run = ready_chunk(requests, pens, FOLDERS, lanes=PUSHER_LANES, engine=engine).run

@@ -242,7 +242,7 @@ def test_all_obstacles_are_needed_where_one_more_could_change_a_bit(moved_m: flo
 @pytest.mark.parametrize(
     "parts",
     [
-        pytest.param({}, id="ball"),
+        pytest.param({}, id="ball", marks=pytest.mark.long),
         pytest.param(ROUGH, id="rough", marks=pytest.mark.soak),
         pytest.param(DRUM, id="drum", marks=pytest.mark.soak),
         pytest.param(CAPSULE, id="capsule", marks=pytest.mark.soak),
