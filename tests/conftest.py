@@ -1,5 +1,6 @@
 """Stores for every test: a folder, and a bucket on a real S3 server that is started when first asked for."""
 
+import atexit
 import gc
 import os
 import signal
@@ -110,9 +111,8 @@ def pytest_collection_finish() -> None:
     gc.enable()
 
 
-def pytest_unconfigure() -> None:
-    """Lets everything be cleared away, as some libraries complain of what is left of theirs."""
-    gc.unfreeze()
+# Some libraries complain of what is left of theirs. After pytest, which looks for waste twice when it ends.
+atexit.register(gc.unfreeze)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -203,14 +203,13 @@ def _again(kept: Sequence[Message], receive: Receive) -> Receive:
     return received
 
 
-with pause_collector():
-    import uvicorn
-    from prefect.server.api.server import create_app
-    from prefect.settings import get_current_settings
-
-
 def main(arguments: list[str]) -> None:
     """Serves on a port of 127.0.0.1 until a signal ends it."""
+    with pause_collector():
+        import uvicorn  # noqa: PLC0415 - whoever needs this module's applications alone does not wait for Prefect
+        from prefect.server.api.server import create_app  # noqa: PLC0415 - same
+        from prefect.settings import get_current_settings  # noqa: PLC0415 - same
+
     port = int(arguments[0])
     if arguments[1:] == [PRESTARTED] and not sys.stdin.buffer.readline():
         return  # whoever began it has ended, or needs no server

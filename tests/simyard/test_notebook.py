@@ -9,7 +9,6 @@ from typing import Any, cast
 import nbformat
 import pytest
 from nbclient import NotebookClient
-from nbconvert import HTMLExporter
 
 from tests.repository import ROOT
 from tests.servers.chromium import browsing
@@ -72,6 +71,8 @@ def test_every_cell_shows_what_it_returns_and_prints_nothing(ran: dict[str, Any]
 @pytest.mark.integration
 @pytest.mark.parametrize("theme", ["light", "dark"])
 def test_a_browser_shows_it_legibly_and_without_complaint(ran: dict[str, Any], tmp_path: Path, theme: str):
+    from nbconvert import HTMLExporter  # noqa: PLC0415 - slow to import, for this test alone
+
     exporter = HTMLExporter(theme=theme, mathjax_url="", require_js_url="", jquery_url="")
     body, _ = exporter.from_notebook_node(cast("Any", ran))
     (tmp_path / "page.html").write_text(body)

@@ -4,9 +4,6 @@ import re
 from pathlib import Path
 from typing import cast
 
-import duckdb
-import pandas as pd
-import polars as pl
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
@@ -75,6 +72,8 @@ def answered(heading: str, number: int = 0) -> object:
     """Returns the answer of a block, run where this process is."""
     language, text = blocks(heading)[number]
     if language == "sql":
+        import duckdb  # noqa: PLC0415 - what only these blocks need
+
         with duckdb.connect() as connection:
             return connection.execute(text).fetchall()
     names: dict[str, object] = {}
@@ -84,10 +83,15 @@ def answered(heading: str, number: int = 0) -> object:
 
 def rows(answer: object) -> Rows:
     """Returns the rows of what DuckDB, Polars or pandas answered."""
+    import pandas as pd  # noqa: PLC0415 - what only these blocks need
+    import polars as pl  # noqa: PLC0415 - same
+
     if isinstance(answer, pl.DataFrame):
         return answer.rows()
     if isinstance(answer, pd.DataFrame):
         return [tuple(row) for row in answer.itertuples(name=None)]
+    if isinstance(answer, pd.Series):
+        return [*answer.items()]
     return cast("Rows", answer)
 
 
@@ -143,8 +147,7 @@ def test_the_footer_says_what_made_the_file(
 @pytest.mark.usefixtures("s3_url", "bucket")
 def test_the_same_is_read_from_s3(number: int, folder: Path):
     connect("s3://my-results").upload("nightly/simb-1/results.parquet", folder / "results.parquet")
-    answer = answered("From S3", number)
-    found = answer.items() if isinstance(answer, pd.Series) else rows(answer)
+    found = rows(answered("From S3", number))
     assert [(world, round(cast("float", rate), 3)) for world, rate in found] == [("g/w0", 0.5), ("g/w1", 0.667)]
 
 

@@ -4,7 +4,6 @@ import itertools
 import re
 from pathlib import Path
 
-from benchmarks.results.families import exact_all, together
 from tasks.results.report.failure_maps import DRAWN, LISTED, MOST_MAPS
 from tasks.results.report.rate_tables import MOST_ROWS
 from tasks.results.report.report_page import MOST_WORLDS_READ, report_page
@@ -40,6 +39,8 @@ def test_what_it_quotes_of_worlds_like_these_is_what_a_page_says():
 
 
 def test_the_figures_of_families_are_those_of_the_benchmark():
+    from benchmarks.results.families import exact_all, together  # noqa: PLC0415 - SciPy's statistics are slow to import
+
     decision = (ROOT / "docs/decisions/0032-intervals-that-hold-together.md").read_text()
     found = {(row[0], row[3]) for row in table_after(decision, "<!-- families -->")}
     for groups, n in ((8, 8), (48, 48)):

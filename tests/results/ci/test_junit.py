@@ -1,9 +1,10 @@
 """JUnit files, read back by a JUnit parser and held against a schema: whatever a run was, and whoever named it."""
 
+from functools import cache
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import pytest
-import xmlschema
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from junitparser import Error, Failure, JUnitXml, Skipped, TestCase
@@ -16,14 +17,22 @@ from tests.repository import ROOT
 from tests.results.ci.full_reports import HOSTILE, counted, failed_report, full_report, rule, stage
 from tests.results.estimands import intervals, without_estimand
 
-_SCHEMA = xmlschema.XMLSchema(str(ROOT / "tests/data/junit.xsd"))
+if TYPE_CHECKING:
+    from xmlschema import XMLSchema
+
+
+@cache
+def _schema() -> "XMLSchema":
+    import xmlschema  # noqa: PLC0415 - slow to import, for this module alone
+
+    return xmlschema.XMLSchema(str(ROOT / "tests/data/junit.xsd"))
 
 
 def _parsed(report: FullReport) -> dict[str, dict[str, TestCase]]:
     """Returns the cases by suite and name, having checked the file."""
     body = junit_xml(report)
     root = ET.fromstring(body)  # noqa: S314 - our own document
-    _SCHEMA.validate(root)
+    _schema().validate(root)
     _check_counts(root)
     return {str(suite.name): {str(case.name): case for case in suite} for suite in JUnitXml.fromstring(body)}
 
