@@ -39,7 +39,6 @@ def checkout(small_run: Path, tmp_path: Path) -> Path:
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_each_shell_block_succeeds_line_by_line(checkout: Path, block: str):
     done = subprocess.run(

@@ -16,7 +16,7 @@ from tests.factories.gateway.served import await_answer
 from tests.repository import ROOT
 from tests.servers.ports import free_port
 
-pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 PAGE = (ROOT / "docs/guide/from-robomaker.md").read_text()
 END_S = 60
 blocks = partial(blocks_in, PAGE)

@@ -15,7 +15,7 @@ from tasks.storage.store_url import open_store
 from tests.factories.simulations import BUNDLES, pen
 from tests.integration.runs import ROOT, finished
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
+pytestmark = pytest.mark.integration
 SAMPLE = ROOT / "tests/data/samples/requests/create-simulation-job.vpc.json"
 WORLD = "arn:aws:robomaker:us-west-2:111111111111:world/generation-1/world-1"
 ROTATE = """

@@ -18,7 +18,7 @@ from tasks.storage.store_url import open_store
 from tests.integration.runs import ROOT, assert_same, finished, tables
 from tests.servers.chromium import browsing
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.integration
 
 
 @pytest.fixture

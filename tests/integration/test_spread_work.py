@@ -20,7 +20,7 @@ from tasks.storage.store_url import open_store
 from tests.integration.runs import assert_same, finished, jobs, simyard, small_document, worlds, write_document
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(550)]
+pytestmark = pytest.mark.integration
 
 ray_installed = pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="simyard[ray] is not installed")
 

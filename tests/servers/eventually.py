@@ -7,7 +7,7 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def eventually(holds: Callable[[], T], timeout_s: float = 20.0) -> T:
+def eventually(holds: Callable[[], T], timeout_s: float = 120.0) -> T:
     """Returns the first true answer.
 
     Raises:

@@ -47,7 +47,6 @@ print(len(orphans(())))
 
 @pytest.mark.parametrize("how", ["end", "end_all"])
 @pytest.mark.parametrize("storm", STORMS)
-@pytest.mark.timeout(60)
 def test_nothing_is_left_of_what(storm: str, how: str, tmp_path: Path) -> None:
     argv = [sys.executable, "-c", AGENT, str(tmp_path), STORMS[storm], how]
 

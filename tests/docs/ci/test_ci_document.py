@@ -94,7 +94,6 @@ def _github(folder: Path, event: str) -> dict[str, subprocess.CompletedProcess[s
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 @pytest.mark.usefixtures("prefect_server")
 def test_the_steps_of_github_run_on_a_push_and_then_on_a_pull_request(clone: Path):
     pushed = _github(clone, "push")
@@ -120,7 +119,6 @@ def test_the_steps_of_github_run_on_a_push_and_then_on_a_pull_request(clone: Pat
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 @pytest.mark.usefixtures("prefect_server")
 def test_the_lines_of_gitlab_run_on_main_and_then_in_a_merge_request(clone: Path):
     shutil.rmtree(clone / "reports", ignore_errors=True)
@@ -135,7 +133,6 @@ def test_the_lines_of_gitlab_run_on_main_and_then_in_a_merge_request(clone: Path
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 @pytest.mark.usefixtures("prefect_server")
 def test_the_commands_of_the_page_run(clone: Path):
     first, second = re.findall(r"^```sh\n(.*?)^```$", TEXT, re.DOTALL | re.MULTILINE)

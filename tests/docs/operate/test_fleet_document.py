@@ -55,7 +55,6 @@ def test_a_roll_back_reads_as_it_says():
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(280)
 @pytest.mark.usefixtures("robots_ended")
 def test_what_it_says_one_types_rolls_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SIMYARD_KEYS", raising=False)

@@ -38,7 +38,6 @@ def robot_ended(tmp_path: Path) -> Iterator[None]:
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 @pytest.mark.usefixtures("robot_ended")
 def test_what_it_says_one_types_gives_a_robot_that_runs_what_was_signed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -67,7 +67,6 @@ def owner(tmp_path: Path) -> Iterator[Owner]:
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(280)
 def test_a_robots_owner_installs_deploys_breaks_sees_it_go_back_repairs_and_syncs(owner: Owner) -> None:
     (document,), (set_up, bundle, deploy, spoil, repair), (failing,) = blocks("yaml"), blocks("sh"), blocks("fails")
     (owner.folder / "guide.yaml").write_text(document)

@@ -87,7 +87,6 @@ def test_each_shell_block_succeeds(block: str, tmp_path: Path):
 @NEEDS_ROS
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(280)
 def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
     folder = _checkout(tmp_path)
     small = EXAMPLE

@@ -19,7 +19,7 @@ from tests.integration.clients.yard import agent, client_environment, make_bucke
 from tests.repository import ROOT
 from tests.servers.tools import need_tool
 
-pytestmark = [pytest.mark.integration, pytest.mark.long, pytest.mark.timeout(1200)]
+pytestmark = [pytest.mark.integration, pytest.mark.long]
 RELEASES = {"newest": ["boto3"], "of 2024": ["boto3==1.34.144"], "AWS CLI": ["awscli"]}
 
 

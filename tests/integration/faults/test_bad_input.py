@@ -132,7 +132,6 @@ def test_looking_into_a_store_that_is_not_there_makes_none(tmp_path: Path, comma
 
 @pytest.mark.long
 @pytest.mark.integration
-@pytest.mark.timeout(250)
 def test_after_a_read_only_output_folder_is_opened_the_same_command_succeeds(tmp_path: Path, prefect_server: str):
     document = small_document()
     for section in ("simulationBatch", "gate", "deployment"):

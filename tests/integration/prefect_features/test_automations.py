@@ -28,7 +28,7 @@ from tests.flows.batch.stored_nights import stored_night
 from tests.integration.runs import ROOT
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
+pytestmark = pytest.mark.integration
 
 EXAMPLE = ROOT / "examples/automations/what-went-wrong.yaml"
 FALLS = ROOT / "examples/automations/rate-fell.yaml"

@@ -9,7 +9,7 @@ from tests.integration.prefect_features.team import Team
 from tests.repository import ROOT
 from tests.servers.seaweed import ACCESS_KEY, SECRET_KEY, Seaweed
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.integration
 DOCUMENT = (ROOT / "docs/operate/operations.md").read_text()
 (MAKE_RESULTS,) = [
     block for block in re.findall(r"```python\n(.*?)```", DOCUMENT, re.DOTALL) if "RemoteFileSystem" in block

@@ -11,7 +11,7 @@ from tests.integration.prefect_features.team import Team
 from tests.repository import ROOT
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.integration
 WORLDS = re.compile(r"^arn:simyard:world-generation-job:\S+$", re.MULTILINE)
 PARAMETERS = {
     "spec": {"template": "templates/two-rooms.json", "worldCount": {"floorplanCount": 1}, "seed": 41},

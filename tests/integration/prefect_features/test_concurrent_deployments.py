@@ -10,7 +10,7 @@ from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, jobs, simyard, write_document
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.integration
 _WAITS = '#!/bin/sh\nuntil test -e "$RELEASE"; do sleep 0.05; done\n'
 _STAYS = "#!/bin/sh\nexec sleep 1000\n"
 

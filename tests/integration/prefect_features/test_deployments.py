@@ -23,7 +23,7 @@ from tests.docs.test_readme import blocks
 from tests.integration.runs import ROOT, tables
 from tests.integration.stopped.operated import asked
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(280)]
+pytestmark = pytest.mark.integration
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from tests.repository import ROOT
 from tests.servers.chromium import Page, browsing
 from tests.servers.prefect_pages import complaints, painted, pictured, say_password, shown, turned_to
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.integration
 NAME = "nightly-in-pages"
 TABLES = {
     "pipeline-report": ("worldGeneration", "simulationBatch", "PASS", "2 of 2 robots run courier 1"),

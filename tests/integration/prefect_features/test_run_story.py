@@ -14,7 +14,7 @@ from tests.integration.prefect_features.test_automations import python
 from tests.integration.runs import ROOT
 from tests.integration.stopped.operated import asked, until
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
+pytestmark = pytest.mark.integration
 
 DOCUMENT = "apartment-regression"
 EXPORT = ["the world export begins", "the world export is Completed"]

@@ -21,7 +21,7 @@ from tests.integration.prefect_features.test_deployments import _prefect, _progr
 from tests.integration.runs import ROOT, finished, jobs, simyard, small_document, tables, write_document
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+pytestmark = pytest.mark.integration
 
 
 @pytest.mark.long

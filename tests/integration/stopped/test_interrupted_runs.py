@@ -12,7 +12,7 @@ from tasks.server.process import Server, end, launch, wait_until_healthy
 from tests.integration.runs import simyard, small_document, write_document
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(250)]
+pytestmark = pytest.mark.integration
 
 
 @pytest.fixture

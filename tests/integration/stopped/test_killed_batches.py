@@ -12,7 +12,7 @@ from tasks.simulate.batch.chunk_store import chunk_start
 from tests.integration.stopped.worked_batches import CHUNKS, files, opened_at, worker
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(200)]
+pytestmark = pytest.mark.integration
 KILLS = 3
 
 

@@ -33,7 +33,7 @@ from tests.integration.stopped.operated import asked
 from tests.servers.eventually import eventually
 from tests.servers.restarting_server import RestartingServer, restarting_server
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
+pytestmark = pytest.mark.integration
 
 # What a store holds while a stage is under way. The gate's window is between the batch's audit and its evidence.
 _STAGES = {

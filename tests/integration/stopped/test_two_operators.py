@@ -14,7 +14,7 @@ from tasks.storage.store_url import open_store
 from tests.integration.runs import JOB_KINDS, jobs, simyard, small_document, write_document
 from tests.servers.eventually import eventually
 
-pytestmark = [pytest.mark.integration, pytest.mark.timeout(400)]
+pytestmark = pytest.mark.integration
 SEEDS = 24
 
 

@@ -325,7 +325,6 @@ def requests(application: str) -> list[EpisodeRequest]:
 
 
 @pytest.mark.soak
-@pytest.mark.timeout(1200)
 @pytest.mark.parametrize("application", ["answer", "listen", "steady", "relay", "wheel"])
 def test_rows_are_the_same_with_one_eight_and_thirty_two_lanes(
     wheel: Path, pens: dict[str, World], tmp_path: Path, application: str
