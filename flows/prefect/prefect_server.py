@@ -132,13 +132,15 @@ def _read_settings() -> None:
     import_module("prefect.main")  # it reads them when it is imported
     from prefect.client.orchestration import get_client  # noqa: PLC0415 - same
     from prefect.serializers import Serializer  # noqa: PLC0415 - same
-    from prefect.settings import get_current_settings  # noqa: PLC0415 - same
+    from prefect.settings import PREFECT_API_URL, get_current_settings, temporary_settings  # noqa: PLC0415 - same
 
     results = get_current_settings().results
     Serializer(type=results.default_serializer)
     if results.default_storage_block and results.default_storage_block.count("/") != 1:
         raise ValueError(f"a block of results is KIND/NAME, and not {results.default_storage_block!r}")
-    get_client(sync_client=True)
+    # Where Prefect was imported before, it does not know the server yet, and would start one of its own for the client.
+    with temporary_settings({PREFECT_API_URL: url} if (url := os.environ.get("PREFECT_API_URL")) else None):
+        get_client(sync_client=True)
 
 
 @contextmanager

@@ -85,6 +85,19 @@ def test_a_server_that_is_too_busy_to_answer_at_first_is_used(monkeypatch: pytes
             assert chosen.api_url == api_url
 
 
+def test_where_prefect_was_imported_before_no_second_server_starts(monkeypatch: pytest.MonkeyPatch):
+    """On 214f82e9 each ``simyard.run`` of such a program began a server of Prefect's beside the one that it used."""
+    from prefect.settings import PREFECT_API_URL, get_current_settings, temporary_settings  # noqa: PLC0415 - slow
+
+    known: list[str | None] = []
+    client = "prefect.client.orchestration.get_client"  # which starts one where it knows none
+    monkeypatch.setattr(client, lambda **_: known.append(get_current_settings().api.url))  # pyright: ignore[reportUnknownLambdaType]
+    with answering() as api_url, temporary_settings(restore_defaults={PREFECT_API_URL}):
+        monkeypatch.setenv("PREFECT_API_URL", api_url)
+        with prefect_server():
+            assert known == [api_url]
+
+
 def _tries(question: Callable[[], bool], for_s: tuple[float, ...]) -> bool:
     """Asks once, and often only where it is told for how long."""
     return any(question() for _ in range(10 if for_s else 1))
