@@ -17,7 +17,7 @@ from flows.pipeline.world_imports import answer_apart
 from specs.arn import reference_path
 from specs.bundle_files import ROS_FILE, DraftRequest, RobotDraft
 from specs.errors import DocumentError, LaunchRefused
-from specs.launched_file import bundle_files, is_ros2, module_file, ros_launch_file
+from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, ros_launch_file
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
 from specs.robomaker.bundle import LATEST
@@ -143,13 +143,11 @@ def with_drafts(spec: PipelineSpec, base: Path) -> DraftedDocument:
     for request in spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ():
         uses: list[tuple[str, _Use]] = [("robot", each) for each in request.robotApplications or ()]
         uses += [("simulation", each) for each in request.simulationApplications or ()]
-        launched = [each for each in (_launched(use, own.get((kind, _name(use)))) for kind, use in uses) if each]
-        if not uses or not launched:
-            continue
-        key = (uses[0][0], _name(uses[0][1]))
+        key = (uses[0][0], _name(uses[0][1])) if uses else ("", "")
         folder = own.get(key)
         if folder is None or key in drafted or not _lacks_robot(uses[0][1], folder):
             continue
+        launched = [each for each in (_launched(use, own.get((kind, _name(use)))) for kind, use in uses) if each]
         found = next(_drafts(reversed(launched)), None)
         if found:
             drafted[key] = found
@@ -170,9 +168,10 @@ def _name(use: _Use) -> str:
 
 def _lacks_robot(use: _Use, folder: Path) -> bool:
     """Returns whether a bundle is driven by a launch file, and has no robot."""
-    files = bundle_files(folder)
     package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
-    return _ROBOT_XML not in files and ros_launch_file(files, package, name) is not None
+    if not names_ros_launch(name) or (folder / _ROBOT_XML).exists():
+        return False  # most documents: their bundles are not gone through
+    return ros_launch_file(bundle_files(folder), package, name) is not None
 
 
 def _launched(use: _Use, folder: Path | None) -> tuple[LaunchSource, tuple[tuple[str, str], ...]] | None:
