@@ -35,7 +35,7 @@ from tasks.storage.worlds import read_world, reference_key
 
 _SAMPLES_SHOWN = 2
 _ALARMING = frozenset({"SUSPECT", "NOT RUN"})
-_SAMPLE_CHARACTERS = 200
+_SAMPLE_CHARACTERS = 300
 JOBS = "jobs"
 """Where the generation jobs of a run are named together, if they are several."""
 _WORLDS_READ = 64  # of a job of thousands, reading all would take longer than the line is worth

@@ -258,7 +258,8 @@ def _crash(code: CrashCode, doing: str, exc: BaseException) -> BundleCrash:
     frame = _bundle_frame(exc)
     place = [f"({frame})"] if frame else []
     remedies = [remedy for form, remedy in _REMEDIES if code == "RobotApplicationCrash" and form.search(_words(exc))]
-    return BundleCrash(code, f"{doing}: {_text(exc)}", ": ".join([*place, *remedies]))
+    colon = ":" if remedies and not place else ""
+    return BundleCrash(code, f"{doing}: {_text(exc)}{colon}", ": ".join([*place, *remedies]))
 
 
 # What an author forgot, where the words of an exception do not say it.

@@ -164,6 +164,12 @@ def test_what_an_author_forgot_is_said(tmp_path: Path, digest: str, raising: str
     assert remedy in reason
 
 
+def test_what_an_author_forgot_is_said_where_no_line_is_to_blame():
+    with pytest.raises(BundleCrash) as caught:
+        call_bundle("RobotApplicationCrash", "controller.init", getattr, object(), "init")
+    assert "has no attribute 'init': a controller that has reset, and no init, is plain" in caught.value.reason
+
+
 def test_an_import_that_fails_tells_no_folder_of_this_machine(tmp_path: Path):
     reason = crashed(tmp_path / "app", "from .number import NOTHING\n", "c")
     assert str(tmp_path) not in reason
