@@ -8,11 +8,12 @@ PYTEST := $(BIN)/pytest --numprocesses $(TEST_PROCESSES) --dist loadgroup
 WHOLE := tests/integration tests/attacks tests/deploy/promises
 
 .DEFAULT_GOAL := help
-.PHONY: help run ros test test-all explore check format lint types layers bench soak lock
+.PHONY: help run ros ros2 test test-all explore check format lint types layers bench soak lock
 
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make ros    set up, then carry a public ROS package from its launch file to a robot"
+	@echo "make ros2   set up, then carry a package of rclpy from its launch file to a gate"
 	@echo "make test   set up, then run the tests that a person waits for"
 	@echo "make test-all  run the long ones as well: kills, faults, whole documents, browsers"
 	@echo "make explore  run the tests with new random examples, many more of them"
@@ -36,6 +37,10 @@ run: $(READY)
 # Installs Debian's ROS as root alone; else it prints the command.
 ros: $(READY)
 	examples/ros/make_ros.sh
+
+# ROS 2's rclpy comes from PyPI, into a folder of its own.
+ros2: $(READY)
+	examples/ros/make_ros2.sh
 
 # Tests wait for servers and for programs that they start: three processes keep two cores busy. `tests/file_scheduler.py`
 # says which tests stay together in one.

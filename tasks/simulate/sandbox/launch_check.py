@@ -129,12 +129,12 @@ def _ros2_report(source: LaunchSource, environments: Sequence[Mapping[str, str]]
     if installation.fault:
         return report.model_copy(update={"ros": installation.fault, "has_ros": False})
     report = report.model_copy(update=_read(source, environments, own=own))
-    if installation.here or not (report.missing or report.refusals):
+    if installation.here or not report.refusals:
         return report
-    why = "; ".join((*report.missing, *report.refusals))
-    lacks = "ROS 2 is here without launch_ros or what is missing" if installation.prefixes else "no ROS 2 is here"
+    why = "; ".join(report.refusals)
+    lacks = "ROS 2 is not all here" if installation.prefixes else "no ROS 2 is here"
     said = f"{lacks} ({_ROS2_PLACES}), and {source.package} {source.launch_file} needs it: {why}"
-    return report.model_copy(update={"ros": said, "has_ros": False, "missing": (), "refusals": ()})
+    return report.model_copy(update={"ros": said, "has_ros": False, "refusals": ()})
 
 
 def _read(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> dict[str, object]:
@@ -184,7 +184,8 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     lost |= dict.fromkeys(each for node in nodes.values() for each in _unstartable(source.bundle, node))
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
-    needed = dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
+    refusals |= dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
+    messages = dict.fromkeys(each for plan in good for each in _messages_of_ros2(source, plan))
     report = LaunchReport(
         ros="",
         has_ros=True,
@@ -198,7 +199,8 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
         simulated_clock=clock,
     )
     old = dict.fromkeys(each for node in every.values() for each in _python2(source.bundle, node))
-    return report.model_copy(update={"missing": (*needed,)} if needed else {}).model_copy(update={"python2": (*old,)})
+    known = {"missing": (*messages,)} if messages else {}
+    return report.model_copy(update={**known, "python2": (*old,)})
 
 
 def _unstartable(bundle: Path, node: NodePlan) -> Iterator[str]:
@@ -247,22 +249,33 @@ def _needed_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
         return
     installation = ros2_installation()
     here = {"rclpy": bool(installation.python_paths("rclpy")), "rclcpp": installation.library("rclcpp")}
-    packages = ament_packages(source.bundle, installation.prefixes, installation.python)
+    lacking = [name for name in _CLIENT_LIBRARIES if not here[name]]
     files = bundle_files(source.bundle)
     for node in plan.nodes:
-        manifests = [source.bundle / each / PACKAGE_XML for each in package_folders(files, node.package)]
+        manifests = _manifests(source.bundle, files, node)
         told = b"".join(map(_text, (*manifests, Path(node.command[0])))) if node.package else b""
-        lacking = (name for name in _CLIENT_LIBRARIES if not here[name])
         found = [name for name in lacking if any(mark in told for mark in _CLIENT_LIBRARIES[name])]
-        found += sorted(_messages(manifests) - packages.keys()) if installation.prefixes else []
         yield from (f"{node.name} ({node.package} {node.kind}) needs {name}" for name in found)
 
 
-def _messages(manifests: Sequence[Path]) -> set[str]:
-    """Returns the packages of messages that some packages need when they run."""
-    found = (each for path in manifests for each in read_manifest(path) if each.tag in {"depend", "exec_depend"})
-    names = {(each.text or "").strip() for each in found}
-    return {name for name in names if name.endswith(_OF_MESSAGES)}
+def _messages_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
+    """Yields packages of messages that are not here; of several programs of a package not each may need them."""
+    installation = ros2_installation()
+    if not is_ros2(source.launch_file) or not installation.prefixes:
+        return
+    here = ament_packages(source.bundle, installation.prefixes, installation.python)
+    files = bundle_files(source.bundle)
+    for node in plan.nodes:
+        needed = [each for path in _manifests(source.bundle, files, node) for each in read_manifest(path)]
+        names = {(each.text or "").strip() for each in needed if each.tag in {"depend", "exec_depend"}}
+        for name in sorted(name for name in names - here.keys() if name.endswith(_OF_MESSAGES)):
+            package = f"ros-{installation.distribution}-{name.replace('_', '-')}"
+            yield f"the ROS 2 package {name}, which {node.package} needs, is missing: install {package}"
+
+
+def _manifests(bundle: Path, files: Sequence[str], node: NodePlan) -> list[Path]:
+    found = [bundle / each / PACKAGE_XML for each in package_folders(files, node.package)] if node.package else []
+    return [path for path in found if path.is_file()]
 
 
 def _text(path: Path) -> bytes:

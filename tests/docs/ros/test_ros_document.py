@@ -14,6 +14,9 @@ from tasks.deploy.step import agents_folder
 from tasks.ros.launch.robot_command import OWN_VARIABLES
 from tasks.storage.store_url import open_store
 from tests.repository import ROOT
+from tests.ros.ros2.conftest import wheels
+
+__all__ = ["wheels"]
 
 PAGE = (ROOT / "docs/guide/ros.md").read_text()
 EXAMPLE = (ROOT / "examples/ros.yaml").read_text()
@@ -107,3 +110,15 @@ def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
     robots = agents_folder(open_store((folder / "store").as_uri()))
     logs = list((robots / "roamers-1/logs").glob("*-launch.log"))
     assert any("process[roam-" in log.read_text() for log in logs)
+
+
+@pytest.mark.long
+@pytest.mark.integration
+@pytest.mark.timeout(900)
+def test_make_ros2_goes_from_a_launch_file_of_rclpy_to_a_gate(wheels: Path, tmp_path: Path):
+    command = f"AMENT_PREFIX_PATH={wheels} SIMYARD_ROS2_WORK={tmp_path}/work {ROOT}/examples/ros/make_ros2.sh"
+
+    done = _typed(command, tmp_path)
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.endswith("Done, and everything that was asked for passed.\n")

@@ -1,0 +1,14 @@
+from setuptools import setup
+
+setup(
+    name="trials",
+    packages=["trials"],
+    entry_points={
+        "console_scripts": [
+            "threads = trials.nodes:threads",
+            "stamped = trials.nodes:stamped",
+            "counter = trials.nodes:counter",
+            "asker = trials.nodes:asker",
+        ]
+    },
+)

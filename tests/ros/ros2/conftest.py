@@ -1,0 +1,43 @@
+"""ROS 2's rclpy for the tests that need it: its wheels, in a folder of their own that is kept from run to run."""
+
+import hashlib
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.repository import ROOT
+
+_MAKE, _PINS = ROOT / "examples/ros/make_wheels.sh", ROOT / "examples/ros/wheels.txt"
+_FOLDER = Path.home() / ".cache/simyard-tests" / f"ros2-{hashlib.sha256(_PINS.read_bytes()).hexdigest()[:16]}"
+_INSTALL_S = 1800.0
+
+
+@pytest.fixture(scope="session")
+def wheels() -> Path:
+    """The folder, in which they are installed once."""
+    if os.environ.get("AMENT_PREFIX_PATH"):
+        pytest.skip("the tests of rclpy are for the wheels, and AMENT_PREFIX_PATH names another ROS 2")
+    done = subprocess.run([_MAKE, _FOLDER], capture_output=True, text=True, timeout=_INSTALL_S, check=False)
+    if done.returncode:
+        why = f"ROS 2's wheels cannot be installed: {done.stderr.strip()[-500:]}"
+        pytest.fail(why) if os.environ.get("CI") == "true" else pytest.skip(why)
+    return _FOLDER
+
+
+@pytest.fixture
+def rclpy(wheels: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """This machine with ROS 2."""
+    for name in ("ROS_DISTRO", "RMW_IMPLEMENTATION"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(wheels))
+    return wheels
+
+
+@pytest.fixture
+def rclpy_that_is_here(request: pytest.FixtureRequest) -> Path:
+    """The same where they are installed already: that takes minutes."""
+    if not (_FOLDER / ".ready").is_file() and os.environ.get("CI") != "true":
+        pytest.skip(f"ROS 2's wheels are not in {_FOLDER}: make test-all puts them there")
+    return request.getfixturevalue("rclpy")

@@ -1,0 +1,70 @@
+"""Nodes of ROS 2's own rclpy, on its default middleware, in lock-step with their episodes."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.ros.lockstep.exchange import Launch
+from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
+from tasks.ros.lockstep.step_driver import LockstepPatience
+from tasks.simulate.sandbox.launch_check import check_launch_file
+from tests.repository import ROOT
+from tests.ros.ros2.players import CONTROL_S, Run, make_base
+
+_ROAMER, _TRIALS = ROOT / "examples/ros/roamer2", ROOT / "tests/data/rclpy/trials"
+# Far more than a node takes, on a machine that does much else.
+_PATIENT = LockstepPatience(stage_s=20.0)
+_SHARED = Path("/dev/shm")  # noqa: S108 - where Fast DDS would have its memory
+
+
+def drive(folder: Path, package: Path, file: str, nodes: str = "", lanes: int = 1) -> Run:
+    """Returns what came of episodes with the nodes of a package."""
+    folder.mkdir()
+    shutil.copytree(package, folder / "bundle" / package.name)
+    environment = {"NODES": nodes, "SPEED": "0.2"}
+    launch = Launch(folder / "bundle", package.name, file, folder / "home", [environment] * lanes)
+    with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=_PATIENT) as lockstep:
+        return Run(lockstep, lanes, 30)
+
+
+@pytest.mark.usefixtures("rclpy_that_is_here")
+def test_two_nodes_of_rclpy_that_talk_by_a_service_drive_the_robot(tmp_path: Path) -> None:
+    run = drive(tmp_path / "run", _ROAMER, "roam.launch.py")
+    assert run.failures == {}
+    assert (run.tallies[0].commands, run.tallies[0].late, run.tallies[0].stray) == (30, 0, 0)
+    assert any(each.ahead_m_s for each in run.commands[0])
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclpy")
+@pytest.mark.parametrize("nodes", ["roam", "threads", "stamped", "counter asker"])
+def test_the_same_row_comes_again_alone_and_among_four(tmp_path: Path, nodes: str) -> None:
+    package, file = (_ROAMER, "roam.launch.py") if nodes == "roam" else (_TRIALS, "trials.launch.py")
+    before = set(_SHARED.iterdir())
+    runs = [drive(tmp_path / str(k), package, file, nodes, lanes) for k, lanes in enumerate((1, 4, 1))]
+    assert [run.failures for run in runs] == [{}, {}, {}]
+    assert {run.digests[0] for run in runs} == {runs[0].digests[0]}
+    assert not any(each.late or each.stray for run in runs for each in run.tallies)
+    assert any(each.ahead_m_s for each in runs[0].commands[0])
+    # Nodes are killed, and leave nothing where they share memory.
+    assert not [each for each in set(_SHARED.iterdir()) - before if "fastdds" in each.name or "fastrtps" in each.name]
+
+
+@pytest.mark.long
+def test_what_is_here_and_what_is_missing_is_said_before_the_run(rclpy: Path, tmp_path: Path) -> None:
+    shutil.copytree(_ROAMER, tmp_path / "roamer2")
+    source = LaunchSource(tmp_path, "roamer2", "roam.launch.py")
+    found = check_launch_file(source, [{}], own=True)
+    assert (found.has_ros, found.missing, found.refusals, found.unread) == (True, (), (), "")
+    assert found.nodes == ("/roam (roamer2 roam)", "/watch (roamer2 watch)")
+    assert found.ros.startswith(f"ROS 2 jazzy below {rclpy}; nodes speak rmw_fastrtps_cpp")
+    manifest = tmp_path / "roamer2/package.xml"
+    manifest.write_text(manifest.read_text().replace("</license>", "</license><depend>nowhere_msgs</depend>"))
+    assert check_launch_file(source, [{}], own=True).missing == (
+        "the ROS 2 package nowhere_msgs, which roamer2 needs, is missing: install ros-jazzy-nowhere-msgs",
+    )
+    manifest.write_text(manifest.read_text().replace(">rclpy<", ">rclcpp<"))
+    told = check_launch_file(source, [{}], own=True)
+    assert (told.has_ros, "/roam (roamer2 roam) needs rclcpp" in told.ros) == (False, True)
