@@ -88,7 +88,10 @@ def test_a_document_whose_robots_are_there_stays_as_it_is(tmp_path: Path):
 
 
 @pytest.mark.long
-def test_a_bundle_without_a_robot_gets_that_which_gazebo_spawns(ros: RosInstallation, tmp_path: Path):
+def test_a_bundle_without_a_robot_gets_that_which_gazebo_spawns(
+    ros: RosInstallation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     spec = _document(tmp_path)
     (tmp_path / "robot/ros.yaml").write_text("first_command_s: 5\n")
     drafted = with_drafts(spec, tmp_path)
