@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, TypeGuard, cast
 
 import numpy as np
 import yaml
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from specs.base import Fault
 from specs.data.world import Furniture, ImportFinding, Solid
@@ -39,6 +39,9 @@ _MOST_IMAGE_BYTES = 1 << 28
 _HAIR_M = 4e-6
 _GREY = (0.6, 0.6, 0.6)
 _PAPER = (0.8, 0.78, 0.72)
+_LEAST_LOOSE_M, _MOST_LOOSE_M = 0.2, 2.5
+# More than these are noise.
+_MOST_LOOSE = 1_000
 _FORMATS = ("PPM", "PNG", "BMP")
 # Of floating pictures and of 16 bits, which Pillow gives as whole numbers.
 _WIDE_MODES = ("I", "I;16", "I;16B", "I;16L")
@@ -93,14 +96,12 @@ def read_map(path: Path, wall_height_m: float = MAP_WALL_M) -> Scene:
     if len(walls) + len(edges) > MOST_SOLIDS:
         allowed = f"a map whose occupied cells are at most {MOST_SOLIDS:,} rectangles: clear it of noise"
         raise _refused(path, "image", f"{described.image!r}: more rectangles than that", allowed)
-    occupied = _solids("wall", walls, described, wall_height_m, _GREY)
-    unknown = _solids("edge", edges, described, wall_height_m, _PAPER)
-    pieces = [_piece(name, solids) for name, solids in (("walls", occupied), ("edge-walls", unknown)) if solids]
-    count = int(cells.occupied.sum())
+    pieces = _pieces(walls, edges, _loose_blobs(cells, described.resolution_m), described, wall_height_m)
+    occupied = int(cells.occupied.sum())
     return Scene(
-        pieces=tuple(pieces),
-        parts=count,
-        exact=count,
+        pieces=pieces,
+        parts=occupied,
+        exact=occupied,
         findings=tuple(_edge_finding(edge, cells, described)),
         files={path.name: _digest(text), described.image: _digest(body)},
     )
@@ -324,6 +325,63 @@ def _merged_runs(cells: Cells) -> list[tuple[int, int, int, int]]:
     return sorted(found)
 
 
+def _loose_blobs(cells: KnownCells, resolution_m: float) -> Int[np.ndarray, "rows columns"]:
+    """Returns the number, from 1, of the thing standing free that each cell is of, with what it hides; 0 for the rest.
+
+    What has floor all around and is 0.2 to 2.5 m long somebody may move, as a table or a pallet. A map does not say of
+    a pillar that it is one.
+    """
+    from scipy import ndimage  # noqa: PLC0415 - where there is a map to read
+
+    blobs, loose = np.zeros(cells.free.shape, np.int32), np.zeros(cells.free.shape, np.int32)
+    ndimage.label(~cells.free, structure=np.ones((3, 3), dtype=np.bool_), output=blobs)
+    outer = np.concatenate([blobs[0], blobs[-1], blobs[:, 0], blobs[:, -1]])
+    fixed = np.bincount(blobs[cells.occupied], minlength=int(blobs.max()) + 1) == 0  # nobody saw anything there
+    fixed[outer] = True
+    count = 0
+    for number, (rows, columns) in enumerate(ndimage.find_objects(blobs), start=1):
+        length_m = resolution_m * max(rows.stop - rows.start, columns.stop - columns.start)
+        if not fixed[number] and _LEAST_LOOSE_M <= length_m <= _MOST_LOOSE_M and count < _MOST_LOOSE:
+            count += 1
+            loose[rows, columns][blobs[rows, columns] == number] = count
+    return loose
+
+
+_Rectangles = Sequence[tuple[int, int, int, int]]
+
+
+def _pieces(
+    walls: _Rectangles,
+    edges: _Rectangles,
+    loose: Int[np.ndarray, "rows columns"],
+    described: MapDescription,
+    height_m: float,
+) -> tuple[Furniture, ...]:
+    """Returns the walls, each thing that stands free, and what stands for the end of the known floor.
+
+    Args:
+        walls: What is occupied.
+        edges: The unknown cells that floor ends at.
+        loose: The numbers of the things that stand free.
+        described: What the YAML file says.
+        height_m: How high everything stands.
+    """
+    found: dict[str, list[Solid]] = {}
+    for name, rectangles, color in (("wall", walls, _GREY), ("edge", edges, _PAPER)):
+        solids = _solids(name, rectangles, described, height_m, color)
+        for (column, row, _, _), solid in zip(rectangles, solids, strict=True):
+            blob = int(loose[row, column])
+            piece = f"obstacle-{blob}" if blob else "walls" if name == "wall" else "edge-walls"
+            found.setdefault(piece, []).append(solid)
+    return tuple(_piece(name, tuple(found[name])) for name in sorted(found, key=_walls_first))
+
+
+def _walls_first(piece: str) -> tuple[int, int]:
+    """Returns the place of a piece in a world: walls, the end of the floor, then the others by their numbers."""
+    order = ("walls", "edge-walls")
+    return (order.index(piece), 0) if piece in order else (len(order), int(piece.rpartition("-")[2]))
+
+
 def _solids(
     name: str,
     rectangles: Sequence[tuple[int, int, int, int]],
@@ -359,9 +417,8 @@ def _solids(
 
 
 def _piece(name: str, solids: tuple[Solid, ...]) -> Furniture:
-    return Furniture(
-        name=name, model_type="walls of a map", room="", center_m=solids[0].center_m[:2], yaw_rad=0.0, solids=solids
-    )
+    kind = "walls of a map" if "wall" in name else "obstacle of a map"
+    return Furniture(name=name, model_type=kind, room="", center_m=solids[0].center_m[:2], yaw_rad=0.0, solids=solids)
 
 
 def _edge_finding(edge: Cells, cells: KnownCells, described: MapDescription) -> Iterator[ImportFinding]:

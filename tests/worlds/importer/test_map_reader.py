@@ -127,6 +127,27 @@ def test_where_free_floor_ends_at_unknown_cells_these_stand(tmp_path: Path) -> N
     assert [piece.name for piece in scene.pieces] == ["walls", "edge-walls"]
 
 
+def test_what_stands_free_is_a_piece_of_its_own_with_what_it_hides(tmp_path: Path) -> None:
+    yard = "#" + "." * 70 + "#"
+    table = "#...#####" + "." * 62 + "#"
+    hollow = "#...#   #" + "." * 62 + "#"
+    behind = "#" + "." * 30 + " ##" + "." * 37 + "#"
+    leg, long, patch = "#..." + "###" + "." * 64 + "#", "#.." + "#" * 51 + "." * 17 + "#", "#...     " + "." * 62 + "#"
+    rows = ("#" * 72, yard, table, hollow, table, yard, behind, behind, behind, behind, yard, leg, yard, long, yard)
+    scene = read_map(write_map(tmp_path, (*rows, patch, yard, "#" * 72)))
+    assert [piece.name for piece in scene.pieces] == ["walls", "edge-walls", "obstacle-1", "obstacle-2"]
+    assert {piece.name: piece.model_type for piece in scene.pieces}["obstacle-1"] == "obstacle of a map"
+    widths = {
+        piece.name: round(
+            max(s.center_m[0] + s.half_extents_m[0] for s in piece.solids)
+            - min(s.center_m[0] - s.half_extents_m[0] for s in piece.solids),
+            2,
+        )
+        for piece in scene.pieces
+    }
+    assert widths == {"walls": 3.6, "edge-walls": 0.25, "obstacle-1": 0.15, "obstacle-2": 0.25}
+
+
 def test_a_cell_between_the_thresholds_is_unknown(tmp_path: Path) -> None:
     path = write_map(tmp_path, UNKNOWN_CORNER, free_thresh=0.2)
     assert not read_map(path).findings, "205 is darker than 0.196 and lighter than 0.2"
