@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from tasks.ros.graph import graph_limits as limits
 from tasks.ros.graph.event_loop import HOST, Connection, EventLoop
+from tasks.ros.graph.gazebo_services import GAZEBO_SERVICES, GazeboServices
 from tasks.ros.graph.master import (
     KEY,
     LIST,
@@ -67,20 +68,22 @@ class RobotServices:
         cancelled: Whether it asked for the end of its job.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, gazebo: GazeboServices | None = None) -> None:
         self.tags: dict[str, str] = {}
+        self.kinds = {**SERVICES, **(GAZEBO_SERVICES if gazebo else {})}
         self.cancelled = False
         self._functions: dict[str, Callable[[bytes], bytes]] = {
             "/robomaker/job/add_tags": self._add_tags,
             "/robomaker/job/cancel": self._cancel,
             "/robomaker/job/list_tags": self._list_tags,
             "/robomaker/job/remove_tags": self._remove_tags,
+            **(gazebo.functions if gazebo else {}),
         }
 
     def connect(self, connection: Connection, fields: Mapping[str, str]) -> None:
         """Answers a client's header, and its requests from now on."""
         service = fields.get("service", "")
-        kind = SERVICES.get(service)
+        kind = self.kinds.get(service)
         if kind is None:
             fault = f"the robot has no service {service[:200]!r}"
         elif fields.get("md5sum") not in (ANY, type_digest(kind)):
@@ -227,6 +230,7 @@ class Graph:
         publishes: The robot's own topics.
         subscribes: The topics of its commands.
         new_socket: Makes TCP sockets, such as in an episode's own network namespace.
+        gazebo: Answers for Gazebo; None if nobody does.
 
     Attributes:
         uri: The master's address, for ``ROS_MASTER_URI``.
@@ -238,11 +242,12 @@ class Graph:
         publishes: Sequence[Topic],
         subscribes: Sequence[Topic],
         new_socket: Callable[[], socket.socket] = socket.socket,
+        gazebo: GazeboServices | None = None,
     ) -> None:
         self._events = EventLoop(loop, new_socket)
         self._tables = Registrations()
         self.parameters = ParameterTree()
-        self.services = RobotServices()
+        self.services, self.gazebo = RobotServices(gazebo), gazebo
         calls = NodeCalls(self._events)
         self._publications = Publications(self._events, publishes)
         self._subscriptions = Subscriptions(self._events, self._tables, calls, subscribes)
@@ -393,5 +398,5 @@ class Graph:
             for topic in topics:
                 self._tables.add(table, topic.name, ROBOT)
                 self._tables.type_topic(topic.name, topic.kind, publisher=True)
-        for name in SERVICES:
+        for name in self.services.kinds:
             self._tables.serve(name, ROBOT, Served(ROBOT, f"rosrpc://{HOST}:{port}").uri)

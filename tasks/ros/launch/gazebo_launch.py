@@ -6,7 +6,7 @@ What ``gazebo_ros`` calls its nodes and arguments is what its public documentati
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from specs.base import Spec
@@ -99,6 +99,18 @@ def read_gazebo_launch(plan: LaunchPlan, bundle: Path, variables: Mapping[str, s
         replaced=tuple(replaced.values()),
         findings=tuple(reading.findings),
     )
+
+
+def spawned_model(plan: LaunchPlan, bundles: Iterable[Path], variables: Mapping[str, str]) -> str:
+    """Returns what the robot is called that a launch file spawns; ``robot`` for one that nobody spawns.
+
+    Args:
+        plan: The nodes of an episode's applications.
+        bundles: Folders that hold their packages.
+        variables: The episode's environment variables.
+    """
+    found = (read_gazebo_launch(plan, bundle, variables) for bundle in bundles)
+    return next((each.entity for each in found if each and each.entity), "robot")
 
 
 def started_nodes(plan: LaunchPlan) -> tuple[NodePlan, ...]:

@@ -72,6 +72,7 @@ class LaunchPlan(NamedTuple):
         parameters: Of the parameter server, by full name.
         lost: Nodes of the file whose program is not there, and why; an episode cannot run without.
         tests: Its test nodes, which rostest starts and roslaunch does not; each writes its results to ``results_file``.
+        model: What Gazebo would call the robot.
     """
 
     file: str
@@ -79,6 +80,7 @@ class LaunchPlan(NamedTuple):
     parameters: dict[str, Any]
     lost: tuple[str, ...] = ()
     tests: tuple[NodePlan, ...] = ()
+    model: str = ""
 
 
 def joined_plan(robot: LaunchPlan | None, simulation: LaunchPlan) -> LaunchPlan | LaunchRefused:

@@ -7,9 +7,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
+from specs.data.episode import PHYSICS_HZ
 from specs.errors import LaunchRefused
+from tasks.ros.graph.gazebo_services import MODEL_STATES, MODEL_STATES_KIND, GazeboServices, RobotState
 from tasks.ros.graph.graph import Graph
-from tasks.ros.launch.gazebo_launch import started_nodes
+from tasks.ros.graph.topic import Topic
+from tasks.ros.launch.gazebo_launch import spawned_model, started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, joined_plan, make_ros_home, node_environment, resolve_launch
 from tasks.ros.launch.message_modules import make_message_modules, named_packages
 from tasks.ros.launch.packages import ros_installation
@@ -70,6 +73,7 @@ class Ros1Lockstep:
         self._now_ns, self._step, self._closed = _BEGINS_NS, 0, False
         self._due_ns = math.inf
         self._modules: Path | None = None
+        self._gazebo: dict[int, GazeboServices] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -137,7 +141,7 @@ class Ros1Lockstep:
             lane.collect(self._now_ns, stray=True)
             own = sensed[number]
             if own is not None and not lane.failure:
-                lane.plan(self._planned(lane, Moment(self._step, self._now_ns, own)))
+                lane.plan(self._planned(number, lane, Moment(self._step, self._now_ns, own)))
         lanes = [lane for lane in moving.values() if not lane.failure]
         self._driver.run(lanes, self._now_ns)
         self._audit.run(lanes, self._step)
@@ -191,14 +195,21 @@ class Ros1Lockstep:
         if simulation is None:
             return [each for each in robots if each is not None]
         both = zip(robots, resolve_launch(simulation, environments), strict=True)
-        return [_joined(robot, judge) for robot, judge in both]
+        joined = [_joined(robot, judge) for robot, judge in both]
+        return [
+            plan._replace(model=spawned_model(plan, bundles, variables)) if isinstance(plan, LaunchPlan) else plan
+            for plan, variables in zip(joined, environments, strict=True)
+        ]
 
     def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
         """Returns a lane with its nodes started, or with why they cannot be."""
-        installation, network = ros_installation(), self._networks.new()
+        installation, network, topics = ros_installation(), self._networks.new(), self._messages.topics
+        gazebo = self._launch.simulation and GazeboServices(plan.model, 1 / PHYSICS_HZ)
+        if gazebo is not None:
+            topics, self._gazebo[number] = (*topics, Topic(MODEL_STATES, MODEL_STATES_KIND)), gazebo
         home = make_ros_home(self._launch.home / f"lane-{number}", installation)
         try:
-            graph = Graph(self._pump.loop, self._messages.topics, [self._messages.commands], network.new_socket)
+            graph = Graph(self._pump.loop, topics, [self._messages.commands], network.new_socket, gazebo)
         except OSError:
             network.close()
             raise
@@ -242,18 +253,23 @@ class Ros1Lockstep:
         for topic, data in self._messages.fixed(moment, floor).items():
             lane.graph.publish(topic, data)
 
-    def _planned(self, lane: RosLane, moment: Moment) -> list[tuple[str, Writer]]:
+    def _planned(self, number: int, lane: RosLane, moment: Moment) -> list[tuple[str, Writer]]:
         """Returns what a lane is sent in a control step: ticks, a goal that is new, then all its sensors."""
         planned: list[tuple[str, Writer]] = []
         if self._now_ns > _BEGINS_NS:
             ticks = range(self._now_ns - self._control_ns + self._clock_ns, self._now_ns, self._clock_ns)
             planned += [(CLOCK, functools.partial(clock, stamp(tick_ns))) for tick_ns in ticks]
         planned += [(topic, functools.partial(self._messages.write, topic, moment)) for topic in self._messages.order]
+        if gazebo := self._gazebo.get(number):
+            x, y, yaw = map(float, moment.sensed.pose)
+            ahead, left, turn = map(float, moment.sensed.velocity)
+            gazebo.state = RobotState(moment.time_ns, (x, y, yaw), (ahead, left, turn))
+            planned.append((MODEL_STATES, gazebo.model_states))
         x, y = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if lane.goal != (x, y) else None
         if found is not None:
             lane.goal, (topic, data) = (x, y), found
-            planned.insert(len(planned) - len(self._messages.order) + 1, (topic, lambda: data))
+            planned.insert(len(planned) - len(self._messages.order) - bool(gazebo) + 1, (topic, lambda: data))
         return planned
 
     def _check(self, moving: Mapping[int, RosLane]) -> None:

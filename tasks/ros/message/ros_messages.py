@@ -343,6 +343,21 @@ def write_outcome(*, success: bool, message: str) -> bytes:
     return struct.pack("<?", success) + text_bytes(message)
 
 
+def read_text(data: bytes) -> tuple[str, bytes]:
+    """Returns the text that some bytes begin with, and those after it.
+
+    Raises:
+        ValueError: They do not begin with a whole text.
+    """
+    if len(data) < 4:
+        raise ValueError(f"a text within {len(data)} bytes")
+    (length,) = _LENGTH.unpack_from(data)
+    part = data[4 : 4 + length]
+    if len(part) != length:
+        raise ValueError(f"a text of {length} bytes where {len(part)} are left")
+    return part.decode(), data[4 + length :]
+
+
 def _read_texts(data: bytes, each: int) -> list[str]:
     """Returns the texts of a list whose items have so many texts each."""
     if len(data) < 4:

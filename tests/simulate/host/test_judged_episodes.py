@@ -9,6 +9,7 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from tasks.ros.launch.packages import RosInstallation
+from tasks.simulate.chunk.byproducts import collect_tags
 from tasks.simulate.lane.result_rows import WITHDRAWN
 from tasks.simulate.plan.chunks import Chunk
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
@@ -123,3 +124,15 @@ def test_rows_are_the_same_each_time_and_beside_others(drive: Drive):
     (alone,) = drive("test.launch", {"HOW": "junit"})
     together = drive("test.launch", *[{"HOW": "junit"}] * LANES)
     assert {each.model_copy(update={"index": 0}) == alone for each in together} == {True}
+
+
+def test_gazebos_services_say_where_the_robot_is_and_that_nothing_else_moves(drive: Drive):
+    with collect_tags() as given:
+        (row,) = drive("look.launch", {"SPEED": "0.4"})
+    assert ending(row) == ("Completed", "Passed", "", "")
+    assert (row.late, row.stray) == (0, 0)
+    tags = given[0]
+    assert (tags["same"], tags["models"], tags["step"], tags["time"]) == ("True", "ground_plane rover", "0.005", "0.00")
+    assert 0.3 < float(tags["speed"]) < 0.5
+    assert tags["other"] == "chair relative to : only rover the robot relative to the world is known"
+    assert tags["set"].startswith("SetModelState: chair stands still here as all but rover")
