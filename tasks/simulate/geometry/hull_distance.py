@@ -58,7 +58,7 @@ class Outline(NamedTuple):
     per_square: list[Numbers]
 
 
-def outline_of(columns: Float[Array, "16 ..."]) -> Outline:
+def outline_of(columns: Float[Array, "16 ..."] | Sequence[Numbers]) -> Outline:
     """Returns outlines, given x and y of each corner in turn."""
     corners = [(columns[2 * k], columns[2 * k + 1]) for k in range(MOST_CORNERS)]
     edges = [(x - from_x, y - from_y) for (from_x, from_y), (x, y) in _edges(corners)]
@@ -88,8 +88,19 @@ def from_border(outline: Outline, x: Numbers, y: Numbers) -> tuple[Numbers, Numb
 
 def to_prisms_m(prisms: Prisms, center_m: Float[jax.Array, "2"]) -> Float[jax.Array, "prisms"]:
     """Returns how far a point is from each prism; 0 inside one."""
-    x, y = center_m[0] - prisms[:, 0], center_m[1] - prisms[:, 1]
-    *_, squared, inside = from_border(outline_of(prisms[:, 4:].T), x, y)
+    x, y, _, _, *corners = prisms.T
+    return to_outlines_m(corners, center_m[0] - x, center_m[1] - y)
+
+
+def to_outlines_m(columns: Sequence[Float[jax.Array, "n"]], x: Numbers, y: Numbers) -> Float[jax.Array, "n"]:
+    """Returns how far points are from outlines; 0 inside one.
+
+    Args:
+        columns: x and y of each corner in turn, of all outlines.
+        x: Of each point, from its outline's middle.
+        y: Likewise.
+    """
+    *_, squared, inside = from_border(outline_of(columns), x, y)
     return jnp.where(inside, 0.0, jnp.sqrt(squared))
 
 

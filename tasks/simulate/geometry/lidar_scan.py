@@ -15,12 +15,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
 from specs.data.world import MOST_CORNERS
-from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size, half_planes
+from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size, edge_counts, half_planes
 
 # A box counts as upright when its corners lie this near to those of the upright one: no ray can tell.
 _UPRIGHT_M = 1e-6
 # Unused places cost memory and no time, so one size fits nearly all worlds; beyond it sizes double.
 _LEAST = (256, 64, 64, 64)
+# A ray costs what the edges do that it is compared with, so prisms with no more than so many are looked at first.
+_SIDES = (4, 6)
+_NONE = 2**30
 _SPECK_M = 0.05
 _FAR_M = (PARKING_M, PARKING_M)
 # Specks, and what is on the inner side of no half-plane.
@@ -39,16 +42,17 @@ class LidarOutlines(NamedTuple):
         upright: Boxes along the axes (x, y, half x, half y).
         turned: Other boxes (x, y, half x, half y, cos yaw, sin yaw).
         circles: (x, y, radius).
-        prisms: (x, y, half-planes): eight (outward normal x, y, how far out from the middle); empty where no world of
-            the chunk has any.
-        counts: How many of each there are; what follows them is padding.
+        prisms: (x, y, half-planes): eight (outward normal x, y, how far out from the middle), those with few edges
+            first; empty where no world of the chunk has any.
+        counts: How many of each there are; what follows them is padding. Then, for each of ``_SIDES``, how many prisms
+            come before the first one with more edges; very many if there is none.
     """
 
     upright: Float[jax.Array, "upright 4"]
     turned: Float[jax.Array, "turned 6"]
     circles: Float[jax.Array, "circles 3"]
     prisms: Float[jax.Array, "prisms 26"]
-    counts: Int[jax.Array, "4"]
+    counts: Int[jax.Array, "6"]
 
 
 class HostLidarOutlines(NamedTuple):
@@ -58,7 +62,7 @@ class HostLidarOutlines(NamedTuple):
     turned: Float32[np.ndarray, "turned 6"]
     circles: Float32[np.ndarray, "circles 3"]
     prisms: Float32[np.ndarray, "prisms 26"]
-    counts: Int32[np.ndarray, "4"]
+    counts: Int32[np.ndarray, "6"]
 
 
 def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
@@ -72,9 +76,12 @@ def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
     straight = np.hstack([boxes[:, :2], half_along])[upright]
     turned = np.hstack([boxes[:, :2], half, turn])[~upright]
     circles = seen.cylinders[:, [0, 1, 3]]
-    prisms = np.hstack([seen.prisms[:, :2], half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)])
+    sides = edge_counts(seen.prisms)
+    planes = half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)
+    prisms = np.hstack([seen.prisms[:, :2], planes])[np.argsort(sides, kind="stable")]
     kinds = [each.astype(np.float32) for each in (straight, turned, circles, prisms)]
-    return HostLidarOutlines(*kinds, counts=np.array([len(each) for each in kinds], np.int32))
+    before = [int((sides <= most).sum()) if (sides > most).any() else _NONE for most in _SIDES]
+    return HostLidarOutlines(*kinds, counts=np.array([*map(len, kinds), *before], np.int32))
 
 
 def pad_lidar_outlines(worlds: Iterable[HostLidarOutlines]) -> list[HostLidarOutlines]:
@@ -99,6 +106,8 @@ def _filled(
 # A direction's part below this would divide by zero; raising it turns a ray by far less than a beam's width.
 _TINY = 1e-9
 _TOGETHER = 8
+# More take longer to compile, and no less time.
+_PRISMS_TOGETHER = 4
 Rays = Float[Array, "lanes rays"]
 Outlines = Float[Array, "lanes columns"]
 
@@ -174,10 +183,10 @@ def _scan_lanes(
         entry = along - jnp.sqrt(jnp.where(half_chord_2 > 0.0, half_chord_2, 0.0))
         return _nearer(nearest, entry, half_chord_2 > 0.0)
 
-    def past_prism(nearest: Rays, prism: Outlines) -> Rays:
+    def past_prism(sides: int, nearest: Rays, prism: Outlines) -> Rays:
         dx, dy = prism[:, 0:1] - x, prism[:, 1:2] - y
         entry, leave = jnp.full_like(nearest, -jnp.inf), jnp.full_like(nearest, jnp.inf)
-        for column in range(2, prism.shape[1], 3):
+        for column in range(2, 2 + 3 * sides, 3):
             normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
             facing = normal_x * ray_x + normal_y * ray_y
             meets = (normal_x * dx + normal_y * dy + out) * _inverse(facing)
@@ -190,19 +199,52 @@ def _scan_lanes(
     nearest = _past_all(past_upright, nearest, seen.upright, most[0])
     nearest = _past_all(past_turned, nearest, seen.turned, most[1])
     nearest = _past_all(past_circle, nearest, seen.circles, most[2])
-    return _past_all(past_prism, nearest, seen.prisms, most[3]) if seen.prisms.shape[1] else nearest
+    if not seen.prisms.shape[1]:
+        return nearest
+    # The lane whose prisms have more edges decides; with more than there are, some edges are looked at again.
+    before = jnp.min(seen.counts[:, len(_LEAST) :], axis=0)
+    first = jnp.zeros_like(most[3])
+    for sides, end in zip((*_SIDES, MOST_CORNERS), (*before, most[3]), strict=True):
+        whole = _whole(end, most[3])
+        past = functools.partial(past_prism, sides)
+        nearest = _past_all(past, nearest, seen.prisms, whole, first=first, together=_PRISMS_TOGETHER)
+        first = whole
+    return nearest
+
+
+def _whole(end: Array, most: Array) -> Array:
+    """Returns an end of prisms that are looked at together: all of them, or the last one before that divides them."""
+    return jnp.where(end < most, end // _PRISMS_TOGETHER * _PRISMS_TOGETHER, most)
 
 
 def _past_all(
-    past: Callable[[Rays, Outlines], Rays], nearest: Rays, outlines: Float[Array, "lanes outlines columns"], most: Array
+    past: Callable[[Rays, Outlines], Rays],
+    nearest: Rays,
+    outlines: Float[Array, "lanes outlines columns"],
+    end: Array,
+    *,
+    first: Array | int = 0,
+    together: int = _TOGETHER,
 ) -> Rays:
-    """Returns the ranges after all outlines, some at a time: sizes are multiples of that."""
+    """Returns the ranges after outlines, some at a time: sizes are multiples of that.
+
+    Args:
+        past: Returns the ranges after one more outline of each lane.
+        nearest: The ranges before.
+        outlines: Of all lanes.
+        end: The place after the last one.
+        first: The place of the first one, a multiple of how many are looked at at a time, or the end.
+        together: So many.
+    """
 
     def past_some(block: Array, nearest: Rays) -> Rays:
-        some = jax.lax.dynamic_slice_in_dim(outlines, block * _TOGETHER, _TOGETHER, axis=1)
-        return functools.reduce(past, (some[:, k] for k in range(_TOGETHER)), nearest)
+        some = jax.lax.dynamic_slice_in_dim(outlines, block * together, together, axis=1)
+        return functools.reduce(past, (some[:, k] for k in range(together)), nearest)
 
-    return jax.lax.fori_loop(0, (most + _TOGETHER - 1) // _TOGETHER, past_some, nearest)
+    def blocks(place: Array | int) -> Array | int:
+        return (place + together - 1) // together
+
+    return jax.lax.fori_loop(blocks(first), blocks(end), past_some, nearest)
 
 
 def _past_slabs(nearest: Rays, middle: tuple[Rays, Rays], reach: tuple[Rays, Rays]) -> Rays:

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, Int
 
 from specs.data.world import MOST_CORNERS, Solid, World, corners_m, solids
 
@@ -89,14 +89,20 @@ def _prism(solid: Solid) -> tuple[float, ...]:
 def half_planes(prisms: Float32[np.ndarray, "prisms 20"]) -> Float64[np.ndarray, "prisms planes 3"]:
     """Returns prisms as half-planes: each outward normal (x, y), and how far out from the middle its edge is.
 
-    The first one is repeated where there are fewer.
+    Those of its edges come first, beginning with the one that closes the outline; then one of them is repeated.
     """
     corners = prisms[:, 4:].astype(np.float64).reshape(-1, MOST_CORNERS, 2)
     along = np.roll(corners, -1, axis=1) - corners
     length = np.hypot(along[..., 0], along[..., 1])
     normals = np.stack([along[..., 1], -along[..., 0]], axis=-1) / np.where(length > 0.0, length, 1.0)[..., None]
     planes = np.concatenate([normals, np.sum(normals * corners, axis=-1, keepdims=True)], axis=-1)
-    return np.where(length[..., None] > 0.0, planes, planes[:, :1])
+    return np.roll(np.where(length[..., None] > 0.0, planes, planes[:, :1]), 1, axis=1)
+
+
+def edge_counts(prisms: Float32[np.ndarray, "prisms 20"]) -> Int[np.ndarray, "prisms"]:
+    """Returns how many edges each prism has."""
+    corners = prisms[:, 4:].reshape(-1, MOST_CORNERS, 2)
+    return (np.roll(corners, -1, axis=1) != corners).any(axis=2).sum(axis=1)
 
 
 def bucket_size(count: int, least: int) -> int:

@@ -18,7 +18,7 @@ from tasks.simulate.geometry.lidar_scan import (
     pad_lidar_outlines,
     scan_ranges,
 )
-from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, obstacles
+from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, edge_counts, obstacles
 from tasks.simulate.sensors.lidar import Lidar, ray_angles
 from tests.factories.planar import prism
 from tests.factories.simulations import COURIER, FAULTY, FOLDERS, cluttered, convex, pen, with_prisms, with_wedges
@@ -29,6 +29,7 @@ def box(x: float, half_x: float, half_y: float, yaw_rad: float) -> tuple[float, 
     return (x, 0.0, 0.5, half_x, half_y, 0.5, np.cos(yaw_rad), np.sin(yaw_rad))
 
 
+NONE = 2**30
 NO_PRISMS = np.zeros((0, 20), np.float32)
 
 
@@ -43,12 +44,12 @@ def seen(*boxes: tuple[float, ...]) -> Obstacles:
 def test_a_quarter_turn_leaves_a_box_upright(yaw_rad: float, half: tuple[float, float]):
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, yaw_rad)))
     np.testing.assert_allclose(found.upright, np.array([(1.0, 0.0, *half)]), atol=1e-6)
-    assert found.counts.tolist() == [1, 0, 1, 0]
+    assert found.counts.tolist() == [1, 0, 1, 0, NONE, NONE]
 
 
 def test_a_little_turn_does_not():
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, 1e-4), box(2.0, 0.4, 0.1, np.pi / 2 + 1e-4)))
-    assert found.counts.tolist() == [0, 2, 1, 0]
+    assert found.counts.tolist() == [0, 2, 1, 0, NONE, NONE]
     np.testing.assert_allclose(found.turned[0], (1.0, 0.0, 0.4, 0.1, 1.0, 1e-4), atol=1e-6)
 
 
@@ -118,7 +119,7 @@ def test_a_box_written_as_a_prism_looks_the_same():
         on_device(pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201))])[0])
         for world in (cluttered(2), with_prisms(cluttered(2)))
     )
-    assert prisms.counts.tolist() == [0, 0, int(boxes.counts[2]), int(boxes.counts[:2].sum())]
+    assert prisms.counts.tolist() == [0, 0, int(boxes.counts[2]), int(boxes.counts[:2].sum()), NONE, NONE]
     rng = np.random.default_rng(3)
     poses = np.column_stack([rng.uniform(-0.7, 0.7, (200, 2)), rng.uniform(-np.pi, np.pi, 200)]).astype(np.float32)
     ours, theirs = (np.asarray(SCAN_LANES(each, poses)) for each in (many(boxes), many(prisms)))
@@ -132,6 +133,53 @@ def many(seen: LidarOutlines) -> LidarOutlines:
     return LidarOutlines(*(jnp.broadcast_to(each, (200, *each.shape)) for each in seen))
 
 
+def of_corners(*counts: int) -> HostLidarOutlines:
+    """Returns prisms of so many corners, around the origin, 3 m from it."""
+    turns = np.linspace(0.0, 2 * np.pi, len(counts), endpoint=False)
+    rows = [
+        prism(3.0 * np.cos(turn), 3.0 * np.sin(turn), regular(corners))
+        for turn, corners in zip(turns, counts, strict=True)
+    ]
+    none = np.zeros((0, 8), np.float32), np.zeros((0, 5), np.float32)
+    return lidar_outlines(Obstacles(*none, np.array(rows, np.float32)))
+
+
+def regular(corners: int) -> np.ndarray:
+    turns = 2 * np.pi * np.arange(corners) / corners
+    return 0.4 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("counts", "first"),
+    [((8, 4, 6, 3, 5, 7), (2, 4)), ((4, 3), (NONE, NONE)), ((8, 4), (1, 1)), ((5, 6, 4), (1, NONE))],
+)
+def test_prisms_with_few_edges_come_first(counts: tuple[int, ...], first: tuple[int, int]):
+    found = of_corners(*counts)
+    assert found.counts.tolist() == [0, 0, 0, len(counts), *first]
+    planes = found.prisms[:, 2:].reshape(-1, 8, 3)
+    assert [len(np.unique(each, axis=0)) for each in planes] == sorted(counts)
+    for each, edges in zip(planes, sorted(counts), strict=True):
+        assert len(np.unique(each[:edges], axis=0)) == edges
+
+
+def test_a_lane_sees_its_prisms_in_the_same_bits_whatever_edges_the_others_have():
+    few, many_edges, mixed = (
+        of_corners(4, 3, 4, 4, 4, 4, 4, 4, 3),
+        of_corners(*[8] * 13),
+        of_corners(3, 8, 5, 6, 4, 7, 8),
+    )
+    seen = pad_lidar_outlines([few, many_edges, mixed])
+    pose = jnp.array([0.3, -0.2, 0.4])
+    alone = [np.asarray(SCAN_LANES(stacked([each]), pose[None]))[0] for each in seen]
+    together = np.asarray(SCAN_LANES(stacked(seen), jnp.tile(pose, (3, 1))))
+    assert (together < LIDAR.range_m).any(axis=1).all()
+    np.testing.assert_array_equal(together, alone)
+
+
+def stacked(seen: list[HostLidarOutlines]) -> LidarOutlines:
+    return LidarOutlines(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
+
+
 @pytest.mark.long
 def test_rays_meet_ten_thousand_prisms_where_their_edges_are():
     """From outside and from inside: each edge is a segment, and the first one whose front a ray crosses counts."""
@@ -141,11 +189,12 @@ def test_rays_meet_ten_thousand_prisms_where_their_edges_are():
         [prism(x, y, corners) for (x, y), corners in zip(rng.uniform(-2.0, 2.0, (10_000, 2)), outlines, strict=True)],
         np.float32,
     )
+    rows = rows[np.argsort(edge_counts(rows), kind="stable")]  # as the lidar sorts them
     seen = lidar_outlines(Obstacles(np.zeros((0, 8), np.float32), np.zeros((0, 5), np.float32), rows))
     lone = LidarOutlines(
         *(jnp.zeros((10_000, 8, width)) for width in (4, 6, 3)),
         prisms=jnp.asarray(np.repeat(seen.prisms[:, None], 8, axis=1)),
-        counts=jnp.tile(jnp.array([0, 0, 0, 1]), (10_000, 1)),
+        counts=jnp.tile(jnp.array([0, 0, 0, 1, 0, 0]), (10_000, 1)),
     )
     poses = rng.uniform(-2.0, 2.0, (10_000, 3)).astype(np.float32)
     ranges = np.asarray(SCAN_LANES(lone, poses))
@@ -197,8 +246,7 @@ def test_each_lane_sees_its_own_world_whatever_is_in_the_others():
     worlds[3] = worlds[3].model_copy(update={"furniture": ()})
     seen = pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201)) for world in worlds])
     poses = np.random.default_rng(1).uniform(-1.2, 1.2, (8, 3)).astype(np.float32)
-    stacked = LidarOutlines(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
-    together = SCAN_LANES(stacked, poses)
+    together = SCAN_LANES(stacked(seen), poses)
     for ranges, each, pose in zip(together, seen, poses, strict=True):
         np.testing.assert_allclose(ranges, scan_ranges(on_device(each), jnp.asarray(pose), ANGLES, 10.0), atol=1e-5)
     assert len({float(ranges.sum()) for ranges in together}) == 8

@@ -27,7 +27,7 @@ SEEN = LidarOutlines(
     jnp.zeros((8, 6)).at[:, :2].set(1000.0),
     jnp.zeros((8, 3)).at[:, :2].set(1000.0),
     jnp.zeros((0, 26)),
-    jnp.array([1, 0, 0, 0]),
+    jnp.array([1, 0, 0, 0, 0, 0]),
 )
 
 

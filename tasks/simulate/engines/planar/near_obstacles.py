@@ -27,7 +27,7 @@ from tasks.simulate.geometry.hull_distance import (
     to_boxes_m,
     to_cylinders_m,
     to_obstacles_m,
-    to_prisms_m,
+    to_outlines_m,
 )
 
 _NEVER = 2**31 - 1
@@ -178,7 +178,7 @@ def _of_near(count: int, obstacles: LaneObstacles, center_m: Float[Array, "2"], 
     as_cylinders = to_cylinders_m(jnp.stack([x, y, z, radius, half_z], axis=1), center_m)
     distances = jnp.where(near.round, as_cylinders, as_boxes)
     if near.prism is not None:
-        as_prisms = to_prisms_m(jnp.stack([x, y, z, half_z, *corners], axis=1), center_m)
+        as_prisms = to_outlines_m(corners, center_m[0] - x, center_m[1] - y)
         distances = jnp.where(near.prism, as_prisms, distances)
     # These are in the order of all, so that equal distances stand in the same order.
     chosen = _smallest(distances, count, _total(obstacles), near.used)
