@@ -128,7 +128,7 @@ class IdleDetector:
         self.application, self.graph = application, graph
         self._watch = application.watch
         self._sleepers: frozenset[int] = frozenset()
-        self._begun_s = 0.0
+        self._begun_s = self._granted_s = 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
         self._noted = False
@@ -160,7 +160,7 @@ class IdleDetector:
         elif not self._noted:  # the application was late: what its threads waited until now is no later message's
             self._watch.snapshot()
         self._watch.mark()
-        self._begun_s, self._begun_runs = now_s, self._watch.runs
+        self._begun_s, self._granted_s, self._begun_runs = now_s, 0.0, self._watch.runs
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
 
     def look(self, now_s: float) -> IdleState:
@@ -205,12 +205,14 @@ class IdleDetector:
     def has_time(self, limit_s: float, now_s: float) -> bool:
         """Returns whether the application could run for less than a limit since the last ``begin``.
 
-        What one of its threads waited for a core at most does not count: it is not the application's doing.
+        What one of its threads waited for a core at most does not count: it is not the application's doing. Nor does
+        what it took to find that threads have begun to poll.
         """
         took_s = now_s - self._begun_s
         if took_s < limit_s:
             return True
-        return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < limit_s
+        given_s = limit_s + self._granted_s
+        return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < given_s
 
     def restless(self, now_s: float) -> str:
         """Returns which threads were run most since the last ``begin``, whose, where and how often, for a person."""
@@ -274,7 +276,7 @@ class IdleDetector:
         }
         for tid, ran in found.items():
             self._add_poller(tid, waited_s / ran.times, ran.ran_ns / ran.times)
-            self._due = None
+            self._due, self._granted_s = None, waited_s
         return bool(found)
 
     def _add_poller(self, tid: int, period_s: float, usual_ns: float) -> None:

@@ -165,6 +165,21 @@ def test_two_threads_that_begin_to_poll_in_a_stage_are_found_in_it(
     assert detector.pollers.keys() == {WORKER, POLLER}
 
 
+def test_what_it_took_to_find_that_a_thread_polls_is_no_time_of_the_application(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread
+) -> None:
+    detector.begin(2.0, fresh=False, ticked=True)
+    poller.nap()
+    for number in range(1, 120):
+        worker.ran_ns += 1_000_000
+        worker.run()
+        poller.run()
+        detector.look(2.0 + 0.01 * number)
+    assert detector.pollers.keys() == {POLLER}
+    assert detector.has_time(2.0, 4.9)
+    assert not detector.has_time(2.0, 5.1)
+
+
 def test_threads_that_wake_each_tenth_of_a_second_one_after_the_other_do_not_begin_everything_anew(
     proc: Path, pump: EventPump, worker: FakeThread, poller: FakeThread
 ) -> None:
