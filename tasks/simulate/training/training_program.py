@@ -443,10 +443,10 @@ def _applications(task: Task, actuators: int) -> Applications:
 def _declaration(folder: Path, launch: ApplicationLaunch) -> Callable[..., object]:
     """Returns what makes an object with a robot application's sensors, however it is driven."""
     bundle = HostBundle(folder, launch)
-    kind = controller_kind(*bundle)
+    kind = controller_kind(folder, launch)
     if kind in HOST_KINDS:
         return HOST_KINDS[kind](bundle).declare
-    return load_factory(*bundle, "controller", "RobotApplicationCrash")
+    return load_factory(folder, launch, "controller", "RobotApplicationCrash")
 
 
 # A reward and two flags, and how the episode stands, go before what is seen.
