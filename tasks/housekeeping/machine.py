@@ -27,6 +27,7 @@ from tasks.storage.base.local_files import chosen_folder
 
 _PROC = Path("/proc")
 _MODULES = {
+    "tasks.applications": "robot draft",
     "tasks.server": "Prefect server",
     "tasks.deploy.robot": "robot agent",
     "tasks.simulate": "simulator",
@@ -53,6 +54,7 @@ _ENTRIES = {
     "timings": "timings",
     "nights": "trends",
     "lists of jobs": "lists",
+    "drafts of robots": "drafts",
 }
 _ASIDE = ".gc-"
 _DIGEST = "[0-9a-f]{64}"

@@ -270,20 +270,24 @@ def make_gazebo_packages(folder: Path) -> Path:
         package.mkdir(parents=True)
         (package / "package.xml").write_text(f"<package><name>{name}</name><version>0.0.0</version></package>")
         for node in _NODES.get(name, ()):
-            (package / node).write_text("#!/bin/sh\n")
-            (package / node).chmod(0o755)
+            _write_program(package / node, "#!/bin/sh\n")
     if has_xacro():
         (folder / "xacro").mkdir()
         (folder / "xacro/package.xml").write_text("<package><name>xacro</name><version>2.0.0</version></package>")
         (folder / "xacro/program.py").write_text(_XACRO)
         for name in ("xacro", "xacro.py"):
             command = shlex.join([sys.executable, "-I", str(folder / "xacro/program.py")])
-            (folder / "xacro" / name).write_text(f'#!/bin/sh\nexec {command} "$@"\n')
-            (folder / "xacro" / name).chmod(0o755)
+            _write_program(folder / "xacro" / name, f'#!/bin/sh\nexec {command} "$@"\n')
     launch = folder / "gazebo_ros/launch"
     launch.mkdir()
     (launch / "empty_world.launch").write_text(_EMPTY_WORLD)
     return folder
+
+
+def _write_program(path: Path, text: str) -> None:
+    """Writes a file that can be executed from the first: behind a wall of its own no process may change a mode."""
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o755), "w") as file:
+        file.write(text)
 
 
 def bundle_packages(bundle: Path) -> dict[str, Path]:

@@ -9,7 +9,7 @@ import pytest
 
 from specs.bundle_files import RosRobot
 from specs.data.episode import ApplicationLaunch
-from tasks.ros.ros2.dds_domain import DOMAINS, episode_domains
+from tasks.ros.ros2.dds_domain import DOMAINS
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host import declaration
@@ -136,7 +136,7 @@ def test_lanes_of_ros_2_are_never_more_than_there_are_domains(
     robot = ROS_ROBOT.model_copy(update={"launch_file": name})
     asked = [delivery(0, world="hand/one").model_copy(update={"robot": robot})]
     assert most_lanes(asked, {BUNDLE: bundle}) == most
-    assert most > len(DOMAINS) or episode_domains(most)
+    assert name == "drive.launch" or most <= len(DOMAINS)
 
 
 def test_memory_is_what_is_free_of_the_machine(tmp_path: Path):
