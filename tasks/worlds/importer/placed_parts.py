@@ -28,6 +28,9 @@ _SHARE = 0.3
 _LEVEL_FACE = 0.999
 _FLAT_SHARE = 0.25
 _STRAIGHT = 2e-3
+YARD_M = 20.0
+"""Of a side of the yard that stands for a plane without end; RoboMaker's first samples drive some metres."""
+_YARD_WALL_M = (0.05, 0.5)  # half its thickness, half its height
 _LEAST_HALF_M = 1e-3
 
 
@@ -109,6 +112,8 @@ def scene_of(
     """
     files.check()
     _drop_what_is_far(found)
+    if not found.parts and found.planes_m:
+        return _yard(found, files)
     if not found.parts:
         why = "; ".join(f"{each.subject}: {each.why}" for each in found.findings[:5])
         raise files.refuse("world", why or "nothing that a robot could meet", "at least one part with a collision")
@@ -129,6 +134,42 @@ def scene_of(
         start=found.start,
         parts=maker.parts,
         exact=maker.exact,
+        findings=tuple(found.findings),
+        files=dict(sorted(files.digests.items())),
+        floor_m=rounded(floor_m),
+    )
+
+
+def _yard(found: Found, files: SourceFiles) -> Scene:
+    """Returns the scene of a plane without end on which nothing stands: a yard with a wall around its origin."""
+    floor_m, half_m = max(found.planes_m), YARD_M / 2
+    why = f"a plane without end, and nothing on it: a yard of {YARD_M:g} x {YARD_M:g} m with a wall around"
+    found.note("floor", "approximated", why)
+    thick_m, up_m = _YARD_WALL_M
+    sides = (
+        ("yard_wall_east", (half_m, 0.0), (thick_m, half_m)),
+        ("yard_wall_north", (0.0, half_m), (half_m, thick_m)),
+        ("yard_wall_west", (-half_m, 0.0), (thick_m, half_m)),
+        ("yard_wall_south", (0.0, -half_m), (half_m, thick_m)),
+    )
+    solids = tuple(
+        Solid(
+            name=name,
+            shape="box",
+            center_m=(x, y, up_m),
+            half_extents_m=(half_x + thick_m * (half_x > half_y), half_y, up_m),
+            yaw_rad=0.0,
+            color=PLAIN,
+        )
+        for name, (x, y), (half_x, half_y) in sides
+    )
+    wall = Furniture(name="yard_wall", model_type="wall", room="", center_m=(0.0, 0.0), yaw_rad=0.0, solids=solids)
+    return Scene(
+        pieces=(wall,),
+        lights=tuple(Light(position_m=(rounded(x), rounded(y), rounded(z - floor_m))) for x, y, z in found.lights),
+        start=found.start,
+        parts=0,
+        exact=0,
         findings=tuple(found.findings),
         files=dict(sorted(files.digests.items())),
         floor_m=rounded(floor_m),

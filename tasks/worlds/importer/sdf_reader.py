@@ -31,6 +31,9 @@ from tasks.worlds.importer.triangle_mesh import (
 from tasks.worlds.importer.upright_solids import TOLERANCE_M
 
 _OLDEST, _NEWEST = (1, 4), (1, 11)
+# Models that every installation of Gazebo has; worlds of RoboMaker's samples are often nothing but these two.
+_GROUND_PLANE = "model://ground_plane"
+_BUILT_IN = frozenset({"model://sun", _GROUND_PLANE})
 _MOST_MODELS = 20_000
 _DEEPEST = 30
 _LARGEST = 1e9
@@ -253,6 +256,9 @@ class _Reader:
         found = self.files.find(address, folder, include.where)
         path = self._sdf_in(found) if found is not None and found.is_dir() else found
         if path is None or not path.is_file():
+            if address in _BUILT_IN:
+                self._built_in(address, include)
+                return None
             self._missing.setdefault(address, []).append(include.said("name") or include.where)
             return None
         if path.resolve() in chain:
@@ -269,6 +275,12 @@ class _Reader:
                 self.found.note(address, "dropped", f"{self.files.name(path)} has no model")
             return None
         return self._body(model, path.parent, _kind(found or path, model), (*chain, path.resolve())), model
+
+    def _built_in(self, address: str, include: Element) -> None:
+        """Takes what Gazebo brings along: its sun shines from no place, and its plane has no end."""
+        if address == _GROUND_PLANE:
+            pose = self._pose(include)[0] if include.first("pose") else np.eye(4)
+            self.found.planes_m.append(float(pose[2, 3]))
 
     def _sdf_in(self, folder: Path) -> Path | None:
         """Returns the newest SDF that a model's ``model.config`` names; ``model.sdf`` if it names none."""
@@ -453,6 +465,9 @@ class _Reader:
             return None
         path = self.files.find(address, folder, shape.where)
         if path is None or not path.is_file():
+            if address in _BUILT_IN:
+                self._built_in(address, include)
+                return None
             self._missing.setdefault(address, []).append(subject)
             return None
         middle = shape.said("submesh/center").lower() in _TRUE

@@ -254,6 +254,25 @@ def test_lights_are_where_they_hang_and_a_sun_is_nowhere(tmp_path: Path):
     assert [light.position_m for light in scene(tmp_path, model("m") + lights).lights] == [(1.0, 2.0, 3.0)]
 
 
+GAZEBOS_OWN = "<include><uri>model://sun</uri></include><include><uri>model://ground_plane</uri></include>"
+
+
+def test_a_world_of_gazebos_own_plane_alone_is_a_yard_with_a_wall(tmp_path: Path):
+    found = scene(tmp_path, GAZEBOS_OWN)
+    spread = {round(abs(x), 6) for piece in found.pieces for each in piece.solids for x in each.center_m[:2]}
+    assert (len(solids(found)), spread, findings(found, "approximated")) == (
+        4,
+        {0.0, 10.0},
+        ["floor: a plane without end, and nothing on it: a yard of 20 x 20 m with a wall around"],
+    )
+
+
+def test_gazebos_own_models_are_known_beside_others_and_those_of_a_folder_go_first(tmp_path: Path):
+    assert scene(tmp_path, model("m") + GAZEBOS_OWN).findings == ()
+    shared_model(tmp_path / "models", "sun", model("lamp"))
+    assert [piece.name for piece in scene(tmp_path, GAZEBOS_OWN).pieces] == ["lamp"]
+
+
 def test_a_model_alone_is_a_world_too(tmp_path: Path):
     home = shared_model(tmp_path, "chair", model("chair"))
     assert [piece.name for piece in read_sdf(home / "model.sdf").pieces] == ["chair"]
