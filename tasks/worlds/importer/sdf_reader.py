@@ -465,9 +465,6 @@ class _Reader:
             return None
         path = self.files.find(address, folder, shape.where)
         if path is None or not path.is_file():
-            if address in _BUILT_IN:
-                self._built_in(address, include)
-                return None
             self._missing.setdefault(address, []).append(subject)
             return None
         middle = shape.said("submesh/center").lower() in _TRUE
