@@ -25,6 +25,8 @@ _PARTICIPANTS = 60
 # A scan goes out whole: the largest UDP datagram, less headers.
 _DATAGRAM_BYTES, _FRAGMENT_BYTES = 65_500, 65_000
 _FIRST_PORT, _PORTS_A_DOMAIN, _PORT_OF_FIRST = 7400, 250, 10
+# Of a domain's ports one that no participant uses (DDSI-RTPS 2.5, 9.6.2.4: 0, 1, and two each from 10 on).
+_PORT_OF_LOCK = 5
 
 # How soon a writer asks whether all has come; lock-step waits for the answer.
 _HEARTBEAT = "1ms"
@@ -196,14 +198,14 @@ def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain
 def _held(number: int) -> socket.socket | None:
     """Returns what keeps a number from other processes; None if one has it.
 
-    The kernel gives the name of such a socket to one process of a network, and takes it back when that ends.
+    The kernel gives a port to one process of a network, and takes it back when that ends.
     """
-    held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-    port = _FIRST_PORT + _PORTS_A_DOMAIN * number + _PORT_OF_FIRST
+    first = _FIRST_PORT + _PORTS_A_DOMAIN * number
+    held = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        held.bind(f"\0simyard-ros2-domain-{number}")
+        held.bind(("127.0.0.1", first + _PORT_OF_LOCK))
         with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
-            taken.bind(("127.0.0.1", port))
+            taken.bind(("127.0.0.1", first + _PORT_OF_FIRST))
     except OSError as exc:
         held.close()
         if exc.errno != errno.EADDRINUSE:
