@@ -85,6 +85,17 @@ def store(file_store: Store) -> Store:
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+@pytest.fixture(autouse=True)
+def own_signal_handlers() -> Iterator[None]:
+    """Puts handlers of signals back: a command that a test runs in its own process leaves those of the shell."""
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    yield
+    for number, handler in before.items():
+        if signal.getsignal(number) is not handler:
+            signal.signal(number, handler)
+
+
 # What starts a Prefect server or runs a whole document, and the promises of fleets: each has a quicker test elsewhere.
 _LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises", ROOT / "tests/attacks")
 
