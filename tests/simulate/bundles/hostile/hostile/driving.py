@@ -75,6 +75,7 @@ def _announce() -> object:
     for handle in Path("/proc/self/fd").iterdir():
         if handle.is_socket():
             os.write(int(handle.name), struct.pack("<QQ", 600 << 20, 0))
+    time.sleep(600)  # whoever asks is to hear of it in this call
     return DRIVEN
 
 
