@@ -7,7 +7,7 @@ Sources: ROS's specification of URDF (links, joints, ``<gazebo>``); SDFormat's s
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -198,7 +198,7 @@ def _of_urdf(root: Element) -> RobotDescription:
         for joint in joints
         if joint.get("type") != "fixed" and _end(joint, "child") in links
     }
-    shapes = [each for link in root.findall("link") for each in _urdf_shapes(link, links[link.get("name", "")])]
+    shapes = [each for link in root.findall("link") for each in _shapes(link, links[link.get("name", "")], _origin)]
     masses = [each for link in root.findall("link") for each in _urdf_masses(link, links[link.get("name", "")])]
     extensions = list(root.findall("gazebo"))
     sensors = [
@@ -236,14 +236,15 @@ def _place(link: str, above: Mapping[str, Element]) -> Pose:
     return pose
 
 
-def _urdf_shapes(link: Element, pose: Pose) -> Iterator[Shape]:
+def _shapes(link: Element, pose: Pose, place: Callable[[Element], Pose]) -> Iterator[Shape]:
+    """Yields what of a link can be touched; ``place`` tells where a description says that a part of it is."""
     name = link.get("name", "")
     for collision in link.findall("collision"):
-        geometry, at = collision.find("geometry"), pose @ _origin(collision)
+        geometry, at = collision.find("geometry"), pose @ place(collision)
         for element in geometry if geometry is not None else ():
             if element.tag == "mesh":
-                scale = _numbers(element.get("scale", "1 1 1"), 3, "scale")
-                yield Shape(name, "mesh", (*scale,), at, element.get("filename", ""))
+                scale = _numbers(said(element, "scale") or "1 1 1", 3, "scale")
+                yield Shape(name, "mesh", (*scale,), at, said(element, "uri", "filename"))
             elif element.tag in _SIZES:
                 yield Shape(name, element.tag, _size(element), at)
 
@@ -274,7 +275,7 @@ def _of_sdf(model: Element) -> RobotDescription:
         for joint in model.findall("joint")
         if joint.get("type") != "fixed" and (child := said(joint, "child")) in links
     }
-    shapes = [each for name, link in elements.items() for each in _sdf_shapes(link, links[name])]
+    shapes = [each for name, link in elements.items() for each in _shapes(link, links[name], _sdf_pose)]
     masses = [each for name, link in elements.items() for each in _sdf_masses(link, links[name])]
     sensors = [
         Sensor(name, links[name] @ _sdf_pose(sensor), sensor)
@@ -290,18 +291,6 @@ def _sdf_pose(element: Element) -> Pose:
     text = said(element, "pose")
     found = _numbers(text, 6, "pose") if text else [0.0] * 6
     return _pose(found[:3], found[3:])
-
-
-def _sdf_shapes(link: Element, pose: Pose) -> Iterator[Shape]:
-    name = link.get("name", "")
-    for collision in link.findall("collision"):
-        geometry, at = collision.find("geometry"), pose @ _sdf_pose(collision)
-        for element in geometry if geometry is not None else ():
-            if element.tag == "mesh":
-                scale = _numbers(said(element, "scale") or "1 1 1", 3, "scale")
-                yield Shape(name, "mesh", (*scale,), at, said(element, "uri"))
-            elif element.tag in _SIZES:
-                yield Shape(name, element.tag, _size(element), at)
 
 
 def _sdf_masses(link: Element, pose: Pose) -> Iterator[Mass]:

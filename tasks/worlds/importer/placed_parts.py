@@ -113,7 +113,7 @@ def scene_of(
     files.check()
     _drop_what_is_far(found)
     if not found.parts and found.planes_m:
-        return _yard(found, files)
+        return _scene(found, files, max(found.planes_m), (_yard(found),))
     if not found.parts:
         why = "; ".join(f"{each.subject}: {each.why}" for each in found.findings[:5])
         raise files.refuse("world", why or "nothing that a robot could meet", "at least one part with a collision")
@@ -127,53 +127,43 @@ def scene_of(
     pieces = maker.made()
     if not pieces:
         raise files.refuse("world", "nothing but floor", f"at least one part higher than {FLAT_M:g} m above the floor")
+    return _scene(found, files, floor_m, pieces, (maker.parts, maker.exact))
+
+
+def _scene(
+    found: Found, files: SourceFiles, floor_m: float, pieces: tuple[Furniture, ...], counts: tuple[int, int] = (0, 0)
+) -> Scene:
+    """Returns a scene whose pieces stand on the floor; its counts are those of the parts, and of the exact ones."""
+    parts, exact = counts
     lights = tuple(Light(position_m=(rounded(x), rounded(y), rounded(z - floor_m))) for x, y, z in found.lights)
     return Scene(
         pieces=pieces,
         lights=lights,
         start=found.start,
-        parts=maker.parts,
-        exact=maker.exact,
+        parts=parts,
+        exact=exact,
         findings=tuple(found.findings),
         files=dict(sorted(files.digests.items())),
         floor_m=rounded(floor_m),
     )
 
 
-def _yard(found: Found, files: SourceFiles) -> Scene:
-    """Returns the scene of a plane without end on which nothing stands: a yard with a wall around its origin."""
-    floor_m, half_m = max(found.planes_m), YARD_M / 2
+def _yard(found: Found) -> Furniture:
+    """Returns the wall around the origin of a plane without end on which nothing stands."""
     why = f"a plane without end, and nothing on it: a yard of {YARD_M:g} x {YARD_M:g} m with a wall around"
     found.note("floor", "approximated", why)
-    thick_m, up_m = _YARD_WALL_M
+    half_m, (thick_m, up_m) = YARD_M / 2, _YARD_WALL_M
     sides = (
         ("yard_wall_east", (half_m, 0.0), (thick_m, half_m)),
-        ("yard_wall_north", (0.0, half_m), (half_m, thick_m)),
+        ("yard_wall_north", (0.0, half_m), (half_m + thick_m, thick_m)),
         ("yard_wall_west", (-half_m, 0.0), (thick_m, half_m)),
-        ("yard_wall_south", (0.0, -half_m), (half_m, thick_m)),
+        ("yard_wall_south", (0.0, -half_m), (half_m + thick_m, thick_m)),
     )
     solids = tuple(
-        Solid(
-            name=name,
-            shape="box",
-            center_m=(x, y, up_m),
-            half_extents_m=(half_x + thick_m * (half_x > half_y), half_y, up_m),
-            yaw_rad=0.0,
-            color=PLAIN,
-        )
-        for name, (x, y), (half_x, half_y) in sides
+        Solid(name=name, shape="box", center_m=(*at, up_m), half_extents_m=(*half, up_m), yaw_rad=0.0, color=PLAIN)
+        for name, at, half in sides
     )
-    wall = Furniture(name="yard_wall", model_type="wall", room="", center_m=(0.0, 0.0), yaw_rad=0.0, solids=solids)
-    return Scene(
-        pieces=(wall,),
-        lights=tuple(Light(position_m=(rounded(x), rounded(y), rounded(z - floor_m))) for x, y, z in found.lights),
-        start=found.start,
-        parts=0,
-        exact=0,
-        findings=tuple(found.findings),
-        files=dict(sorted(files.digests.items())),
-        floor_m=rounded(floor_m),
-    )
+    return Furniture(name="yard_wall", model_type="wall", room="", center_m=(0.0, 0.0), yaw_rad=0.0, solids=solids)
 
 
 def _drop_what_is_far(found: Found) -> None:
