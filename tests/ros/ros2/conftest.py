@@ -1,17 +1,27 @@
-"""ROS 2's rclpy for the tests that need it: its wheels, in a folder of their own that is kept from run to run."""
+"""A DDS domain, and ROS 2's rclpy: its wheels, in a folder of their own that is kept from run to run."""
 
 import hashlib
 import os
 import subprocess
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
 from tests.repository import ROOT
 
 _MAKE, _PINS = ROOT / "examples/ros/make_wheels.sh", ROOT / "examples/ros/wheels.txt"
 _FOLDER = Path.home() / ".cache/simyard-tests" / f"ros2-{hashlib.sha256(_PINS.read_bytes()).hexdigest()[:16]}"
 _INSTALL_S = 1800.0
+
+
+@pytest.fixture
+def domain() -> Iterator[EpisodeDomain]:
+    """A domain that no other process has."""
+    (found,) = episode_domains(1)
+    yield found
+    found.close()
 
 
 @pytest.fixture(scope="session")

@@ -34,7 +34,6 @@ _RANGES = np.linspace(0.7, 3.0, 24).astype(np.float32)
 _ROS1_SCAN = ros_messages.laser_scan(
     0, stamp(1_050_000_000), "laser", _RANGES, angle_min=-1.5, angle_increment=0.125, range_max=8.0, scan_s=0.05
 )
-_WAIT_S = 20.0
 
 
 class Wire(NamedTuple):
@@ -79,14 +78,11 @@ def wire(tmp_path_factory: pytest.TempPathFactory) -> Wire:
 
 
 def _answer(robot: Ros2Node) -> bytes:
-    ends_s = time.monotonic() + _WAIT_S
     while not (robot.matches().commanders and robot.matches().readers["/scan"]):
-        assert time.monotonic() < ends_s, robot.matches()
         time.sleep(0.01)
     while True:
         robot.send("/scan", _ROS1_SCAN)
         time.sleep(0.01)
-        assert time.monotonic() < ends_s
         if commands := robot.take_commands():
             return commands[0]
 
