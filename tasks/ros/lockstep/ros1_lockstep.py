@@ -128,7 +128,8 @@ class Ros1Lockstep:
         for _ in range(_WARM_UP_STEPS):
             self.exchange(sensed)
         for lane in lanes:
-            lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
+            if not lane.failure:  # its totals say why it failed
+                lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
         if self._launch.simulation is None:  # whoever judges may move the robot otherwise, or wait longer
             self._due_ns = self._now_ns + self._first_command_s * 1e9
         self._check_commanded(lanes)
