@@ -33,6 +33,8 @@ _HEARTBEAT = "1ms"
 # How often a participant says that it is there: the first time may be too early for who shall hear it.
 _AGAIN = "1s"
 _PROFILE = "fastdds.xml"
+# The same of Fast DDS. Its readers say first that they have nothing, again and again until they are answered.
+_BEAT_NS, _FIRST_ACK_NS = 20_000_000, 1_000_000
 # Names of one process's participants with peers of their own; Cyclone DDS has one configuration for each.
 _numbers = itertools.count(1000)
 
@@ -129,15 +131,17 @@ def fast_dds_profile(version: int) -> str:
     """Returns the XML profile of Fast DDS: the same interface and peers, over UDP alone, answers without a delay.
 
     A participant that is killed leaves its shared memory behind, so there is none. Readers answer heartbeats at once,
-    and writers requests: both wait 5 ms by default, and lock-step waits for the answer.
+    and writers requests: both wait 5 ms by default, and lock-step waits for the answer. A writer tells of what nobody
+    has acknowledged each 3 s by default: so long a process would wait at its start, for the robot answers nothing else.
 
     Args:
         version: 2 or 3: each ignores the whole file for a name that it does not know, and then listens everywhere.
     """
-    ack, beat, nack = "initialAcknackDelay", "heartbeatResponseDelay", "nackResponseDelay"
+    ack, beat, nack, period = "initialAcknackDelay", "heartbeatResponseDelay", "nackResponseDelay", "heartbeatPeriod"
     untold = ""
     if version > 2:
         ack, beat, nack = "initial_acknack_delay", "heartbeat_response_delay", "nack_response_delay"
+        period = "heartbeat_period"
         # What it tells of types makes Cyclone DDS refuse those with sequences.
         untold = (
             "<propertiesPolicy><properties><property><name>fastdds.type_propagation</name><value>disabled</value>"
@@ -159,9 +163,10 @@ def fast_dds_profile(version: int) -> str:
         f"<builtin><metatrafficUnicastLocatorList>{place}</metatrafficUnicastLocatorList>"
         f"<initialPeersList>{place}</initialPeersList></builtin>{untold}</rtps></participant>"
         '<data_reader profile_name="at_once_reader" is_default_profile="true">'
-        f"<times><{ack}><nanosec>0</nanosec></{ack}><{beat}><nanosec>0</nanosec></{beat}></times></data_reader>"
+        f"<times><{ack}><nanosec>{_FIRST_ACK_NS}</nanosec></{ack}><{beat}><nanosec>0</nanosec></{beat}></times></data_reader>"
         '<data_writer profile_name="at_once_writer" is_default_profile="true">'
-        f"<times><{nack}><nanosec>0</nanosec></{nack}></times></data_writer>"
+        f"<times><{period}><nanosec>{_BEAT_NS}</nanosec></{period}><{nack}><nanosec>0</nanosec></{nack}></times>"
+        "</data_writer>"
         "</profiles>"
     )
 

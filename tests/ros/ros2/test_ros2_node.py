@@ -215,3 +215,8 @@ def test_fast_dds_is_told_of_the_loopback_alone_too_and_has_no_shared_memory(ver
     assert {each.text for each in root.iter() if each.tag.endswith("address")} == {"127.0.0.1"}
     assert ("fastdds.type_propagation" in texts.values()) == (version == 3)
     assert environment["FASTRTPS_DEFAULT_PROFILES_FILE"] == environment["FASTDDS_DEFAULT_PROFILES_FILE"]
+    # Writers ask soon what has come, 3 s by default; readers that nobody answers yet do not ask without a pause.
+    beat = next(each for each in root.iter() if each.tag.endswith(("heartbeatPeriod", "heartbeat_period")))
+    first = next(each for each in root.iter() if each.tag.endswith(("initialAcknackDelay", "initial_acknack_delay")))
+    assert 0 < int(beat[0].text or "") < 100_000_000
+    assert int(first[0].text or "") > 0
