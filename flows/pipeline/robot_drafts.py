@@ -17,7 +17,7 @@ from flows.pipeline.world_imports import answer_apart
 from specs.arn import reference_path
 from specs.bundle_files import ROS_FILE, DraftRequest, RobotDraft
 from specs.errors import DocumentError, LaunchRefused
-from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, ros_launch_file
+from specs.launched_file import bundle_files, module_file, names_ros_launch, ros_launch_file
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
 from specs.robomaker.bundle import LATEST
@@ -175,9 +175,9 @@ def _lacks_robot(use: _Use, folder: Path) -> bool:
 
 
 def _launched(use: _Use, folder: Path | None) -> tuple[LaunchSource, tuple[tuple[str, str], ...]] | None:
-    """Returns the launch file of ROS 1 that one of the document's own bundles is used with, and its variables."""
+    """Returns the launch file of ROS that one of the document's own bundles is used with, and its variables."""
     package, name = use.launchConfig.packageName or "", use.launchConfig.launchFile or ""
-    if folder is None or use.applicationVersion not in {None, LATEST} or is_ros2(name):
+    if folder is None or use.applicationVersion not in {None, LATEST}:
         return None
     files = bundle_files(folder)
     if ros_launch_file(files, package, name) is None or module_file(package, name) in files:

@@ -178,7 +178,7 @@ def _without(section: Spec, *names: str) -> dict[str, JsonValue]:
 
 
 REQUESTS = "simulationBatch.createSimulationJobRequests"
-_BOTH = "one: an episode needs a robot and a scenario; a simulation application alone must be a launch file of ROS 1"
+_BOTH = "one: an episode needs a robot and a scenario; a simulation application alone must be a launch file of ROS"
 
 
 def undriven_faults(section: object) -> list[Fault]:

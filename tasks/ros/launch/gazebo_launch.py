@@ -4,6 +4,7 @@ Gazebo itself is never started: Simyard imports the world, makes the robot of it
 What ``gazebo_ros`` calls its nodes and arguments is what its public documentation says.
 """
 
+import itertools
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -12,7 +13,7 @@ from pathlib import Path
 from specs.base import Spec
 from specs.data.world import Start
 from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
-from tasks.ros.launch.packages import bundle_packages, read_manifest
+from tasks.ros.launch.packages import STAND_INS, bundle_packages, read_manifest
 
 
 class Replaced(Spec):
@@ -51,25 +52,43 @@ class GazeboLaunch(Spec):
     findings: tuple[str, ...] = ()
 
 
-_SERVERS = frozenset({"gazebo", "gzserver", "debug", "gdbrun", "perf"})
+# What nodes are called, in ROS 1's Gazebo, ROS 2's, and gz; of ROS 2's bridges and clients there are several.
+_SERVERS = frozenset({"gazebo", "gzserver", "debug", "gdbrun", "perf", "gz_sim", "gz_server"})
 _CLIENTS = frozenset({"gzclient", "gzclient_gdb"})
-_SPAWNERS = frozenset({"spawn_model", "spawn_urdf", "spawn_gazebo_model"})
-_GAZEBO_ROS = frozenset({"gazebo_ros", "gazebo"})
+_SPAWNERS = frozenset({"spawn_model", "spawn_urdf", "spawn_gazebo_model", "spawn_entity.py", "create"})
+_GAZEBO_ROS = frozenset({"gazebo_ros", "gazebo", "ros_gz_sim", "ros_ign_gazebo"})
+# Programs that a launch file may start by itself, and their words: ``gz sim -r hall.sdf``.
+_BARE = frozenset({"gazebo", "gzserver", "gzclient"})
+_GZ_PROGRAMS = {"gz": "sim", "ign": "gazebo"}
 _STAND_FOR = {
     "rviz": "nothing: it shows pictures to a person",
+    "rviz2": "nothing: it shows pictures to a person",
     "rqt_gui": "nothing: it shows windows to a person",
     "joint_state_publisher": "the robot's own joint states",
+    "joint_state_publisher_gui": "the robot's own joint states",
+    "ros_gz_bridge": "the robot's own topics, which need no bridge",
+    "ros_ign_bridge": "the robot's own topics, which need no bridge",
+    "ros_gz_image": "nothing: there are no cameras",
+    "ros_ign_image": "nothing: there are no cameras",
 }
+_STATE_PUBLISHER = "robot_state_publisher"
 # Of Gazebo's server: what takes a value.
 _SERVER_VALUES = (
     "-e --physics -g --gui-plugin -s --server-plugin -p --play -P -o --profile --seed --iters "
     "--record_path --record_encoding --record_filter --record_period --initial_sim_time"
 )
-# Of spawn_model: what takes a value.
-_SPAWN_VALUES = (
-    "-model -file -param -database -x -y -z -R -P -Y -robot_namespace -reference_frame -gazebo_namespace "
-    "-package_to_model -J"
+# Of gz: there ``-g`` and ``-s`` take none.
+_GZ_VALUES = (
+    "-v --verbose -z --seed --iterations --record-path --record-topic --playback --gui-config --physics-engine "
+    "--render-engine --render-engine-gui --render-engine-server --network-role --network-secondaries --initial-sim-time"
 )
+# Of spawn_model, spawn_entity.py and create: what takes a value.
+_SPAWN_VALUES = (
+    "-model -entity -name -file -param -topic -string -database -world -x -y -z -R -P -Y -robot_namespace "
+    "-reference_frame -gazebo_namespace -package_to_model -J -timeout -spawn_service_timeout -wait -allow_renaming"
+)
+# Where gz looks for models and for worlds alike.
+_GZ_PATHS = ("GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "SDF_PATH")
 _MOST_DESCRIPTION_BYTES = 8 << 20
 
 
@@ -81,8 +100,8 @@ def read_gazebo_launch(plan: LaunchPlan, bundle: Path, variables: Mapping[str, s
         bundle: Folder that holds the ROS packages.
         variables: The episode's environment variables.
     """
-    servers = [node for node in plan.nodes if node.package in _GAZEBO_ROS and node.kind in _SERVERS]
-    spawners = [node for node in plan.nodes if node.package in _GAZEBO_ROS and node.kind in _SPAWNERS]
+    servers = [node for node in plan.nodes if _role(node) == "server"]
+    spawners = [node for node in plan.nodes if _role(node) == "spawner"]
     replaced = dict(_replaced(plan.nodes))
     if not replaced:
         return None
@@ -124,19 +143,57 @@ def shown_node(node: NodePlan) -> str:
     return f"{node.name} ({node.package} {node.kind})"
 
 
+_ROLES = {
+    "server": "Simyard's engine, in the world that is imported",
+    "client": "nothing: it shows the world to a person",
+    "spawner": "the robot of robot.xml, or the draft of its description, at the spawn's place",
+}
+
+
 def _replaced(nodes: Sequence[NodePlan]) -> Iterator[tuple[str, Replaced]]:
     """Yields the nodes that do not run, by name."""
     for node in nodes:
-        by = _STAND_FOR.get(node.package, "")
-        if node.package in _GAZEBO_ROS:
-            if node.kind in _SERVERS:
-                by = "Simyard's engine, in the world that is imported"
-            elif node.kind in _CLIENTS:
-                by = "nothing: it shows the world to a person"
-            elif node.kind in _SPAWNERS:
-                by = "the robot of robot.xml, or the draft of its description, at the spawn's place"
+        by = _ROLES.get(_role(node)) or _STAND_FOR.get(node.package, "")
+        if node.package == _STATE_PUBLISHER and STAND_INS in Path(node.command[0]).parts:
+            by = "the frames of the robot's base and sensors; no others, as ROS 2's robot_state_publisher is not here"
         if by:
             yield node.name, Replaced(node=shown_node(node), by=by)
+
+
+def _role(node: NodePlan) -> str:
+    """Returns what a node is to Gazebo: ``server``, ``client``, ``spawner``, or nothing."""
+    words = _words(node)
+    program = Path(words[0]).name
+    if _is_gz(node):
+        return "client" if "-g" in words else "server"
+    if node.package not in _GAZEBO_ROS and (node.package or program not in _BARE):
+        return ""
+    kind = node.kind if node.package else program
+    roles = {"server": _SERVERS, "client": _CLIENTS, "spawner": _SPAWNERS}
+    return next((role for role, kinds in roles.items() if kind in kinds), "")
+
+
+def _is_gz(node: NodePlan) -> bool:
+    words = _words(node)
+    bare = not node.package and words[1:2] == [_GZ_PROGRAMS.get(Path(words[0]).name, "")]
+    return bare or (node.package in _GAZEBO_ROS and node.kind in {"gz_sim", "gz_server"})
+
+
+def _words(node: NodePlan) -> list[str]:
+    """Returns the words of a node's command, of which one may hold several, without those that are ROS 2's own."""
+    command = node.command[2:] if node.command[:2] == ("/bin/sh", "-c") else node.command
+    words = [part for word in command for part in (_split(word) if " " in word and "<" not in word else [word])]
+    return words[: words.index(_ROS_ARGUMENTS)] if _ROS_ARGUMENTS in words else words
+
+
+_ROS_ARGUMENTS = "--ros-args"
+
+
+def _split(text: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError:  # a quotation that does not end
+        return text.split()
 
 
 class _Robot(Spec):
@@ -162,7 +219,8 @@ class _Reading:
 
     def world(self, server: NodePlan) -> Path | None:
         """Returns the file of the world that a server is started with."""
-        given = _positional(server.command[1:], _SERVER_VALUES.split())
+        given = _positional(_words(server)[1:], (_GZ_VALUES if _is_gz(server) else _SERVER_VALUES).split())
+        given = [word for word in given if word and word not in _GZ_PROGRAMS.values()]
         if not given:
             return None
         name = Path(given[-1])
@@ -179,16 +237,16 @@ class _Reading:
 
     def robot(self, spawners: Sequence[NodePlan]) -> _Robot:
         """Returns the robot among what is spawned: what a parameter describes, else the first."""
-        asked = [(node, _options(node.command[1:])) for node in spawners]
-        asked.sort(key=lambda each: "-param" not in each[1])
+        asked = [(node, _options(_words(node)[1:])) for node in spawners]
+        asked.sort(key=lambda each: not {"-param", "-topic"} & each[1].keys())
         for node, options in asked[1:]:
-            model = options.get("-model", "a model")
+            model = _entity(options) or "a model"
             self.findings.append(f"{node.name} spawns {model}, which is not taken: put it into the world's file")
         if not asked:
             return _Robot()
         node, options = asked[0]
         return _Robot(
-            entity=options.get("-model", ""),
+            entity=_entity(options),
             spawn=self._spawn(node, options),
             description=self._description(node, options),
         )
@@ -210,14 +268,16 @@ class _Reading:
         return 0.0
 
     def _description(self, node: NodePlan, options: Mapping[str, str]) -> str | None:
-        if "-param" in options:
-            name = options["-param"]
-            full = name if name.startswith("/") else f"{node.namespace.rstrip('/')}/{name}"
-            text = self._plan.parameters.get(full, self._plan.parameters.get(f"/{name}"))
-            if isinstance(text, str):
-                return text
-            self.findings.append(f"{node.name} spawns what the parameter {full} describes, and nobody sets it")
-            return None
+        if "-string" in options:
+            return options["-string"]
+        for option, what in (("-param", "parameter"), ("-topic", "topic")):
+            if name := options.get(option):
+                full = name if name.startswith("/") else f"{node.namespace.rstrip('/')}/{name}"
+                text = self._plan.parameters.get(full, self._plan.parameters.get(f"/{name.rpartition('/')[2]}"))
+                if isinstance(text, str):
+                    return text
+                self.findings.append(f"{node.name} spawns what the {what} {full} describes, and nobody sets it")
+                return None
         if "-file" in options:
             return self._text(node, Path(options["-file"]))
         if "-database" in options:
@@ -247,7 +307,8 @@ class _Reading:
 
     def _folders(self, variable: str, exported: Sequence[Path], *inside: str) -> tuple[Path, ...]:
         """Returns the folders of the bundle that an environment variable, exports and packages name."""
-        named = [Path(each) for each in self._variables.get(variable, "").split(":") if each]
+        names = (variable, *_GZ_PATHS)
+        named = [Path(each) for name in names for each in self._variables.get(name, "").split(":") if each]
         own = [folder / name for name in inside for folder in self._packages.values()]
         found = dict.fromkeys(each.resolve() for each in (*named, *exported, *own) if each.is_dir())
         return tuple(each for each in found if each.is_relative_to(self._bundle.resolve()))
@@ -264,12 +325,10 @@ def _positional(words: Sequence[str], with_value: Sequence[str]) -> list[str]:
 
 
 def _options(words: Sequence[str]) -> dict[str, str]:
-    """Returns the options of spawn_model with their values; its words may stand in one, as roslaunch passes them."""
-    split = [part for word in words for part in (shlex.split(word) if " " in word else [word])]
-    found: dict[str, str] = {}
-    for number, word in enumerate(split):
-        if word in _SPAWN_VALUES.split() and number + 1 < len(split):
-            found[word] = split[number + 1]
-        elif word in ("-urdf", "-sdf", "-gazebo"):
-            found[word] = ""
-    return found
+    """Returns the options of a spawner with their values; those that have none, or an empty one, are not there."""
+    found = {each: value for each, value in itertools.pairwise(words) if each in _SPAWN_VALUES.split()}
+    return {name: value for name, value in found.items() if value}
+
+
+def _entity(options: Mapping[str, str]) -> str:
+    return next((options[name] for name in ("-model", "-entity", "-name") if name in options), "")

@@ -199,6 +199,10 @@ GAZEBO_PACKAGES = frozenset(
 """What Simyard stands for: its own engines and the windows of a person are nobody's to install."""
 
 
+STAND_INS = "simyard-stand-ins"
+"""A folder that programs of ROS 2 lie in which do nothing: by it they are known."""
+
+
 def has_xacro() -> bool:
     """Returns whether Simyard's own Python has xacro."""
     return find_spec("xacro") is not None
@@ -270,21 +274,26 @@ def make_gazebo_packages(folder: Path) -> Path:
         package.mkdir(parents=True)
         (package / "package.xml").write_text(f"<package><name>{name}</name><version>0.0.0</version></package>")
         for node in _NODES.get(name, ()):
-            _write_program(package / node, "#!/bin/sh\n")
+            write_program(package / node)
     if has_xacro():
-        (folder / "xacro").mkdir()
+        make_xacro(folder / "xacro")
         (folder / "xacro/package.xml").write_text("<package><name>xacro</name><version>2.0.0</version></package>")
-        (folder / "xacro/program.py").write_text(_XACRO)
-        for name in ("xacro", "xacro.py"):
-            command = shlex.join([sys.executable, "-I", str(folder / "xacro/program.py")])
-            _write_program(folder / "xacro" / name, f'#!/bin/sh\nexec {command} "$@"\n')
     launch = folder / "gazebo_ros/launch"
     launch.mkdir()
     (launch / "empty_world.launch").write_text(_EMPTY_WORLD)
     return folder
 
 
-def _write_program(path: Path, text: str) -> None:
+def make_xacro(folder: Path) -> None:
+    """Makes a folder with the program ``xacro``, which finds packages by ``ROS_PACKAGE_PATH``."""
+    folder.mkdir(parents=True)
+    (folder / "program.py").write_text(_XACRO)
+    command = shlex.join([sys.executable, "-I", str(folder / "program.py")])
+    for name in ("xacro", "xacro.py"):
+        write_program(folder / name, f'#!/bin/sh\nexec {command} "$@"\n')
+
+
+def write_program(path: Path, text: str = "#!/bin/sh\n") -> None:
     """Writes a file that can be executed from the first: behind a wall of its own no process may change a mode."""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o755), "w") as file:
         file.write(text)

@@ -13,7 +13,14 @@ from tasks.ros.graph.gazebo_services import MODEL_STATES, MODEL_STATES_KIND, Gaz
 from tasks.ros.graph.graph import Graph
 from tasks.ros.graph.topic import Topic
 from tasks.ros.launch.gazebo_launch import spawned_model, started_nodes
-from tasks.ros.launch.launch_plan import LaunchPlan, joined_plan, make_ros_home, node_environment, resolve_launch
+from tasks.ros.launch.launch_plan import (
+    LaunchPlan,
+    LaunchSource,
+    joined_plan,
+    make_ros_home,
+    node_environment,
+    resolve_launch,
+)
 from tasks.ros.launch.message_modules import make_message_modules, named_packages
 from tasks.ros.launch.packages import ros_installation
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
@@ -189,18 +196,26 @@ class Ros1Lockstep:
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
         """Returns what is started with each environment, or why nothing can be."""
         source, simulation = self._launch.source, self._launch.simulation
-        bundles = dict.fromkeys(each.bundle for each in (source, simulation) if each)
-        packages = [name for bundle in bundles for name in named_packages(bundle)]
-        self._modules = make_message_modules(self._launch.home / "messages", ros_installation(), packages)
-        robots = resolve_launch(source, environments) if source != simulation else [None] * len(environments)
+        robots = self._resolved(source, environments) if source != simulation else [None] * len(environments)
         if simulation is None:
             return [each for each in robots if each is not None]
-        both = zip(robots, resolve_launch(simulation, environments), strict=True)
+        both = zip(robots, self._resolved(simulation, environments), strict=True)
         joined = [_joined(robot, judge) for robot, judge in both]
+        bundles = dict.fromkeys((source.bundle, simulation.bundle))
         return [
             plan._replace(model=spawned_model(plan, bundles, variables)) if isinstance(plan, LaunchPlan) else plan
             for plan, variables in zip(joined, environments, strict=True)
         ]
+
+    def _resolved(
+        self, source: LaunchSource, environments: list[Mapping[str, str]]
+    ) -> Sequence[LaunchPlan | LaunchRefused]:
+        """Returns what one application starts with each environment, or why nothing."""
+        if self._modules is None:
+            bundles = dict.fromkeys(each.bundle for each in (self._launch.source, self._launch.simulation) if each)
+            packages = [name for bundle in bundles for name in named_packages(bundle)]
+            self._modules = make_message_modules(self._launch.home / "messages", ros_installation(), packages)
+        return resolve_launch(source, environments)
 
     def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
         """Returns a lane with its nodes started, or with why they cannot be."""

@@ -6,11 +6,12 @@ Messages come and go in ROS 1's form, so that lanes of both are brought through 
 import os
 import socket
 import time
-from collections.abc import Iterable, Mapping
-from types import MappingProxyType
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 from specs.errors import LaunchRefused
+from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import STATIC
@@ -212,28 +213,33 @@ class Ros2Lockstep(Ros1Lockstep):
     """The applications of all lanes of a chunk; see ``Lockstep``. Arguments are those of ``Ros1Lockstep``."""
 
     _domains: tuple[EpisodeDomain, ...] = ()
-    _of_nodes: Mapping[str, str] = MappingProxyType({})
+    _of_nodes: dict[Path, Mapping[str, str]]
 
     @property
     def _first_command_s(self) -> float:
         """Returns 0: who advertises in an episode is found by DDS when the wall's clock has it, not in lock-step."""
         return 0.0
 
-    def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
-        launch, installation = self._launch, ros2_installation()
-        source = LaunchSource(launch.bundle, launch.package, launch.launch_file)
+    def _resolved(
+        self, source: LaunchSource, environments: list[Mapping[str, str]]
+    ) -> Sequence[LaunchPlan | LaunchRefused]:
+        home, installation = self._launch.home, ros2_installation()
+        if not self._domains:
+            domains = episode_domains(len(self._launch.environment), installation.middleware or CYCLONE)
+            self._domains, self._of_nodes = tuple(domains), {}
+        own = str(len(self._of_nodes))
         try:
-            spaces = make_spaces(launch.bundle, installation, launch.home / "packages")
-            self._of_nodes = installation.environment(spaces)
+            if source.bundle not in self._of_nodes:
+                spaces = make_spaces(source.bundle, installation, home / "packages" / own)
+                self._of_nodes[source.bundle] = installation.environment(spaces)
         except LaunchRefused as exc:
             return [exc for _ in environments]
-        self._domains = tuple(episode_domains(len(launch.environment), installation.middleware or CYCLONE))
         found: dict[frozenset[tuple[str, str]], LaunchPlan | LaunchRefused] = {}
         keys = [frozenset(each.items()) for each in environments]
         for key in keys:
             if key not in found:
                 try:
-                    found[key] = resolve_description(source, dict(key), launch.home / "parameters")
+                    found[key] = resolve_description(source, dict(key), home / "parameters" / own)
                 except LaunchRefused as exc:
                     found[key] = exc
         return [found[key] for key in keys]
@@ -245,8 +251,8 @@ class Ros2Lockstep(Ros1Lockstep):
         topics = {topic.name: _ros2_kind(topic.kind) for topic in self._messages.topics}
         robot = self._base.robot.topics
         latched = frozenset(topic for topic in (STATIC, robot.goal, robot.floor_map) if topic is not None)
-        names = frozenset(each.name for each in plan.nodes)
-        processes = sum(map(runs_ros2, plan.nodes))
+        started = started_nodes(plan)
+        names, processes = frozenset(each.name for each in started), sum(map(runs_ros2, started))
         domain, installation = self._domains[number], ros2_installation()
         cyclone = domain.middleware == CYCLONE
         interface = RobotInterface(topics, self._messages.commands.name, installation.distribution, cyclone)
@@ -254,13 +260,16 @@ class Ros2Lockstep(Ros1Lockstep):
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
-        environment = {
-            **self._launch.environment[number],
-            **self._of_nodes,
-            **domain.environment(home, installation.fast_dds),
-            **episode_environment(home),
-        }
-        self._start(lane, plan, environment)
+        simulation = self._launch.simulation
+        for ours in (False, True):
+            environment = {
+                **self._launch.environment[number],
+                **self._of_nodes.get(simulation.bundle if simulation and ours else self._launch.bundle, {}),
+                **domain.environment(home, installation.fast_dds),
+                **episode_environment(home),
+            }
+            nodes = tuple(node for node in started if node.simulation is ours)
+            self._start(lane, plan._replace(nodes=nodes), environment)
         return lane
 
     def close(self) -> None:

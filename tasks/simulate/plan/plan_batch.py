@@ -161,10 +161,9 @@ def _judge_fault(where: str, robot: ApplicationLaunch | None, judge: Application
         return Fault(path=f"{where}.robotApplications", value="none", allowed=allowed)
     if not judge.starts_nodes:
         return None
-    if is_ros2(judge.launch_file):
-        return Fault(path=place, value=repr(judge.launch_file), allowed="a module, or a launch file of ROS 1")
-    if robot and (not robot.starts_nodes or is_ros2(robot.launch_file)):
-        allowed = f"a module, as the robot application's {robot.launch_file} is no launch file of ROS 1 as this one is"
+    kind = f"launch file of ROS {2 if is_ros2(judge.launch_file) else 1}"
+    if robot and (not robot.starts_nodes or is_ros2(robot.launch_file) != is_ros2(judge.launch_file)):
+        allowed = f"a module, as the robot application's {robot.launch_file} is no {kind} as this one is"
         return Fault(path=place, value=repr(judge.launch_file), allowed=allowed)
     return None
 

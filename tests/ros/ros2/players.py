@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from specs.bundle_files import RosRobot
+from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
@@ -35,6 +36,18 @@ def generate_launch_description():
         *[Node(package="play", executable=each, name=each) for each in os.environ.get("BESIDE", "").split()],
     ])
 """
+_JUDGE = """
+from launch import LaunchDescription
+from launch.actions import ExecuteProcess
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription([
+        ExecuteProcess(cmd=["gzserver", "hall.world"]),
+        Node(package="play", executable="service_caller", name="judge"),
+    ])
+"""
 
 
 def make_bundle(folder: Path) -> Path:
@@ -44,6 +57,7 @@ def make_bundle(folder: Path) -> Path:
     (package / "launch").mkdir()
     (package / "package.xml").write_text("<package><name>play</name></package>")
     (package / "launch/play.launch.py").write_text(_LAUNCH)
+    (package / "launch/judge.launch.py").write_text(_JUDGE)
     for source in sorted(_DATA.glob("*.py")):
         if source.stem in _MODULES:
             shutil.copy(source, package / "scripts")
@@ -129,13 +143,19 @@ def drive(
     lanes: int = 1,
     steps: int = 60,
     patience: LockstepPatience | None = None,
+    *,
+    judged: bool = False,
 ) -> Run:
-    """Returns what came of episodes whose lanes run a program each, or all the same; ``a+b`` are two nodes of one."""
+    """Returns what came of episodes whose lanes run a program each, or all the same; ``a+b`` are two nodes of one.
+
+    Where they are judged, ``service_caller`` runs beside them, of another bundle, whose launch file starts Gazebo.
+    """
     programs = [program] * lanes if isinstance(program, str) else list(program)
     bundle = folder / "bundle"
     if not bundle.is_dir():
         make_bundle(bundle)
-    launch = Launch(bundle, "play", "play.launch.py", folder / "home", [_variables(each) for each in programs])
+    judge = LaunchSource(make_bundle(folder / "judge"), "play", "judge.launch.py") if judged else None
+    launch = Launch(bundle, "play", "play.launch.py", folder / "home", [_variables(each) for each in programs], judge)
     with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
         return Run(lockstep, lanes, steps)
 

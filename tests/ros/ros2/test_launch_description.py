@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from specs.data.world import Start
 from specs.errors import LaunchRefused
+from tasks.ros.launch.gazebo_launch import read_gazebo_launch
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan
 from tasks.ros.ros2.launch_file.launch_description import resolve_description
 
@@ -168,7 +170,11 @@ def test_an_install_space_has_its_programs_below_lib(tmp_path: Path) -> None:
     [
         ("a.TimerAction(period=1.0, actions=[])", r"line \d+: launch.actions.TimerAction is not done"),
         ("a.RegisterEventHandler(None)", "launch.actions.RegisterEventHandler is not done"),
-        ("s.Command(['xacro'])", "launch.substitutions.Command is not done"),
+        (
+            "a.LogInfo(msg='x'), a.SetLaunchConfiguration('x', s.Command(['false']))",
+            "'false' fails: it ends with status 1",
+        ),
+        ("a.SetLaunchConfiguration('x', s.Command('no-such-program x'))", "cannot be run: .*no-such-program"),
         ("launch_ros.actions.LifecycleNode(name='a')", "launch_ros.actions.LifecycleNode is not done"),
         ("Node(package='nav2', executable='a')", "no package 'nav2' in the bundle or in ROS 2"),
         ("Node(package='robot', executable='a')", "no executable 'a'; it has driver, mapper"),
@@ -209,10 +215,57 @@ def test_a_setup_file_that_cannot_be_read_is_refused(bundle: Bundle, name: str, 
         bundle.resolve()
 
 
-def test_launch_files_in_xml_and_yaml_are_refused(bundle: Bundle) -> None:
-    (bundle.package / "launch/robot.launch.xml").write_text("<launch/>")
-    with pytest.raises(LaunchRefused, match="XML and YAML are not done without ROS 2"):
+_XML = """<launch>
+  <arg name="who" default="guest"/>
+  <let name="both" value="$(var who)-$(env SIDE left)"/>
+  <group if="$(eval '\\'$(var who)\\' == &quot;guest&quot;')">
+    <push-ros-namespace namespace="house"/>
+    <node pkg="robot" exec="driver" name="$(var both)" args="--file '$(find-pkg-share robot)/a b' -x $(env X 2)">
+      <param name="gain" value="2.5"/><param name="frames"><param name="base" value="7" type="str"/></param>
+      <remap from="cmd_vel" to="/cmd_vel"/><env name="MODE" value="x"/>
+    </node>
+  </group>
+  <node pkg="robot" exec="mapper" unless="true"/>
+  <include file="$(dirname)/inner.launch.py"><arg name="n" value="3"/></include>
+</launch>"""
+
+
+def test_a_launch_file_in_xml_starts_what_the_same_in_python_does(bundle: Bundle) -> None:
+    bundle.write("a.ExecuteProcess(cmd=['sleep', s.LaunchConfiguration('n')])", "inner.launch.py")
+    (bundle.package / "launch/robot.launch.xml").write_text(_XML)
+    node, sleep = bundle.resolve("robot.launch.xml", SIDE="right").nodes
+    assert node.name == "/house/guest-right"
+    assert node.command[1:5] == ("--file", f"{bundle.package}/a b", "-x", "2")
+    assert node.command[-4:] == ("-r", "cmd_vel:=/cmd_vel", "-p", "use_sim_time:=true")
+    values = yaml.safe_load(Path(node.command[node.command.index("--params-file") + 1]).read_text())
+    assert values == {"/house/guest-right": {"ros__parameters": {"gain": 2.5, "frames.base": "7"}}}
+    assert dict(node.environment) == {"MODE": "x"}
+    assert sleep.command == ("sleep", "3")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("<launch><timer/></launch>", "<timer> is not done"),
+        ("<launch><node exec='a'/></launch>", "<node> has no pkg"),
+        ("<launch><log message='$(var'/><let name='a' value='$(var'/></launch>", "a substitution does not end"),
+        ("<launch><let name='a' value='$(anon x)'/></launch>", r"\$\(anon\) is not done"),
+        ("<launch><let name='a' value='$(var)'/></launch>", r"\$\(var\): .*missing 1 required"),
+        ("<!DOCTYPE a [<!ENTITY b 'c'>]><launch/>", "no document type"),
+        ("<robot/>", "its outermost element is <robot>"),
+        ("<launch", "not a launch file"),
+    ],
+)
+def test_what_is_not_done_or_wrong_in_xml_is_refused_by_name(bundle: Bundle, text: str, why: str) -> None:
+    (bundle.package / "launch/robot.launch.xml").write_text(text)
+    with pytest.raises(LaunchRefused, match=why):
         bundle.resolve("robot.launch.xml")
+
+
+def test_launch_files_in_yaml_are_refused(bundle: Bundle) -> None:
+    (bundle.package / "launch/robot.launch.yaml").write_text("launch: []")
+    with pytest.raises(LaunchRefused, match="YAML are not done without ROS 2"):
+        bundle.resolve("robot.launch.yaml")
 
 
 def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) -> None:
@@ -220,3 +273,46 @@ def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) 
         bundle.resolve("other.launch.py")
     with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has robot"):
         resolve_description(LaunchSource(bundle.folder, "ro", "robot.launch.py"), {}, bundle.parameters)
+
+
+_XACRO = """<robot name="rover" xmlns:xacro="http://www.ros.org/wiki/xacro">
+<xacro:property name="wide" value="$(arg wide)"/><link name="base_of_${wide}"/></robot>"""
+_PUBLISHER = """Node(package='robot_state_publisher', executable='robot_state_publisher', parameters=[{
+    'robot_description': ParameterValue(s.Command(['xacro ', FindPackageShare('robot'), '/rover.xacro wide:=3']),
+    value_type=str)}])"""
+_SERVERS = {
+    "gazebo_ros": "a.IncludeLaunchDescription(PythonLaunchDescriptionSource([FindPackageShare('gazebo_ros'), "
+    "'/launch/gazebo.launch.py']), launch_arguments={'world': [FindPackageShare('robot'), '/hall.sdf']}.items())",
+    "ros_gz_sim": "a.IncludeLaunchDescription(PythonLaunchDescriptionSource([FindPackageShare('ros_gz_sim'), "
+    "'/launch/gz_sim.launch.py']), launch_arguments={'gz_args': ['-r -s -v 2 ', FindPackageShare('robot'), "
+    "'/hall.sdf']}.items())",
+    "by itself": "a.ExecuteProcess(cmd=['ign gazebo -r', [FindPackageShare('robot'), '/hall.sdf']], shell=True)",
+}
+_SPAWNERS = {
+    "gazebo_ros": "'spawn_entity.py', arguments=['-entity', 'rover'",
+    "ros_gz_sim": "'create', arguments=['-name', 'rover'",
+}
+
+
+@pytest.mark.parametrize(("server", "spawner"), [*zip(_SPAWNERS, _SPAWNERS, strict=True), ("by itself", "ros_gz_sim")])
+def test_what_starts_gazebo_is_read_and_not_started(bundle: Bundle, server: str, spawner: str) -> None:
+    (bundle.package / "hall.sdf").write_text("<sdf version='1.9'/>")
+    (bundle.package / "rover.xacro").write_text(_XACRO)
+    spawn = f"Node(package='{spawner}', executable={_SPAWNERS[spawner]}, '-topic', 'robot_description', '-x', '1.5', "
+    bridge = "Node(package='ros_gz_bridge', executable='parameter_bridge', arguments=['/clock'])"
+    driver = "Node(package='robot', executable='driver', name='wheels')"
+    bundle.write(f"{_SERVERS[server]}, {_PUBLISHER}, {spawn}'-Y', s.EnvironmentVariable('YAW')]), {bridge}, {driver}")
+    found = read_gazebo_launch(bundle.resolve(YAW="-0.5"), bundle.folder, {})
+    assert found is not None
+    assert found.world == bundle.package / "hall.sdf"
+    assert (found.entity, found.spawn) == ("rover", Start(x_m=1.5, y_m=0.0, yaw_rad=-0.5))
+    assert found.description is not None
+    assert '<link name="base_of_3"/>' in found.description
+    assert [each.name for each in found.nodes] == ["/wheels"]
+    assert [each.by.split(":")[0].split(",")[0] for each in found.replaced] == [
+        "Simyard's engine",
+        "the frames of the robot's base and sensors; no others",
+        "the robot of robot.xml",
+        "the robot's own topics",
+    ]
+    assert found.findings == ()

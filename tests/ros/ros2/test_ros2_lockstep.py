@@ -64,6 +64,14 @@ def test_a_job_is_tagged_and_cancelled_by_its_application(tmp_path: Path) -> Non
 
 
 @pytest.mark.long
+def test_a_simulation_applications_nodes_judge_beside_the_robots_and_gazebo_is_not_started(tmp_path: Path) -> None:
+    run = drive(tmp_path, "avoider", steps=20, judged=True)
+    assert run.failures == {}
+    assert (run.tags, run.cancelled) == ({"room": "kitchen"}, {0})
+    assert run.tallies[0].stray == 0
+
+
+@pytest.mark.long
 def test_a_node_that_ends_fails_its_lane_and_leaves_its_neighbour_alone(tmp_path: Path) -> None:
     alone = drive(tmp_path / "alone", "avoider", lanes=2, steps=30)
     run = drive(tmp_path / "both", ["faulty", "avoider"], lanes=2, steps=30)

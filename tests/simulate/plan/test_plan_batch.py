@@ -80,8 +80,9 @@ def judged(launch_file: str, robot: str | None = None) -> SimulationBatch:
 ROS_FILES = {"p/launch/judge.launch", "p/launch/drive.launch", "p/launch/two.launch.py", "p/module.py"}
 
 
-def test_a_simulation_application_of_ros_may_be_alone_and_drives_then():
-    plan = plan_batch(judged("judge.launch"), [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
+@pytest.mark.parametrize("launch_file", ["judge.launch", "two.launch.py"])
+def test_a_simulation_application_of_ros_may_be_alone_and_drives_then(launch_file: str):
+    plan = plan_batch(judged(launch_file), [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
     (template,) = plan.templates
     assert template.alone
     assert template.robot == template.scenario
@@ -92,8 +93,8 @@ def test_a_simulation_application_of_ros_may_be_alone_and_drives_then():
     ("judge", "robot", "why"),
     [
         ("module.launch", None, "a launch file of ROS may be alone"),
-        ("module", None, "a simulation application alone must be a launch file of ROS 1"),
-        ("two.launch.py", "drive.launch", "a module, or a launch file of ROS 1"),
+        ("module", None, "a simulation application alone must be a launch file of ROS"),
+        ("two.launch.py", "drive.launch", "is no launch file of ROS 2 as this one is"),
         ("judge.launch", "module", "is no launch file of ROS 1 as this one is"),
         ("judge.launch", "two.launch.py", "is no launch file of ROS 1 as this one is"),
     ],

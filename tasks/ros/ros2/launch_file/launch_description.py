@@ -14,19 +14,23 @@ Sources: ROS 2's design article "ament index"; setuptools' console scripts.
 
 import ast
 import configparser
+import itertools
 import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import yaml
 
 import tasks
 from specs.errors import LaunchRefused
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, run_launch_program
 from tasks.ros.launch.packages import read_manifest
-from tasks.ros.ros2.ros2_installation import Ros2Installation, ros2_installation
+from tasks.ros.ros2.launch_file.gazebo_packages import make_gazebo_space
+from tasks.ros.ros2.ros2_installation import Ros2Installation, joined_paths, ros2_installation
 
 _DEPTH = 6
 _INDEX = "share/ament_index/resource_index/packages"
@@ -207,14 +211,16 @@ def resolve_description(source: LaunchSource, variables: Mapping[str, str], fold
     packages = ament_packages(source.bundle, installation.prefixes, installation.python)
     try:
         path = _launch_file(packages, source)
-        nodes = _nodes(_answer(installation, packages, path, variables, folder))
+        space = make_gazebo_space(folder, packages)
+        read = _Reading(source.bundle, installation, packages, space)
+        nodes = _nodes(_answer(read, path, variables, folder))
     except (LaunchRefused, OSError) as exc:
         raise LaunchRefused(f"{where}: {exc}") from exc
     except (ValueError, LookupError, TypeError) as exc:  # the file's own code may print what it likes
         raise LaunchRefused(f"{where}: it answers what is no list of processes") from exc
     if not nodes:
         raise LaunchRefused(f"{where}: it starts no node")
-    return LaunchPlan(str(path), _distinct(nodes), {})
+    return LaunchPlan(str(path), _distinct(nodes), _descriptions(nodes))
 
 
 def _launch_file(packages: Mapping[str, AmentPackage], source: LaunchSource) -> Path:
@@ -233,17 +239,35 @@ def _launch_file(packages: Mapping[str, AmentPackage], source: LaunchSource) -> 
     return found[0]
 
 
-def _answer(
-    installation: Ros2Installation,
-    packages: Mapping[str, AmentPackage],
-    path: Path,
-    variables: Mapping[str, str],
-    folder: Path,
-) -> dict[str, Any]:
+class _Reading(NamedTuple):
+    """What a launch file is read with: the bundle, ROS 2, the packages of both, and what stands in for Gazebo's."""
+
+    bundle: Path
+    installation: Ros2Installation
+    packages: Mapping[str, AmentPackage]
+    space: Path
+
+    def environment(self, folder: Path) -> dict[str, str]:
+        """Returns what the launch file finds; the stand-ins come first."""
+        spaces = install_spaces(self.packages, self.installation)
+        given = self.installation.environment(spaces)
+        shares = [str(each / "share") for each in (*spaces, *self.installation.prefixes, self.space)]
+        return {
+            **given,
+            "AMENT_PREFIX_PATH": joined_paths([str(self.space)], given.get("AMENT_PREFIX_PATH", "")),
+            "PATH": joined_paths([str(self.space / "bin")], given["PATH"]),
+            "ROS_PACKAGE_PATH": joined_paths([str(self.bundle), *shares]),  # where xacro looks
+            "LANG": "C.UTF-8",
+            "HOME": str(folder),
+            "TMPDIR": str(folder),
+            "PYTHONDONTWRITEBYTECODE": "1",
+        }
+
+
+def _answer(read: _Reading, path: Path, variables: Mapping[str, str], folder: Path) -> dict[str, Any]:
     """Returns what the launch file starts, or ``refused`` and why."""
-    given = installation.environment(install_spaces(packages, installation))
-    own = {**variables, **given, "LANG": "C.UTF-8", "HOME": str(folder), "TMPDIR": str(folder)}
-    own["PYTHONDONTWRITEBYTECODE"] = "1"
+    own = {**variables, **read.environment(folder)}
+    python_path, installation = own.get("PYTHONPATH", ""), read.installation
     command = [installation.python, "-c", PROGRAM]
     if not installation.here:
         command = [sys.executable, "-m", _STAND_IN]
@@ -253,10 +277,44 @@ def _answer(
     request = {
         "file": str(path),
         "folder": str(folder),
-        "python_path": given.get("PYTHONPATH", ""),
-        "packages": {name: each._asdict() for name, each in packages.items()},
+        "python_path": python_path,
+        "packages": {name: each._asdict() for name, each in {**read.packages, **_installed(read.space)}.items()},
     }
     return json.loads(run_launch_program(command, own, folder, json.dumps(request), _LIMIT_S))
+
+
+_STATE_PUBLISHER, _DESCRIPTION = "robot_state_publisher", "robot_description"
+_MOST_PARAMETER_BYTES = 8 << 20
+
+
+def _descriptions(nodes: Sequence[NodePlan]) -> dict[str, str]:
+    """Returns the description that a launch file gives to a robot, as the parameter and the topic are called."""
+    told = [each for node in nodes for each in _texts(node)]
+    told += [each for node in nodes if node.package == _STATE_PUBLISHER for each in _urdf_argument(node)]
+    return {f"/{_DESCRIPTION}": told[0]} if told else {}
+
+
+def _texts(node: NodePlan) -> Iterator[str]:
+    """Yields what a node's files of parameters call ``robot_description``."""
+    for option, word in itertools.pairwise(node.command):
+        path = Path(word)
+        if option != "--params-file" or not path.is_file() or path.stat().st_size > _MOST_PARAMETER_BYTES:
+            continue
+        try:
+            found = yaml.safe_load(path.read_bytes())
+        except (yaml.YAMLError, ValueError, RecursionError):
+            continue  # the node itself says what is wrong with its parameters
+        for own in found.values() if isinstance(found, dict) else ():
+            text = own.get("ros__parameters", {}).get(_DESCRIPTION) if isinstance(own, dict) else None
+            if isinstance(text, str):
+                yield text
+
+
+def _urdf_argument(node: NodePlan) -> Iterator[str]:
+    for word in node.command[1:]:
+        path = Path(word)
+        if path.suffix == ".urdf" and path.is_file() and path.stat().st_size <= _MOST_PARAMETER_BYTES:
+            yield path.read_text(errors="replace")
 
 
 def install_spaces(packages: Mapping[str, AmentPackage], installation: Ros2Installation) -> list[Path]:

@@ -95,13 +95,16 @@ def from_yaml(text: str) -> Any:  # noqa: ANN401 - what YAML has
     Raises:
         NotDone: It is neither a value nor a list of values of one type.
     """
-    value = yaml.safe_load(text or "''")
+    try:
+        value = yaml.safe_load(text or "''")
+    except yaml.YAMLError:
+        value = None  # such as a robot's description
     if isinstance(value, _SCALARS):
         return value
     items = cast("list[object]", value) if isinstance(value, list) else []
     if items and len({type(each) for each in items}) == 1 and isinstance(items[0], _SCALARS):
         return items
-    raise NotDone(f"{text!r} is no value of a parameter: wrap text in ParameterValue(..., value_type=str)")
+    raise NotDone(f"{text[:200]!r} is no value of a parameter: wrap text in ParameterValue(..., value_type=str)")
 
 
 def evaluated(context: LaunchContext, value: object) -> Any:  # noqa: ANN401 - what YAML has

@@ -26,7 +26,7 @@ _ACTIONS = (
 _SUBSTITUTIONS = (
     "LaunchConfiguration EnvironmentVariable PathJoinSubstitution PythonExpression FindExecutable FileContent "
     "ThisLaunchFile ThisLaunchFileDir NotSubstitution AndSubstitution OrSubstitution AllSubstitution AnySubstitution "
-    "EqualsSubstitution NotEqualsSubstitution IfElseSubstitution"
+    "Command EqualsSubstitution NotEqualsSubstitution IfElseSubstitution"
 )
 _CONDITIONS = "IfCondition UnlessCondition LaunchConfigurationEquals LaunchConfigurationNotEquals"
 _PARAMETERS = "SetParameter SetUseSimTime SetParametersFromFile SetRemap"
@@ -40,7 +40,7 @@ def _modules(context: LaunchContext) -> Mapping[str, dict[str, Any]]:
     """Returns what each module has, by its name."""
     source = actions.PythonLaunchDescriptionSource
     pushed = node_actions.PushRosNamespace
-    described = {"PythonLaunchDescriptionSource": source, "AnyLaunchDescriptionSource": source}
+    described = {f"{kind}LaunchDescriptionSource": source for kind in ("Python", "Any", "Frontend")}
     processes = {"ExecuteProcess": node_actions.ExecuteProcess, "Shutdown": node_actions.Shutdown}
     nodes = {"Node": node_actions.Node, "PushRosNamespace": pushed, "PushROSNamespace": pushed}
     text = {"TextSubstitution": contexts.TextSubstitution, "SubstitutionFailure": NotDone}
@@ -62,6 +62,8 @@ def _modules(context: LaunchContext) -> Mapping[str, dict[str, Any]]:
         "launch.launch_description_sources": described,
         "launch.substitution": {"Substitution": contexts.Substitution},
         "launch.substitutions": _named(substitutions, _SUBSTITUTIONS) | text,
+        "launch_xml": {},
+        "launch_xml.launch_description_sources": {"XMLLaunchDescriptionSource": source},
         "launch_ros": {},
         "launch_ros.actions": nodes | _named(node_actions, _PARAMETERS),
         "launch_ros.descriptions": _named(node_actions, "ParameterFile ParameterValue"),

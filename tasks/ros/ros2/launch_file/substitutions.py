@@ -6,7 +6,9 @@ Behaviour as documented by ROS 2's packages launch and launch_ros.
 import importlib
 import math
 import os
+import shlex
 import shutil
+import subprocess
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -229,6 +231,26 @@ class FindExecutable(Substitution):
         if found is None:
             raise NotDone(f"the program {name!r} is not there")
         return found
+
+
+class Command(Substitution):
+    """What a command prints, such as xacro."""
+
+    def __init__(self, command: object, *, on_stderr: object = "fail") -> None:
+        self._command, self._on_stderr = command, on_stderr
+
+    def perform(self, context: LaunchContext) -> str:
+        """Returns what it prints; it fails if it says an error, too, unless the launch file lets it."""
+        text = text_of(context, self._command)
+        try:
+            words = shlex.split(text)
+            ran = subprocess.run(words, env=context.environment, capture_output=True, text=True, check=False)  # noqa: S603 - the launch file is code, too
+        except (OSError, ValueError) as exc:
+            raise NotDone(f"the command {text!r} cannot be run: {exc}") from exc
+        if ran.returncode or (ran.stderr and text_of(context, self._on_stderr) == "fail"):
+            said = ran.stderr.strip().splitlines() or [f"it ends with status {ran.returncode}"]
+            raise NotDone(f"the command {text!r} fails: {said[-1][:300]}")
+        return ran.stdout
 
 
 class FileContent(Substitution):
