@@ -105,6 +105,9 @@ def _told_of_failure(junit: Path | None, document: str, store_url: str) -> Gener
 
 _SHOWN = 14
 _NUMBERS = {"counted", "worlds", "rate", "95 % interval"}
+_ROOMY = 80
+# In characters: no day, rate or word of a heading breaks before the rest does.
+_LEAST_WIDTHS = {"night": 10, "robot application": 11, "counted": 6, "worlds": 6, "rate": 7, "95 % interval": 8, "": 6}
 
 
 def trend(
@@ -165,9 +168,16 @@ def _variable(text: str) -> tuple[str, str]:
 
 def _show_trend(view: "TrendView", console: "Console") -> None:
     chosen = f", {view.chosen}" if view.chosen else ""
-    table = Table(title=Text(f"{view.document}: {view.words}{chosen}"), title_justify="left", box=None, pad_edge=False)
-    for heading in ("night", "robot application", "counted", "worlds", "rate", "95 % interval", ""):
-        table.add_column(heading, justify="right" if heading in _NUMBERS else "left")
+    table = Table(
+        title=Text(f"{view.document}: {view.words}{chosen}"),
+        title_justify="left",
+        box=None,
+        pad_edge=False,
+        collapse_padding=console.width < _ROOMY,
+    )
+    for heading, least in _LEAST_WIDTHS.items():
+        justify = "right" if heading in _NUMBERS else "left"
+        table.add_column(heading, justify=justify, overflow="fold", min_width=least)
     for row in reversed(view.rows[:_SHOWN]):
         table.add_row(*map(Text, _cells(row)))
     console.print(table)

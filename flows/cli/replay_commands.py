@@ -166,7 +166,7 @@ def show_comparison(found: Comparison, console: Console) -> None:
     pairs = found.pairs
     table = Table(box=None, pad_edge=False)
     for heading in ("batch", "passed", "rate", f"{100 * found.confidence:g} % interval {found.where()}"):
-        table.add_column(heading)
+        table.add_column(heading, no_wrap=heading == "batch")  # an id is copied
     for name, passed in ((found.first, pairs.first_passed), (found.second, pairs.second_passed)):
         sure = wilson(passed, pairs.pairs, found.confidence)
         rate = f"{passed / pairs.pairs:.3f}"

@@ -34,6 +34,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
+from specs.arn import parse_reference
 from specs.base import Spec
 from specs.data.run_report import PipelineReport
 from specs.errors import NO_SOURCE, DocumentError, PipelineNotPassed, SimyardError
@@ -150,16 +151,43 @@ def show_report(report: PipelineReport, console: Console) -> None:
 
 
 def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None:
-    """Shows rows under headings: each thing's own ARN, whole, and what fits beside it; `--json` has everything."""
+    """Shows rows under headings: each thing's own ARN, whole, and what fits beside it; `--json` has everything.
+
+    On a terminal that is narrower than all of it, ids stand for ARNs, and what still does not fit is left out by name.
+    """
     shown = [{key: value for key, value in row.items() if _fits(key, value)} for row in rows]
+    names = dict.fromkeys(key for row in shown for key in row)
+    columns = {name: [_cell(name, row.get(name)) for row in shown] for name in names}
+    if narrow := console.is_terminal and _width(columns) > console.width:
+        columns = _narrow(columns, console.width)
     table = Table(box=None, pad_edge=False)
-    columns = list(dict.fromkeys(key for row in shown for key in row))
-    for column in columns:
-        table.add_column(Text(column), no_wrap=True)
-    for row in shown:
-        table.add_row(*(_cell(column, row.get(column)) for column in columns))
+    for name in columns:
+        table.add_column(Text(name), no_wrap=True)
+    for row in zip(*columns.values(), strict=True):
+        table.add_row(*row)
     # As wide as its content: a terminal may wrap a line, but nothing is cut off.
     TerminalConsole(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
+    if narrow and (left_out := ", ".join(name for name in names if name not in columns and name != "arn")):
+        echo(f"left out, for want of width: {left_out}; a pipe has all: | less -S", err=True)
+
+
+def _narrow(columns: Mapping[str, Sequence[Text]], width: int) -> dict[str, Sequence[Text]]:
+    """Returns as many columns as fit, in their order: states first chosen, times and counts last."""
+    found = dict(columns)
+    if "arn" in found:
+        found = {"id": [Text(parse_reference(cell.plain).path) for cell in found.pop("arn")], **found}
+    first = next(iter(found))
+    kept = {first}
+    for name in sorted(found, key=lambda name: (name != "status", name.endswith(("At", "Time", "Count")))):
+        repeats = name != first and found[name] == found[first]
+        if not repeats and _width({each: found[each] for each in found if each in {*kept, name}}) <= width:
+            kept.add(name)
+    return {name: found[name] for name in found if name in kept}
+
+
+def _width(columns: Mapping[str, Sequence[Text]]) -> int:
+    widths = (max(len(name), *(cell.cell_len for cell in cells)) for name, cells in columns.items())
+    return sum(widths) + len("  ") * (len(columns) - 1)
 
 
 def page_rows(page: Spec) -> tuple[list[dict[str, JsonValue]], str | None]:

@@ -5,14 +5,16 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event
 
 import pytest
+from pydantic import JsonValue
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from flows.cli import terminal
 from flows.cli.terminal import TerminalConsole, echo, echo_json, exit_with_code, go_on_unread, show_rows
@@ -50,6 +52,52 @@ def test_rows_of_a_stranger_stay_in_their_cells():
         ["name", "status"],
         ["one", "two", SHOWN],
     ]
+
+
+BATCH_ROW: Mapping[str, JsonValue] = {
+    "arn": "arn:simyard:simulation-job-batch:c8dcfa1f0f83:simb-d1a56ccb0be0a3bd",
+    "document": "nightly",
+    "passed": "1000/1000",
+    "createdAt": 1.0e9,
+    "status": "Completed",
+    "failedRequestCount": 0,
+}
+
+
+@pytest.mark.parametrize(
+    ("width", "headings", "left_out"),
+    [
+        (200, ["arn", "document", "passed", "createdAt", "status", "failedRequestCount"], ""),
+        (80, ["id", "document", "passed", "createdAt", "status"], "failedRequestCount"),
+        (60, ["id", "document", "passed", "status"], "createdAt, failedRequestCount"),
+        (9, ["id"], "document, passed, createdAt, status, failedRequestCount"),
+    ],
+)
+def test_rows_are_as_wide_as_the_terminal_and_ids_stay_whole(
+    width: int,
+    headings: list[str],
+    left_out: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    out = io.StringIO()
+    show_rows([BATCH_ROW], TerminalConsole(file=out, width=width))
+    head, row = (line.rstrip() for line in Text.from_ansi(out.getvalue()).plain.splitlines())
+    assert head.split() == headings
+    assert "simb-d1a56ccb0be0a3bd" in row
+    assert len(row) <= max(width, len("simb-d1a56ccb0be0a3bd"))
+    assert capsys.readouterr().err == (
+        f"left out, for want of width: {left_out}; a pipe has all: | less -S\n" if left_out else ""
+    )
+
+
+def test_rows_in_a_pipe_are_whole():
+    out = io.StringIO()
+    show_rows([BATCH_ROW], TerminalConsole(file=out, width=60))
+    assert str(BATCH_ROW["arn"]) in out.getvalue()
+    assert "failedRequestCount" in out.getvalue()
 
 
 def test_lines_and_json_are_printed_without_what_steers(capsys: pytest.CaptureFixture[str]):
