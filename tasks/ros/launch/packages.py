@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 from specs.errors import LaunchRefused
 
 ROS_PYTHON = "SIMYARD_ROS_PYTHON"
-_PROBE_S = 30.0
+_PROBE_S = 300.0  # ends a hang: a busy machine took half a minute
 _DEBIAN_ROS = "python3-roslaunch python3-rospy python3-roslib ros-core"
 # Runs in a Python that may be ROS's own.
 _PROBE = """

@@ -1,7 +1,7 @@
 """Packages that stand in for Gazebo's own in launch files of ROS 2, so that those which include them are read.
 
 An install space holds them: ROS 2's own ``launch`` finds them there as well as the stand-ins do. What they call their
-launch files, arguments and programs is what the public documentation of ``gazebo_ros`` and ``ros_gz`` says.
+launch files, arguments and programs is what the public documentation of ``gazebo_ros`` and ``ros_gz_sim`` says.
 """
 
 import json
