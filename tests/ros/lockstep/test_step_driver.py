@@ -1,14 +1,15 @@
 """Lanes that take long within a control step, by what the kernel might tell of their threads."""
 
 import socket
-import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 
 from tasks.ros.graph.event_loop import Connection, EventLoop
 from tasks.ros.graph.graph import Graph
 from tasks.ros.graph.topic import Subscriber
+from tasks.ros.lockstep import step_driver
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
@@ -24,28 +25,33 @@ LONG_S = 1.5 * PATIENCE.stage_s
 class BusyPump(EventPump):
     """Naps in which a thread is awake until it has taken longer than it may, and until something is so.
 
+    Time passes while it naps, and at no other moment: how busy this machine is plays no part.
+
     Args:
         thread: Awake.
         waited_ns: As long as it waited for a core before the first nap.
         until: Tells what.
+
+    Attributes:
+        now_s: The time.
     """
 
     def __init__(self, thread: FakeThread, waited_ns: int, until: Callable[[], bool] = lambda: True) -> None:
         super().__init__()
         self._until = until
         self._thread, self._waited_ns = thread, waited_ns
-        self._ends_s = 0.0
+        self.now_s = 0.0
         thread.be("R")
 
     def nap(self, seconds: float) -> bool:
-        """Waits, as any pump does."""
-        if not self._ends_s:
-            self._ends_s = time.perf_counter() + LONG_S
+        """Lets time pass."""
+        if not self.now_s:
             self._thread.run(waited_ns=self._waited_ns)
             self._thread.be("R")
-        elif self._thread.state == "R" and time.perf_counter() > self._ends_s and self._until():
+        elif self._thread.state == "R" and self.now_s > LONG_S and self._until():
             self._thread.run()
-        return super().nap(seconds)
+        self.now_s += seconds
+        return False
 
 
 @pytest.fixture
@@ -62,26 +68,38 @@ def lane(detector: IdleDetector, pump: EventPump) -> Iterator[RosLane]:
     ours.close()
 
 
-def late(lane: RosLane, pump: EventPump) -> int:
-    """Returns how many stages of the lane were late."""
-    StepDriver(pump, PATIENCE, lambda lane: pytest.fail(lane.failure)).run([lane], 0)
-    pump.close()
-    return lane.late
+Drive = Callable[[BusyPump, Callable[[RosLane], None]], None]
 
 
-def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread) -> None:
-    assert late(lane, BusyPump(worker, 0, until=lambda: lane.late > 0)) == 1
+@pytest.fixture
+def drive(lane: RosLane, monkeypatch: pytest.MonkeyPatch) -> Drive:
+    """Brings the lane through a control step, by the time of its pump."""
+
+    def run(pump: BusyPump, fail: Callable[[RosLane], None]) -> None:
+        monkeypatch.setattr(step_driver, "time", SimpleNamespace(perf_counter=lambda: pump.now_s))
+        StepDriver(pump, PATIENCE, fail).run([lane], 0)
+        pump.close()
+
+    return run
 
 
-def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread) -> None:
-    assert late(lane, BusyPump(worker, 60_000_000_000)) == 0
+def no_fault(lane: RosLane) -> None:
+    pytest.fail(lane.failure)
+
+
+def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
+    drive(BusyPump(worker, 0, until=lambda: lane.late > 0), no_fault)
+    assert lane.late == 1
+
+
+def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
+    drive(BusyPump(worker, 60_000_000_000), no_fault)
+    assert lane.late == 0
 
 
 @pytest.mark.parametrize("limits", [LaneLimits(memory_bytes=1)], ids=["memory"])
-def test_a_lane_beyond_its_limits_ends_within_the_control_step(lane: RosLane, worker: FakeThread) -> None:
+def test_a_lane_beyond_its_limits_ends_within_the_control_step(worker: FakeThread, drive: Drive) -> None:
     ended: list[str] = []
-    pump = BusyPump(worker, 0, until=lambda: bool(ended))
-    StepDriver(pump, PATIENCE, lambda lane: ended.append(lane.failure)).run([lane], 0)
-    pump.close()
+    drive(BusyPump(worker, 0, until=lambda: bool(ended)), lambda lane: ended.append(lane.failure))
     assert len(ended) == 1
     assert "of memory: more than the 0 MiB that it may" in ended[0]
