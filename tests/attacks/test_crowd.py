@@ -53,7 +53,7 @@ class Crowd:
             thread.join()
 
     def _reload(self) -> None:
-        connection = http.client.HTTPConnection("127.0.0.1", self._gateway.port, timeout=300)
+        connection = http.client.HTTPConnection("127.0.0.1", self._gateway.port)
         while not self._over.is_set():
             with suppress(ConnectionError, http.client.HTTPException):
                 connection.request("GET", "/worlds", headers={"host": self._gateway.host, "cookie": self._cookie})
@@ -80,7 +80,7 @@ def test_who_guesses_keeps_nobody_of_the_same_address_from_signing_in(gateway: S
     """Behind a proxy all come from one address; six wrong secrets locked all of them out."""
     headers = {"host": gateway.host, "origin": f"http://{gateway.host}", **FORM}
     for number in range(8):
-        connection = http.client.HTTPConnection("127.0.0.1", gateway.port, timeout=60)
+        connection = http.client.HTTPConnection("127.0.0.1", gateway.port)
         connection.request("POST", "/sign-in", f"key={gateway.owner.key_id}&secret={number}&back=/", headers)
         connection.getresponse().read()
         connection.close()

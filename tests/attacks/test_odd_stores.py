@@ -14,7 +14,8 @@ from tasks.deploy.rollout.controller import ask_robot
 from tasks.storage.base.store import Store
 from tests.attacks.conftest import attacked_environment, attacked_python
 from tests.deploy.one_robot import NAME, desired
-from tests.deploy.yard import STAYS_UP, Yard, eventually, programs_of, wait_for_report
+from tests.deploy.yard import STAYS_UP, Yard, programs_of, wait_for_report
+from tests.servers.eventually import eventually
 from tests.servers.odd_server import ENDLESS, ODD, OddServer, odd_server
 
 pytestmark = pytest.mark.integration

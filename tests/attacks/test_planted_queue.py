@@ -15,8 +15,9 @@ from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import enqueue
 from tasks.storage.jobs.records import is_terminal, job_id, read, submit
 from tests.attacks.conftest import Owner, attacked_environment
-from tests.deploy.yard import STAYS_UP, eventually
+from tests.deploy.yard import STAYS_UP
 from tests.flows.queue.queued_jobs import deployment_request, queue_generation, queue_job
+from tests.servers.eventually import eventually
 
 KIND = "deployment-job"
 

@@ -40,7 +40,7 @@ class Server:
     def asked(self, method: str, path: str, body: str = "", **headers: str) -> tuple[int, Mapping[str, str]]:
         """Returns status and headers of an answer; underscores in names of headers are hyphens."""
         given = {name.replace("_", "-"): value for name, value in headers.items()}
-        with closing(HTTPConnection("127.0.0.1", self.port, timeout=60)) as connection:
+        with closing(HTTPConnection("127.0.0.1", self.port)) as connection:
             connection.request(method, path, body or None, {"content-type": "application/json", **given})
             with connection.getresponse() as answer:
                 return answer.status, {name.lower(): value for name, value in answer.getheaders()}
@@ -139,13 +139,13 @@ def test_the_server_of_a_run_asks_for_a_password_too(without_server: Owner, tmp_
     home = tmp_path / "prefect"
     run = without_server.start("run", str(write_document(tmp_path, worlds)), PREFECT_HOME=str(home))
     try:
-        (log,) = eventually(lambda: [*home.glob("server-*.log")], timeout_s=100.0)
+        (log,) = eventually(lambda: [*home.glob("server-*.log")])
         words = Path("/proc", log.stem.removeprefix("server-"), "cmdline")
-        port = int(eventually(lambda: re.findall(r"\0(\d{4,5})\0", words.read_text()), timeout_s=100.0)[-1])
-        status = eventually(lambda: _status(Server(port)), timeout_s=100.0)
+        port = int(eventually(lambda: re.findall(r"\0(\d{4,5})\0", words.read_text()))[-1])
+        status = eventually(lambda: _status(Server(port)))
     finally:
         run.terminate()
-        run.communicate(timeout=60)
+        run.communicate()
     assert status == 401
     assert [path.stat().st_mode & 0o077 for path in home.glob("prefect.db*")][:1] in ([], [0])
 

@@ -21,6 +21,7 @@ from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import store_id
+from tests.servers.eventually import eventually
 
 FLEET = "couriers"
 STAYS_UP = '#!/bin/sh\necho up >> "$HOME/launches"\nexec sleep 1000\n'
@@ -121,24 +122,11 @@ def desired_state(**changes: object) -> Desired:
 
 
 def wait_for_report(yard: Yard, robot: str, wanted: Callable[[Reported], bool]) -> Reported:
-    found: list[Reported] = []
-
-    def look() -> bool:
+    def look() -> Reported | None:
         reported = read_reported(yard.store, robot)
-        if reported and wanted(reported):
-            found.append(reported)
-        return bool(found)
+        return reported if reported and wanted(reported) else None
 
-    eventually(look)
-    return found[0]
-
-
-def eventually(condition: Callable[[], bool]) -> None:
-    """Waits until the condition holds; how long it takes is no matter, short of a hang."""
-    until_s = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < until_s, "it never happened"
-        time.sleep(0.01)
+    return eventually(look)
 
 
 def programs_of(root: Path) -> list[str]:

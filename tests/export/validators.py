@@ -60,7 +60,7 @@ def _gltf_validator() -> Path:
     npm = need_tool("npm")
     folder.mkdir(exist_ok=True)
     command = [npm, "install", "--silent", "--no-audit", "--no-fund", "--prefix", str(folder), _NPM_PACKAGE]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         skip_or_fail(f"Khronos' gltf-validator cannot be installed: {done.stderr[-300:]}")
     return folder

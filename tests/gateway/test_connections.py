@@ -4,7 +4,6 @@ import socket
 import ssl
 import subprocess
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 from specs.errors import DocumentError
 from tasks.gateway.connections import Bounds, Connections, bound_socket, tls_context
 from tests.gateway.small_server import REQUEST, all_of, small_server
+from tests.servers.eventually import eventually
 
 LONG_S = 30
 PATIENT = Bounds(head_s=LONG_S, request_s=LONG_S, answer_s=LONG_S, idle_s=LONG_S)
@@ -93,14 +93,6 @@ def is_cut_off(slow: socket.socket) -> bool:
     return False
 
 
-def eventually(state: Callable[[], bool]) -> bool:
-    """Returns whether something becomes so within 10 s."""
-    until_s = time.monotonic() + 10
-    while not state() and time.monotonic() < until_s:
-        time.sleep(0.01)
-    return state()
-
-
 def test_a_connection_that_says_nothing_ends() -> None:
     with small_server(PATIENT._replace(head_s=0.1)) as server, server.connect() as silent:
         assert all_of(silent) == b""
@@ -123,7 +115,7 @@ def test_who_does_not_read_the_answer_is_cut_off() -> None:
         idle.connect(("127.0.0.1", server.port))
         idle.sendall(b"GET /big HTTP/1.1\r\nhost: a\r\n\r\n")
         assert idle.recv(1)  # it is being answered
-        assert eventually(lambda: len(server.connections) == 0)
+        eventually(lambda: len(server.connections) == 0)
         assert len(all_of(idle)) < 8 << 20
 
 

@@ -419,7 +419,7 @@ def test_a_copy_of_a_cache_does_not_end_the_server_of_the_original(home: Path, t
         assert server.poll() is None
         assert there(copy) == set(OTHERS)
         assert cleaned(home).rows[0].place == f"process {server.pid}"
-        assert server.wait(20)
+        assert server.wait()
 
 
 def test_the_database_of_a_server_on_another_machine_stays(home: Path):

@@ -18,7 +18,6 @@ from tests.servers.ports import free_port
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 PAGE = (ROOT / "docs/guide/from-robomaker.md").read_text()
-END_S = 60
 blocks = partial(blocks_in, PAGE)
 
 
@@ -33,7 +32,7 @@ def typed(command: str, folder: Path, environment: dict[str, str]) -> "Generator
         yield process
     finally:
         process.terminate()
-        process.wait(END_S)
+        process.wait()
 
 
 @pytest.fixture
@@ -63,7 +62,6 @@ def test_a_script_of_boto3_alone_goes_from_a_template_to_a_fleet(tmp_path: Path,
             cwd=tmp_path,
             text=True,
             capture_output=True,
-            timeout=500,
             check=False,
         )
 

@@ -86,7 +86,7 @@ def artifacts(api_url: str, key: str) -> list[dict[str, str]]:
     request = urllib.request.Request(  # noqa: S310 - the test server's own URL
         f"{api_url}/artifacts/filter", json.dumps(body).encode(), headers
     )
-    with urllib.request.urlopen(request, timeout=30) as answer:  # noqa: S310 - same
+    with urllib.request.urlopen(request) as answer:  # noqa: S310 - same
         return json.load(answer)
 
 

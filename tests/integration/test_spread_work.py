@@ -45,10 +45,10 @@ def test_dask_workers_of_which_one_is_killed_write_the_tables_of_one_process(tmp
     process = simyard(
         "run", str(write_document(tmp_path, small_document())), "--store", store.as_uri(), SIMYARD_WORKERS="dask:2"
     )
-    assert eventually(lambda: any(store.glob("chunks/*/*.started.json")), timeout_s=120.0)
+    assert eventually(lambda: any(store.glob("chunks/*/*.started.json")))
     for worker in workers_of(process.pid):
         os.kill(worker, signal.SIGKILL)
-    out, err = process.communicate(timeout=200)
+    out, err = process.communicate()
     assert process.returncode == 0, out + err
     assert_same(open_store(store.as_uri()), open_store((small_run / ".simyard").as_uri()))
     (batch,) = jobs(open_store(store.as_uri()))["simulation-job-batch"]
@@ -100,11 +100,11 @@ def run_worlds(folder: Path, workers: str, *, killing: bool = False) -> Store:
         SIMYARD_BUCKETS=(folder / "buckets").as_uri(),
     )
     for begun in ("worlds/*/world-*.json", "parts/*/*/*.zip") if killing else ():
-        assert eventually(lambda begun=begun: len([*root.glob(begun)]) > 3, timeout_s=120.0)
+        assert eventually(lambda begun=begun: len([*root.glob(begun)]) > 3)
         for worker in workers_of(process.pid):
             os.kill(worker, signal.SIGKILL)
         time.sleep(1)
-    out, err = process.communicate(timeout=250)
+    out, err = process.communicate()
     assert process.returncode == 0, out + err
     return open_store(root.as_uri())
 
@@ -188,7 +188,7 @@ def test_workers_that_are_killed_at_random_moments_cost_only_time(url: str, tmp_
             time.sleep(rng.uniform(0.0, 6.0))
             if run.poll() is None:
                 dask.kill_worker(kill % 2)
-        out, err = run.communicate(timeout=400)
+        out, err = run.communicate()
     assert run.returncode == 0, out + err
     assert_same(open_store(url), open_store((small_run / ".simyard").as_uri()))
 
@@ -199,5 +199,5 @@ def _in_simulation(run: "subprocess.Popen[str]", url: str) -> None:
         found = jobs(store)["simulation-job-batch"]
         return run.poll() is not None or bool(found and chunk_numbers(store, found[0].id).begun)
 
-    eventually(begun, timeout_s=200.0)
+    eventually(begun)
     assert run.poll() is None, run.communicate()

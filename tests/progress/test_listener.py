@@ -48,7 +48,6 @@ def test_a_task_in_a_copy_of_the_context_is_heard_too():
     assert heard == [5]
 
 
-_PATIENCE_S = 30.0
 _ran = ContextVar("_ran", default="nobody")
 
 
@@ -57,7 +56,7 @@ def fail(code: str) -> None:
 
 
 def test_each_stage_runs_while_the_other_does():
-    both = Barrier(2, timeout=_PATIENCE_S)
+    both = Barrier(2)
     assert at_a_time(lambda: ("export", both.wait())[0], lambda: ("batch", both.wait())[0]) == ("export", "batch")
 
 
@@ -87,7 +86,8 @@ def interrupted() -> None:
     raise KeyboardInterrupt
 
 
-def test_an_interrupt_waits_for_a_stage_that_is_about_to_end():
+def test_an_interrupt_waits_for_a_stage_that_is_about_to_end(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "_INTERRUPTED_S", 600.0)
     told: list[str] = []
     with pytest.raises(KeyboardInterrupt):
         at_a_time(lambda: (sleep(0.2), told.append("the export has ended")), interrupted)
@@ -111,7 +111,7 @@ def test_who_waits_long_hears_for_what_and_how_far_that_is():
 
     with listen_to_progress(lambda _stage, done, _total: heard.append(done)), waiting_for("a case", say, first_s=0.05):
         report_progress("Episodes", 3, 512)
-        assert spoken.wait(10.0)
+        assert spoken.wait()
     assert said[0].endswith("a case: Episodes 3/512")
     assert heard == [3]
 

@@ -93,7 +93,7 @@ def test_a_block_whose_server_stays_is_left_alone():
         return True
 
     with guard_run(is_there, "", _must_not, _AT_ONCE) as watch:
-        assert all(looks.acquire(timeout=60) for _ in range(3))
+        assert all(looks.acquire() for _ in range(3))
     assert not watch.gone.is_set()
 
 

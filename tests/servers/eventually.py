@@ -7,14 +7,8 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def eventually(holds: Callable[[], T], timeout_s: float = 120.0) -> T:
-    """Returns the first true answer.
-
-    Raises:
-        AssertionError: There is none for so long that there will be none.
-    """
-    deadline_s = time.monotonic() + timeout_s
+def eventually(holds: Callable[[], T | None], every_s: float = 0.01) -> T:
+    """Returns the first true answer; the suite's limit ends a test in which there is none."""
     while not (value := holds()):
-        assert time.monotonic() < deadline_s, "it never held"
-        time.sleep(0.02)
+        time.sleep(every_s)
     return value

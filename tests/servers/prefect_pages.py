@@ -12,7 +12,6 @@ from PIL import Image
 from tests.integration.stopped.operated import until
 from tests.servers.chromium import Page
 
-_PATIENCE_S = 120.0
 _SETTLED_S = 3.0
 _SIDES = "box.left, box.top, box.right, box.bottom"
 _QUALITY = 85
@@ -46,13 +45,13 @@ def turned_to(page: Page, tab: str, text: str) -> str:
     A tab named in the URL is forgotten: the page has fewer tabs until it knows the run's state.
     """
     chosen = f"(tab => tab && (tab.click(), true))([...document.querySelectorAll('.p-tab')].find({_named(tab)}))"
-    until(lambda: page.run(chosen), f"a tab {tab!r}", _PATIENCE_S)
+    until(lambda: page.run(chosen))
     return waited_for(page, text)
 
 
 def waited_for(page: Page, text: str) -> str:
     """Returns what stands on a page once some text is there, and what is drawn after it."""
-    until(lambda: text in _text(page), f"{text!r} on a page of Prefect's", _PATIENCE_S)
+    until(lambda: text in _text(page))
     page.run(f"new Promise(done => setTimeout(done, {1000 * _SETTLED_S}))")
     return _text(page)
 

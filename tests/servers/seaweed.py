@@ -19,7 +19,6 @@ ACCESS_KEY = "simyard-test-key"
 SECRET_KEY = "simyard-test-secret"  # noqa: S105 - of a server that lives for one test run
 READER_KEY = "simyard-reader-key"
 READER_SECRET = "simyard-reader-secret"  # noqa: S105 - same
-_START_S = 60
 _PORTS: tuple[str, ...] = ("master", "master.grpc", "volume", "volume.grpc", "filer", "filer.grpc", "s3", "s3.grpc")
 
 
@@ -77,7 +76,7 @@ class Seaweed:
             endpoint_url=self.endpoint,
             aws_access_key_id=ACCESS_KEY,
             aws_secret_access_key=SECRET_KEY,
-            config=Config(connect_timeout=2, read_timeout=5, retries={"total_max_attempts": 1}),
+            config=Config(retries={"total_max_attempts": 1}),
         )
         try:
             client.create_bucket(Bucket=bucket)
@@ -137,12 +136,11 @@ def _identity(name: str, key: str, secret: str, actions: list[str]) -> dict[str,
 
 
 def _wait(server: Seaweed, log: Path) -> None:
-    end_s = time.monotonic() + _START_S
     for attempt in count():
         try:
             server.make_bucket(f"ready-{attempt}")
         except (BotoCoreError, ClientError) as exc:
-            if server.process.poll() is not None or time.monotonic() > end_s:
+            if server.process.poll() is not None:
                 raise RuntimeError(f"SeaweedFS did not start:\n{log.read_text()[-4000:]}") from exc
             time.sleep(0.2)
         else:

@@ -53,7 +53,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
         patch.setenv("PYTHONPATH", str(ROOT))
         patch.delenv("SIMYARD_STORE", raising=False)
         resources = {"metadata": {"path": str(folder / "notebook")}}
-        NotebookClient(notebook, kernel_name="python3", timeout=240, resources=resources).execute()
+        NotebookClient(notebook, kernel_name="python3", timeout=None, resources=resources).execute()
     return notebook
 
 

@@ -3,23 +3,14 @@
 import os
 import signal
 import subprocess
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from tests.factories.simulations import COURIER, FOLDERS
+from tests.servers.eventually import eventually
 
 SCRIPTS = FOLDERS[COURIER] / "courier"
-
-
-def wait_for(condition: Callable[[], bool]) -> None:
-    for _ in range(200):
-        if condition():
-            return
-        time.sleep(0.05)
-    pytest.fail("nothing happened in ten seconds")
 
 
 def run(script: str, folder: Path, speed: str = "0.5") -> subprocess.CompletedProcess[str]:
@@ -37,14 +28,14 @@ def test_the_courier_shows_a_heartbeat_until_it_is_told_to_stop(tmp_path: Path):
     heartbeat = tmp_path / "heartbeat"
     with subprocess.Popen([str(SCRIPTS / "run.sh")], cwd=tmp_path, stdout=subprocess.DEVNULL) as process:
         try:
-            wait_for(heartbeat.exists)
+            eventually(heartbeat.exists)
             first = heartbeat.read_text()
-            wait_for(lambda: heartbeat.read_text() > first)
+            eventually(lambda: heartbeat.read_text() > first)
             assert run("post_launch.sh", tmp_path).returncode == 0
             assert process.poll() is None
         finally:
             process.send_signal(signal.SIGTERM)
-        assert process.wait(timeout=10) == 0
+        assert process.wait() == 0
     assert not heartbeat.exists()
 
 

@@ -12,7 +12,8 @@ from specs.errors import StageFailed
 from tasks.deploy.kit.local_agents import agent_reserve, local_agents
 from tasks.deploy.robot.agent import RESERVE
 from tasks.storage.base.store import Store
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, eventually, kill
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, command_line, kill
+from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.integration
 NAMES = ("couriers-1", "couriers-2")

@@ -18,17 +18,8 @@ from tasks.deploy.fleet_descriptions import describe_deployment_job, describe_fl
 from tasks.deploy.kit.local_agents import local_agents
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.jobs.records import JobRecord
-from tests.deploy.yard import (
-    FLEET,
-    PATIENCE_S,
-    STAYS_UP,
-    Yard,
-    command_line,
-    eventually,
-    kill,
-    programs_of,
-    wait_for_report,
-)
+from tests.deploy.yard import FLEET, PATIENCE_S, STAYS_UP, Yard, command_line, kill, programs_of, wait_for_report
+from tests.servers.eventually import eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.long]
 PARENT = """

@@ -17,7 +17,8 @@ from tests.deploy.one_robot import desired
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import ROBOTS, control, process, serve
 from tests.deploy.puppets import PuppetRobots, run
-from tests.deploy.yard import STAYS_UP, Yard, eventually, programs_of, wait_for_report
+from tests.deploy.yard import STAYS_UP, Yard, programs_of, wait_for_report
+from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.integration
 _STRIDE = 7  # in short: one step in seven, others every time

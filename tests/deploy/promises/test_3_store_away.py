@@ -18,7 +18,8 @@ from tasks.storage.jobs.records import job_id, read
 from tasks.storage.store_url import open_store
 from tests.deploy.promises.figures import Figures, sizes
 from tests.deploy.promises.mortal import process, roll_out, write_for_ever
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill
+from tests.servers.eventually import eventually
 from tests.servers.seaweed import Seaweed, running_seaweed
 
 pytestmark = pytest.mark.integration

@@ -17,7 +17,8 @@ from tasks.storage.jobs.records import job_id, read
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import PAUSABLE, TTL_S, pausable, process
 from tests.deploy.puppets import PuppetRobots
-from tests.deploy.yard import STAYS_UP, Yard, eventually
+from tests.deploy.yard import STAYS_UP, Yard
+from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.integration
 KIND = "deployment-job"

@@ -16,7 +16,8 @@ from tasks.storage.base.keys import bundle_key
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.promises.mortal import process, serve
-from tests.deploy.yard import Yard, command_line, eventually, programs_of, wait_for_report
+from tests.deploy.yard import Yard, command_line, programs_of, wait_for_report
+from tests.servers.eventually import eventually
 from tests.storage.test_archives import CORPUS
 
 pytestmark = pytest.mark.integration

@@ -11,7 +11,8 @@ from tasks.deploy.rollout.deployment_job import run_sync_job
 from tasks.deploy.rollout.observation import recorded_progress
 from tests.deploy.promises.figures import Figures, kind, sizes
 from tests.deploy.puppets import PuppetRobots, run
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, programs_of, wait_for_report
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill, programs_of, wait_for_report
+from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.integration
 

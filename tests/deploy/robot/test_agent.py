@@ -24,8 +24,9 @@ from tasks.storage.base.keys import desired_key
 from tasks.storage.base.store import Store
 from tests.deploy.one_robot import desired, scripted
 from tests.deploy.trust.signed_fleet import Owner
-from tests.deploy.yard import FLEET, STAYS_UP, Yard, eventually, kill, marked_by, programs_of, wait_for_report
+from tests.deploy.yard import FLEET, STAYS_UP, Yard, kill, marked_by, programs_of, wait_for_report
 from tests.repository import ROOT
+from tests.servers.eventually import eventually
 from tests.servers.faulty_proxy import faulty_proxy
 from tests.servers.seaweed import Seaweed
 

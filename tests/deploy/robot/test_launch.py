@@ -7,7 +7,8 @@ import pytest
 from specs.robomaker.bundle import Version
 from tasks.applications.registry import publish_bundle
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, scripted
-from tests.deploy.yard import STAYS_UP, eventually
+from tests.deploy.yard import STAYS_UP
+from tests.servers.eventually import eventually
 
 
 def test_a_file_that_is_not_executable_is_told_with_the_remedy(one: OneRobot) -> None:

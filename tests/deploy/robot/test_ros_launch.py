@@ -12,8 +12,9 @@ from tasks.applications.registry import publish_bundle
 from tasks.deploy.robot import launch as robot_launch
 from tasks.ros.launch import robot_command
 from tests.deploy.one_robot import GOOD, OneRobot
-from tests.deploy.yard import PATIENCE_S, eventually
+from tests.deploy.yard import PATIENCE_S
 from tests.repository import ROOT
+from tests.servers.eventually import eventually
 from tests.servers.ports import free_port
 
 ROAM = DeploymentLaunchConfig(packageName="roamer", launchFile="roam.launch")

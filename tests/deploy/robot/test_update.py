@@ -24,7 +24,8 @@ from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tests.deploy.one_robot import GOOD, NAME, OneRobot, desired, scripted
-from tests.deploy.yard import PATIENCE_S, STAYS_UP, Yard, eventually, marked_by
+from tests.deploy.yard import PATIENCE_S, STAYS_UP, Yard, marked_by
+from tests.servers.eventually import eventually
 
 # Stays up until the test lets it crash, however long a launch's grace lasts.
 CRASHES = """#!/bin/sh

@@ -22,9 +22,9 @@ from tasks.deploy.rollout.observation import standing
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tests.deploy.reach import open_folder
-from tests.deploy.yard import eventually
 from tests.docs.typed_blocks import blocks_in
 from tests.repository import ROOT
+from tests.servers.eventually import eventually
 
 DOCUMENT = (ROOT / "docs/operate/fleet.md").read_text()
 BASH = ["bash", "-euo", "pipefail", "-c"]

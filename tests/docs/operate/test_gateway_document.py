@@ -3,10 +3,8 @@
 import configparser
 import os
 import re
-import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -15,6 +13,7 @@ from flows.gateway.application import MOST_BODY_BYTES
 from specs.arn import KINDS
 from tasks.gateway.access.access_keys import RIGHTS
 from tasks.gateway.connections import Bounds
+from tests.factories.gateway.served import await_answer
 from tests.repository import ROOT
 from tests.servers.ports import free_port
 
@@ -32,18 +31,6 @@ def rows(heading: str) -> dict[str, str]:
     return dict(re.findall(r"^\| ([^|]+) \| ([^|]+) \|", part, flags=re.MULTILINE))
 
 
-def await_port(port: int) -> None:
-    until_s = time.monotonic() + 60
-    while time.monotonic() < until_s:
-        try:
-            socket.create_connection(("127.0.0.1", port), 1).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise TimeoutError(port)
-
-
 @pytest.mark.long
 @pytest.mark.integration
 def test_what_it_says_one_types_makes_keys_and_shows_what_was_done(
@@ -58,14 +45,14 @@ def test_what_it_says_one_types_makes_keys_and_shows_what_was_done(
     port = free_port()
     server = subprocess.Popen([*BASH, f"exec {block('serve').replace('8600', str(port))}"], stdout=subprocess.PIPE)
     try:
-        await_port(port)
+        await_answer(port, server, Path(os.devnull))
         first, *rest = block("sh").replace("8600", str(port)).splitlines()
         call = "import boto3; print(boto3.client('robomaker').create_fleet(name='home')['arn'])"
         typed = "\n".join([first, "export AWS_DATA_PATH=models", f'python -c "{call}"', *rest])
         done = subprocess.run([*BASH, typed], check=False, capture_output=True, text=True)
     finally:
         server.terminate()
-        told, _ = server.communicate(timeout=60)
+        told, _ = server.communicate()
 
     assert done.returncode == 0, done.stderr
     assert "deployment-fleet/home" in done.stdout

@@ -150,7 +150,7 @@ from flows.cli.terminal import end_process
 with end_process(grace_s=0.1):
     threading.Thread(target=threading.Event().wait).start()
 """
-    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, timeout=120)
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
 
 

@@ -192,7 +192,7 @@ main()
 @pytest.mark.parametrize("module", ["simyard.hidden_packages", "simyard.__main__", "flows.cli.shell"])
 def test_an_interrupt_while_the_command_is_imported_shows_no_traceback(module: str):
     program = [sys.executable, "-c", INTERRUPTED.format(module=module)]
-    ended = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    ended = subprocess.run(program, cwd=ROOT, capture_output=True, text=True, check=False)
     assert (ended.returncode, ended.stderr) == (130, "interrupted before anything began\n")
 
 
@@ -203,7 +203,6 @@ def test_in_no_columns_help_is_printed():
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=60,
         check=True,
     )
     assert "validate" in done.stdout

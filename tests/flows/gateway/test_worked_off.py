@@ -16,13 +16,13 @@ from tasks.applications.registry import publish_bundle
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.queue import queued_jobs
-from tests.deploy.yard import FLEET, Yard, eventually, kill
+from tests.deploy.yard import FLEET, Yard, kill
 from tests.factories.gateway.robomaker_client import client_of, running_application
 from tests.flows.gateway.asked import ROLE, TEMPLATE, Asked
 from tests.repository import ROOT
+from tests.servers.eventually import eventually
 
 pytestmark = [pytest.mark.integration, pytest.mark.soak]  # two compilations
-PATIENCE_S = 240.0
 UNDER_WAY = {"Pending", "Preparing", "Running", "InProgress", "Completing", "Terminating", "Canceling"}
 # The scenario of the other tests, in worlds where only a job that knows its own name may begin.
 TOLD = """
@@ -69,13 +69,9 @@ def robot(file_store: Store, tmp_path: Path) -> Generator[None]:
 
 def ended(client: Any, operation: str, **job: str) -> dict[str, Any]:  # noqa: ANN401 - botocore has no types
     """Returns what a Describe call answers once its job has ended."""
-    until_s = time.monotonic() + PATIENCE_S
-    while True:
-        found = getattr(client, operation)(**job)
-        if found["status"] not in UNDER_WAY:
-            return found
-        assert time.monotonic() < until_s, found
+    while (found := getattr(client, operation)(**job))["status"] in UNDER_WAY:
         time.sleep(0.1)
+    return found
 
 
 @pytest.mark.usefixtures("robot")

@@ -50,18 +50,18 @@ def worked_on(store: Store, end: Event, status: str) -> Generator[JobRecord, Non
         with begin_run(store, IDENTITY) as run:
             found.append(advance(store, KIND, run.id, "Running"))
             begun.set()
-            end.wait(30)
+            end.wait()
             if status != "Running":
                 advance(store, KIND, run.id, status)  # pyright: ignore[reportArgumentType]
 
     thread = Thread(target=work)
     thread.start()
-    begun.wait(30)
+    begun.wait()
     try:
         yield found[0]
     finally:
         end.set()
-        thread.join(30)
+        thread.join()
 
 
 def test_it_says_whom_it_waits_for_and_that_it_works_then(file_store: Store) -> None:

@@ -20,7 +20,7 @@ except KeyboardInterrupt:
 def test_a_lane_that_is_still_becoming_warm_ends_at_once(tmp_path: Path):
     lane = [sys.executable, "-m", "flows.queue.lane", "fleets", (tmp_path / "store").as_uri()]
 
-    ended = subprocess.run(lane, stdin=subprocess.DEVNULL, timeout=50, check=False)
+    ended = subprocess.run(lane, stdin=subprocess.DEVNULL, check=False)
 
     assert ended.returncode == -signal.SIGTERM
 
@@ -34,7 +34,7 @@ def test_a_supervisor_whose_interrupt_was_swallowed_ends():
         process.stdout.readline()
         process.stdin.close()
         try:
-            status = process.wait(20)
+            status = process.wait()
         finally:
             process.kill()
 

@@ -13,7 +13,6 @@ from tests.factories.gateway.served import Served
 from tests.repository import ROOT
 
 ROBOT = "courier-1"
-END_S = 60
 
 
 @contextmanager
@@ -32,7 +31,7 @@ def agent(store: Path, folder: Path) -> Generator[None]:
         yield
     finally:
         process.terminate()
-        process.wait(END_S)
+        process.wait()
 
 
 def client_environment(gateway: Served, models: Path) -> dict[str, str]:

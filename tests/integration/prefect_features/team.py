@@ -32,7 +32,6 @@ class Team:
             env={**self.environment, **(more or {})},
             capture_output=True,
             text=True,
-            timeout=250,
             check=False,
         )
         assert not check or done.returncode == 0, done.stdout + done.stderr
@@ -54,7 +53,7 @@ class Team:
                 yield log
             finally:
                 process.send_signal(signal.SIGINT)
-                process.wait(60)
+                process.wait()
 
 
 @pytest.fixture(scope="session")

@@ -63,7 +63,7 @@ def test_sub_flows_hand_on_worlds_to_a_batch_and_a_roll_out(team: Team) -> None:
 def test_a_deployment_of_the_own_program_returns_the_job(team: Team) -> None:
     team.run("python", "examples/prefect/deployments.py", "deploy")
     with team.started("python", "examples/prefect/deployments.py", "serve") as log:
-        eventually(lambda: "is being served" in log.read_text(), timeout_s=60)
+        eventually(lambda: "is being served" in log.read_text())
         for name in ("served", "from-source"):
             assert _run(team, name)[1].startswith("arn:simyard:world-generation-job:")
 

@@ -52,7 +52,7 @@ def test_a_second_run_is_refused_and_touches_nothing_of_the_first(tmp_path: Path
         joined = [robot.name for robot in members(store, "couriers")]
     finally:
         release.touch()
-        out, err = first.communicate(timeout=120)
+        out, err = first.communicate()
 
     assert (second.returncode, "without an active deployment" in second.stderr) == (2, True), second.stderr
     assert first.returncode == 0, out + err

@@ -63,7 +63,7 @@ def worker(kept_server: str, store_url: str, tmp_path_factory: pytest.TempPathFa
         )
         yield
         process.terminate()
-        process.wait(60)
+        process.wait()
 
 
 def test_the_nightly_document_is_the_quickstart():
@@ -88,7 +88,7 @@ def test_a_deployment_runs_on_demand_and_a_cron_fires_by_itself(kept_server: str
     assert tables(open_store(store_url))["results"].num_rows == 384
     assert [job.status for job in records(open_store(store_url), "deployment-job")] == ["Succeeded"]
     assert [row["status"] for row in _robots_table(kept_server)] == ["InSync"] * 5
-    run = _scheduled_run(kept_server, timeout_s=120.0)
+    run = _scheduled_run(kept_server)
     assert run["state_type"] == "COMPLETED"
     assert run["state"]["message"].startswith("1 world: arn:simyard:world-generation-job:")
     assert 99 in [job.detail["seed"] for job in records(open_store(store_url), "world-generation-job")]
@@ -122,12 +122,11 @@ def _robots_table(api_url: str) -> list[dict[str, str]]:
         return json.loads(json.load(reply)["data"])
 
 
-def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
+def _scheduled_run(api_url: str) -> dict[str, Any]:
     """Returns the first ended run that the schedule, and not a person, created."""
-    deadline_s = time.monotonic() + timeout_s
     body = {"flow_runs": {"state": {"type": {"any_": ["COMPLETED", "FAILED", "CRASHED"]}}}}
     headers = {"content-type": "application/json", **authorization(os.environ["PREFECT_API_AUTH_STRING"])}
-    while time.monotonic() < deadline_s:
+    while True:
         request = urllib.request.Request(  # noqa: S310 - the test server's own URL
             f"{api_url}/flow_runs/filter", json.dumps(body).encode(), headers
         )
@@ -136,7 +135,6 @@ def _scheduled_run(api_url: str, timeout_s: float) -> dict[str, Any]:
         if found:
             return found[0]
         time.sleep(1.0)
-    raise AssertionError(f"no scheduled run ended within {timeout_s:.0f} s")
 
 
 def _readme_commands() -> list[list[str]]:

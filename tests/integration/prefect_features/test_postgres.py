@@ -149,7 +149,7 @@ def test_a_schedule_fires_by_itself_and_its_run_ends(operated: Operated):
     schedule = {"schedule": {"interval": 30}, "active": True, "parameters": {"spec": spec, "base": "examples"}}
     (made,) = asked(operated.api_url, f"/deployments/{deployment['id']}/schedules", [schedule])
     try:
-        run = until(lambda: _scheduled(operated.api_url, deployment["id"]), "the end of a scheduled run")
+        run = until(lambda: _scheduled(operated.api_url, deployment["id"]))
     finally:
         prefect({"PREFECT_API_URL": operated.api_url}, "deployment", "schedule", "pause", "--all")
 
@@ -187,7 +187,7 @@ def test_a_batch_that_is_cancelled_by_its_arn_ends_its_run(operated: Operated):
         found = [job for job in records(operated.store, "simulation-job-batch") if job.id not in before]
         return next((job for job in found if job.status == "InProgress"), None)
 
-    running = until(going, "a batch in progress")
+    running = until(going)
     done = finished("cancel", running.arn, "--store", operated.store.url)
 
     assert done.returncode == 0, done.stderr
@@ -204,8 +204,8 @@ def test_lost_heartbeats_crash_a_killed_run_with_its_stages_and_no_run_that_live
         assert _states(served, "killed").count("Running") == 3  # its own flow, the pipeline, the batch
         live = _again_and_again(served, tmp_path / "lives", seconds=2.0 * HEARTBEATS["trigger"]["within"])
         try:
-            until(lambda: "Running" not in _states(served, "killed"), "the end of the killed run", timeout_s=240.0)
-            live.wait(timeout=900)
+            until(lambda: "Running" not in _states(served, "killed"))
+            live.wait()
         finally:
             live.kill()
 

@@ -50,11 +50,11 @@ class Watched:
 
     def flow_run(self, part: str = "") -> dict[str, Any]:
         """Returns the flow run of the pipeline, or of a stage of it, such as ``batch``; waits until it has begun."""
-        whole = until(lambda: self._found({"name": {"any_": [NAME]}}), "the flow run of the pipeline")
+        whole = until(lambda: self._found({"name": {"any_": [NAME]}}))
         if not part:
             return whole
         inner = {"parent_flow_run_id": {"any_": [whole["id"]]}, "name": {"like_": f"-{part}"}}
-        return until(lambda: self._found(inner), f"the flow run of {part}")
+        return until(lambda: self._found(inner))
 
     def artifacts(self) -> dict[str, dict[str, Any]]:
         """Returns what the run and its stages have left so far, by key."""
@@ -65,7 +65,7 @@ class Watched:
 
     def end(self) -> None:
         """Returns when the run has ended well."""
-        assert self.process.wait(300) == 0
+        assert self.process.wait() == 0
 
     def _found(self, wanted: dict[str, Any]) -> dict[str, Any] | None:
         return next(iter(asked(self.api_url, "/flow_runs/filter", {"flow_runs": wanted})), None)
@@ -98,7 +98,7 @@ def page(tmp_path: Path) -> Generator[Page]:
 @pytest.mark.soak
 def test_the_page_of_the_batch_shows_how_far_it_is(watched: Watched, page: Page):
     batch = watched.flow_run("batch")
-    progress = until(lambda: _begun(watched.artifacts().get("episodes-progress")), "progress")
+    progress = until(lambda: _begun(watched.artifacts().get("episodes-progress")))
 
     seen = shown(page, f"{watched.pages}/runs/flow-run/{batch['id']}", "Parent Run")
     listed = turned_to(page, "Artifacts", f"{NAME}--episodes-progress")
@@ -186,7 +186,7 @@ def test_an_asset_is_an_event_with_what_it_was_made_of(watched: Watched, page: P
         events = asked(watched.api_url, "/events/filter", {"filter": wanted, "limit": 50})["events"]
         return next((each for each in events if each["resource"].get("prefect.resource.name") == name), None)
 
-    event = until(found, "the event of the tables", 60)
+    event = until(found)
     resource = event["resource"]["prefect.resource.id"]
     seen = shown(page, f"{watched.pages}/events/event/{event['occurred'][:10]}/{event['id']}", resource, height=800)
     pictured(page, "asset")

@@ -78,7 +78,7 @@ def test_task_runs_are_named_by_what_they_do(prefect_server: str, flow_runs: dic
 def test_the_log_of_a_run_tells_its_story_in_some_20_lines(
     prefect_server: str, store: Store, run: JobRecord, flow_runs: dict[str, str]
 ):
-    lines = until(lambda: _ended(_our_lines(prefect_server, flow_runs[DOCUMENT])), "the end of the log", 60)
+    lines = until(lambda: _ended(_our_lines(prefect_server, flow_runs[DOCUMENT])))
 
     told = [line.split(" after ")[0].partition(" says ")[0] for line in lines]
     assert [line for line in told if line not in EXPORT] == [
@@ -117,7 +117,7 @@ def test_what_a_run_made_is_there_with_what_it_was_made_of(prefect_server: str, 
     tables, evidence = batch.detail["results_url"], f"{store.url}/results/{batch.id}/evidence.json"
     roll_out = f"{store.url}/jobs/deployment-job/{jobs['deployment-job'].id}.json"
 
-    made = until(lambda: _all_of(_made(prefect_server), worlds, zipped, tables, evidence, roll_out), "assets", 60)
+    made = until(lambda: _all_of(_made(prefect_server), worlds, zipped, tables, evidence, roll_out))
 
     courier, delivery = (source for source in _sources(made[tables]) if source.startswith(f"{store.url}/bundles/"))
     assert _sources(made[worlds]) == []
@@ -134,7 +134,7 @@ def test_an_asset_that_is_told_again_is_there_once(prefect_server: str, store: S
 
     python(AGAIN, store.url, job)
 
-    until(lambda: f"{store.url}/last" in _made(prefect_server), "the last event", 60)
+    until(lambda: f"{store.url}/last" in _made(prefect_server))
     counted = Counter(each["resource"]["prefect.resource.id"] for each in _asset_events(prefect_server))
     assert counted[f"{store.url}/worlds/{job}"] == 1
 
@@ -150,7 +150,7 @@ def test_a_stage_alone_has_its_tag_its_name_and_only_its_jobs_events(prefect_ser
         found = [each["event"] for each in asked(prefect_server, "/events/filter", about)["events"]]
         return found if "simyard.world-generation.Completed" in found else None
 
-    assert until(told, "events", 60) == ["simyard.world-generation.Running", "simyard.world-generation.Completed"]
+    assert until(told) == ["simyard.world-generation.Running", "simyard.world-generation.Completed"]
     (alone,) = asked(prefect_server, "/flow_runs/filter", {"flow_runs": {"tags": {"all_": [run.id]}}})
     assert alone["name"] == "world-generation"
     wanted = {"artifacts": {"flow_run_id": {"any_": [alone["id"]]}}}

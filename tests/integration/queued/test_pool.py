@@ -42,7 +42,7 @@ def worker(tmp_path: Path) -> Generator[None]:
         )
         yield
         process.terminate()
-        process.wait(60)
+        process.wait()
 
 
 def _program(name: str) -> str:
@@ -89,7 +89,7 @@ def test_a_process_worker_ends_a_job_that_was_handed_over(file_store: Store):
     def is_done() -> bool:
         return read(file_store, job.kind, job.id).status == "Completed" and not queued_jobs(file_store)
 
-    assert eventually(is_done, timeout_s=120)
+    assert eventually(is_done)
 
 
 def test_a_pool_that_there_is_not_is_refused_with_the_command_that_makes_it(file_store: Store):

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 import urllib.request
 from collections.abc import Callable, Generator, Mapping
 from configparser import RawConfigParser
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 
 from tasks.server.health import authorization, is_healthy
 from tests.integration.runs import ROOT
+from tests.servers.eventually import eventually
 
 T = TypeVar("T")
 ENDED = ("COMPLETED", "FAILED", "CRASHED", "CANCELLED")
@@ -62,19 +62,9 @@ def started(name: str, variables: Mapping[str, str], log: Path) -> Generator[sub
                 os.killpg(process.pid, signal.SIGKILL)
 
 
-def until(reached: Callable[[], T | None], what: str, timeout_s: float = 600.0) -> T:
-    """Returns what is reached in the end.
-
-    Raises:
-        AssertionError: It is not.
-    """
-    deadline_s = time.monotonic() + timeout_s
-    while time.monotonic() < deadline_s:
-        found = reached()
-        if found:
-            return found
-        time.sleep(1.0)
-    raise AssertionError(f"not within {timeout_s:.0f} s: {what}")
+def until(reached: Callable[[], T | None]) -> T:
+    """Returns what a server tells in the end; it is asked once a second."""
+    return eventually(reached, every_s=1.0)
 
 
 def wait_until_healthy(api_url: str, process: subprocess.Popen[bytes], log: Path) -> None:
@@ -84,7 +74,7 @@ def wait_until_healthy(api_url: str, process: subprocess.Popen[bytes], log: Path
         assert process.poll() is None, log.read_text()[-4000:]
         return is_healthy(api_url)
 
-    until(healthy, f"a healthy server; {log}")
+    until(healthy)
 
 
 def asked(api_url: str, path: str, body: object = None) -> Any:  # noqa: ANN401 - what the server answers
@@ -111,7 +101,7 @@ def ended_run(api_url: str, run: str) -> dict[str, Any]:
         found = asked(api_url, f"/flow_runs/{run}")
         return found if found["state_type"] in ENDED else None
 
-    return until(ended, f"the end of {run}")
+    return until(ended)
 
 
 def prefect(variables: Mapping[str, str], *arguments: str) -> None:

@@ -210,7 +210,7 @@ def test_a_worker_that_was_killed_with_its_run_is_followed_by_the_next_run(
     )
     parameters = json.dumps({"spec": json.loads(document.read_text()), "base": str(document.parent)})
     _prefect("deployment", "run", "pipeline/to-kill", "--params", parameters)
-    assert eventually(reached(document.parent, stage), timeout_s=200.0)
+    assert eventually(reached(document.parent, stage))
     for process in [worker.pid, *descendants(worker.pid)]:
         os.kill(process, 9)
     worker.wait()
@@ -247,14 +247,14 @@ def test_a_server_that_is_started_again_costs_a_run_only_waiting(
 ) -> None:
     store = tmp_path / "store"
     run = started(how, write_document(tmp_path, small_document()), store, server)
-    eventually(lambda: any(store.glob(TRACES[stage])) or run.poll() is not None, timeout_s=200.0)
+    eventually(lambda: any(store.glob(TRACES[stage])) or run.poll() is not None)
     assert run.poll() is None, run.communicate()
     server.kill()
     time.sleep(3.0)
     server.start_again()
-    out, _ = run.communicate(timeout=600)
+    out, _ = run.communicate()
     assert run.returncode == 0, out
-    assert eventually(lambda: not flow_runs(server.api_url, NOT_ENDED), timeout_s=120.0)
+    assert eventually(lambda: not flow_runs(server.api_url, NOT_ENDED))
     assert_same(open_store(store.as_uri()), open_store((small_run / ".simyard").as_uri()))
 
 
@@ -286,10 +286,10 @@ def test_a_run_whose_process_sleeps_is_left_alone_when_it_wakes_up(tmp_path: Pat
     file, store = write_document(tmp_path, document), tmp_path / "store"
     at = ("--store", store.as_uri())
     run = simyard("run", str(file), *at)
-    assert eventually(lambda: any(store.glob("chunks/*/000001.started.json")), timeout_s=200.0)
+    assert eventually(lambda: any(store.glob("chunks/*/000001.started.json")))
     run.send_signal(signal.SIGSTOP)
     reaped = finished("reap", *at)  # as it finds a process on another machine: by watching its claim
     run.send_signal(signal.SIGCONT)
-    _, err = run.communicate(timeout=300)
+    _, err = run.communicate()
     assert (run.returncode, reaped.returncode) == (0, 0), err
     assert {kind: len(found) for kind, found in jobs(open_store(store.as_uri())).items()}["pipeline-run"] == 1

@@ -28,7 +28,7 @@ def test_two_episodes_may_take_the_same_port(tmp_path: Path) -> None:
                 sock.bind(("127.0.0.1", 8080))
                 sock.listen()
                 program = "import socket; socket.create_connection(('127.0.0.1', 8080))"
-                subprocess.run([*each.prefix, sys.executable, "-I", "-S", "-c", program], check=True, timeout=60)
+                subprocess.run([*each.prefix, sys.executable, "-I", "-S", "-c", program], check=True)
             each.close()
 
 
@@ -61,7 +61,7 @@ def test_episodes_share_a_network_all_or_none(tmp_path: Path) -> None:
     with EpisodeNetworks(tmp_path / "mine") as networks:
         two(networks)
     command = [sys.executable, "-c", FEW_FILES, str(tmp_path / "homes")]
-    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=60)
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     assert ended.stdout.startswith("2 '' "), ended.stdout
     assert "no network for another episode" in ended.stdout
 

@@ -148,7 +148,6 @@ def test_the_control_is_the_same_again_and_a_micrometre_beside(pens: dict[str, W
     assert abs(first_m[1]) < 5e-7
 
 
-PATIENCE_S = 30.0
 DRIVEN_REQUESTS = [delivery(k, world="hand/apartment-0", seed=k) for k in range(6)]
 
 
@@ -211,7 +210,7 @@ def test_no_more_parts_are_under_way_than_there_are_cores(monkeypatch: pytest.Mo
     found = drive(monkeypatch, runs)
 
     assert sorted(found) == [*range(8)]
-    assert max(most) == 2
+    assert max(most) <= 2
 
 
 def test_the_first_slice_is_driven_by_the_thread_that_asks(monkeypatch: pytest.MonkeyPatch):
@@ -242,4 +241,4 @@ def test_what_one_part_raises_is_raised(monkeypatch: pytest.MonkeyPatch):
 
 
 def _meet(barrier: threading.Barrier) -> None:
-    barrier.wait(PATIENCE_S)
+    barrier.wait()

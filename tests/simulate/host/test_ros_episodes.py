@@ -4,8 +4,7 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -24,6 +23,7 @@ from tasks.simulate.sandbox.sandbox_client import SandboxClient, TooManyLanes, r
 from tests.factories.audits import audit
 from tests.factories.simulations import BUNDLES, DRIFT, FOLDERS, pushing, simulate_lanes
 from tests.repository import ROOT
+from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.long
 
@@ -33,7 +33,6 @@ FOLDERS_USED = {PATROL: BUNDLES / "patrol", DRIFT: FOLDERS[DRIFT]}
 KINDS = ("none", "crash:20", "nan:20", "cancel:20", "tags:20", "orphan:20", "look:20")
 SOUND = (0, 4, 5, 6)
 LANES, SECONDS = 8, 1.0
-SURVIVORS_S = 20.0
 # In the environment of each node of these tests, and of none that somebody else started meanwhile.
 OWN = str(os.getpid())
 
@@ -171,15 +170,7 @@ def test_no_node_survives_a_run_that_is_killed(ros: RosInstallation, level: str)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "SIMYARD_CONFINEMENT": level}
     with subprocess.Popen([sys.executable, "-c", _RUN, mark], env=environment, cwd=ROOT) as run:
         try:
-            _wait(lambda: len(marked(f"MARK={mark}")) >= 3, 120.0)
+            eventually(lambda: len(marked(f"MARK={mark}")) >= 3)
         finally:
             run.send_signal(signal.SIGKILL)
-    _wait(lambda: not marked(f"MARK={mark}"), SURVIVORS_S)
-    assert not marked(f"MARK={mark}")
-
-
-def _wait(until: Callable[[], bool], most_s: float) -> None:
-    end_s = time.monotonic() + most_s
-    while not until() and time.monotonic() < end_s:
-        time.sleep(0.1)
-    assert until()
+    eventually(lambda: not marked(f"MARK={mark}"))
