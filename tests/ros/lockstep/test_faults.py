@@ -1,6 +1,5 @@
 """Applications that misbehave, each in a lane beside one that does not."""
 
-import contextlib
 import os
 import signal
 import subprocess
@@ -16,6 +15,7 @@ from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
 from tests.repository import ROOT
 from tests.ros.lockstep.room import Driven, drive, nothing_left
+from tests.servers.open_files import open_files
 
 STEPS = 40
 LIMITS = LaneLimits(memory_bytes=300 << 20, written_bytes=32 << 20, processes=40)
@@ -43,21 +43,12 @@ def run(bundle: Path, home: Path, kinds: tuple[str, ...]) -> Driven:
     )
 
 
-def files() -> set[str]:
-    """Returns what this process has open; sockets and pipes have a number each."""
-    found: set[str] = set()
-    for each in Path("/proc/self/fd").iterdir():
-        with contextlib.suppress(FileNotFoundError):  # of the folder itself, which was read
-            found.add(str(each.readlink()))
-    return found
-
-
 @pytest.mark.long
 def test_each_fault_is_a_reason_of_its_own_lane_and_its_neighbours_keep_their_bits(courier: Path, home: Path) -> None:
-    before = files()
+    before = open_files()
     alone, all_of_them = run(courier, home, ("none",)), run(courier, home, KINDS)
     assert nothing_left(home)
-    assert files() <= before  # what others held in this process may be closed by now
+    assert open_files() <= before  # what others held in this process may be closed by now
     found = dict(
         zip(KINDS[len(SOUND) :], (all_of_them.failures.get(k, "") for k in range(len(SOUND), 15)), strict=True)
     )
@@ -128,8 +119,8 @@ def test_no_node_survives_the_process_that_holds_it(courier: Path, tmp_path: Pat
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 def test_two_hundred_faulty_episodes_leave_nothing(courier: Path, home: Path) -> None:
-    before = files()
+    before = open_files()
     for _ in range(200 // len(FAULTS)):
         assert len(run(courier, home, tuple(FAULTS)).failures) == len(FAULTS)
         assert nothing_left(home)
-    assert files() <= before  # what others held in this process may be closed by now
+    assert open_files() <= before  # what others held in this process may be closed by now

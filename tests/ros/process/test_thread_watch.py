@@ -14,6 +14,7 @@ import pytest
 
 from tasks.ros.process.thread_watch import Rest, ThreadWatch, allow_files, counts_runs, keeps_timers
 from tests.ros.process.proc_folder import fake_thread
+from tests.servers.open_files import open_files
 
 pytestmark = pytest.mark.skipif(not counts_runs(), reason="this kernel does not count how often threads are run")
 Start = Callable[[str], "subprocess.Popen[bytes]"]
@@ -125,13 +126,14 @@ def test_one_that_was_stopped_is_said_to_be(start: Start) -> None:
 
 
 def test_one_that_ends_is_forgotten_with_its_files(start: Start) -> None:
-    before = sum(1 for _ in Path("/proc/self/fd").iterdir())
     process = start("import os; os.write(1, b'.'); os.read(0, 1)")
     watched = watch(process)
+    of_process = f"/proc/{process.pid}/"
+    assert any(each.startswith(of_process) for each in open_files())
     process.communicate(b"x")
     until(watched, Rest.ASLEEP)
     assert watched.counted() == {}
-    assert sum(1 for _ in Path("/proc/self/fd").iterdir()) < before + 2
+    assert not any(each.startswith(of_process) for each in open_files())
     watched.close()
 
 

@@ -1,7 +1,6 @@
 """The robot among processes with nodes: one participant for each, so that one process at a time is told."""
 
 import itertools
-import time
 from collections.abc import Callable, Iterator
 from uuid import UUID
 
@@ -12,6 +11,7 @@ from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, Reader, Writer, t
 from tasks.ros.ros2.interface_types import type_store
 from tasks.ros.ros2.robot_links import RobotLinks
 from tasks.ros.ros2.ros2_node import STAMPED, TWIST, RobotInterface
+from tests.servers.eventually import eventually
 
 SCAN, KIND = "/scan", "std_msgs/msg/String"
 _numbers = itertools.count(5000)
@@ -54,11 +54,6 @@ def start(domain: EpisodeDomain) -> Iterator[Callable[..., Process]]:
         each.close()
 
 
-def _until(found: Callable[[], bool]) -> None:
-    while not found():
-        time.sleep(0.001)
-
-
 def _complete(robot: RobotLinks, count: int) -> bool:
     robot.find()
     return len(robot.links) == count and not any(map(robot.missing, robot.links.values()))
@@ -73,12 +68,12 @@ def test_one_process_at_a_time_is_told_and_they_are_told_by_their_nodes_names(
     robot: RobotLinks, start: Callable[..., Process]
 ) -> None:
     second, first = start("b"), start("a")
-    _until(lambda: _complete(robot, 2))
+    eventually(lambda: _complete(robot, 2))
     links = list(robot.links.values())
     assert [each.name for each in links] == ["/a", "/b"]
     for told, other, link in ((first, second, links[0]), (second, first, links[1])):
         link.node.send(SCAN, _message(link.name))
-        _until(robot.acknowledged)
+        eventually(robot.acknowledged)
         # Who is connected has taken it when it is acknowledged; who is not never gets it.
         assert (len(told.scan.take()), other.scan.take()) == (1, [])
 
@@ -88,7 +83,7 @@ def test_a_process_is_complete_once_its_commands_are_heard_stamped_or_not(
     robot: RobotLinks, start: Callable[..., Process], kind: str
 ) -> None:
     process = start("a", kind)
-    _until(lambda: _complete(robot, 1))
+    eventually(lambda: _complete(robot, 1))
     store = type_store()
     make = {name: store.types[f"geometry_msgs/msg/{name}"] for name in ("Twist", "TwistStamped", "Vector3")}
     twist = make["Twist"](linear=make["Vector3"](x=0.5, y=0, z=0), angular=make["Vector3"](x=0, y=0, z=0.25))
@@ -98,7 +93,7 @@ def test_a_process_is_complete_once_its_commands_are_heard_stamped_or_not(
     message = twist if kind == TWIST else make["TwistStamped"](header=header, twist=twist)
     process.commands.write(bytes(store.serialize_cdr(message, kind)))
     heard: list[bytes] = []
-    _until(lambda: bool(heard.extend(robot.take_commands()) or heard))
+    eventually(lambda: bool(heard.extend(robot.take_commands()) or heard))
     assert heard == [bytes(store.serialize_cdr(twist, TWIST))[4:]]
 
 
@@ -106,7 +101,7 @@ def test_a_best_effort_commander_is_known_as_one_that_is_not_heard(
     robot: RobotLinks, start: Callable[..., Process]
 ) -> None:
     start("a", reliable=False)
-    _until(lambda: _complete(robot, 1))
+    eventually(lambda: _complete(robot, 1))
     (link,) = robot.links.values()
     assert [each.reliable for each in robot.commanders(link)] == [False]
     assert link.matches.commanders == 0
@@ -123,15 +118,15 @@ def test_what_is_latched_reaches_a_process_that_comes_later(robot: RobotLinks, s
         came.extend(latched.take())
         return bool(came)
 
-    _until(found)
+    eventually(found)
     assert type_store().deserialize_cdr(came[0], KIND).data == "wall"  # type: ignore[attr-defined]
 
 
 def test_a_process_that_ends_is_forgotten(robot: RobotLinks, start: Callable[..., Process]) -> None:
     process = start("a")
-    _until(lambda: _complete(robot, 1))
+    eventually(lambda: _complete(robot, 1))
     process.close()
-    _until(lambda: _complete(robot, 0))
+    eventually(lambda: _complete(robot, 0))
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 40])
