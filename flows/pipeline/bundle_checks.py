@@ -15,6 +15,7 @@ from specs.base import Fault
 from specs.errors import DocumentError
 from specs.launched_file import (
     bundle_files,
+    is_ros2,
     looked_for,
     module_file,
     names_ros_launch,
@@ -498,7 +499,8 @@ def _gazebo_lines(source: "LaunchSource", gazebo: "GazeboLaunch") -> Iterator[st
 def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:
     """Yields what is wrong with a launch file and its bundle's ``ros.yaml``; ``path`` is where the document has it."""
     for why in (*report.refusals, *report.lost):
-        allowed = f"a launch file that roslaunch takes, and not this one: {why}"
+        launch = "ros2 launch" if is_ros2(source.launch_file) else "roslaunch"
+        allowed = f"a launch file that {launch} takes, and not this one: {why}"
         yield Fault(path=f"{path}.launchFile", value=repr(source.launch_file), allowed=allowed)
     if report.declaration:
         allowed = f"a package whose bundle declares its robot rightly, and not this one: {report.declaration}"

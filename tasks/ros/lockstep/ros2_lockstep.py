@@ -224,6 +224,8 @@ class Ros2Lockstep(Ros1Lockstep):
         self, source: LaunchSource, environments: list[Mapping[str, str]]
     ) -> Sequence[LaunchPlan | LaunchRefused]:
         home, installation = self._launch.home, ros2_installation()
+        if installation.fault:
+            return [LaunchRefused(installation.fault) for _ in environments]
         if not self._domains:
             domains = episode_domains(len(self._launch.environment), installation.middleware or CYCLONE)
             self._domains, self._of_nodes = tuple(domains), {}

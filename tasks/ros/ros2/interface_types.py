@@ -23,6 +23,7 @@ DISTRIBUTIONS = tuple(_STORES)
 _WITHOUT_HASHES = ("humble",)
 _ROBOMAKER = "robomaker_simulation_msgs"
 TAG, ADD_TAGS, CANCEL = f"{_ROBOMAKER}/msg/Tag", f"{_ROBOMAKER}/srv/AddTags", f"{_ROBOMAKER}/srv/Cancel"
+ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
 _TEXT: FieldDesc = (Nodetype.BASE, ("string", 0))
 _ANSWER: list[tuple[str, FieldDesc]] = [("success", (Nodetype.BASE, ("bool", 0))), ("message", _TEXT)]
 

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from specs.errors import LaunchRefused
-from tasks.ros.ros2.dds_domain import CYCLONE, MIDDLEWARES
-from tasks.ros.ros2.interface_types import DEFAULT_DISTRIBUTION, DISTRIBUTIONS
+from tasks.ros.ros2.dds_domain import CYCLONE, FAST, MIDDLEWARES
+from tasks.ros.ros2.interface_types import ADD_TAGS_SERVICE, CANCEL_SERVICE, DEFAULT_DISTRIBUTION, DISTRIBUTIONS
 
-_OPT = Path("/opt/ros")
+_OPT, _INDEX = Path("/opt/ros"), "share/ament_index"
 _PYTHON = "/usr/bin/python3"
 _SYSTEM = "/usr/bin:/bin:/usr/sbin:/sbin"
 _SETUP, _SETUP_LIMIT_S = "local_setup.sh", 60.0
@@ -29,6 +29,8 @@ _PYTHONS = "lib/python3*/*-packages"
 _RELEASE = "share/ros_environment/environment/1.ros_distro.sh"
 _NAMED = re.compile(r"\bROS_DISTRO=\"?(\w+)")
 _WHEEL = re.compile(r"ros_([a-z]+)_rclpy-")
+# Its clients know answers by what packets carry beside the sample; Cyclone DDS's Python cannot set that.
+_WITHHELD = f", so the robot offers no {ADD_TAGS_SERVICE} and no {CANCEL_SERVICE}"
 # Variables that a shell sets by itself.
 _OF_SHELL = frozenset({"PWD", "OLDPWD", "SHLVL", "_", "LANG"})
 
@@ -39,7 +41,7 @@ class Ros2Installation(NamedTuple):
     Attributes:
         prefixes: Where packages are installed, the nearest first; empty without ROS 2.
         distribution: Such as ``jazzy``.
-        python: What runs nodes in Python.
+        python: What runs nodes in Python; only its name if it is not here.
         middleware: What nodes speak; empty if what the robot understands is not here.
         asked: The middleware that ``RMW_IMPLEMENTATION`` names.
         named: The release that ``ROS_DISTRO`` names, where another one is here.
@@ -65,7 +67,8 @@ class Ros2Installation(NamedTuple):
         launch = "" if self.here else "; without launch_ros, so launch files run with Simyard's own stand-ins"
         other = f", not {self.asked}, which {self._why_not}" if self.asked not in {"", self.middleware} else ""
         middleware = f"; nodes speak {self.middleware}{other}" if self.middleware else ""
-        return f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}{middleware}{launch}"
+        withheld = _WITHHELD if self.middleware == FAST else ""
+        return f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}{middleware}{withheld}{launch}"
 
     @property
     def _why_not(self) -> str:
@@ -75,6 +78,10 @@ class Ros2Installation(NamedTuple):
     def fault(self) -> str:
         """Returns why no node of it can drive a robot, and what to do; empty if one can."""
         where = ", ".join(map(str, self.prefixes))
+        if self.prefixes and not any((each / _INDEX).is_dir() for each in self.prefixes):
+            return f"AMENT_PREFIX_PATH names {where}, where no ROS 2 is (no {_INDEX}): name the folder that it is in"
+        if not Path(self.python).is_absolute():
+            return f"rclpy below {where} is for {self.python}, which is not here: install {self.python}"
         if self.named:
             return (
                 f"ROS_DISTRO is {self.named!r}, and ROS 2 {self.distribution} is below {where}: "
@@ -166,7 +173,7 @@ def ros2_installation(variables: Mapping[str, str] | None = None) -> Ros2Install
     prefixes = tuple(Path(each) for each in given.get("AMENT_PREFIX_PATH", "").split(":") if each)
     if not prefixes:
         names = [named, *reversed(DISTRIBUTIONS)] if named in DISTRIBUTIONS else reversed(DISTRIBUTIONS)
-        here = (_OPT / name for name in names if (_OPT / name / "share/ament_index").is_dir())
+        here = (_OPT / name for name in names if (_OPT / name / _INDEX).is_dir())
         prefixes = tuple(each for each in [next(here, None)] if each is not None)
     if not prefixes:
         return Ros2Installation((), named if named in DISTRIBUTIONS else DEFAULT_DISTRIBUTION)
@@ -192,7 +199,7 @@ def _python(prefixes: Iterable[Path]) -> str:
     for prefix in prefixes:
         for modules in sorted(prefix.glob(f"{_PYTHONS}/rclpy")):
             own, version = prefix / "bin/python3", modules.parents[1].name
-            return str(own) if os.access(own, os.X_OK) else shutil.which(version, path=_SYSTEM) or _PYTHON
+            return str(own) if os.access(own, os.X_OK) else shutil.which(version, path=_SYSTEM) or version
     return _PYTHON
 
 

@@ -21,10 +21,16 @@ from tasks.ros.ros2.dds_node import (
     ServiceServer,
     Writer,
 )
-from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, DEFAULT_DISTRIBUTION, type_store
+from tasks.ros.ros2.interface_types import (
+    ADD_TAGS,
+    ADD_TAGS_SERVICE,
+    CANCEL,
+    CANCEL_SERVICE,
+    DEFAULT_DISTRIBUTION,
+    type_store,
+)
 
 NODE_NAME = "simyard_robot"
-ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
 TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
 COMMANDS = (TWIST, STAMPED)
 _LITTLE = b"\x00\x01"

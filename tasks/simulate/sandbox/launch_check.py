@@ -4,6 +4,7 @@ A launch file runs programs when it is read (``<param command="...">``): reading
 ``python -m tasks.simulate.sandbox.launch_check`` is the process that reads it.
 """
 
+import itertools
 import json
 import os
 import shutil
@@ -13,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+import yaml
 from pydantic import ValidationError
 
 from specs.base import Spec
@@ -47,6 +49,9 @@ _CLIENT_LIBRARIES = {"rclpy": (b">rclpy<", b"import rclpy", b"from rclpy"), "rcl
 _OF_MESSAGES = ("_msgs", "_srvs", "_interfaces", "_actions")
 _PROGRAM_BYTES = 64 << 20
 _ROS2_PLACES = "AMENT_PREFIX_PATH, or below /opt/ros"
+# What a refusal says that is no fault of the document: another machine may have it.
+_OF_ROS2 = ("install ROS 2", *(f" needs {name}" for name in _CLIENT_LIBRARIES))
+_PARAMETERS = "--params-file"
 
 
 class LaunchReport(Spec):
@@ -120,7 +125,7 @@ def _ros1_report(source: LaunchSource, environments: Sequence[Mapping[str, str]]
 def _ros2_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:
     """Returns what a launch file of ROS 2 would start; without ROS 2, Simyard's stand-ins read it.
 
-    What they refuse is then no fault of the document: another machine may have ROS 2.
+    What they refuse for want of ROS 2 is then no fault of the document: another machine may have it.
     """
     installation = ros2_installation()
     report = LaunchReport(ros=installation.sentence, has_ros=True)
@@ -129,12 +134,13 @@ def _ros2_report(source: LaunchSource, environments: Sequence[Mapping[str, str]]
     if installation.fault:
         return report.model_copy(update={"ros": installation.fault, "has_ros": False})
     report = report.model_copy(update=_read(source, environments, own=own))
-    if installation.here or not report.refusals:
+    wanting = [each for each in report.refusals if any(mark in each for mark in _OF_ROS2)]
+    if installation.here or not wanting:
         return report
-    why = "; ".join(report.refusals)
+    why, faults = "; ".join(wanting), tuple(each for each in report.refusals if each not in wanting)
     lacks = "ROS 2 is not all here" if installation.prefixes else "no ROS 2 is here"
     said = f"{lacks} ({_ROS2_PLACES}), and {source.package} {source.launch_file} needs it: {why}"
-    return report.model_copy(update={"ros": said, "has_ros": False, "refusals": ()})
+    return report.model_copy(update={"ros": said, "has_ros": False, "refusals": faults})
 
 
 def _read(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> dict[str, object]:
@@ -181,7 +187,8 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     nodes = {name: node for name, node in every.items() if name not in instead}
     topics = {name: node_topics(node, source.bundle) for name, node in nodes.items()}
     lost = dict.fromkeys(each for plan in good for each in plan.lost)
-    lost |= dict.fromkeys(each for node in nodes.values() for each in _unstartable(source.bundle, node))
+    for fault in (_unstartable, _unreadable):
+        lost |= dict.fromkeys(each for node in nodes.values() for each in fault(source.bundle, node))
     refusals = dict.fromkeys(str(plan) for plan in plans if not isinstance(plan, LaunchPlan))
     clock = any(plan.parameters.get(_CLOCK) is True for plan in good)
     refusals |= dict.fromkeys(each for plan in good for each in _needed_of_ros2(source, plan))
@@ -218,6 +225,26 @@ def _unstartable(bundle: Path, node: NodePlan) -> Iterator[str]:
     for name in needed_programs(head):
         if name != _OF_EACH_EPISODE and shutil.which(name, path=path) is None:
             yield f"{shown_node(node)}: {shown}, line 1: needs {name}, which is not here: install it, or name another"
+
+
+def _unreadable(bundle: Path, node: NodePlan) -> Iterator[str]:
+    """Yields why a node of ROS 2 ends at once: a file of parameters that it cannot read."""
+    for flag, name in itertools.pairwise(node.command):
+        path = Path(name)
+        if flag == _PARAMETERS and path.is_relative_to(bundle) and (wrong := _parameters_fault(path)):
+            yield f"{shown_node(node)}: {path.relative_to(bundle)}: {wrong}"
+
+
+def _parameters_fault(path: Path) -> str:
+    try:
+        found: object = yaml.safe_load(path.read_bytes())
+    except (OSError, ValueError, RecursionError) as exc:
+        return f"its parameters cannot be read: {exc}"
+    except yaml.YAMLError as exc:
+        mark = getattr(exc, "problem_mark", None)
+        line = f"line {mark.line + 1}: " if mark else ""
+        return f"{line}its parameters are no YAML: {getattr(exc, 'problem', None) or ' '.join(str(exc).split())}"
+    return "" if isinstance(found, Mapping) else "holds no parameters: write them below NODE: and ros__parameters:"
 
 
 def _python2(bundle: Path, node: NodePlan) -> Iterator[str]:

@@ -24,7 +24,7 @@ from launch_ros.substitutions import FindPackageShare
 
 
 class Bundle:
-    """A bundle with one package, ``robot``, that has the programs ``driver`` and ``mapper``."""
+    """A bundle: ``robot``, a package that has the programs ``driver`` and ``mapper``, and ``bare``, that has none."""
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.package = folder / "bundle", folder / "bundle/src/robot"
@@ -35,6 +35,8 @@ class Bundle:
             program = self.package / "scripts" / name
             program.write_text("#!/bin/sh\n")
             program.chmod(program.stat().st_mode | stat.S_IXUSR)
+        (folder / "bundle/src/bare").mkdir()
+        (folder / "bundle/src/bare/package.xml").write_text("<package><name>bare</name></package>")
         self.parameters = folder / "parameters"
 
     def write(self, entities: str, name: str = "robot.launch.py") -> None:
@@ -179,6 +181,7 @@ def test_an_install_space_has_its_programs_below_lib(tmp_path: Path) -> None:
         ("Node(package='nav2', executable='a')", "no package 'nav2' in the bundle or in ROS 2"),
         ("Node(package='robot', executable='a')", "no executable 'a'; it has driver, mapper"),
         ("Node(package='robot', executable='driver', name=s.LaunchConfiguration('n'))", "'n' has no value"),
+        ("Node(package='bare', executable='a')", "'a', and none at all: build it with colcon"),
         ("Node(package='robot', executable='driver', exit_at=3)", "Node: exit_at is not done"),
         ("", "it starts no node"),
         ("1 / 0", "ZeroDivisionError"),
@@ -271,7 +274,7 @@ def test_launch_files_in_yaml_are_refused(bundle: Bundle) -> None:
 def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) -> None:
     with pytest.raises(LaunchRefused, match="no launch file of that name"):
         bundle.resolve("other.launch.py")
-    with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has robot"):
+    with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has bare, robot"):
         resolve_description(LaunchSource(bundle.folder, "ro", "robot.launch.py"), {}, bundle.parameters)
 
 

@@ -70,6 +70,19 @@ def test_without_a_middleware_it_says_what_to_install(prefix: Prefix) -> None:
     )
 
 
+def test_a_prefix_without_ros_2_and_a_python_that_is_not_here_are_faults(prefix: Prefix, tmp_path: Path) -> None:
+    nowhere = ros2_installation({"AMENT_PREFIX_PATH": f"{tmp_path}/nowhere"})
+    assert nowhere.fault.startswith(f"AMENT_PREFIX_PATH names {tmp_path}/nowhere, where no ROS 2 is")
+    found = prefix.has(CYCLONE, "lib/python3.99/site-packages/rclpy/__init__.py").found()
+    assert found.fault == f"rclpy below {prefix.folder} is for python3.99, which is not here: install python3.99"
+
+
+def test_services_that_the_robot_does_not_offer_are_told(prefix: Prefix) -> None:
+    told = "so the robot offers no /robomaker/job/add_tags and no /robomaker/job/cancel"
+    assert told in prefix.has(FAST).found().sentence
+    assert told not in prefix.has(CYCLONE).found().sentence
+
+
 def test_the_release_is_what_the_installation_says_and_another_name_is_a_fault(prefix: Prefix, wheels: Prefix) -> None:
     assert (wheels.found().distribution, wheels.found().fault) == ("kilted", "")
     assert "ROS_DISTRO is 'jazzy', and ROS 2 kilted is below" in wheels.found(ROS_DISTRO="jazzy").fault

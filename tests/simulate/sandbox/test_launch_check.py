@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.pipeline.bundle_checks import report_lines
+from flows.pipeline.bundle_checks import report_lines, ros_launch_faults
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.ros2.ros2_installation import ros2_installation
@@ -44,10 +44,53 @@ def test_a_node_that_needs_rclpy_cannot_run_without_ros_2(tmp_path: Path, told: 
     assert "/player (play avoider) needs rclpy" in found.ros
 
 
-def test_what_the_stand_ins_refuse_is_no_fault_of_the_document(tmp_path: Path):
-    found = report(make_bundle(tmp_path), "pilot")
+def test_what_the_stand_ins_refuse_for_want_of_ros_2_is_no_fault_of_the_document(tmp_path: Path):
+    bundle = make_bundle(tmp_path)
+    _edit(bundle, 'os.environ.get("BESIDE"', 'os.environb.getenv("BESIDE"')
+    found = report(bundle, "avoider")
     assert (found.has_ros, found.refusals) == (False, ())
-    assert "the package play has no executable 'pilot'" in found.ros
+    assert "has no attribute 'getenv'; if ROS 2's own launch takes it, install ROS 2" in found.ros
+
+
+def _edit(bundle: Path, old: str, new: str) -> None:
+    path = bundle / "play/launch/play.launch.py"
+    path.write_text(path.read_text().replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("executable=program", "executable='avoid'", "no executable 'avoid'; it has advised"),
+        ("package=", "package='pley' or ", "no package 'pley' in the bundle or in ROS 2: did you mean \"play\"?"),
+        ("LaunchDescription([", "LaunchDescriptionn([", "NameError: name 'LaunchDescriptionn' is not defined"),
+        ("return ", "retrun ", "SyntaxError: invalid syntax"),
+    ],
+)
+def test_what_is_wrong_with_ros_2_and_without_is_a_fault_of_the_document(tmp_path: Path, old: str, new: str, why: str):
+    bundle = make_bundle(tmp_path)
+    _edit(bundle, old, new)
+    source = LaunchSource(bundle, "play", "play.launch.py")
+    found = report(bundle, "avoider")
+    (fault,) = ros_launch_faults("requests", source, found)
+    assert found.has_ros
+    assert fault.allowed.startswith("a launch file that ros2 launch takes, and not this one: play play.launch.py: ")
+    assert why in fault.allowed
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("player:\n  ros__parameters:\n    speed: [1\n", "line 4: its parameters are no YAML: expected ',' or ']'"),
+        ("- 1\n", "holds no parameters: write them below NODE: and ros__parameters:"),
+        ("\0", "its parameters are no YAML: unacceptable character #x0000"),
+    ],
+)
+def test_a_file_of_parameters_that_no_node_can_read_is_named_with_its_line(tmp_path: Path, text: str, why: str):
+    bundle = make_bundle(tmp_path)
+    (bundle / "play/tuning.yaml").write_text(text)
+    _edit(bundle, 'name="player"', f'name="player", parameters=["{bundle}/play/tuning.yaml"]')
+    (lost,) = report(bundle, "avoider").lost
+    assert lost.startswith(f"/player (play avoider): play/tuning.yaml: {why}")
 
 
 @pytest.mark.parametrize(

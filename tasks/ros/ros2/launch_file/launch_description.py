@@ -210,7 +210,7 @@ def resolve_description(source: LaunchSource, variables: Mapping[str, str], fold
     installation, where = ros2_installation(), f"{source.package} {source.launch_file}"
     packages = ament_packages(source.bundle, installation.prefixes, installation.python)
     try:
-        path = _launch_file(packages, source)
+        path = _launch_file(packages, installation, source)
         space = make_gazebo_space(folder, packages)
         read = _Reading(source.bundle, installation, packages, space)
         nodes = _nodes(_answer(read, path, variables, folder))
@@ -223,9 +223,10 @@ def resolve_description(source: LaunchSource, variables: Mapping[str, str], fold
     return LaunchPlan(str(path), _distinct(nodes), _descriptions(nodes))
 
 
-def _launch_file(packages: Mapping[str, AmentPackage], source: LaunchSource) -> Path:
+def _launch_file(packages: Mapping[str, AmentPackage], installation: Ros2Installation, source: LaunchSource) -> Path:
     if source.package not in packages:
-        have = ", ".join(sorted(packages)) or "no package at all"
+        own = (name for name, each in packages.items() if Path(each.prefix) not in installation.prefixes)
+        have = ", ".join(sorted(own)) or "no package at all"
         raise LaunchRefused(f"there is no ROS 2 package {source.package!r} in the bundle, which has {have}")
     share = Path(packages[source.package].share)
     for path in (share / source.launch_file, share / "launch" / source.launch_file):

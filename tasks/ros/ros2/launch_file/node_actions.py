@@ -314,8 +314,13 @@ def _program(context: LaunchContext, package: str, executable: str) -> tuple[lis
     if not package:
         return [executable], {}
     found = context.package(package)
+    if not found.programs:
+        raise NotDone(
+            f"the package {package} has no executable {executable!r}, and none at all: build it with colcon, and bring "
+            "the folder install in the bundle"
+        )
     if executable not in found.programs:
-        have = ", ".join(sorted(found.programs)) or "none"
+        have = ", ".join(sorted(found.programs))
         raise NotDone(
             f"the package {package} has no executable {executable!r}; it has {have}: build it, or name one of these"
         )

@@ -112,6 +112,8 @@ def install_modules(context: LaunchContext) -> None:
             setattr(sys.modules[parent], own, sys.modules[name])
 
 
+# What is raised where a stand-in has less than what it stands for.
+_PERHAPS_OURS = (AttributeError, ImportError, TypeError)
 # Names that Simyard sets for this program's own sake.
 _OWN = ("PYTHONPATH", "PYTHONSAFEPATH")
 
@@ -134,7 +136,8 @@ def _why(exc: BaseException, file: str) -> str:
         return f"{place}{exc}"
     if isinstance(exc, ModuleNotFoundError):
         return f"{place}it imports {exc.name}, which is not here: install ROS 2 and the packages that it needs"
-    return f"{place}{type(exc).__name__}: {exc}"
+    perhaps = "; if ROS 2's own launch takes it, install ROS 2" if isinstance(exc, _PERHAPS_OURS) else ""
+    return f"{place}{type(exc).__name__}: {exc}{perhaps}"
 
 
 def main() -> None:

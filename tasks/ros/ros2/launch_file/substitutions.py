@@ -88,7 +88,10 @@ class LaunchContext:
             NotDone: Neither the bundle nor ROS 2 has it.
         """
         if name not in self.packages:
-            raise NotDone(f"there is no package {name!r} in the bundle or in ROS 2")
+            from specs.rules import meant  # noqa: PLC0415 - it imports pydantic, and few have to wait for that
+
+            remedy = meant(name, self.packages) or "bring it in the bundle, or install ROS 2's"
+            raise NotDone(f"there is no package {name!r} in the bundle or in ROS 2: {remedy.strip()}")
         return self.packages[name]
 
     def perform_substitution(self, substitution: "Substitution") -> str:
