@@ -10,6 +10,7 @@ import itertools
 import os
 import secrets
 import socket
+import time
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple, Protocol
@@ -27,6 +28,8 @@ _DATAGRAM_BYTES, _FRAGMENT_BYTES = 65_500, 65_000
 _FIRST_PORT, _PORTS_A_DOMAIN, _PORT_OF_FIRST = 7400, 250, 10
 # Of a domain's ports one that no participant uses (DDSI-RTPS 2.5, 9.6.2.4: 0, 1, and two each from 10 on).
 _PORT_OF_LOCK = 5
+# How long another run's episodes are waited for, and how often it is looked.
+_WAIT_S, _AGAIN_S = 1800.0, 0.5
 
 # How soon a writer asks whether all has come; lock-step waits for the answer.
 _HEARTBEAT = "1ms"
@@ -174,15 +177,33 @@ def fast_dds_profile(version: int) -> str:
 def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain]:
     """Returns a domain for each of so many episodes, which no other process of Simyard on this network has.
 
-    Numbers that somebody else's participants use are left out. Whoever asks closes what it gets.
+    Numbers that somebody else's participants use are left out. Where another run has so many that too few are left, its
+    end is waited for, without holding any. Whoever asks closes what it gets.
 
     Args:
         count: How many.
         middleware: What their nodes speak.
 
     Raises:
-        ValueError: More episodes than there are domains.
+        ValueError: More episodes than there are domains, or than get free in half an hour.
     """
+    ends_s = time.monotonic() + (_WAIT_S if count <= len(DOMAINS) else 0.0)
+    while True:
+        found = _free_domains(count, middleware)
+        if len(found) == count:
+            return found
+        for each in found:
+            each.close()
+        if time.monotonic() >= ends_s:
+            raise ValueError(
+                f"{count} episodes at once, and {len(found)} of DDS's {len(DOMAINS)} domains for ROS 2 are free here: "
+                "simulate fewer lanes in a chunk"
+            )
+        time.sleep(_AGAIN_S)
+
+
+def _free_domains(count: int, middleware: str) -> list[EpisodeDomain]:
+    """Returns so many domains, or all that are free."""
     first, found = os.getpid() % len(DOMAINS), list[EpisodeDomain]()
     for number in itertools.islice(itertools.cycle(DOMAINS), first, first + len(DOMAINS)):
         if len(found) == count:
@@ -190,14 +211,7 @@ def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain
         if held := _held(number):
             tag = f"simyard-{secrets.token_hex(12)}" if middleware == CYCLONE else ""
             found.append(EpisodeDomain(number, tag, middleware, held))
-    if len(found) == count:
-        return found
-    for each in found:
-        each.close()
-    raise ValueError(
-        f"{count} episodes at once, and {len(found)} of DDS's {len(DOMAINS)} domains for ROS 2 are free here: "
-        "simulate fewer lanes in a chunk"
-    )
+    return found
 
 
 def _held(number: int) -> socket.socket | None:

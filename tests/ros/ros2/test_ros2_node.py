@@ -1,6 +1,7 @@
 """A node of ROS 2 among other participants of its domain."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -173,6 +174,24 @@ def test_each_episode_has_a_domain_and_a_tag_of_its_own() -> None:
     finally:
         for each in found:
             each.close()
+
+
+def test_who_finds_too_few_domains_waits_for_another_run_and_holds_none_meanwhile(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(dds_domain, "DOMAINS", range(20))
+    others = episode_domains(12)
+    files, while_it_waits = len(os.listdir("/proc/self/fd")), list[int]()  # noqa: PTH208 - numbers, not paths
+
+    def the_other_run_ends(_: float) -> None:
+        while_it_waits.append(len(os.listdir("/proc/self/fd")))  # noqa: PTH208 - numbers, not paths
+        for each in others:
+            each.close()
+
+    monkeypatch.setattr(dds_domain.time, "sleep", the_other_run_ends)
+    for each in episode_domains(10):
+        each.close()
+    assert while_it_waits[0] == files
 
 
 def test_two_processes_never_have_the_same_domain() -> None:
