@@ -184,6 +184,8 @@ class DdsGraph:
         if len(links) < self._expected:
             found.append(f"{len(links)} of {self._expected} processes with nodes are in the DDS domain")
         found += [f"{link.name} {why}" for link in links if (why := self._robot.missing(link))]
+        if not found and not self._robot.settled():
+            found.append("its processes look for each other")
         refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
         if refused:
             command = self._interface.command

@@ -7,9 +7,13 @@ process's readers alone. So the robot tells one process at a time, as it does wi
 Two participants know each other when each has taken what the other says of its nodes: the robot tells the graph of
 itself, and listens to it, over a reliable topic and last, after it has told of its readers and writers.
 
+Whether two of the processes know each other, nobody tells the robot. Fast DDS tells of readers and writers reliably,
+and asks each second what has come; so after a second in which nobody has come or gone, they do.
+
 Sources: DDS 1.4, section 2.2.5, built-in topics; rmw_dds_common, which announces nodes as ``DdsNode.announce`` does.
 """
 
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +28,7 @@ from cyclonedds.builtin import (
 )
 from cyclonedds.core import Policy
 
-from tasks.ros.ros2.dds_domain import EpisodeDomain
+from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain
 from tasks.ros.ros2.dds_node import ENTITIES, KIND, TOPIC, DdsNode, ToldNodes, told_nodes
 from tasks.ros.ros2.interface_types import dds_type_name, topic_name
 from tasks.ros.ros2.ros2_node import COMMANDS, JobRequests, Matches, RobotInterface, Ros2Node, robot_profile
@@ -33,6 +37,8 @@ _MANY = 1024
 # What participants say of themselves: where they listen, as Cyclone DDS has it, and their process.
 _ADDRESSES, _PROCESS = "__NetworkAddresses", ("__Pid", "fastdds.physical_data.process")
 _NOBODY = Matches({}, 0)
+# How often Fast DDS asks whether others have heard of its readers and writers; its profiles cannot say otherwise.
+_ASKS_S = 1.0
 
 
 class Endpoint(NamedTuple):
@@ -101,6 +107,7 @@ class RobotLinks:
         self._domain, self._interface = domain, interface
         self._wanted = {topic_name(topic): topic for topic in interface.topics}
         self._latched: dict[str, bytes] = {}
+        self._came_s = time.perf_counter()
         self._seen: dict[UUID, RobotLink] = {}
         self._nodes_told: dict[UUID, ToldNodes] = {}
         self._subscriptions: dict[UUID, Endpoint] = {}
@@ -123,13 +130,15 @@ class RobotLinks:
         """Looks who has come and gone, links who has nodes, and notes who is connected."""
         participants, subscriptions, publications = self._builtin
         own = self._observer.participant.get_guid()
-        for each in _taken(participants):
+        came = _taken(participants)
+        for each in came:
             if not each.sample_info.valid_data:
                 self._forget(each.key)
             elif each.key != own and each.key not in self._seen:
                 self._link(each.key, {policy.key: policy.value for policy in each.qos if hasattr(policy, "key")})
-        _update(self._subscriptions, subscriptions)
-        _update(self._publications, publications)
+        counts = [_update(self._subscriptions, subscriptions), _update(self._publications, publications)]
+        if came or any(counts):
+            self._came_s = time.perf_counter()
         # What a participant says of its nodes may come before what says that it is there.
         for told in filter(None, (told_nodes(each, self._interface.distribution) for each in self._told.take())):
             self._nodes_told[told.participant] = told
@@ -180,6 +189,11 @@ class RobotLinks:
         """Answers calls of services; returns how many there were."""
         return sum(node.serve() for node in self._nodes())
 
+    def settled(self) -> bool:
+        """Returns whether processes know each other: one alone, or some among whom nobody came or went for a while."""
+        asks_s = _ASKS_S if self._domain.middleware == FAST and len(self.links) > 1 else 0.0
+        return time.perf_counter() - self._came_s >= asks_s
+
     def missing(self, link: RobotLink) -> str:
         """Returns what a process and the robot do not know of each other yet; empty if they know all."""
         if not link.node.known():
@@ -224,9 +238,10 @@ def _taken(reader: BuiltinDataReader) -> Sequence[Any]:
     return cast("Sequence[Any]", reader.take(_MANY))
 
 
-def _update(endpoints: dict[UUID, Endpoint], reader: BuiltinDataReader) -> None:
-    """Notes which readers or writers have come, and which are gone."""
-    for each in _taken(reader):
+def _update(endpoints: dict[UUID, Endpoint], reader: BuiltinDataReader) -> int:
+    """Notes which readers or writers have come, and which are gone; returns how many."""
+    taken = _taken(reader)
+    for each in taken:
         if each.sample_info.valid_data:
             reliable, latched = (
                 Policy.Reliability.BestEffort not in each.qos,
@@ -235,3 +250,4 @@ def _update(endpoints: dict[UUID, Endpoint], reader: BuiltinDataReader) -> None:
             endpoints[each.key] = Endpoint(each.participant_key, each.topic_name, each.type_name, reliable, latched)
         else:
             endpoints.pop(each.key, None)
+    return len(taken)

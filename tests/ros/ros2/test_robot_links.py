@@ -6,8 +6,9 @@ from uuid import UUID
 
 import pytest
 
-from tasks.ros.ros2.dds_domain import EpisodeDomain, LinkPlace
-from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, Reader, Writer, told_nodes
+from tasks.ros.ros2 import robot_links
+from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, LinkPlace
+from tasks.ros.ros2.dds_node import DEFAULT, TOPIC, DdsNode, Profile, Reader, Writer, told_nodes
 from tasks.ros.ros2.interface_types import type_store
 from tasks.ros.ros2.robot_links import RobotLinks
 from tasks.ros.ros2.ros2_node import STAMPED, TWIST, RobotInterface
@@ -59,6 +60,11 @@ def _complete(robot: RobotLinks, count: int) -> bool:
     return len(robot.links) == count and not any(map(robot.missing, robot.links.values()))
 
 
+def _graph_readers(robot: RobotLinks) -> int:
+    """Returns of how many processes all is known: their reader of the graph is told of apart from all else."""
+    return sum(each.topic == TOPIC and each.participant in robot.links for each in robot._subscriptions.values())
+
+
 def _message(text: str) -> bytes:
     store = type_store()
     return bytes(store.cdr_to_ros1(store.serialize_cdr(store.types[KIND](data=text), KIND), KIND))
@@ -76,6 +82,37 @@ def test_one_process_at_a_time_is_told_and_they_are_told_by_their_nodes_names(
         eventually(robot.acknowledged)
         # Who is connected has taken it when it is acknowledged; who is not never gets it.
         assert (len(told.scan.take()), other.scan.take()) == (1, [])
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def perf_counter(self) -> float:
+        """Returns its time."""
+        return self.now_s
+
+
+def test_processes_on_fast_dds_know_each_other_a_second_after_the_last_one_came(
+    domain: EpisodeDomain, start: Callable[..., Process], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(robot_links, "time", clock)
+    robot = RobotLinks(domain._replace(middleware=FAST), RobotInterface({SCAN: KIND}, "/cmd_vel"))
+    start("a")
+    _until(lambda: _complete(robot, 1))
+    alone = robot.settled()
+    start("b")
+    clock.now_s = 7.0
+    _until(lambda: _complete(robot, 2) and _graph_readers(robot) == 2)
+    together = list[bool]()
+    for clock.now_s in (7.0, 7.9, 8.0):
+        robot.find()
+        together.append(robot.settled())
+    robot.close()
+    assert (alone, together) == (True, [False, False, True])
 
 
 @pytest.mark.parametrize("kind", [TWIST, STAMPED])
