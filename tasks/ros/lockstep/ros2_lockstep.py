@@ -193,8 +193,8 @@ class DdsGraph:
         return found
 
     def gaps(self) -> list[str]:
-        """Returns nothing: what nodes say and wait for among themselves, the robot does not hear of."""
-        return []
+        """Returns what nodes say or wait for in vain, for a person, as long as they are there."""
+        return [] if self._closed else self._robot.gaps()
 
     def close(self) -> None:
         """Takes the robot out of its domain; a second time does nothing."""

@@ -37,6 +37,7 @@ _MANY = 1024
 # What participants say of themselves: where they listen, as Cyclone DDS has it, and their process.
 _ADDRESSES, _PROCESS = "__NetworkAddresses", ("__Pid", "fastdds.physical_data.process")
 _NOBODY = Matches({}, 0)
+_OF_TOPICS = topic_name("")
 # How often Fast DDS asks whether others have heard of its readers and writers; its profiles cannot say otherwise.
 _ASKS_S = 1.0
 
@@ -220,6 +221,45 @@ class RobotLinks:
         own = (each for each in self._publications.values() if each.participant == link.participant)
         return [each for each in own if each.topic == topic and each.kind in kinds]
 
+    def gaps(self) -> list[str]:
+        """Returns what nodes say or wait for in vain, for a person: no other side, another type, less than is asked."""
+        wants = [each for each in self._subscriptions.values() if each.participant in self._seen]
+        gives = [each for each in self._publications.values() if each.participant in self._seen]
+        found = [self._unheard(each, gives) for each in wants] + [self._untaken(each, wants) for each in gives]
+        return sorted({each for each in found if each})
+
+    def _unheard(self, reader: Endpoint, gives: Sequence[Endpoint]) -> str:
+        """Returns why a reader of a topic hears nothing; empty if it may."""
+        if not reader.topic.startswith(_OF_TOPICS):
+            return ""
+        writers = [each for each in gives if each.topic == reader.topic]
+        if name := self._wanted.get(reader.topic):
+            kind, latched = self._interface.topics[name], robot_profile(name, self._interface.topics[name]).latched
+            writers.append(reader._replace(kind=dds_type_name(kind), reliable=True, latched=latched))
+        alike = [each for each in writers if each.kind == reader.kind]
+        begin = f"{self._whose(reader)} subscribes to {reader.topic.removeprefix(_OF_TOPICS)}"
+        if not writers:
+            return f"{begin}, which nobody publishes"
+        if not alike:
+            return f"{begin} as {_shown(reader.kind)}, which is published as {_shown(writers[0].kind)}"
+        if reader.reliable and not any(each.reliable for each in alike):
+            return f"{begin} reliably, which is published best effort"
+        if reader.latched and not any(each.latched for each in alike):
+            return f"{begin} with durability transient local, which is published volatile"
+        return ""
+
+    def _untaken(self, writer: Endpoint, wants: Sequence[Endpoint]) -> str:
+        """Returns why commands that a node writes drive nothing; empty of other topics, and if they may."""
+        command, kinds = topic_name(self._interface.command), {dds_type_name(kind) for kind in COMMANDS}
+        begin = f"{self._whose(writer)} publishes {_shown(writer.kind)} on {writer.topic.removeprefix(_OF_TOPICS)}"
+        if writer.topic == command:
+            return "" if writer.kind in kinds else f"{begin}, where the robot takes {' and '.join(COMMANDS)}"
+        heard = any(each.topic == writer.topic for each in wants)
+        return "" if heard or writer.kind not in kinds else f"{begin}, to which nobody subscribes"
+
+    def _whose(self, endpoint: Endpoint) -> str:
+        return self._seen[endpoint.participant].name or "a process"
+
     def _nodes(self) -> Sequence[Ros2Node]:
         return [link.node for link in self._seen.values()]
 
@@ -232,6 +272,11 @@ class RobotLinks:
         self.__dict__.pop("_told", None)
         if "_observer" in self.__dict__:
             self.__dict__.pop("_observer").close()
+
+
+def _shown(kind: str) -> str:
+    """Returns DDS's name of a type as ROS 2 has it."""
+    return kind.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
 
 
 def _taken(reader: BuiltinDataReader) -> Sequence[Any]:

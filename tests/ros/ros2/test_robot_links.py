@@ -115,6 +115,32 @@ def test_processes_on_fast_dds_know_each_other_a_second_after_the_last_one_came(
     assert (alone, together) == (True, [False, False, True])
 
 
+def test_what_nodes_say_and_wait_for_in_vain_is_told_with_types_and_qualities(
+    robot: RobotLinks, start: Callable[..., Process]
+) -> None:
+    first, second = start("a", KIND), start("b")
+    asked = [("/lost", KIND, DEFAULT), (SCAN, TWIST, DEFAULT), (SCAN, KIND, Profile(latched=True))]
+    readers = [first.node.subscription(*each) for each in asked]
+    writers = [
+        second.node.publisher("/vel", TWIST, DEFAULT),
+        second.node.publisher("/weak", KIND, Profile(reliable=False)),
+    ]
+    readers.append(first.node.subscription("/weak", KIND, DEFAULT))
+    told = [
+        "/a publishes std_msgs/msg/String on /cmd_vel, where the robot takes geometry_msgs/msg/Twist and "
+        "geometry_msgs/msg/TwistStamped",
+        "/a subscribes to /lost, which nobody publishes",
+        "/a subscribes to /scan as geometry_msgs/msg/Twist, which is published as std_msgs/msg/String",
+        "/a subscribes to /scan with durability transient local, which is published volatile",
+        "/a subscribes to /weak reliably, which is published best effort",
+        "/b publishes geometry_msgs/msg/Twist on /vel, to which nobody subscribes",
+    ]
+    _until(lambda: _complete(robot, 2) and len(robot.gaps()) == len(told))
+    assert robot.gaps() == told
+    readers.clear()
+    writers.clear()
+
+
 @pytest.mark.parametrize("kind", [TWIST, STAMPED])
 def test_a_process_is_complete_once_its_commands_are_heard_stamped_or_not(
     robot: RobotLinks, start: Callable[..., Process], kind: str
