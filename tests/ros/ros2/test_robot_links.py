@@ -102,11 +102,11 @@ def test_processes_on_fast_dds_know_each_other_a_second_after_the_last_one_came(
     monkeypatch.setattr(robot_links, "time", clock)
     robot = RobotLinks(domain._replace(middleware=FAST), RobotInterface({SCAN: KIND}, "/cmd_vel"))
     start("a")
-    _until(lambda: _complete(robot, 1))
+    eventually(lambda: _complete(robot, 1))
     alone = robot.settled()
     start("b")
     clock.now_s = 7.0
-    _until(lambda: _complete(robot, 2) and _graph_readers(robot) == 2)
+    eventually(lambda: _complete(robot, 2) and _graph_readers(robot) == 2)
     together = list[bool]()
     for clock.now_s in (7.0, 7.9, 8.0):
         robot.find()
@@ -135,7 +135,7 @@ def test_what_nodes_say_and_wait_for_in_vain_is_told_with_types_and_qualities(
         "/a subscribes to /weak reliably, which is published best effort",
         "/b publishes geometry_msgs/msg/Twist on /vel, to which nobody subscribes",
     ]
-    _until(lambda: _complete(robot, 2) and len(robot.gaps()) == len(told))
+    eventually(lambda: _complete(robot, 2) and len(robot.gaps()) == len(told))
     assert robot.gaps() == told
     readers.clear()
     writers.clear()

@@ -191,7 +191,7 @@ def test_who_finds_too_few_domains_waits_for_another_run_and_holds_none_meanwhil
     monkeypatch.setattr(dds_domain.time, "sleep", the_other_run_ends)
     for each in episode_domains(10):
         each.close()
-    assert while_it_waits[0] == files
+    assert while_it_waits[0] <= files
 
 
 def test_two_processes_never_have_the_same_domain() -> None:
