@@ -1,6 +1,7 @@
 """The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, and sensors."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -97,6 +98,8 @@ class RosTopics(Spec):
         bumper: Which sectors touch: std_msgs/UInt8MultiArray, 1 for a sector that touches.
         goal: The goal to go to now: geometry_msgs/PoseStamped, latched, when it changes.
         floor_map: The map of the world: nav_msgs/OccupancyGrid, latched.
+        localized: Where it is on the map: geometry_msgs/PoseWithCovarianceStamped.
+        initial_pose: Where it is on the map when the episode begins, for a localizer: of the same type, latched.
     """
 
     command: Topic = "/cmd_vel"
@@ -107,6 +110,8 @@ class RosTopics(Spec):
     bumper: Topic | None = "/bumper"
     goal: Topic | None = "/move_base_simple/goal"
     floor_map: Topic | None = None
+    localized: Topic | None = None
+    initial_pose: Topic | None = None
 
     @model_validator(mode="after")
     def _one_meaning_each(self) -> Self:
@@ -170,6 +175,8 @@ class VelocityDrive(Spec):
     turn: str = "turn"
 
 
+MessageType = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[A-Z][A-Za-z0-9]*$", max_length=255)]
+
 RosDrive = Annotated[DifferentialDrive | VelocityDrive, Field(discriminator="kind")]
 
 
@@ -185,6 +192,9 @@ class RosRobot(Spec):
         ready_s: Wall time that the nodes may take to be ready.
         first_command_s: Simulated time until which the robot may stand because no node publishes commands yet.
         time_over: What an episode is whose time is over, if its simulation application is to judge and says nothing.
+        goals: How nodes are given them: on the topic, or as actions of Nav2's NavigateToPose.
+        localization: Who says where ``odom`` is in the map's frame: the robot, or a node of the application.
+        record: Topics of the nodes that a recording keeps, and their types, such as ``nav_msgs/OccupancyGrid``.
     """
 
     topics: RosTopics = RosTopics()
@@ -197,6 +207,9 @@ class RosRobot(Spec):
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
     first_command_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 10.0
     time_over: Literal["passed", "failed"] = "failed"
+    goals: Literal["topic", "navigate_to_pose"] = "topic"
+    localization: Literal["given", "application"] = "given"
+    record: Annotated[Mapping[Topic, MessageType], Field(max_length=32)] = {}
 
 
 class DraftRequest(Spec):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 if TYPE_CHECKING:
     from specs.data.episode import EpisodeResult
 
-OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash", "judged"]
+OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash", "judged", "aborted", "canceled"]
 
 
 # The order is the code that scenarios return: 1 is the first (docs/guide/applications.md); 0 says that the robot did
@@ -69,6 +69,8 @@ OUTCOME_REASONS = (
     ReasonRecord("out of bounds", "The robot was outside the outer walls.", _OUT),
     ReasonRecord("crash", "An application failed, so that there is nothing to judge.", OTHER_MARK),
     ReasonRecord("judged", "The simulation application says that the robot did not do its task.", OTHER_MARK),
+    ReasonRecord("aborted", "The navigation gave a goal up, or would not take it.", OTHER_MARK),
+    ReasonRecord("canceled", "Somebody cancelled a goal of the navigation.", OTHER_MARK),
 )
 
 REASON_CODES: tuple[OutcomeReason, ...] = ("", *(reason.name for reason in OUTCOME_REASONS))

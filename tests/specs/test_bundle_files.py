@@ -7,7 +7,7 @@ from specs.bundle_files import OWN_TOPICS, RosTopics
 from tasks.ros.bag.track_log import track_channels
 from tests.ros.bag.tracks import with_twist
 
-FIELDS = ("command", "scan", "odometry", "joints", "imu", "bumper", "goal", "floor_map")
+FIELDS = ("command", "scan", "odometry", "joints", "imu", "bumper", "goal", "floor_map", "localized", "initial_pose")
 
 
 @pytest.mark.parametrize("topic", sorted(OWN_TOPICS))

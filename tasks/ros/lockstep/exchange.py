@@ -4,7 +4,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -191,6 +191,18 @@ class ExchangeTotals(NamedTuple):
     stray: int = 0
 
 
+class GoalEnd(NamedTuple):
+    """How a goal that was sent as an action ended, if otherwise than it should.
+
+    Attributes:
+        reason: The outcome's.
+        error_code: What the result says; 0 for nothing.
+    """
+
+    reason: Literal["aborted", "canceled"]
+    error_code: int
+
+
 class Lockstep(Protocol):
     """Applications of all lanes of a chunk, a graph and processes of its own for each lane."""
 
@@ -207,6 +219,15 @@ class Lockstep(Protocol):
     @property
     def tests(self) -> Mapping[int, bool]:
         """Returns the lanes whose test nodes have ended, and whether all of them passed."""
+        ...
+
+    @property
+    def goal_ends(self) -> Mapping[int, GoalEnd]:
+        """Returns the lanes in which a goal ended otherwise than it should, and how."""
+        ...
+
+    def heard(self, lane: int) -> Sequence[tuple[str, bytes]]:
+        """Returns what a lane's nodes said on recorded topics since the last call, in ROS 1's form."""
         ...
 
     def simulation_failed(self, lane: int) -> bool:

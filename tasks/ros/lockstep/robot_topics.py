@@ -11,11 +11,23 @@ import numpy as np
 
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.graph.topic import Topic
-from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, JointStates, Lockstep, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import (
+    ExchangeTotals,
+    FloorMap,
+    GoalEnd,
+    JointStates,
+    Lockstep,
+    RobotBase,
+    Sensed,
+    TwistCommand,
+)
 from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import PlanarTwist, Stamp, stamp, twist
 
 CLOCK, TRANSFORMS, STATIC = "/clock", "/tf", "/tf_static"
+NAVIGATE = "/navigate_to_pose"
+"""Stands among topics for the action of that name: a goal goes to the one node that offers it."""
+_POSE = "geometry_msgs/PoseWithCovarianceStamped"
 _NO_JOINTS = JointStates((), np.zeros(0), np.zeros(0))
 
 
@@ -60,8 +72,15 @@ class SensorMessages:
             TRANSFORMS: self._transforms,
         }
         self.commands = Topic(names.command, "geometry_msgs/Twist")
-        self._goal, self._floor = names.goal, names.floor_map
+        self._floor, acts = names.floor_map, base.robot.goals == "navigate_to_pose"
+        self._goal = NAVIGATE if acts else names.goal
+        frames, given = base.robot.frames, base.robot.localization == "given"
+        # Without a map the pose counts from the world's origin, and nobody else says where that is.
+        self._given = given and self._floor is not None
+        self._goal_frame = frames.floor_map if (acts and self._floor is not None) or not given else frames.odometry
+        self._initial_pose = names.initial_pose
         kinds: list[tuple[str | None, str, Callable[[Moment], bytes]]] = [
+            (names.localized, _POSE, self._pose_on_map),
             (names.odometry, "nav_msgs/Odometry", self._odometry),
             (names.joints, "sensor_msgs/JointState", self._joints),
             (names.imu, "sensor_msgs/Imu", self._imu),
@@ -72,8 +91,8 @@ class SensorMessages:
         self._writers.update((name, writer) for name, _, writer in own)
         self.order = tuple(self._writers)
         steady = [Topic(CLOCK, "rosgraph_msgs/Clock", latched=True), Topic(TRANSFORMS, "tf2_msgs/TFMessage")]
-        latched = [(STATIC, "tf2_msgs/TFMessage"), (names.goal, "geometry_msgs/PoseStamped")]
-        latched.append((names.floor_map, "nav_msgs/OccupancyGrid"))
+        latched = [(STATIC, "tf2_msgs/TFMessage"), (None if acts else names.goal, "geometry_msgs/PoseStamped")]
+        latched += [(names.floor_map, "nav_msgs/OccupancyGrid"), (names.initial_pose, _POSE)]
         once = [Topic(name, kind, latched=True) for name, kind in latched if name is not None]
         self.topics = (*steady, *(Topic(name, kind) for name, kind, _ in own), *once)
 
@@ -88,7 +107,7 @@ class SensorMessages:
         if lidar is not None:
             where = (lidar.x_m, lidar.y_m, lidar.yaw_rad)
             each.append(ros_messages.FrameTransform(frames.base, frames.laser, where))
-        if self._floor is not None:
+        if self._given:
             each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
         found = {STATIC: ros_messages.transforms(0, moment.time, each)}
         if self._floor is not None and floor is not None:
@@ -96,6 +115,8 @@ class SensorMessages:
             found[self._floor] = ros_messages.occupancy_grid(
                 0, moment.time, frame, floor.cells, origin_m=floor.origin_m, cell_m=floor.cell_m
             )
+        if self._initial_pose is not None:
+            found[self._initial_pose] = self._pose_on_map(moment)
         return found
 
     def goal(self, moment: Moment) -> tuple[str, bytes] | None:
@@ -103,8 +124,11 @@ class SensorMessages:
         if self._goal is None:
             return None
         x, y = map(float, moment.sensed.goal)
-        frame = self._base.robot.frames.odometry
-        return self._goal, ros_messages.pose_stamped(moment.sequence, moment.time, frame, (x, y, 0.0))
+        return self._goal, ros_messages.pose_stamped(moment.sequence, moment.time, self._goal_frame, (x, y, 0.0))
+
+    def _pose_on_map(self, moment: Moment) -> bytes:
+        frame = self._base.robot.frames.floor_map
+        return ros_messages.pose_with_covariance(moment.sequence, moment.time, frame, moment.sensed.pose)
 
     def _transforms(self, moment: Moment) -> bytes:
         frames, pose = self._base.robot.frames, moment.sensed.pose
@@ -161,7 +185,7 @@ class LockstepRecorder:
     """
 
     def __init__(self, lockstep: Lockstep, base: RobotBase, control_s: float, lane: int = 0) -> None:
-        self._inner, self._lane = lockstep, lane
+        self._inner, self._lane, self._base = lockstep, lane, base
         self._messages = SensorMessages(base, control_s)
         self._control_ns = round(control_s * 1e9)
         self._entries: list[LogEntry] = []
@@ -182,6 +206,15 @@ class LockstepRecorder:
     def tests(self) -> Mapping[int, bool]:
         """Returns the lanes whose test nodes have ended, and whether all of them passed."""
         return self._inner.tests
+
+    @property
+    def goal_ends(self) -> Mapping[int, GoalEnd]:
+        """Returns the lanes in which a goal ended otherwise than it should, and how."""
+        return self._inner.goal_ends
+
+    def heard(self, lane: int) -> Sequence[tuple[str, bytes]]:
+        """Returns what a lane's nodes said on recorded topics since the last call; of the kept lane nothing is left."""
+        return self._inner.heard(lane)
 
     def simulation_failed(self, lane: int) -> bool:
         """Returns whether what failed in a lane was the simulation application."""
@@ -204,6 +237,8 @@ class LockstepRecorder:
         if own is not None and self._inner.tally(self._lane).commands > before:
             at_ns, command = FIRST_NS + self._step * self._control_ns, commands[self._lane]
             self._entries.append(LogEntry(at_ns, self._messages.commands.name, twist(PlanarTwist(*command))))
+        at_ns = FIRST_NS + self._step * self._control_ns
+        self._entries += [LogEntry(at_ns, topic, data) for topic, data in self._inner.heard(self._lane)]
         self._step += 1
         return commands
 
@@ -225,7 +260,8 @@ class LockstepRecorder:
 
     def log(self) -> MessageLog:
         """Returns what was kept, in times since the episode began; in a control step the last command."""
-        topics = (*self._messages.topics, self._messages.commands)
+        recorded = (Topic(name, kind) for name, kind in self._base.robot.record.items())
+        topics = (*self._messages.topics, self._messages.commands, *recorded)
         # The clock is latched for nodes that come late; in a bag it is a topic like others.
         channels = tuple(Channel(each.name, each.kind, latched=each.latched and each.name != CLOCK) for each in topics)
         return MessageLog(channels, tuple(self._entries))
@@ -235,6 +271,6 @@ class LockstepRecorder:
             self._entries.append(LogEntry(moment.time_ns, topic, self._messages.write(topic, moment)))
         x_m, y_m = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if self._goal != (x_m, y_m) else None
-        if found is not None:
+        if found is not None and found[0] != NAVIGATE:
             self._goal = (x_m, y_m)
             self._entries.append(LogEntry(moment.time_ns, *found))

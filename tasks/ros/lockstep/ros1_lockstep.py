@@ -23,7 +23,15 @@ from tasks.ros.launch.launch_plan import (
 )
 from tasks.ros.launch.message_modules import make_message_modules, named_packages
 from tasks.ros.launch.packages import ros_installation
-from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import (
+    ExchangeTotals,
+    FloorMap,
+    GoalEnd,
+    Launch,
+    RobotBase,
+    Sensed,
+    TwistCommand,
+)
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK, Moment, SensorMessages
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
@@ -35,7 +43,7 @@ from tasks.ros.process.network import EpisodeNetworks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
 
 # Time 0 means "not known yet" to ROS 1.
-_BEGINS_NS = 1_000_000_000
+BEGINS_NS = 1_000_000_000
 _WARM_UP_STEPS = 10
 _GAPS_TOLD = 5
 
@@ -77,7 +85,7 @@ class Ros1Lockstep:
         self._audit = PollAudit(self._pump)
         self._lanes: dict[int, RosLane] = {}
         self._failures: dict[int, str] = {}
-        self._now_ns, self._step, self._closed = _BEGINS_NS, 0, False
+        self._now_ns, self._step, self._closed = BEGINS_NS, 0, False
         self._due_ns = math.inf
         self._modules: Path | None = None
         self._gazebo: dict[int, GazeboServices] = {}
@@ -103,6 +111,15 @@ class Ros1Lockstep:
         """Returns the lanes whose test nodes have ended, and whether all of them passed."""
         ended = {number: lane.application.tests_passed() for number, lane in self._lanes.items()}
         return {number: passed for number, passed in ended.items() if passed is not None}
+
+    @property
+    def goal_ends(self) -> Mapping[int, GoalEnd]:
+        """Returns nothing: goals are told on a topic, and nobody answers."""
+        return {}
+
+    def heard(self, lane: int) -> list[tuple[str, bytes]]:  # noqa: ARG002 - as of ROS 2
+        """Returns nothing: nodes of ROS 1 are recorded by rosbag."""
+        return []
 
     def simulation_failed(self, lane: int) -> bool:
         """Returns whether what failed in a lane was the simulation application."""
@@ -272,7 +289,7 @@ class Ros1Lockstep:
     def _planned(self, number: int, lane: RosLane, moment: Moment) -> list[tuple[str, Writer]]:
         """Returns what a lane is sent in a control step: ticks, a goal that is new, then all its sensors."""
         planned: list[tuple[str, Writer]] = []
-        if self._now_ns > _BEGINS_NS:
+        if self._now_ns > BEGINS_NS:
             ticks = range(self._now_ns - self._control_ns + self._clock_ns, self._now_ns, self._clock_ns)
             planned += [(CLOCK, functools.partial(clock, stamp(tick_ns))) for tick_ns in ticks]
         planned += [(topic, functools.partial(self._messages.write, topic, moment)) for topic in self._messages.order]
@@ -282,11 +299,16 @@ class Ros1Lockstep:
             gazebo.state = RobotState(moment.time_ns, (x, y, yaw), (ahead, left, turn))
             planned.append((MODEL_STATES, gazebo.model_states))
         x, y = map(float, moment.sensed.goal)
-        found = self._messages.goal(moment) if lane.goal != (x, y) else None
+        found = self._messages.goal(moment) if self._goal_due(number, lane, moment) else None
         if found is not None:
             lane.goal, (topic, data) = (x, y), found
             planned.insert(len(planned) - len(self._messages.order) - bool(gazebo) + 1, (topic, lambda: data))
         return planned
+
+    def _goal_due(self, number: int, lane: RosLane, moment: Moment) -> bool:  # noqa: ARG002 - as actions need
+        """Returns whether a lane is to be told its goal: one that is new."""
+        x, y = map(float, moment.sensed.goal)
+        return lane.goal != (x, y)
 
     def _check(self, moving: Mapping[int, RosLane]) -> None:
         """Fails lanes whose nodes ended, and of one lane a step looks how much it uses."""

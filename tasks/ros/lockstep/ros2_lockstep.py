@@ -8,21 +8,24 @@ import socket
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from specs.errors import LaunchRefused
 from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
+from tasks.ros.lockstep.exchange import GoalEnd
 from tasks.ros.lockstep.idle_detector import IdleDetector
-from tasks.ros.lockstep.robot_topics import STATIC
-from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
+from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC, Moment
+from tasks.ros.lockstep.ros1_lockstep import BEGINS_NS, Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
 from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
 from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
-from tasks.ros.ros2.robot_links import RobotLinks
+from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
+from tasks.ros.ros2.robot_links import RobotLink, RobotLinks
 from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.ros.ros2.ros2_node import Matches, RobotInterface, Ros2Node
 
@@ -62,11 +65,21 @@ class LinkConnection(NamedTuple):
         self.robot.send(self.topic, frame[_LENGTH_BYTES:])
 
 
+class ActionConnection(NamedTuple):
+    """The node that offers the action NavigateToPose."""
+
+    navigation: NavigationClient
+
+    def send(self, frame: bytes) -> None:
+        """Sends a goal, given in ROS 1's form with its length before it."""
+        self.navigation.send(frame[_LENGTH_BYTES:])
+
+
 class TopicReaders(NamedTuple):
     """The nodes of a process that read a topic: DDS has no order among them."""
 
     node: str
-    connection: LinkConnection
+    connection: LinkConnection | ActionConnection
 
 
 class Commanders(NamedTuple):
@@ -120,13 +133,24 @@ class DdsGraph:
 
     @property
     def failure(self) -> str:
-        """Returns why the episode cannot go on: DDS gives no reason."""
-        return ""
+        """Returns why the episode cannot go on; for topics DDS gives no reason."""
+        return self.navigation.fault
 
     @property
     def outgoing(self) -> Mapping[str, list[TopicReaders]]:
         """Returns who is connected to the robot's topics: one process at a time, by its nodes' names."""
         links = list(enumerate(self._robot.links.values()))
+        return {
+            NAVIGATE: [TopicReaders(NAVIGATE, ActionConnection(each)) for each in self._navigators()],
+            **self._readers(links),
+        }
+
+    def _navigators(self) -> list[NavigationClient]:
+        """Returns who takes goals, one at most."""
+        node = self._robot.navigator()
+        return [] if node is None or node.navigation is None else [node.navigation]
+
+    def _readers(self, links: Sequence[tuple[int, RobotLink]]) -> Mapping[str, list[TopicReaders]]:
         return {
             topic: [
                 TopicReaders(f"{place:06}", LinkConnection(link.node, topic))
@@ -149,6 +173,15 @@ class DdsGraph:
     def tags(self) -> dict[str, str]:
         """Returns what the application gave to ``/robomaker/job/add_tags``."""
         return self._robot.job.tags
+
+    @property
+    def navigation(self) -> Navigation:
+        """Returns how goals go that are sent as actions."""
+        return self._robot.job.navigation
+
+    def heard(self) -> list[tuple[str, bytes]]:
+        """Returns what nodes said on recorded topics since the last call, in ROS 1's form."""
+        return [] if self._closed else self._robot.heard()
 
     @property
     def cancelled(self) -> bool:
@@ -190,6 +223,8 @@ class DdsGraph:
         if refused:
             command = self._interface.command
             found.append(f"{', '.join(refused)} publishes {command} best effort: the robot hears who is reliable")
+        if self._interface.navigates and not self._navigators():
+            found.append(f"no node offers the action {NAVIGATE} (goals in ros.yaml)")
         return found
 
     def gaps(self) -> list[str]:
@@ -207,6 +242,9 @@ class DdsGraph:
         self._other.close()
 
 
+# Statuses of a goal before the next one is sent.
+_UNDER_WAY = frozenset({"asked", "accepted"})
+_AGAIN_NS = 1_000_000_000
 _FOLDERS = ("tmp", "log")
 _ROS_ARGUMENTS = "--ros-args"
 
@@ -215,6 +253,8 @@ class Ros2Lockstep(Ros1Lockstep):
     """The applications of all lanes of a chunk; see ``Lockstep``. Arguments are those of ``Ros1Lockstep``."""
 
     _domains: tuple[EpisodeDomain, ...] = ()
+    _graphs: Mapping[int, DdsGraph] = MappingProxyType({})
+    _asked_ns: Mapping[int, int] = MappingProxyType({})
     _of_nodes: dict[Path, Mapping[str, str]]
 
     @property
@@ -254,13 +294,22 @@ class Ros2Lockstep(Ros1Lockstep):
             (home / name).mkdir(parents=True, exist_ok=True)
         topics = {topic.name: _ros2_kind(topic.kind) for topic in self._messages.topics}
         robot = self._base.robot.topics
-        latched = frozenset(topic for topic in (STATIC, robot.goal, robot.floor_map) if topic is not None)
+        once = (STATIC, robot.goal, robot.floor_map, robot.initial_pose)
+        latched = frozenset(topic for topic in once if topic is not None)
         started = started_nodes(plan)
         names, processes = frozenset(each.name for each in started), sum(map(runs_ros2, started))
         domain, installation = self._domains[number], ros2_installation()
         cyclone = domain.middleware == CYCLONE
-        interface = RobotInterface(topics, self._messages.commands.name, installation.distribution, cyclone)
+        interface = RobotInterface(
+            topics,
+            self._messages.commands.name,
+            installation.distribution,
+            services=cyclone,
+            navigates=self._base.robot.goals == "navigate_to_pose",
+            recorded={topic: _ros2_kind(kind) for topic, kind in self._base.robot.record.items()},
+        )
         graph = DdsGraph(domain, interface, (processes, names))
+        self._graphs = {**self._graphs, number: graph}
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
@@ -275,6 +324,42 @@ class Ros2Lockstep(Ros1Lockstep):
             nodes = tuple(node for node in started if node.simulation is ours)
             self._start(lane, plan._replace(nodes=nodes), environment)
         return lane
+
+    def _goal_due(self, number: int, lane: RosLane, moment: Moment) -> bool:
+        """Returns whether a goal is to be sent: as an action when the one before has ended, and again if rejected.
+
+        Nav2 rejects goals until all of it is active.
+        """
+        if self._base.robot.goals == "topic":
+            return super()._goal_due(number, lane, moment)
+        status = self._graphs[number].navigation.status
+        if status == "rejected":
+            again = moment.time_ns - self._asked_ns[number] >= _AGAIN_NS and not self._too_late(moment.time_ns)
+            lane.goal = None if again else lane.goal
+        due = status not in _UNDER_WAY and super()._goal_due(number, lane, moment)
+        if due:
+            self._asked_ns = {**self._asked_ns, number: moment.time_ns}
+        return due
+
+    def _too_late(self, now_ns: int) -> bool:
+        """Returns whether a goal that is rejected is not sent again."""
+        return now_ns > BEGINS_NS + self._base.robot.first_command_s * 1e9
+
+    @property
+    def goal_ends(self) -> Mapping[int, GoalEnd]:
+        """Returns the lanes in which a goal ended otherwise than it should, and how."""
+        found: dict[int, GoalEnd] = {}
+        for number, graph in self._graphs.items():
+            status, code = graph.navigation.status, graph.navigation.error_code
+            if status == "canceled":
+                found[number] = GoalEnd("canceled", code)
+            elif status == "aborted" or (status == "rejected" and self._too_late(self._now_ns)):
+                found[number] = GoalEnd("aborted", code)
+        return found
+
+    def heard(self, lane: int) -> list[tuple[str, bytes]]:
+        """Returns what a lane's nodes said on recorded topics since the last call, in ROS 1's form."""
+        return self._graphs[lane].heard() if lane in self._graphs else []
 
     def close(self) -> None:
         """Ends every process, closes every port, removes every file; nothing happens a second time."""

@@ -30,6 +30,7 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
         "geometry_msgs/Pose": "Point position\nQuaternion orientation",
         "geometry_msgs/PoseStamped": "Header header\nPose pose",
         "geometry_msgs/PoseWithCovariance": "Pose pose\nfloat64[36] covariance",
+        "geometry_msgs/PoseWithCovarianceStamped": "Header header\nPoseWithCovariance pose",
         "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w",
         "geometry_msgs/Transform": "Vector3 translation\nQuaternion rotation",
         "geometry_msgs/TransformStamped": "Header header\nstring child_frame_id\nTransform transform",

@@ -159,6 +159,11 @@ def pose_stamped(sequence: int, time: Stamp, frame: str, pose: Sequence[float] |
     return header(sequence, time, frame) + _POSE.pack(x, y, 0.0, *yaw_quaternion(yaw))
 
 
+def pose_with_covariance(sequence: int, time: Stamp, frame: str, pose: Float[np.ndarray, "3"]) -> bytes:
+    """Returns a ``geometry_msgs/PoseWithCovarianceStamped`` without covariances; arguments as of ``pose_stamped``."""
+    return pose_stamped(sequence, time, frame, pose) + _NO_POSE_COVARIANCE
+
+
 def occupancy_grid(
     sequence: int, time: Stamp, frame: str, cells: np.ndarray, *, origin_m: tuple[float, float], cell_m: float
 ) -> bytes:

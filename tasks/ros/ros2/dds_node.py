@@ -390,9 +390,9 @@ def _threads() -> frozenset[int]:
     return frozenset(int(each) for each in os.listdir("/proc/self/task"))  # noqa: PTH208 - numbers, not paths
 
 
-_ENCAPSULATION_BYTES = 4
+ENCAPSULATION_BYTES = 4
 # The client's identity, 8 bytes, and the number of its request, 8 bytes.
-_HEADER_BYTES = 16
+HEADER_BYTES = 16
 _IDENTITY_BYTES = 16
 
 
@@ -416,7 +416,7 @@ class ServiceServer:
         """Answers what has come; returns how many requests that were."""
         requests = self._requests.take()
         for each in requests:
-            begin, end = _ENCAPSULATION_BYTES, _ENCAPSULATION_BYTES + _HEADER_BYTES
+            begin, end = ENCAPSULATION_BYTES, ENCAPSULATION_BYTES + HEADER_BYTES
             # The header's 16 bytes leave the alignment of what follows as it is.
             reply = self._answer(each[:begin] + each[end:])
             self._replies.write(reply[:begin] + each[begin:end] + reply[begin:])

@@ -1,14 +1,16 @@
 """ROS 2's interface types: their definitions, their names on DDS, their hashes.
 
 Sources: ROS 2's design article "Topic and Service name mapping to DDS"; REP 2011 (evolving message types) for hashes;
-rmw_cyclonedds and rmw_dds_common for what readers and writers say in USER_DATA.
+rmw_cyclonedds and rmw_dds_common for what readers and writers say in USER_DATA; nav2_msgs,
+``action/NavigateToPose.action``, of Nav2's branches humble, iron, jazzy and kilted; ROS 2's design article "Actions".
 """
 
 import functools
+from collections.abc import Mapping
 from typing import cast
 
 from rosbags.interfaces import Nodetype
-from rosbags.interfaces.typing import FieldDesc
+from rosbags.interfaces.typing import Basename, FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -24,8 +26,39 @@ _WITHOUT_HASHES = ("humble",)
 _ROBOMAKER = "robomaker_simulation_msgs"
 TAG, ADD_TAGS, CANCEL = f"{_ROBOMAKER}/msg/Tag", f"{_ROBOMAKER}/srv/AddTags", f"{_ROBOMAKER}/srv/Cancel"
 ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+POSE, UUID = "geometry_msgs/msg/PoseStamped", "unique_identifier_msgs/msg/UUID"
 _TEXT: FieldDesc = (Nodetype.BASE, ("string", 0))
 _ANSWER: list[tuple[str, FieldDesc]] = [("success", (Nodetype.BASE, ("bool", 0))), ("message", _TEXT)]
+
+
+def _base(name: Basename) -> FieldDesc:
+    return (Nodetype.BASE, (name, 0))
+
+
+def _named(kind: str) -> FieldDesc:
+    return (Nodetype.NAME, kind)
+
+
+_CODE, _WORDS = ("error_code", _base("uint16")), ("error_msg", _TEXT)
+_RESULTS: Mapping[str, list[tuple[str, FieldDesc]]] = {
+    "humble": [("result", _named("std_msgs/msg/Empty"))],
+    "iron": [_CODE],
+}
+
+
+def navigation_types(distribution: str) -> Typesdict:
+    """Returns the definitions of the action's goal and result, and of its services, in a release of ROS 2."""
+    goal_id = ("goal_id", _named(UUID))
+    fields: Mapping[str, list[tuple[str, FieldDesc]]] = {
+        "Goal": [("pose", _named(POSE)), ("behavior_tree", _TEXT)],
+        "Result": _RESULTS.get(distribution, [_CODE, _WORDS]),
+        "SendGoal_Request": [goal_id, ("goal", _named(f"{NAVIGATE}_Goal"))],
+        "SendGoal_Response": [("accepted", _base("bool")), ("stamp", _named("builtin_interfaces/msg/Time"))],
+        "GetResult_Request": [goal_id],
+        "GetResult_Response": [("status", _base("int8")), ("result", _named(f"{NAVIGATE}_Result"))],
+    }
+    return {f"{NAVIGATE}_{name}": ([], each) for name, each in fields.items()}
 
 
 @functools.cache
@@ -43,6 +76,7 @@ def type_store(distribution: str = DEFAULT_DISTRIBUTION) -> Typestore:
             f"{ADD_TAGS}_Response": ([], _ANSWER),
             f"{CANCEL}_Request": ([], []),
             f"{CANCEL}_Response": ([], _ANSWER),
+            **navigation_types(distribution),
         }
     )
     return store

@@ -186,8 +186,17 @@ class RobotLinks:
         """Returns the Twists that have come since the last call: of one process in their order, then of the next."""
         return [each for link in self.links.values() for each in link.node.take_commands()]
 
+    def navigator(self) -> Ros2Node | None:
+        """Returns the robot's node for the process that offers the action, the first by name; None if none does."""
+        nodes = (link.node for link in self.links.values())
+        return next((node for node in nodes if node.navigation is not None and node.navigation.ready), None)
+
+    def heard(self) -> list[tuple[str, bytes]]:
+        """Returns what nodes said on recorded topics since the last call: of one process, then of the next."""
+        return [each for link in self.links.values() for each in link.node.heard()]
+
     def serve(self) -> int:
-        """Answers calls of services; returns how many there were."""
+        """Answers calls of services, and takes answers of the action; returns how many there were."""
         return sum(node.serve() for node in self._nodes())
 
     def settled(self) -> bool:

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import NamedTuple
 from uuid import UUID
 
@@ -29,6 +30,7 @@ from tasks.ros.ros2.interface_types import (
     DEFAULT_DISTRIBUTION,
     type_store,
 )
+from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
 
 NODE_NAME = "simyard_robot"
 TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
@@ -42,6 +44,7 @@ _PROFILES = {
     "tf2_msgs/msg/TFMessage": TRANSFORMS,
     "nav_msgs/msg/OccupancyGrid": MAP,
     "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": Profile(depth=1, latched=True),
 }
 _STATIC = "/tf_static"
 _FAULT_CHARACTERS = 500
@@ -66,10 +69,12 @@ class JobRequests:
     Attributes:
         tags: What was given to ``/robomaker/job/add_tags``.
         cancelled: Whether ``/robomaker/job/cancel`` was called.
+        navigation: How its goals go, where they are sent as actions.
     """
 
     tags: dict[str, str] = field(default_factory=dict[str, str])
     cancelled: bool = False
+    navigation: Navigation = field(default_factory=Navigation)
 
 
 class RobotInterface(NamedTuple):
@@ -80,12 +85,16 @@ class RobotInterface(NamedTuple):
         command: The topic that it takes commands from.
         distribution: The release of ROS 2 that is spoken to.
         services: Whether it offers its services: other middlewares than Cyclone DDS mark requests in another way.
+        navigates: Whether it sends goals as actions.
+        recorded: What it listens to for a recording: types by topic.
     """
 
     topics: Mapping[str, str]
     command: str
     distribution: str = DEFAULT_DISTRIBUTION
     services: bool = True
+    navigates: bool = False
+    recorded: Mapping[str, str] = MappingProxyType({})
 
 
 class Ros2Node:
@@ -104,6 +113,12 @@ class Ros2Node:
         self._writers = {topic: self._publisher(topic, kind) for topic, kind in interface.topics.items()}
         self._commands = [self._node.subscription(interface.command, kind, DEFAULT) for kind in COMMANDS]
         self._services = self._offered() if interface.services else []
+        self._recorded = {
+            topic: (kind, self._node.subscription(topic, kind, DEFAULT)) for topic, kind in interface.recorded.items()
+        }
+        self.navigation: NavigationClient | None = None
+        if interface.navigates:
+            self.navigation = NavigationClient(self._node, self._store, job.navigation, headers=interface.services)
         self._sent: set[str] = set()
         self._node.announce()
 
@@ -124,16 +139,25 @@ class Ros2Node:
     def acknowledged(self) -> bool:
         """Returns whether all reliable readers have what was sent."""
         self._sent = {topic for topic in self._sent if not self._writers[topic].acknowledged()}
-        return not self._sent
+        return not self._sent and (self.navigation is None or self.navigation.acknowledged())
 
     def take_commands(self) -> list[bytes]:
         """Returns the Twists that have come since the last call, stamped or not, in ROS 1's form."""
         plain, stamped = self._commands
         return [*map(twist_bytes, plain.take()), *map(stamped_twist_bytes, stamped.take())]
 
+    def heard(self) -> list[tuple[str, bytes]]:
+        """Returns what nodes said on recorded topics since the last call, in ROS 1's form."""
+        return [
+            (topic, bytes(self._store.cdr_to_ros1(each, kind)))
+            for topic, (kind, reader) in self._recorded.items()
+            for each in reader.take()
+        ]
+
     def serve(self) -> int:
-        """Answers calls of services; returns how many there were."""
-        return sum(each.serve() for each in self._services)
+        """Answers calls of services, and takes answers of the action; returns how many there were."""
+        served = sum(each.serve() for each in self._services)
+        return served + (0 if self.navigation is None else self.navigation.serve())
 
     def matches(self) -> Matches:
         """Returns who is connected now."""
@@ -159,6 +183,8 @@ class Ros2Node:
         self._writers.clear()
         self._services.clear()
         self._commands.clear()
+        self._recorded.clear()
+        self.navigation = None
         if "_node" in self.__dict__:
             self.__dict__.pop("_node").close()
 

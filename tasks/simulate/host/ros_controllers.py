@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from specs.bundle_files import BumperDeclaration, LidarDeclaration, OdometryDeclaration, RosRobot
+from specs.bundle_files import ROS_FILE, BumperDeclaration, LidarDeclaration, OdometryDeclaration, RosRobot
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from tasks.ros.bag.message_log import MessageLog
@@ -29,6 +29,7 @@ from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import (
     ExchangeTotals,
     FloorMap,
+    GoalEnd,
     JointStates,
     Launch,
     Lockstep,
@@ -253,6 +254,7 @@ class RosLanes:
         self._traffic: LockstepRecorder | None = None
         self._cancelled = frozenset[int]()
         self._tests: dict[int, bool] = {}
+        self._goal_ends: dict[int, GoalEnd] = {}
         self._simulation_failed = {*range(len(start.lanes))} if _is_alone(setup.bundle) else set[int]()
         self._ended: dict[int, tuple[ExchangeTotals, Mapping[str, str]]] = {}
 
@@ -299,7 +301,11 @@ class RosLanes:
         return self._end(lane)[1]
 
     def judgement(self, lane: int) -> Judgement | None:
-        """Returns what a lane's application says of it; None where a scenario judges."""
+        """Returns what a lane's application or its navigation says of it; None where the scenario alone judges."""
+        if (end := self._goal_ends.get(lane)) is not None:
+            code = {"navigation_error_code": str(end.error_code)}
+            time_over = self._setup.robot.time_over
+            return Judgement(passed=False, ended=True, time_over=time_over, tags=code, reason=end.reason)
         if self._setup.bundle.judge is None:
             return None
         tags = self.tags(lane)
@@ -379,7 +385,7 @@ class RosLanes:
     def _without_lost(self, sensed: Sequence[Sensed | None]) -> list[Sensed | None]:
         """Returns what is sensed, without lanes whose applications failed or ended while they got ready."""
         assert self._lockstep is not None  # noqa: S101 - just begun
-        lost = {*self._lockstep.failures, *self._lockstep.cancelled, *self._lockstep.tests}
+        lost = {*self._lockstep.failures, *self._lockstep.cancelled, *self._lockstep.tests, *self._lockstep.goal_ends}
         return [None if lane in lost else each for lane, each in enumerate(sensed)]
 
     def _note_failures(self, asked: Sequence[int], commands: Sequence[TwistCommand]) -> None:
@@ -388,6 +394,9 @@ class RosLanes:
             return
         failures, cancelled = self._lockstep.failures, self._lockstep.cancelled | self._lockstep.tests.keys()
         self._tests.update(self._lockstep.tests)
+        ends = self._lockstep.goal_ends
+        self._goal_ends.update({lane: ends[lane] for lane in asked if lane in ends})
+        cancelled |= self._goal_ends.keys()
         for lane in asked:
             if lane in failures:
                 if self._lockstep.simulation_failed(lane):
@@ -445,18 +454,41 @@ def ros_application(bundle: HostBundle, kind: ControllerKind, make: LockstepMake
     """
     try:
         robot = read_ros_robot(bundle.folder)
+        _require_spoken(kind, robot)
         setup = RosSetup(bundle, robot, twist_map(bundle.robot, robot.drive), JointPlaces(bundle.robot), make)
     except RobotRefused as refused:
         raise BundleCrash("RobotApplicationCrash", f"{bundle.launch.name}: {refused}") from refused
     if bundle.judge is not None:  # it has goals of its own
         topics = robot.topics.model_copy(update={"goal": None})
-        setup = setup._replace(robot=robot.model_copy(update={"topics": topics}))
+        setup = setup._replace(robot=robot.model_copy(update={"topics": topics, "goals": "topic"}))
     sensors = declared_sensors(robot)
 
     def declare(environment: Mapping[str, object]) -> DeclaredSensors:  # noqa: ARG001 - nodes read it, sensors do not
         return sensors
 
     return HostApplication(kind, declare, lambda start: RosLanes(setup, start))
+
+
+def _require_spoken(kind: ControllerKind, robot: RosRobot) -> None:
+    """Refuses what only nodes of ROS 2 understand where nodes of ROS 1 drive, and types that nobody here knows.
+
+    Raises:
+        RobotRefused: Says what to change.
+    """
+    if kind == "ros":
+        if robot.goals != "topic":
+            raise RobotRefused(
+                f"{ROS_FILE}: goals: {robot.goals}: an action of ROS 2: move_base takes goals on a topic"
+            )
+        if robot.record:
+            raise RobotRefused(f"{ROS_FILE}: record: nodes of ROS 2 alone are recorded: leave it out")
+    elif robot.record:
+        from tasks.ros.ros2.interface_types import type_store
+
+        known = type_store().fielddefs
+        for topic, name in robot.record.items():
+            if name.replace("/", "/msg/") not in known:
+                raise RobotRefused(f"{ROS_FILE}: record.{topic}: {name}: no type of ROS 2's common interfaces")
 
 
 def declared_sensors(robot: RosRobot) -> DeclaredSensors:

@@ -59,12 +59,14 @@ class Judgement(NamedTuple):
         ended: Whether it ended the episode.
         time_over: What an episode is whose time is over, and of which nothing is said.
         tags: Of its job.
+        reason: Why it did not pass, if it says so.
     """
 
     passed: bool | None
     ended: bool
     time_over: TimeOver
     tags: Mapping[str, str]
+    reason: OutcomeReason = "judged"
 
 
 def judged_by(tags: Mapping[str, str], *, tests: bool | None) -> bool | None:
@@ -87,7 +89,7 @@ def judged_row(row: EpisodeResult, judgement: Judgement) -> EpisodeResult:
         row: Of the lane, as one that crashed where the application ended it, or as one whose time was over.
         judgement: The application's.
     """
-    passed, reason = judgement.passed, "judged"
+    passed, reason = judgement.passed, judgement.reason
     if passed is None:
         passed, reason = judgement.time_over == "passed", "timeout"
     why: OutcomeReason = "" if passed else reason
@@ -98,8 +100,7 @@ def judged_row(row: EpisodeResult, judgement: Judgement) -> EpisodeResult:
             "failure_reason": "",
             "outcome": "Passed" if passed else "Failed",
             "outcome_reason": why,
-            "goals_reached": 0,
-            "goals_total": 0,
+            **({"goals_reached": 0, "goals_total": 0} if judgement.reason == "judged" else {}),
             "metrics": {**row.metrics, **tag_metrics(judgement.tags)},
             "trajectory": () if passed else row.trajectory,
         }

@@ -189,10 +189,12 @@ class Node:
         self._announce(writer=made)
         return made.write
 
-    def subscribe(self, topic: str, kind: type, callback: Callable[[Any], None], qos: Qos | None = None) -> None:
+    def subscribe(
+        self, topic: str, kind: type, callback: Callable[[Any], None], qos: Qos | None = None, name: str = ""
+    ) -> None:
         """create_subscription"""
         qos = qos or quality(10)
-        reader = DataReader(self.participant, Topic(self.participant, f"rt{topic}", kind, qos), qos)
+        reader = DataReader(self.participant, Topic(self.participant, name or f"rt{topic}", kind, qos), qos)
         condition = ReadCondition(reader, SampleState.NotRead | ViewState.Any | InstanceState.Alive)
         self._waits.attach(condition)
         self._taken.append((reader, condition, callback))

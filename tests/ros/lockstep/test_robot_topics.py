@@ -9,8 +9,8 @@ import pytest
 
 from specs.bundle_files import BumperDeclaration, LidarDeclaration, RosRobot, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
-from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, RobotBase, Sensed, TwistCommand
-from tasks.ros.lockstep.robot_topics import LockstepRecorder, Moment, SensorMessages
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, Moment, SensorMessages
 from tests.ros.bag.tracks import log, of_topic
 
 SENSED = Sensed(
@@ -52,12 +52,31 @@ def test_the_map_is_there_if_it_is_declared(declared: str | None) -> None:
     assert (b"map" in found["/tf_static"]) == (declared is not None)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_a_localizer_of_the_application_is_told_the_start_and_nothing_more(*, given: bool) -> None:
+    topics = RosTopics(floor_map="/map", localized="/amcl_pose", initial_pose="/initialpose")
+    own = messages(RosRobot(topics=topics, localization="given" if given else "application"))
+    found, told = own.fixed(MOMENT, None), own.goal(MOMENT)
+    assert (b"map" in found["/tf_static"]) == given
+    assert found["/initialpose"] == own.write("/amcl_pose", MOMENT)
+    assert told is not None
+    assert (told[0], b"map" in told[1], b"odom" in told[1]) == ("/move_base_simple/goal", not given, given)
+
+
+def test_a_goal_for_an_action_is_on_the_map_and_on_no_topic() -> None:
+    own = messages(RosRobot(topics=RosTopics(floor_map="/map"), goals="navigate_to_pose"))
+    told = own.goal(MOMENT)
+    assert told is not None
+    assert (told[0], b"map" in told[1]) == (NAVIGATE, True)
+    assert not {"/move_base_simple/goal", NAVIGATE} & {each.name for each in own.topics}
+
+
 def test_the_lidar_is_where_it_is_mounted() -> None:
     ahead = messages(RosRobot(lidar=LidarDeclaration(x_m=0.25))).fixed(MOMENT, None)["/tf_static"]
     assert np.float64(0.25).tobytes() in ahead
 
 
-BASE = RobotBase(RosRobot(), 3, -0.5, 0.5, 6.0)
+BASE = RobotBase(RosRobot(record={"/plan": "nav_msgs/Path"}), 3, -0.5, 0.5, 6.0)
 
 
 class Answers:
@@ -66,6 +85,7 @@ class Answers:
     failures: Mapping[int, str] = {}
     cancelled = frozenset[int]()
     tests: Mapping[int, bool] = {}
+    goal_ends: Mapping[int, GoalEnd] = {}
 
     def __init__(self) -> None:
         self.steps, self.closed = 0, False
@@ -81,6 +101,9 @@ class Answers:
 
     def tally(self, lane: int) -> ExchangeTotals:
         return ExchangeTotals(commands=self.steps // 2 + lane)
+
+    def heard(self, lane: int) -> Sequence[tuple[str, bytes]]:
+        return [("/plan", b"plan")] if lane == 0 and self.steps % 2 else []
 
     def simulation_failed(self, lane: int) -> bool:
         return lane < 0
@@ -120,6 +143,11 @@ def test_each_step_has_what_the_robot_senses_and_the_goal_is_said_once(kept: Mes
 def test_commands_are_kept_when_they_came(kept: MessageLog):
     found = [(entry.time_ns, struct.unpack("<6d", entry.body)[0]) for entry in of_topic(kept, "/cmd_vel")]
     assert found == [(1_050_000_000, pytest.approx(0.1)), (1_150_000_000, pytest.approx(0.2))]
+
+
+def test_what_nodes_said_is_kept_at_the_time_of_its_step(kept: MessageLog):
+    assert [entry.time_ns for entry in of_topic(kept, "/plan")] == [1_000_000_000, 1_100_000_000, 1_200_000_000]
+    assert {channel.topic: channel.kind for channel in kept.channels}["/plan"] == "nav_msgs/Path"
 
 
 def test_times_begin_at_a_second_and_never_go_back(kept: MessageLog):

@@ -68,9 +68,9 @@ def make_bundle(folder: Path) -> Path:
     return folder
 
 
-def make_base() -> RobotBase:
+def make_base(robot: RosRobot | None = None) -> RobotBase:
     """Returns a robot with a lidar all around."""
-    return RobotBase(RosRobot(), rays=RAYS, first_ray_rad=-np.pi, ray_step_rad=2.0 * np.pi / RAYS, range_m=8.0)
+    return RobotBase(robot or RosRobot(), rays=RAYS, first_ray_rad=-np.pi, ray_step_rad=2.0 * np.pi / RAYS, range_m=8.0)
 
 
 class ToyWorld:
@@ -115,6 +115,8 @@ class Run:
         failures: By lane.
         cancelled: Lanes that asked for their end.
         tags: Of the first lane.
+        goal_ends: By lane.
+        poses: Where the robots are at the end.
     """
 
     def __init__(self, lockstep: Ros2Lockstep, lanes: int, steps: int) -> None:
@@ -123,8 +125,9 @@ class Run:
         self.scans: list[np.ndarray] = []
         lockstep.begin([world.sense() for world in worlds], [None] * lanes)
         for _ in range(steps):
+            over = lockstep.failures.keys() | lockstep.goal_ends.keys()
             sensed: list[Sensed | None] = [
-                None if number in lockstep.failures else world.sense() for number, world in enumerate(worlds)
+                None if number in over else world.sense() for number, world in enumerate(worlds)
             ]
             if sensed[0] is not None:
                 self.scans.append(sensed[0].ranges_m)
@@ -135,6 +138,7 @@ class Run:
         self.tallies: Sequence[ExchangeTotals] = [lockstep.tally(number) for number in range(lanes)]
         self.failures: Mapping[int, str] = lockstep.failures
         self.cancelled, self.tags = lockstep.cancelled, lockstep.tags(0)
+        self.goal_ends, self.poses = lockstep.goal_ends, [world.pose for world in worlds]
 
 
 def drive(
@@ -145,6 +149,8 @@ def drive(
     patience: LockstepPatience | None = None,
     *,
     judged: bool = False,
+    robot: RosRobot | None = None,
+    environments: Sequence[Mapping[str, str]] | None = None,
 ) -> Run:
     """Returns what came of episodes whose lanes run a program each, or all the same; ``a+b`` are two nodes of one.
 
@@ -155,8 +161,10 @@ def drive(
     if not bundle.is_dir():
         make_bundle(bundle)
     judge = LaunchSource(make_bundle(folder / "judge"), "play", "judge.launch.py") if judged else None
-    launch = Launch(bundle, "play", "play.launch.py", folder / "home", [_variables(each) for each in programs], judge)
-    with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
+    more = environments or [{}] * len(programs)
+    variables = [{**_variables(each), **own} for each, own in zip(programs, more, strict=True)]
+    launch = Launch(bundle, "play", "play.launch.py", folder / "home", variables, judge)
+    with Ros2Lockstep(launch, make_base(robot), CONTROL_S, patience=patience) as lockstep:
         return Run(lockstep, lanes, steps)
 
 

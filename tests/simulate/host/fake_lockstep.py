@@ -8,12 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from specs.data.episode import ApplicationLaunch
-from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, Launch, RobotBase, Sensed, TwistCommand
 from tests.repository import ROOT
 
 BUNDLE = "5" * 64
 ROS_ROBOT = ApplicationLaunch(name="wheels", version="1", digest=BUNDLE, package="patrol", launch_file="drive.launch")
 CRASHES, NOT_A_NUMBER, CANCELS, STRAYS, TAGS, NOT_READY = "crash", "nan", "cancel", "stray", "tags", "not-ready"
+GIVES_UP = "gives-up"
 _FAULT_STEP = 3
 
 
@@ -41,6 +42,7 @@ class FakeLockstep:
         self.base, self.launch = base, launch
         self.failures: dict[int, str] = {}
         self.cancelled: frozenset[int] = frozenset()
+        self.goal_ends: dict[int, GoalEnd] = {}
         self.begun: tuple[list[Sensed | None], list[FloorMap | None]] | None = None
         self.seen: list[list[Sensed | None]] = []
         self.closed = 0
@@ -58,6 +60,7 @@ class FakeLockstep:
         if len(self.seen) == _FAULT_STEP:
             self.failures |= dict.fromkeys(self._of_kind(CRASHES), "node /patrol ended with status 7")
             self.cancelled |= frozenset(self._of_kind(CANCELS))
+            self.goal_ends |= dict.fromkeys(self._of_kind(GIVES_UP), GoalEnd("aborted", 9002))
             self._tallies |= dict.fromkeys(self._of_kind(STRAYS), ExchangeTotals(3, late=2, stray=1))
             self._tags |= {lane: {"lane": str(lane), "seen": "much"} for lane in self._of_kind(TAGS)}
         spoilt = set(self._of_kind(NOT_A_NUMBER)) if len(self.seen) == _FAULT_STEP else set[int]()
@@ -75,6 +78,9 @@ class FakeLockstep:
     @property
     def tests(self) -> Mapping[int, bool]:
         return {}
+
+    def heard(self, lane: int) -> Sequence[tuple[str, bytes]]:  # noqa: ARG002 - nothing is recorded
+        return ()
 
     def simulation_failed(self, lane: int) -> bool:  # noqa: ARG002 - its nodes are the robot application's
         return False

@@ -15,6 +15,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from specs.errors import StageFailed
 from tasks.ros.lockstep.exchange import Launch, Sensed, TwistCommand
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.host.controllers import HostBundle, HostStart
@@ -27,6 +28,7 @@ from tests.ros.conftest import courier, wheel
 from tests.simulate.host.fake_lockstep import (
     CANCELS,
     CRASHES,
+    GIVES_UP,
     NOT_A_NUMBER,
     NOT_READY,
     ROS_ROBOT,
@@ -239,6 +241,38 @@ def test_a_lane_that_cancels_its_job_is_no_crash(tmp_path: Path):
     lanes, _ = started(tmp_path, [CANCELS, ""])
     assert np.isnan(driven(lanes, 3, 0, 1)[0]).all()
     assert (lanes.cancelled, lanes.crashes) == (frozenset({0}), {})
+
+
+def test_a_goal_that_is_given_up_ends_its_lane_and_says_why(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, [GIVES_UP, ""])
+    assert np.isnan(driven(lanes, 3, 0, 1)[0]).all()
+    assert (lanes.crashes, lanes.judgement(1)) == ({}, None)
+    judgement = lanes.judgement(0)
+    assert judgement is not None
+    assert (judgement.passed, judgement.reason, judgement.tags) == (False, "aborted", {"navigation_error_code": "9002"})
+    driven(lanes, 1, 0, 1)
+    assert only(locksteps).seen[-1][0] is None
+
+
+@pytest.mark.parametrize(
+    ("declaration", "why"),
+    [
+        ("goals: navigate_to_pose", "goals: navigate_to_pose: an action of ROS 2: move_base takes goals on a topic"),
+        ("record: {/plan: nav_msgs/Path}", "record: nodes of ROS 2 alone are recorded: leave it out"),
+    ],
+)
+def test_what_is_ros_2s_alone_is_refused_for_ros_1(tmp_path: Path, declaration: str, why: str):
+    bundle = HostBundle(ros_bundle(tmp_path / "bundle", declaration), ROS_ROBOT)
+    with pytest.raises(BundleCrash, match=f"ros.yaml: {why}"):
+        ros_application(bundle, "ros", FakeLocksteps())
+
+
+def test_a_type_that_nobody_knows_is_not_recorded(tmp_path: Path):
+    bundle = HostBundle(ros_bundle(tmp_path / "bundle", "record: {/plan: my_msgs/Plan}"), ROS_ROBOT)
+    with pytest.raises(
+        BundleCrash, match=r"ros.yaml: record./plan: my_msgs/Plan: no type of ROS 2's common interfaces"
+    ):
+        ros_application(bundle, "ros2", FakeLocksteps())
 
 
 def test_measures_and_tags_outlive_the_applications(tmp_path: Path):

@@ -1,0 +1,43 @@
+"""Goals as actions of Nav2's NavigateToPose: what comes of them, of each lane, in lock-step."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from specs.bundle_files import RosRobot
+from tasks.ros.lockstep.exchange import GoalEnd
+from tests.ros.ros2.players import Run, drive
+
+_ROBOT = RosRobot(goals="navigate_to_pose", first_command_s=3.0)
+_GOAL_M = (2.0, 2.0)
+
+
+def navigate(folder: Path, *plays: str, steps: int = 40, robot: RosRobot = _ROBOT) -> Run:
+    """Returns what came of lanes whose navigators do what they are told."""
+    environments = [{"PLAYS": each} for each in plays]
+    return drive(folder, "navigator", len(plays), steps, robot=robot, environments=environments)
+
+
+def test_a_goal_that_is_aborted_ends_its_lane_with_nav2s_error_code(tmp_path: Path) -> None:
+    run = navigate(tmp_path, "aborts")
+    assert (run.failures, run.goal_ends) == ({}, {0: GoalEnd("aborted", 9002)})
+    assert (run.tallies[0].late, run.tallies[0].stray) == (0, 0)
+    assert run.commands[0][0].turn_rad_s
+
+
+@pytest.mark.long
+def test_each_lane_has_its_own_end_and_the_same_commands_as_alone(tmp_path: Path) -> None:
+    plays = ("", "cancels", "busy", "late")
+    run = navigate(tmp_path / "four", *plays, steps=280)
+    assert (run.failures, run.goal_ends) == ({}, {1: GoalEnd("canceled", 0), 2: GoalEnd("aborted", 0)})
+    assert not any(each.late or each.stray for each in run.tallies)
+    assert [bool(np.linalg.norm(pose[:2] - _GOAL_M) < 0.35) for pose in run.poses] == [True, False, False, True]
+    assert [each.ahead_m_s for each in run.commands[3]].count(0.0) > 40, "it stands until its goal is taken"
+    assert navigate(tmp_path / "one", "", steps=280).digests == run.digests[:1]
+
+
+@pytest.mark.long
+def test_an_episode_does_not_begin_where_nobody_offers_the_action(tmp_path: Path) -> None:
+    run = drive(tmp_path, "avoider", steps=1, robot=_ROBOT.model_copy(update={"ready_s": 3.0}))
+    assert run.failures == {0: "not ready within 3 s: no node offers the action /navigate_to_pose (goals in ros.yaml)"}
