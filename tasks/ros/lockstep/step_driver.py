@@ -144,7 +144,8 @@ class Readiness:
                 if lane.failure or self._ready(lane):
                     waiting.remove(lane)
                 elif time.perf_counter() > self._ends_s:
-                    lane.failure = f"not ready within {self._limit_s:g} s: {self._missing(lane)}"
+                    why = self._missing(lane) or self._unrest(lane)
+                    lane.failure = f"not ready within {self._limit_s:g} s: {why}"
                     waiting.remove(lane)
                 if lane.failure:
                     self._fail(lane)
@@ -196,7 +197,12 @@ class Readiness:
         unconnected = lane.graph.unconnected()
         if unconnected:
             return "; ".join(unconnected)
-        return "its nodes did not come to rest" if lane.graph.busy else ""
+        return self._unrest(lane) if lane.graph.busy else ""
+
+    def _unrest(self, lane: RosLane) -> str:
+        """Returns why a lane that is complete does not begin: one that sleeps before it advertises is waited for."""
+        quiet = "" if lane.graph.publishers(self._commands) else f", and none of them publishes {self._commands}"
+        return f"its nodes did not come to rest{quiet}"
 
 
 _FIRST_STEP = 5

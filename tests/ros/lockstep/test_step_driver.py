@@ -13,7 +13,7 @@ from tasks.ros.lockstep import step_driver
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
-from tasks.ros.lockstep.step_driver import LockstepPatience, StepDriver
+from tasks.ros.lockstep.step_driver import LockstepPatience, Readiness, StepDriver
 from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.network import EpisodeNetwork
 from tests.ros.process.proc_folder import FakeThread
@@ -95,6 +95,11 @@ def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread, d
 def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
     drive(BusyPump(worker, 60_000_000_000), no_fault)
     assert lane.late == 0
+
+
+def test_a_lane_that_is_connected_and_does_not_begin_says_what_is_missing(lane: RosLane, pump: EventPump) -> None:
+    Readiness(pump, "/cmd_vel", 0.0, lambda _: None).wait([lane])
+    assert lane.failure == "not ready within 0 s: its nodes did not come to rest, and none of them publishes /cmd_vel"
 
 
 @pytest.mark.parametrize("limits", [LaneLimits(memory_bytes=1)], ids=["memory"])
