@@ -110,6 +110,11 @@ def test_conditions_and_expressions_choose_nodes_by_the_environment(bundle: Bund
     assert [node.kind for node in bundle.resolve(MAP="true").nodes] == ["mapper"]
 
 
+def test_a_package_is_found_while_the_file_is_read(bundle: Bundle) -> None:
+    node = bundle.node("Node(package='robot', executable='driver', arguments=[FindPackageShare('x').find('robot')])")
+    assert node.command[1] == str(bundle.package)
+
+
 def test_an_included_launch_file_takes_arguments_and_paths_in_packages(bundle: Bundle) -> None:
     bundle.write(
         "a.DeclareLaunchArgument('who'), Node(package='robot', executable='driver', name=s.LaunchConfiguration('who'), "

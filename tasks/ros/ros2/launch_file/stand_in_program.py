@@ -68,10 +68,24 @@ def _modules(context: LaunchContext) -> Mapping[str, dict[str, Any]]:
         "launch_ros.actions": nodes | _named(node_actions, _PARAMETERS),
         "launch_ros.descriptions": _named(node_actions, "ParameterFile ParameterValue"),
         "launch_ros.parameter_descriptions": _named(node_actions, "ParameterFile ParameterValue"),
-        "launch_ros.substitutions": _named(substitutions, "FindPackageShare FindPackagePrefix"),
+        "launch_ros.substitutions": _finders(context),
         "ament_index_python": _index(context),
         "ament_index_python.packages": _index(context),
     }
+
+
+def _finders(context: LaunchContext) -> dict[str, Any]:
+    """Returns the substitutions that find packages, with what launch files call while they are read."""
+
+    class FindPackagePrefix(substitutions.FindPackagePrefix):
+        def find(self, name: str) -> str:
+            return context.package(name).prefix
+
+    class FindPackageShare(substitutions.FindPackageShare):
+        def find(self, name: str) -> str:
+            return context.package(name).share
+
+    return {"FindPackagePrefix": FindPackagePrefix, "FindPackageShare": FindPackageShare}
 
 
 def _index(context: LaunchContext) -> dict[str, Any]:
