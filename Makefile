@@ -13,7 +13,7 @@ WHOLE := tests/integration tests/attacks tests/deploy/promises
 help:
 	@echo "make run    set up, then carry examples/quickstart.yaml from template to fleet"
 	@echo "make ros    set up, then carry a public ROS package from its launch file to a robot"
-	@echo "make ros2   set up, then carry a package of rclpy from its launch file to a gate"
+	@echo "make ros2   set up, then carry a package of rclpy from its launch file to a robot"
 	@echo "make test   set up, then run the tests that a person waits for"
 	@echo "make test-all  run the long ones as well: kills, faults, whole documents, browsers"
 	@echo "make explore  run the tests with new random examples, many more of them"

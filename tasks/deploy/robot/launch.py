@@ -208,7 +208,8 @@ def _ros(desired: Desired) -> RobotRos:
     """Returns this robot's ROS that launches what is desired."""
     asked = {**own_variables(os.environ), **desired.environment}
     try:
-        return robot_ros(desired.launch.launchFile, asked.get("ROS_DISTRO", ""))
+        prefixes = asked.get("AMENT_PREFIX_PATH", "")
+        return robot_ros(desired.launch.launchFile, asked.get("ROS_DISTRO", ""), prefixes=prefixes)
     except LaunchRefused as exc:
         raise StepFailed("EnvironmentSetupError", str(exc)) from exc
 

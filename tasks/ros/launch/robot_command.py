@@ -6,6 +6,7 @@ bundle, found in the same way. Robots have any distribution of ROS, so that its 
 
 import shlex
 import shutil
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -13,8 +14,17 @@ from typing import NamedTuple
 from specs.errors import LaunchRefused
 from specs.launched_file import bundle_files, is_ros2, ros_launch_file, workspace_variables
 
-OWN_VARIABLES = ("ROS_MASTER_URI", "ROS_IP", "ROS_HOSTNAME", "ROS_DISTRO", "ROS_DOMAIN_ID", "RMW_IMPLEMENTATION")
-"""What a robot's owner sets for the agent, and applications of ROS get, too: where the master and the network are."""
+OWN_VARIABLES = (
+    "ROS_MASTER_URI",
+    "ROS_IP",
+    "ROS_HOSTNAME",
+    "ROS_DISTRO",
+    "ROS_DOMAIN_ID",
+    "RMW_IMPLEMENTATION",
+    "AMENT_PREFIX_PATH",
+)
+"""What a robot's owner sets for the agent, and applications of ROS get, too: where the network and ROS 2 are."""
+_STAND_IN = "tasks.ros.ros2.launch_file.robot_launch"
 _ROS_FOLDER = Path("/opt/ros")
 _COLCON_MARK = "_local_setup_util_sh.py"
 _PROGRAMS_PATH = "/usr/local/bin:/usr/bin:/bin"
@@ -24,21 +34,24 @@ class RobotRos(NamedTuple):
     """The ROS of a robot.
 
     Attributes:
-        program: ``roslaunch`` or ``ros2``, with its folder.
+        program: ``roslaunch`` or ``ros2``, with its folder; this Python where Simyard launches in place of ``ros2``.
         setup: The file that sets its environment; None where ROS lies among the system's programs.
+        bare: Whether there is no ``ros2``, as in ROS 2's wheels.
     """
 
     program: Path
     setup: Path | None = None
+    bare: bool = False
 
 
-def robot_ros(launch_file: str, distribution: str = "", folder: Path = _ROS_FOLDER) -> RobotRos:
+def robot_ros(launch_file: str, distribution: str = "", folder: Path = _ROS_FOLDER, prefixes: str = "") -> RobotRos:
     """Returns the ROS of this machine that launches a file.
 
     Args:
         launch_file: Its ending tells ROS 1 from ROS 2.
         distribution: Such as ``noetic``; empty for the newest that is here.
         folder: Where distributions lie, one folder each.
+        prefixes: ``AMENT_PREFIX_PATH``, of a robot's owner.
 
     Raises:
         LaunchRefused: There is none; says what was looked for.
@@ -49,6 +62,10 @@ def robot_ros(launch_file: str, distribution: str = "", folder: Path = _ROS_FOLD
             return RobotRos(home / "bin" / name, home / "setup.sh")
     if found := shutil.which(name, path=_PROGRAMS_PATH):
         return RobotRos(Path(found))
+    if name == "ros2" and prefixes:
+        programs = [Path(each, "bin", name) for each in prefixes.split(":")]
+        found = next((each for each in programs if each.is_file()), None)
+        return RobotRos(found or Path(sys.executable), bare=found is None)
     asked = f"ROS {2 if is_ros2(launch_file) else 1}{f' {distribution}' if distribution else ''}"
     raise LaunchRefused(
         f"{launch_file} needs {asked}, and this robot has no {name} in {folder}/{distribution or '*'}/bin or on "
@@ -72,6 +89,8 @@ def launch_command(ros: RobotRos, bundle: Path, package: str, launch_file: str) 
     found = ros_launch_file(files, package, launch_file)
     if found is None:
         raise LaunchRefused(f"the bundle has no launch file {launch_file} in a package {package}")
+    if ros.bare:
+        return [str(ros.program), "-P", "-m", _STAND_IN, str(bundle), package, launch_file]
     lines = [f". {shlex.quote(str(ros.setup))}"] if ros.setup else []
     if is_ros2(launch_file):
         spaces = [(bundle / name).parent for name in files if name.endswith(f"/{_COLCON_MARK}")]

@@ -97,6 +97,42 @@ def test_a_launch_file_that_the_bundle_does_not_have_is_told(one: OneRobot) -> N
     assert "no launch file roam.launch in a package roamer" in reported.failure_reason
 
 
+_LAUNCH2 = """
+from launch import LaunchDescription
+from launch_ros.actions import Node
+
+
+def generate_launch_description():
+    return LaunchDescription([Node(package="play", executable=each, name=each) for each in ("stay", "leave")])
+"""
+_SEEN = '#!/bin/sh\n(env; echo "ARGS=$*") > "$HOME/seen.tmp"; mv "$HOME/seen.tmp" "$HOME/seen"; exec sleep 1000\n'
+
+
+def test_a_robot_whose_ros_2_has_no_launch_starts_the_same_nodes_by_the_walls_clock(
+    one: OneRobot, roslaunch: Path, tmp_path: Path
+) -> None:
+    roslaunch.unlink()
+    package, ros = tmp_path / "bundle/play", tmp_path / "ros2"
+    for folder in (package / "launch", package / "scripts", ros):
+        folder.mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>play</name></package>")
+    (package / "launch/play.launch.py").write_text(_LAUNCH2)
+    for name, script in (("stay", _SEEN), ("leave", "#!/bin/sh\n")):
+        (package / "scripts" / name).write_text(script)
+        (package / "scripts" / name).chmod(0o755)
+    version = publish_bundle(one.yard.store, "robot-application", "play", tmp_path / "bundle")
+    launch = DeploymentLaunchConfig(packageName="play", launchFile="play.launch.py")
+
+    reported = one.deploy(version, 1, launch=launch, environment={"AMENT_PREFIX_PATH": str(ros)})
+    seen = _seen(one)
+    one.robot.end()
+
+    assert reported.status == "InSync"
+    assert seen["ARGS"] == "--ros-args -r __node:=stay"
+    assert str(ros) in seen["AMENT_PREFIX_PATH"].split(":")
+    assert one.programs == []
+
+
 @pytest.mark.long
 @pytest.mark.skipif(not HAS_ROS, reason="ROS 1 is not installed")
 def test_nodes_of_ros_run_until_the_robot_ends(one: OneRobot, roamer: Version) -> None:

@@ -115,10 +115,14 @@ def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
 @pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.timeout(900)
-def test_make_ros2_goes_from_a_launch_file_of_rclpy_to_a_gate(wheels: Path, tmp_path: Path):
+def test_make_ros2_goes_from_a_launch_file_of_rclpy_to_a_robot(wheels: Path, tmp_path: Path):
     command = f"AMENT_PREFIX_PATH={wheels} SIMYARD_ROS2_WORK={tmp_path}/work {ROOT}/examples/ros/make_ros2.sh"
 
     done = _typed(command, tmp_path)
 
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.endswith("Done, and everything that was asked for passed.\n")
+    robots = agents_folder(open_store((tmp_path / "store").as_uri()))
+    log = "".join(each.read_text() for each in (robots / "roamers2-1/logs").glob("*-launch.log"))
+    assert "process[roam]: started" in log
+    assert "process[watch]: started" in log

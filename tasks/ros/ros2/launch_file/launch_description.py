@@ -193,7 +193,7 @@ sys.stdout.write("\n" + json.dumps(answer) + "\n")
 _LIMIT_S = 60.0
 _STAND_IN = "tasks.ros.ros2.launch_file.stand_in_program"
 # Simulated time, after whatever the launch file says of it.
-_SIMULATED_TIME = ("-p", "use_sim_time:=true")
+SIMULATED_TIME = ("-p", "use_sim_time:=true")
 
 
 def resolve_description(source: LaunchSource, variables: Mapping[str, str], folder: Path) -> LaunchPlan:
@@ -351,7 +351,7 @@ def _nodes(answer: Mapping[str, Any]) -> tuple[NodePlan, ...]:
 
 
 def _node(answer: Mapping[str, Any]) -> NodePlan:
-    command = [*map(str, answer["command"]), *(_SIMULATED_TIME if answer["ros"] else ())]
+    command = [*map(str, answer["command"]), *(SIMULATED_TIME if answer["ros"] else ())]
     return NodePlan(
         name=str(answer["name"]),
         package=str(answer["package"]),
