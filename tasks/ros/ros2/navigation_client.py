@@ -1,6 +1,6 @@
 """Nav2's action NavigateToPose, as the robot's node asks for it: a client on plain DDS.
 
-Sources: ROS 2's design article "Actions"; action_msgs, ``msg/GoalStatus.msg``.
+Sources: ROS 2's design article "Actions", with the numbers of the ends of goals.
 """
 
 from collections.abc import Mapping

@@ -12,6 +12,7 @@ from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
 from tests.repository import ROOT
 
 _MAKE, _PINS = ROOT / "examples/ros/make_wheels.sh", ROOT / "examples/ros/wheels.txt"
+_MAKE_NAV2 = ROOT / "tests/data/rclpy/make_nav2_msgs.sh"
 _FOLDER = Path.home() / ".cache/simyard-tests" / f"ros2-{hashlib.sha256(_PINS.read_bytes()).hexdigest()[:16]}"
 
 
@@ -42,6 +43,16 @@ def rclpy(wheels: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(wheels))
     return wheels
+
+
+@pytest.fixture
+def nav2_msgs(monkeypatch: pytest.MonkeyPatch) -> Path:
+    """This machine with ROS 2, and nav2_msgs built from Nav2's own definition."""
+    folder = _FOLDER.with_name(f"{_FOLDER.name}-nav2")
+    done = subprocess.run([_MAKE_NAV2, folder], capture_output=True, text=True, timeout=_INSTALL_S, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(folder))
+    return folder
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ import numpy as np
 
 from specs.bundle_files import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
-from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.repository import ROOT
@@ -119,11 +119,11 @@ class Run:
         poses: Where the robots are at the end.
     """
 
-    def __init__(self, lockstep: Ros2Lockstep, lanes: int, steps: int) -> None:
+    def __init__(self, lockstep: Ros2Lockstep, lanes: int, steps: int, floor: FloorMap | None = None) -> None:
         worlds = [ToyWorld(seed) for seed in range(lanes)]
         self.commands: list[list[TwistCommand]] = [[] for _ in worlds]
         self.scans: list[np.ndarray] = []
-        lockstep.begin([world.sense() for world in worlds], [None] * lanes)
+        lockstep.begin([world.sense() for world in worlds], [floor] * lanes)
         for _ in range(steps):
             over = lockstep.failures.keys() | lockstep.goal_ends.keys()
             sensed: list[Sensed | None] = [

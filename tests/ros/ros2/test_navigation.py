@@ -1,14 +1,20 @@
 """Goals as actions of Nav2's NavigateToPose: what comes of them, of each lane, in lock-step."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from specs.bundle_files import RosRobot
-from tasks.ros.lockstep.exchange import GoalEnd
-from tests.ros.ros2.players import Run, drive
+from specs.bundle_files import RosRobot, RosTopics
+from tasks.ros.lockstep.exchange import FloorMap, GoalEnd, Launch
+from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
+from tasks.ros.lockstep.step_driver import LockstepPatience
+from tests.repository import ROOT
+from tests.ros.ros2.players import CONTROL_S, Run, drive, make_base
 
+_COSTMAP = "/global_costmap/costmap"
+_NAVIGATOR = ROOT / "tests/data/rclpy/navigator"
 _ROBOT = RosRobot(goals="navigate_to_pose", first_command_s=3.0)
 _GOAL_M = (2.0, 2.0)
 
@@ -41,3 +47,27 @@ def test_each_lane_has_its_own_end_and_the_same_commands_as_alone(tmp_path: Path
 def test_an_episode_does_not_begin_where_nobody_offers_the_action(tmp_path: Path) -> None:
     run = drive(tmp_path, "avoider", steps=1, robot=_ROBOT.model_copy(update={"ready_s": 3.0}))
     assert run.failures == {0: "not ready within 3 s: no node offers the action /navigate_to_pose (goals in ros.yaml)"}
+
+
+@pytest.mark.soak
+@pytest.mark.usefixtures("nav2_msgs")
+def test_a_navigator_of_rclpy_gets_there_by_the_map_alone_and_among_four(tmp_path: Path) -> None:
+    robot = _ROBOT.model_copy(
+        update={"topics": RosTopics(floor_map="/map"), "record": {_COSTMAP: "nav_msgs/OccupancyGrid"}}
+    )
+    cells = np.full((60, 60), 100, np.int8)
+    cells[1:-1, 1:-1] = 0
+    floor, digests = FloorMap(cells, (-3.0, -3.0), 0.1), list[str]()
+    for lanes in (1, 4):
+        folder = tmp_path / str(lanes)
+        shutil.copytree(_NAVIGATOR, folder / "bundle/navigator")
+        launch = Launch(folder / "bundle", "navigator", "navigator.launch.py", folder / "home", [{}] * lanes)
+        patience = LockstepPatience(stage_s=20.0)  # far more than a node takes, on a machine that does much else
+        with Ros2Lockstep(launch, make_base(robot), CONTROL_S, patience=patience) as lockstep:
+            run = Run(lockstep, lanes, 200, floor)
+            assert [topic for topic, _ in lockstep.heard(0)] == [_COSTMAP]
+        assert (run.failures, run.goal_ends) == ({}, {})
+        assert not any(each.late or each.stray for each in run.tallies)
+        assert float(np.linalg.norm(run.poses[0][:2] - _GOAL_M)) < 0.2
+        digests.append(run.digests[0])
+    assert digests[0] == digests[1]
