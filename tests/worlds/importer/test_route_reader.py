@@ -44,6 +44,12 @@ def test_named_routes_and_places_keep_their_names(tmp_path: Path) -> None:
     ]
 
 
+def test_what_only_looks_like_an_alias_is_text(tmp_path: Path) -> None:
+    text = "# 2 * 3 & more\nplaces: {'Lounge & Bar': [1, 2], \"*dock\": [3, 4]}  # *here\n"
+    found, _ = read_routes([written(tmp_path, text)])
+    assert [each.name for each in found] == ["Lounge & Bar", "*dock"]
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
