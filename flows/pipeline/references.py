@@ -249,7 +249,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         found = replace(found, exported=faults.keep(lambda: world_digests(worlds, store)))
     if batch := spec.simulationBatch:
         faults.keep(lambda: require_environment(os.environ))
-        plan = faults.keep(lambda: _checked_plan(batch, store, find, worlds=bool(spec.worldGeneration)))
+        plan = faults.keep(lambda: _checked_plan(batch, store, find, worlds=bool(spec.worldGeneration or spec.worlds)))
         faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         faults.keep(lambda: check_planned_confinement(plan, store) if plan else None)
         compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
@@ -355,12 +355,12 @@ def _checked_plan(section: SimulationBatch, store: Store, find: FindVersion, *, 
         section: The document's section.
         store: Where everything is.
         find: Finds versions.
-        worlds: Whether the document generates worlds, so that its requests need none of their own.
+        worlds: Whether the document generates or imports worlds, so that its requests need none of their own.
     """
     faults = KeptFaults()
     faults.keep(lambda: _require_bucket(store, output_location(section), "simulationBatch"))
     faults.keep(lambda: require_bag_writers(section.recordings.bags))
-    plan = faults.keep(lambda: batch_plan(section, (), store, find))
+    plan = faults.keep(lambda: batch_plan(section, None if worlds else (), store, find))
     if plan and not worlds and (fault := worldless_fault(plan)):
         faults.add([fault])
     if plan:

@@ -29,13 +29,14 @@ _REQUESTS = "simulationBatch.createSimulationJobRequests[*]"
 
 
 def batch_plan(
-    section: SimulationBatch, worlds: Sequence[str], store: Store, find: FindVersion, gate: Gate | None = None
+    section: SimulationBatch, worlds: Sequence[str] | None, store: Store, find: FindVersion, gate: Gate | None = None
 ) -> BatchPlan:
     """Returns the plan of a batch over the worlds that ``worlds: all`` means, and those that the section names.
 
     Args:
         section: The document's section.
-        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means.
+        worlds: ``<generation>/<world>`` of each world that ``worlds: all`` means; None while a section of the document
+            is still to make them.
         store: Where worlds and data are.
         find: Finds versions.
         gate: The document's gate if it may end the batch early; the plan is shuffled then.
@@ -45,7 +46,7 @@ def batch_plan(
         DocumentError: A request cannot be run.
     """
     faults = KeptFaults()
-    matrix = matrix_worlds(section, worlds)
+    matrix = matrix_worlds(section, worlds or ())
     digests = faults.keep(lambda: world_digests([*matrix, *requested_worlds(section)], store))
 
     @cache
@@ -58,7 +59,7 @@ def batch_plan(
             section, matrix, digests or {}, find, lambda one: pin(one.model_dump_json()), find_files=files
         )
 
-    plan = faults.keep(lambda: with_launched_worlds(planned(), section, store))
+    plan = faults.keep(lambda: planned() if worlds is None else with_launched_worlds(planned(), section, store))
     if plan is None or faults:
         raise faults.together()
     return shuffle_if_endable(plan, gate)

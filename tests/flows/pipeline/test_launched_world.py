@@ -57,6 +57,15 @@ def test_the_world_is_imported_and_the_spawn_is_its_start(folder: Path, file_sto
     assert (again.templates[0].worlds, worldless_fault(again)) == (template.worlds, None)
 
 
+def test_a_document_that_makes_worlds_needs_none_of_a_launch_file(folder: Path, file_store: Store):
+    spec = document("alone.launch").model_dump(mode="json", exclude_none=True)
+    template = str(ROOT / "examples/templates/two-rooms.json")
+    makes = {**spec, "worldGeneration": {"template": template, "worldCount": {"floorplanCount": 1}}}
+    found = resolve_references(PipelineSpec.model_validate(makes), file_store, folder).batch
+    assert found is not None
+    assert not found.world_digests
+
+
 def test_a_launch_file_without_a_world_is_refused_with_what_to_do(folder: Path, file_store: Store):
     with pytest.raises(DocumentError, match=r"worldConfigs.*alone.launch brings none: it starts no world of Gazebo's"):
         resolve_references(document("alone.launch"), file_store, folder)

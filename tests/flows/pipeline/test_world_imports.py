@@ -117,6 +117,20 @@ def test_a_name_stands_for_the_imported_world(tmp_path: Path, file_store: Store)
     assert [each.world for each in configs] == [imported.reference]
 
 
+@pytest.mark.usefixtures("in_process")
+def test_all_worlds_may_be_imported_ones_alone(tmp_path: Path, file_store: Store) -> None:
+    write_map(tmp_path, ROWS)
+    request: dict[str, object] = {"maxJobDurationInSeconds": 60}
+    for kind, name, launch in (("robot", "courier", "go_to_goal"), ("simulation", "delivery", "rooms")):
+        config = {"application": name, "launchConfig": {"packageName": name, "launchFile": launch}}
+        request[f"{kind}Applications"] = [config]
+    batch = {"createSimulationJobRequests": [request], "matrix": {"worlds": "all"}}
+    found = resolve_references(
+        document({"name": "hall", "source": "map.yaml"}, simulationBatch=batch), file_store, tmp_path
+    )
+    assert found.batch is not None
+
+
 @pytest.mark.parametrize("said", [LaunchRefused("it takes longer than 900 s"), "no answer"])
 def test_a_process_that_comes_to_no_answer_is_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: LaunchRefused | str
