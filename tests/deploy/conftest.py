@@ -15,6 +15,7 @@ from tasks.storage.store_url import open_store
 from tests.deploy.one_robot import GOOD, OneRobot
 from tests.deploy.trust.signed_fleet import CarefulRobot, Owner, asked
 from tests.deploy.yard import FLEET, Yard
+from tests.factories.lively_claims import LIVELY_S, renew_often
 
 _MEMORY, _ENOUGH_BYTES = Path("/dev/shm"), 1 << 30  # noqa: S108 - a folder of its own is made in it
 
@@ -34,8 +35,9 @@ def file_store(tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def quick_claims(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Controllers in this process renew their claims every 1.5 s, so that who waits for a renewal waits less."""
-    monkeypatch.setattr("tasks.deploy.rollout.deployment_job.hold_claim", partial(hold_claim, ttl_s=4.5))
+    """Controllers in this process renew their claims so often that who waits for a renewal waits less."""
+    renew_often(monkeypatch)
+    monkeypatch.setattr("tasks.deploy.rollout.deployment_job.hold_claim", partial(hold_claim, ttl_s=LIVELY_S))
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from tasks.storage.base.keys import bundle_key, claim_key, job_key, result_key, 
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.claim import Claim, hold_claim
 from tasks.storage.jobs.records import JobRecord, submit
+from tests.factories.lively_claims import hold_lively_claim
 from tests.housekeeping.yard import NOW, Meddled, Mortal, Yard, freed, worlds_of
 
 
@@ -130,7 +131,7 @@ def test_a_claim_that_was_taken_and_left_since_a_gc_released_it_stays(yard: Yard
 
 def test_what_a_live_process_works_on_stays_though_its_record_is_gone(yard: Yard, tmp_path: Path) -> None:
     lost = lost_generation(yard)
-    with hold_claim(yard.store, claim_key(lost.kind, lost.id), ttl_s=3.0):
+    with hold_lively_claim(yard.store, claim_key(lost.kind, lost.id)):
         gc = Thread(target=lambda: yard.gc(tmp_path))
         gc.start()
         gc.join()

@@ -31,6 +31,8 @@ _PROC = Path("/proc")
 _ENDED_STATES = frozenset("ZX")
 _LOG = logging.getLogger(__name__)
 _LONGEST_POLL_S = 0.2
+# How often a holder renews its claim in the time that it is good for.
+_BEATS = 3
 
 
 class ProcessIdentity(Spec):
@@ -153,7 +155,7 @@ class Claim:
             _LOG.warning("%s could not be released: %s", self._key, exc)
 
     def _beat(self) -> None:
-        while not self._replaced and not self._ended.wait(self._record.ttl_s / 3):
+        while not self._replaced and not self._ended.wait(self._record.ttl_s / _BEATS):
             before_s = time.monotonic()
             try:
                 self._write(self._record.model_copy(update={"beat": self._record.beat + 1}))

@@ -13,11 +13,12 @@ from tasks.deploy.fleet_descriptions import describe_deployment_job, list_deploy
 from tasks.deploy.rollout.observation import recorded_progress
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import encode_document
-from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim
+from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity
 from tasks.storage.jobs.records import job_id, read, records, submit
 from tasks.storage.store_url import open_store
 from tests.deploy.puppets import PuppetRobots, run
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
+from tests.factories.lively_claims import hold_lively_claim
 
 KIND = "deployment-job"
 
@@ -122,7 +123,7 @@ def test_a_fleet_takes_one_deployment_at_a_time(yard: Yard) -> None:
     other = _interrupted(yard, "other")
 
     with (
-        hold_claim(yard.store, claim_key(KIND, other), ttl_s=0.6),
+        hold_lively_claim(yard.store, claim_key(KIND, other)),
         pytest.raises(ConcurrentDeployment, match="wait for"),
     ):
         run(yard, robots, yard.request(version, "one"), version.digest)
@@ -159,7 +160,7 @@ def test_a_deployment_that_is_refused_makes_no_robots(yard: Yard) -> None:
     version, made = yard.publish({"run.sh": STAYS_UP}), Made(yard)
     other = _interrupted(yard, "other")
 
-    with hold_claim(yard.store, claim_key(KIND, other), ttl_s=0.6), pytest.raises(ConcurrentDeployment):
+    with hold_lively_claim(yard.store, claim_key(KIND, other)), pytest.raises(ConcurrentDeployment):
         run(yard, _puppets(yard, []), yard.request(version, "one"), version.digest, made=made)
 
     assert (made.owners, members(yard.store, FLEET)) == ([], [])

@@ -42,8 +42,8 @@ from tasks.simulate.lane.recording import Columns
 from tasks.storage.base.keys import claim_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
-from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import JobRecord
+from tests.factories.lively_claims import hold_lively_claim
 from tests.factories.planned_batches import all_pass, begun, mixed, plan, put_world, template
 from tests.factories.reports import facts
 from tests.factories.simulations import REPOSITORY, ROBOT
@@ -197,7 +197,7 @@ def test_cancelling_again_closes_a_batch_whose_process_died_before_it_could(left
 
 def test_a_batch_that_somebody_works_on_is_left_to_him(left: OpenBatch):
     cancel_batch(left.store, left.id)
-    with hold_claim(left.store, claim_key(BATCH, left.id), ttl_s=1.5):
+    with hold_lively_claim(left.store, claim_key(BATCH, left.id)):
         assert close_if_stopped(left.store, left.id).status == "Canceling"
     assert close_if_stopped(left.store, left.id).status == "Canceled"
 

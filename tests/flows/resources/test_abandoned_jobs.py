@@ -19,6 +19,7 @@ from tasks.storage.jobs.claim import ClaimRecord, ProcessIdentity, hold_claim
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tasks.storage.jobs.runs import KIND, begin_run, stage_token
 from tests.factories import planned_batches
+from tests.factories.lively_claims import hold_lively_claim
 
 ELSEWHERE = ProcessIdentity(host="elsewhere", pid=1, started="1")
 SPEC: dict[str, JsonValue] = {"name": "nightly", "worldGeneration": {}}
@@ -85,7 +86,7 @@ def test_a_job_whose_run_is_worked_on_is_not_left(file_store: Store) -> None:
     with begin_run(file_store, {"flow": "pipeline", "spec": SPEC}) as run:
         pass
     job = submit(file_store, "world-generation-job", {}, stage_token(run, "worlds"))
-    with hold_claim(file_store, claim_key(KIND, run.id), ttl_s=3.0):
+    with hold_lively_claim(file_store, claim_key(KIND, run.id)):
         assert reap_jobs(file_store) == []
         assert list(job_notes(file_store, job.arn)) == []
 

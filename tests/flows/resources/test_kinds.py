@@ -30,7 +30,6 @@ from tasks.deploy.rollout.deployment_job import run_deployment_job
 from tasks.simulate.batch.batch_record import canceled_jobs
 from tasks.storage.base.keys import claim_key
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.queue import leave_queue
 from tasks.storage.jobs.records import JobRecord, advance, read, submit
 from tasks.storage.jobs.runs import KIND, begin_run, jobs_of, run_of, stage_token
@@ -38,6 +37,7 @@ from tasks.storage.store_url import store_id
 from tasks.storage.tags import change_tags, with_tags
 from tasks.storage.templates import create_template, keep_body, update_template
 from tests.factories.batches import put_worlds
+from tests.factories.lively_claims import hold_lively_claim
 from tests.factories.planned_batches import begun
 from tests.factories.worlds import apartment
 from tests.flows.queue.queued_jobs import deployment_request, queue_generation, queue_job
@@ -97,7 +97,7 @@ def test_a_batch_that_does_not_exist_is_not_cancelled(file_store: Store):
 
 def test_an_old_arn_of_robomaker_means_the_batch_of_that_name(file_store: Store):
     batch = begun(file_store)
-    with hold_claim(file_store, claim_key("simulation-job-batch", batch.id), ttl_s=1.5):
+    with hold_lively_claim(file_store, claim_key("simulation-job-batch", batch.id)):
         cancel_resource(file_store, f"arn:aws:robomaker:us-east-1:111111111111:simulation-job-batch/{batch.id}")
     assert batch.record().status == "Canceling"
 
@@ -195,7 +195,7 @@ def test_a_run_that_nobody_works_on_is_canceled_at_once_with_its_job_and_keeps_w
 
 def test_whoever_works_on_a_run_is_left_to_end_it(file_store: Store) -> None:
     run = begun_run(file_store)
-    with hold_claim(file_store, claim_key(KIND, run.id), ttl_s=3.0):
+    with hold_lively_claim(file_store, claim_key(KIND, run.id)):
         assert cancel_run(file_store, run.id).status == "Canceling"
         with pytest.raises(StageFailed, match="Canceled: canceled on request"):
             require_not_canceled(file_store, run)

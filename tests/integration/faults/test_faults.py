@@ -18,9 +18,10 @@ from tasks.storage.backends import local
 from tasks.storage.backends.local import LocalStore
 from tasks.storage.backends.s3_client import S3Client
 from tasks.storage.base.store import Store
-from tasks.storage.jobs.claim import ProcessIdentity, hold_claim, hold_claim_unless_alive
+from tasks.storage.jobs.claim import ProcessIdentity, hold_claim_unless_alive
 from tasks.storage.jobs.records import JobRecord
 from tasks.storage.store_url import open_store
+from tests.factories.lively_claims import hold_lively_claim
 from tests.integration.faults.breakable_work import Work, export, generate, results, simulate
 
 pytestmark = pytest.mark.integration
@@ -154,8 +155,8 @@ def test_work_under_a_clock_that_is_set_again_and_again_has_the_same_bytes(
 
 @pytest.mark.usefixtures("wild_clock")
 def test_a_claim_is_not_taken_over_because_a_clock_was_set(store: Store) -> None:
-    with hold_claim(store, "claims/batch/b.json", ttl_s=3.0) as held, _holders_known_dead(is_dead=False):
-        with hold_claim_unless_alive(store, "claims/batch/b.json", ttl_s=3.0) as other:
+    with hold_lively_claim(store, "claims/batch/b.json") as held, _holders_known_dead(is_dead=False):
+        with hold_claim_unless_alive(store, "claims/batch/b.json") as other:
             assert other is None
         assert not held.lost
 

@@ -20,7 +20,6 @@ from tasks.storage.backends.local import LocalStore
 from tasks.storage.base.keys import claim_key, job_key, token_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs import records
-from tasks.storage.jobs.claim import hold_claim
 from tasks.storage.jobs.records import (
     JobRecord,
     JobTransition,
@@ -34,6 +33,7 @@ from tasks.storage.jobs.records import (
     submit,
 )
 from tasks.storage.store_url import open_store, store_id
+from tests.factories.lively_claims import hold_lively_claim
 from tests.servers.racers import in_processes, submit_together
 
 _KIND = "world-generation-job"
@@ -367,7 +367,7 @@ def test_a_job_that_nobody_works_on_is_canceled_at_once(file_store: Store) -> No
 
 def test_whoever_works_on_a_job_is_left_to_end_it(file_store: Store) -> None:
     job = submit(file_store, KIND, {}, "one").id
-    with hold_claim(file_store, claim_key(KIND, job), ttl_s=4.5):
+    with hold_lively_claim(file_store, claim_key(KIND, job)):
         advance(file_store, KIND, job, "Running")
         assert cancel_watched_job(file_store, KIND, job).status == "Canceling"
     assert read(file_store, KIND, job).status == "Canceling"
