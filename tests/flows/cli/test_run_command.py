@@ -334,7 +334,7 @@ def test_either_way_continues_what_the_other_began(first: str, tmp_path: Path):
     file = write_document(tmp_path, {name: part for name, part in small_document().items() if name != "deployment"})
     store, second = tmp_path / "store", "" if first else "--direct"
     killed = simyard("run", *first.split(), str(file), "--store", store.as_uri())
-    assert eventually(lambda: "Completed" in {status for _, status in statuses(store)["world-export-job"]}, 100.0)
+    assert eventually(lambda: "Completed" in {status for _, status in statuses(store)["world-export-job"]})
     killed.kill()
     killed.communicate()
     began = statuses(store)

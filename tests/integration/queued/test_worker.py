@@ -41,16 +41,16 @@ def test_roll_outs_and_worlds_do_not_wait_for_a_batch_which_is_canceled_within_s
         workers_at(file_store, tmp_path),
     ):
         batch = queue_batch(file_store, worlds, "long", seeds=400, lanes=1)
-        eventually(lambda: read(file_store, batch.kind, batch.id).status == "InProgress", 60)
+        eventually(lambda: read(file_store, batch.kind, batch.id).status == "InProgress")
         others = [
             queue_generation(file_store, "worlds-beside"),
             queue_export(file_store, worlds, "export-beside"),
             _queue_deployment(file_store, "deployment-beside"),
         ]
-        eventually(lambda: all(is_terminal(read(file_store, each.kind, each.id)) for each in others), 120)
+        eventually(lambda: all(is_terminal(read(file_store, each.kind, each.id)) for each in others))
         beside = [read(file_store, each.kind, each.id).status for each in others]
         sync = _queue_deployment(file_store, "sync-beside", sync=True)
-        eventually(lambda: is_terminal(read(file_store, sync.kind, sync.id)), 60)
+        eventually(lambda: is_terminal(read(file_store, sync.kind, sync.id)))
         during = read(file_store, batch.kind, batch.id).status
         cancel_batch(file_store, batch.id)
         wait_until_done(file_store)
