@@ -5,6 +5,7 @@ remaps and which namespace it starts a node in counts, as ROS resolves names (wi
 """
 
 import ast
+import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +18,8 @@ from tasks.ros.launch.python2 import python_tree
 _WANTS = {"Subscriber": 0, "wait_for_message": 0, "create_subscription": 1}
 _GIVES = {"Publisher": 0, "create_publisher": 1}
 _NAMES = ("name", "topic")
+# How an executable of a Python package of ROS 2 that is not built is run.
+_IMPORT = re.compile(r"^import sys;.* from ([\w.]+) import \w+;")
 
 
 class WantedTopic(Spec):
@@ -52,14 +55,25 @@ def node_topics(node: NodePlan, bundle: Path) -> NodeTopics:
         node: As the launch file starts it.
         bundle: Folder that holds the ROS packages.
     """
-    programs = [Path(word) for word in node.command if word.startswith(f"{bundle}/")]
-    tree = next((found for each in programs if (found := python_tree(each)) is not None), None)
+    tree = next((found for each in _programs(node, bundle) if (found := python_tree(each)) is not None), None)
     if tree is None:
         return NodeTopics()
     names = _names(node)
     wants = dict.fromkeys(names.full(each) for each in _topics(tree, _WANTS))
     gives = dict.fromkeys(names.full(each) for each in _topics(tree, _GIVES))
     return NodeTopics((*wants,), (*gives,), known=True)
+
+
+def _programs(node: NodePlan, bundle: Path) -> Iterator[Path]:
+    """Yields files of the bundle that a node's command runs; of a package that is not built it imports a function."""
+    paths = [Path(each) for each in dict(node.environment).get("PYTHONPATH", "").split(":")]
+    own = [each for each in paths if each.is_relative_to(bundle)]
+    for word in node.command:
+        if word.startswith(f"{bundle}/"):
+            yield Path(word)
+        elif found := _IMPORT.search(word):
+            files = (folder.joinpath(*found[1].split(".")).with_suffix(".py") for folder in own)
+            yield from (each for each in files if each.is_file())
 
 
 def _topics(tree: ast.Module, calls: dict[str, int]) -> Iterator[str]:

@@ -44,14 +44,14 @@ def python_tree(program: Path) -> ast.Module | None:
 
 
 def _python(program: Path) -> bytes:
-    """Returns the text of a program in Python; nothing of another one."""
+    """Returns the text of a program or a module in Python; nothing of another one."""
     try:
         with program.open("rb") as file:
             text = file.read(_MOST_BYTES)
     except OSError:
         return b""
     first = text.partition(b"\n")[0]
-    return text if first.startswith(b"#!") and b"python" in first else b""
+    return text if (b"python" in first if first.startswith(b"#!") else program.suffix == ".py") else b""
 
 
 def _gone(tree: ast.Module) -> Iterator[tuple[int, str]]:

@@ -48,6 +48,16 @@ def test_remappings_and_namespaces_count_as_in_ros(program: Path) -> None:
     assert found.gives == ("/robot/plan/goal",)
 
 
+def test_a_function_that_a_package_of_ros_2_runs_is_read_in_its_module(program: Path) -> None:
+    package = program.parent / "roam"
+    package.mkdir()
+    (package / "drive.py").write_text(_ROS2.partition("\n")[2])
+    call = "import sys; sys.argv[0] = 'roam'; from roam.drive import main; sys.exit(main())"
+    command = ("/usr/bin/python3", "-c", call, "--ros-args", "-r", "scan:=front")
+    node = NodePlan("/roam", "roam", "roam", command, environment=(("PYTHONPATH", f"/opt/ros:{program.parent}"),))
+    assert node_topics(node, program.parent) == NodeTopics(("/front",), ("/cmd_vel",), known=True)
+
+
 @pytest.mark.parametrize("text", ["\x7fELF", "#!/bin/sh\n", "#!/usr/bin/env python\nprint 'old'\n"])
 def test_a_program_that_nobody_reads_may_publish_anything(program: Path, text: str) -> None:
     assert read(program, text) == NodeTopics()
