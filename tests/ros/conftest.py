@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -58,6 +59,17 @@ def home(tmp_path: Path) -> Iterator[Path]:
     folder = tmp_path / "home"
     yield folder
     assert not folder.exists()
+
+
+@pytest.fixture
+def burners() -> Iterator[None]:
+    """A process on each core that computes as long as the test lasts."""
+    command = [sys.executable, "-I", "-S", "-c", "while True: pass"]
+    running = [subprocess.Popen(command) for _ in range(os.cpu_count() or 2)]
+    yield
+    for each in running:
+        each.kill()
+        each.wait()
 
 
 def launch_of(bundle: Path, file: str, home: Path, environment: list[dict[str, str]]) -> Launch:

@@ -1,9 +1,5 @@
 """The same episode, whoever runs beside it: the same commands, byte for byte."""
 
-import os
-import subprocess
-import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,17 +12,6 @@ from tests.ros.lockstep.room import drive
 # wait is not counted. That no stage is late is asserted all the same.
 PATIENCE = LockstepPatience(stage_s=6.0)
 APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late", "chain", "hands"]
-
-
-@pytest.fixture
-def burners() -> Iterator[None]:
-    """A process on each core that computes as long as the test lasts."""
-    command = [sys.executable, "-I", "-S", "-c", "while True: pass"]
-    running = [subprocess.Popen(command) for _ in range(os.cpu_count() or 2)]
-    yield
-    for each in running:
-        each.kill()
-        each.wait()
 
 
 def launch(bundle: Path, application: str, home: Path, lanes: int) -> Launch:

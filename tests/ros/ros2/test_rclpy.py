@@ -1,5 +1,7 @@
 """Nodes of ROS 2's own rclpy, on its default middleware, in lock-step with their episodes."""
 
+import json
+import random
 import shutil
 from pathlib import Path
 
@@ -19,11 +21,11 @@ _PATIENT = LockstepPatience(stage_s=20.0)
 _SHARED = Path("/dev/shm")  # noqa: S108 - where Fast DDS would have its memory
 
 
-def drive(folder: Path, package: Path, file: str, nodes: str = "", lanes: int = 1) -> Run:
+def drive(folder: Path, package: Path, file: str, nodes: str = "", lanes: int = 1, *, graph: str = "") -> Run:
     """Returns what came of episodes with the nodes of a package."""
     folder.mkdir()
     shutil.copytree(package, folder / "bundle" / package.name)
-    environment = {"NODES": nodes, "SPEED": "0.2"}
+    environment = {"NODES": nodes, "SPEED": "0.2", "GRAPH": graph}
     launch = Launch(folder / "bundle", package.name, file, folder / "home", [environment] * lanes)
     with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=_PATIENT) as lockstep:
         return Run(lockstep, lanes, 30)
@@ -50,6 +52,65 @@ def test_the_same_row_comes_again_alone_and_among_four(tmp_path: Path, nodes: st
     assert any(each.ahead_m_s for each in runs[0].commands[0])
     # Nodes are killed, and leave nothing where they share memory.
     assert not [each for each in set(_SHARED.iterdir()) - before if "fastdds" in each.name or "fastrtps" in each.name]
+
+
+def _random_graph(seed: int) -> dict[str, dict[str, object]]:
+    """Returns a tree of nodes: each reads the scan or what one before it writes, and may ask a node of its own.
+
+    A node that reads of two others in one control step would get it in the order that they end in, as on a robot.
+    """
+    draw, graph = random.Random(seed), dict[str, dict[str, object]]()  # noqa: S311 - no secret
+    count = draw.randint(1, 3)
+    for k in range(count):
+        reads = draw.choice(["scan", *(f"hop{j}" for j in range(k))])
+        own = {"threads": draw.random() < 0.5, "sleep_s": draw.choice([0.0, 0.01, 0.03]), "answers": "", "asks": ""}
+        graph[f"n{k}"] = {**own, "reads": reads, "writes": f"hop{k}", "timer_s": draw.choice([0.0, 0.1, 0.15])}
+        if draw.random() < 0.5:
+            graph[f"n{k}"]["asks"] = f"count{k}"
+            graph[f"a{k}"] = {**own, "reads": "", "timer_s": 0.0, "answers": f"count{k}"}
+    graph[f"n{count - 1}"]["writes"] = "cmd_vel"
+    return graph
+
+
+def _drive_graph(folder: Path, seed: int, lanes: int) -> Run:
+    graph = _random_graph(seed)
+    nodes = " ".join(f"part:{name}" for name in graph)
+    return drive(folder, _TRIALS, "trials.launch.py", nodes, lanes, graph=json.dumps(graph))
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclpy")
+@pytest.mark.parametrize("seed", [100, 101])
+def test_a_random_graph_gives_the_same_row_alone_and_among_two(tmp_path: Path, seed: int) -> None:
+    runs = [_drive_graph(tmp_path / str(k), seed, lanes) for k, lanes in enumerate((1, 2))]
+    assert [run.failures for run in runs] == [{}, {}]
+    assert runs[0].digests[0] == runs[1].digests[0]
+    assert not any(each.late or each.stray for run in runs for each in run.tallies)
+    assert any(each.ahead_m_s for each in runs[0].commands[0])
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.usefixtures("rclpy", "burners")
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_random_graphs_give_the_same_row_in_any_number_of_lanes_beside_burners(tmp_path: Path, seed: int) -> None:
+    runs = [_drive_graph(tmp_path / f"{lanes}-{k}", seed, lanes) for lanes in (1, 4, 8) for k in range(3)]
+    assert all(run.failures == {} for run in runs)
+    assert {run.digests[0] for run in runs} == {runs[0].digests[0]}
+    assert not any(each.late or each.stray for run in runs for each in run.tallies)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.usefixtures("rclpy", "burners")
+@pytest.mark.parametrize("lanes", [1, 4, 8])
+@pytest.mark.parametrize("nodes", ["roam", "threads", "counter asker"])
+def test_ten_repeats_beside_burners_give_the_same_rows(tmp_path: Path, nodes: str, lanes: int) -> None:
+    package, file = (_ROAMER, "roam.launch.py") if nodes == "roam" else (_TRIALS, "trials.launch.py")
+    runs = [drive(tmp_path / str(k), package, file, nodes, lanes) for k in range(10)]
+    assert all(run.failures == {} for run in runs)
+    assert {tuple(run.digests) for run in runs} == {tuple(runs[0].digests)}
+    assert not any(each.late or each.stray for run in runs for each in run.tallies)
 
 
 @pytest.mark.long

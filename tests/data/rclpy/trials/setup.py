@@ -9,6 +9,7 @@ setup(
             "stamped = trials.nodes:stamped",
             "counter = trials.nodes:counter",
             "asker = trials.nodes:asker",
+            "part = trials.nodes:part",
         ]
     },
 )

@@ -6,4 +6,5 @@ from launch_ros.actions import Node
 
 def generate_launch_description():
     names = os.environ["NODES"].split()
-    return LaunchDescription([Node(package="trials", executable=each, name=each) for each in names])
+    programs = [each.partition(":")[::2] for each in names]
+    return LaunchDescription([Node(package="trials", executable=each, name=name or each) for each, name in programs])

@@ -1,6 +1,8 @@
 """Nodes of rclpy, each with something that makes its order of events its own affair."""
 
+import json
 import math
+import os
 import time
 
 import rclpy
@@ -13,6 +15,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
 from test_msgs.action import Fibonacci
 
 
@@ -101,10 +104,64 @@ class Asker(Node):
         self.order += len(result.result().result.sequence) % 3
 
 
+class Part(Node):
+    """One node of a graph: hands on what it reads, once it slept and asked, and turns by a timer."""
+
+    def __init__(self):
+        super().__init__("part")
+        self.does, self.turn, self.asked = json.loads(os.environ["GRAPH"])[self.get_name()], 0.0, None
+        group = ReentrantCallbackGroup()
+        if self.does["reads"]:
+            kind = LaserScan if self.does["reads"] == "scan" else Twist
+            self.commands = self.create_publisher(Twist, self.does["writes"], 10)
+            self.create_subscription(kind, self.does["reads"], self.on_message, 10, callback_group=group)
+        if self.does["timer_s"]:
+            self.create_timer(self.does["timer_s"], self.on_timer, callback_group=group)
+        if self.does["asks"]:
+            self.asked = self.create_client(Trigger, self.does["asks"], callback_group=group)
+        if self.does["answers"]:
+            self.calls = 0
+            self.create_service(Trigger, self.does["answers"], self.on_request, callback_group=group)
+
+    def on_message(self, message):
+        twist = Twist() if isinstance(message, LaserScan) else message
+        if isinstance(message, LaserScan):
+            twist.linear.x = 0.2 * min(1.0, *message.ranges)
+        twist.angular.z += self.turn
+        time.sleep(self.does["sleep_s"])
+        if self.asked is None:
+            self.commands.publish(twist)
+        else:
+            self.asked.call_async(Trigger.Request()).add_done_callback(
+                lambda done: self.on_answer(twist, done.result())
+            )
+
+    def on_answer(self, twist, answer):
+        twist.angular.z += 0.01 * (int(answer.message) % 7)
+        self.commands.publish(twist)
+
+    def on_timer(self):
+        self.turn = 0.1 * math.cos(self.get_clock().now().nanoseconds * 1e-9)
+
+    def on_request(self, _, response):
+        self.calls += 1
+        time.sleep(self.does["sleep_s"])
+        response.message = str(self.calls)
+        return response
+
+
 def _spin(kind, executor):
     rclpy.init()
     executor = executor()
     executor.add_node(kind())
+    executor.spin()
+
+
+def part():
+    rclpy.init()
+    node = Part()
+    executor = MultiThreadedExecutor() if node.does["threads"] else SingleThreadedExecutor()
+    executor.add_node(node)
     executor.spin()
 
 
