@@ -134,7 +134,7 @@ def show_report(report: PipelineReport, console: Console) -> None:
     table = Table(title=Text(f"{report.name} ({report.run})"), title_justify="left")
     table.add_column("stage")
     table.add_column("status")
-    table.add_column("what came of it")
+    table.add_column("what came of it", overflow="fold")  # a path is copied
     table.add_column("seconds", justify="right")
     for stage in report.stages:
         table.add_row(Text(stage.name), _status(stage.status), Text(stage.summary), f"{stage.seconds:.1f}")

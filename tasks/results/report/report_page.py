@@ -7,6 +7,7 @@ scripts and requests besides. Prefect's pages show the picture and the Markdown.
 import functools
 import hashlib
 import logging
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -69,7 +70,13 @@ def _colors(ground: str) -> str:
 
 
 def _fit(value: object) -> object:
-    return xml_text(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    """Returns a text as a page may hold it; no line begins with the sign of a percentage."""
+    if isinstance(value, str) and not isinstance(value, Markup):
+        return _PERCENT.sub("\u00a0%", xml_text(value))
+    return value
+
+
+_PERCENT = re.compile(r"(?<=[0-9]) %")
 
 
 _VERDICT_MARKS = {"PASS": "✅", "FAIL": "❌", "INCONCLUSIVE": "❔"}

@@ -360,3 +360,12 @@ def test_a_record_that_somebody_else_has_written_is_named_as_that(file_store: St
     with pytest.raises(ObjectCorrupt, match="was not written by this version of Simyard") as caught:
         batch_report(record, 2.0)
     assert record.arn in str(caught.value)
+
+
+def test_a_path_in_a_summary_is_folded_and_not_cut():
+    path = "/" + "a-log-of-a-robot" * 6
+    console = Console(file=io.StringIO(), width=80)
+    stage = StageReport(name="deployment", arn="", status="Failed", summary=f"its output is in {path}", seconds=0.5)
+    show_report(PipelineReport(run="run-1", name="n", stages=(stage,)), console)
+    rows = cast("io.StringIO", console.file).getvalue().splitlines()
+    assert path in "".join(row.split("│")[3].strip() for row in rows if row.startswith("│"))

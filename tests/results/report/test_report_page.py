@@ -187,6 +187,14 @@ def test_each_of_several_rules_has_its_verdict_and_its_sentence(tmp_path: Path):
     assert "INCONCLUSIVE collisionRate: too few to tell" in text
 
 
+def test_no_line_begins_with_the_sign_of_a_percentage(tmp_path: Path):
+    open_one = RuleAnswer(name="collisionRate", verdict="INCONCLUSIVE", sentence="INCONCLUSIVE: too few to tell")
+    failed = RuleAnswer(name="successRate", verdict="FAIL", sentence="FAIL: 0 of 8 (0.0 %, 90 % interval)")
+    judged = Judgement(verdict="FAIL", sentence="0 of 8", at_least=0.9, confidence=0.9, rules=(failed, open_one))
+    text = "".join(elements(report_page(view(tmp_path, judgement=judged))).text)
+    assert "0 of 8 (0.0\u00a0%, 90\u00a0% interval)" in text
+
+
 def test_where_two_versions_drove_it_is_said_which_one_was_judged(tmp_path: Path):
     both = Judgement(verdict="PASS", sentence="PASS: good", at_least=0.9, confidence=0.95, alone="courier version 2")
     text = "".join(elements(report_page(view(tmp_path, judgement=both))).text)
