@@ -58,7 +58,7 @@ def _survives(store: Store, folder: Path, victim: str, kills: int, seeds: int) -
                 broken.append(_queued(store, worlds, f"broken-{len(broken)}", seeds))
             _kill(store, workers, victim, rng)
             _LOG.warning("%s: kill %d of the %s, batch %d", store.url, number + 1, victim, len(broken))
-        wait_until_done(store, 1200.0)
+        wait_until_done(store)
 
     expected = _rows(store, unbroken)
     assert None not in expected
