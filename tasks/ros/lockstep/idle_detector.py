@@ -29,6 +29,7 @@ _USUAL_NS = 20_000.0
 _LITTLE_NS = 100_000
 _IN_TIME = 0.03
 _LOOKED = 0.15
+_SELDOM_S = 0.6
 _FEW = 6
 # How soon to ask again whether one polled, in its periods: whoever asks takes the core that it may wait for.
 _PEEK = 0.4
@@ -36,8 +37,10 @@ _PEEK = 0.4
 _MOST_POLLS = 64
 _AGAIN_S = 0.0003
 _REST_KEPT_S = 0.25
-# A limit takes so many times as long at most, however busy the machine is.
-_LONGEST_LIMIT = 5.0
+# Who looks late, because others had the core, did not see the application sleep for all of that time.
+_LONGEST_SEEN_S = 0.02
+# A limit takes so many times as long at most: a thread that waits for a disk which is gone neither runs nor sleeps.
+_LONGEST_LIMIT = 30.0
 _TOLD = 3
 
 
@@ -61,12 +64,21 @@ class _Lapse(NamedTuple):
 
 
 class _Wake(NamedTuple):
-    """When a thread ran last, as far as was seen, how long after the time before, what was counted, its period."""
+    """When a thread ran last: after one look and before the next.
 
+    Attributes:
+        after_s, at_s: When these looks were.
+        counted: What was counted of it by then.
+        gap_s: How long after the time before, without what it waited for a core; 0 where the looks do not tell.
+        period_s, usual_ns: How long it sleeps if nobody wakes it, and runs then; 0 for one of which that is not known.
+    """
+
+    after_s: float
     at_s: float
-    gap_s: float
     counted: Runs
-    period_s: float
+    gap_s: float = 0.0
+    period_s: float = 0.0
+    usual_ns: float = 0.0
 
 
 class PollOrders:
@@ -129,6 +141,7 @@ class IdleDetector:
         self._watch = application.watch
         self._sleepers: frozenset[int] = frozenset()
         self._begun_s = self._granted_s = 0.0
+        self._asleep, self._seen_s, self._slept_s = False, 0.0, 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
         self._noted = False
@@ -142,7 +155,7 @@ class IdleDetector:
         self._wakes: dict[int, _Wake] = {}
         self._counted: tuple[float, dict[int, Runs]] = (0.0, {})
         self._known: frozenset[int] = frozenset()
-        self._before_s = self._looked_s = self._idle_s = 0.0
+        self._noted_s = self._looked_s = self._idle_s = 0.0
         self._idle_runs: Counter[int] = Counter()
 
     def begin(self, now_s: float, *, fresh: bool, ticked: bool) -> None:
@@ -161,26 +174,35 @@ class IdleDetector:
             self._watch.snapshot()
         self._watch.mark()
         self._begun_s, self._granted_s, self._begun_runs = now_s, 0.0, self._watch.runs
+        self._seen_s, self._slept_s = now_s, 0.0
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
 
     def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
+        state = self._look(now_s)
+        if self._asleep:
+            self._slept_s += min(now_s - self._seen_s, _LONGEST_SEEN_S)
+        self._seen_s = now_s
+        return state
+
+    def _look(self, now_s: float) -> IdleState:
         self._noted = False
         if self._due and not self._polled(now_s):
             return IdleState.WAITS
-        self._before_s, self._looked_s = self._looked_s, now_s
+        self._looked_s = now_s
         self.application.find()
         rest, served = self._watch.look(self.pollers.keys()), self.graph.served
         heard, self._served = served != self._served, served
-        self._noted = rest is not Rest.AWAKE
+        self._noted = self._asleep = rest is not Rest.AWAKE
         if self._lapses:
             self._take_back(now_s)
         awake = rest is Rest.AWAKE or bool(self.graph.busy)
         woken = self._watch.changed - self.pollers.keys() if rest is not Rest.AWAKE else frozenset[int]()
-        in_time = [self._in_time(tid, now_s) for tid in woken]
-        if awake or heard or woken:
-            if awake or heard or not all(in_time):
-                self._due = None
+        anew = {self._watch.process(tid) for tid in woken if not self._in_time(tid, now_s)}
+        if rest is not Rest.AWAKE:
+            self._noted_s = now_s
+        if awake or heard or anew:
+            self._begin_anew({0} if heard else anew, now_s)
             if not self.has_time(self._nap_s, now_s):
                 self._begin_to_poll(woken | self._watch.sleepers(), now_s)
             return IdleState.AWAKE if awake else IdleState.SOON
@@ -203,16 +225,18 @@ class IdleDetector:
         return IdleState.STOPPED if rest is Rest.STOPPED else IdleState.QUIET
 
     def has_time(self, limit_s: float, now_s: float) -> bool:
-        """Returns whether the application could run for less than a limit since the last ``begin``.
+        """Returns whether the application took less than a limit since the last ``begin``.
 
-        What one of its threads waited for a core at most does not count: it is not the application's doing. Nor does
-        what it took to find that threads have begun to poll.
+        What counts is its own doing: for how long a thread of it ran at most, and for how long all were seen to sleep;
+        not what they waited for a core. Nor does what it took to find that threads have begun to poll.
         """
         took_s = now_s - self._begun_s
         if took_s < limit_s:
             return True
-        given_s = limit_s + self._granted_s
-        return took_s < _LONGEST_LIMIT * limit_s and took_s - self._watch.waited_s(self._begun_runs) < given_s
+        return took_s < _LONGEST_LIMIT * limit_s and self._own_s() - self._granted_s < limit_s
+
+    def _own_s(self) -> float:
+        return self._slept_s + self._watch.ran_s(self._begun_runs)
 
     def restless(self, now_s: float) -> str:
         """Returns which threads were run most since the last ``begin``, whose, where and how often, for a person."""
@@ -276,7 +300,7 @@ class IdleDetector:
         }
         for tid, ran in found.items():
             self._add_poller(tid, waited_s / ran.times, ran.ran_ns / ran.times)
-            self._due, self._granted_s = None, waited_s
+            self._due, self._granted_s = None, self._own_s()
         return bool(found)
 
     def _add_poller(self, tid: int, period_s: float, usual_ns: float) -> None:
@@ -290,7 +314,11 @@ class IdleDetector:
             self._idle_s = 0.0
             self._idle_runs.clear()
         self._idle_s += now_s - self._looked_s
-        self._idle_runs.update(self._watch.changed - self.pollers.keys())
+        woken = self._watch.changed - self.pollers.keys()
+        self._idle_runs.update(woken)
+        for tid in woken:
+            self._in_time(tid, now_s)
+        self._noted_s = now_s
         self._wakes = {tid: wake for tid, wake in self._wakes.items() if tid in self._watch.runs}
         often = any(runs >= _POLLS and self._idle_s / runs < _POLL_S for runs in self._idle_runs.values())
         self.suspect = self.suspect or often or not self._watch.runs.keys() <= self._known
@@ -298,21 +326,28 @@ class IdleDetector:
     def _proved(self, now_s: float) -> bool:
         """Returns whether polling changes nothing any more; all who do not poll slept since the look before."""
         if self._due is None:
-            self._due = self._begin_orders(now_s)
+            self._orders = {}
+            self._due = self._begin_orders(self._watch.touched(self._begun_runs, self.pollers.keys()), now_s)
             return not self._due
         # What is on its way between two sockets at this look is there at the next.
         confirmed, self._due, self.next_s = not self._due, {}, now_s
         return confirmed
 
-    def _begin_orders(self, now_s: float) -> dict[int, tuple[Runs, float]]:
-        """Returns who has to poll: all pollers of those processes in which anybody else was run."""
-        touched = self._watch.touched(self._begun_runs, self.pollers.keys())
+    def _begin_anew(self, pids: Set[int], now_s: float) -> None:
+        """Waits for all pollers of some processes again: somebody was run there. 0 stands for all processes."""
+        if 0 in pids:
+            self._due = None
+        elif self._due is not None and pids:
+            self._due |= self._begin_orders(pids, now_s)
+
+    def _begin_orders(self, pids: Set[int], now_s: float) -> dict[int, tuple[Runs, float]]:
+        """Returns who has to poll: all pollers of those processes, in which anybody else was run."""
         groups: dict[int, list[int]] = {}
         for tid in self.pollers:
             pid = self._watch.process(tid)
-            if touched & {pid, 0} and (self._ticked or tid not in self.timers):
+            if pids & {pid, 0} and (self._ticked or tid not in self.timers):
                 groups.setdefault(pid, []).append(tid)
-        self._orders = {pid: PollOrders(tids) for pid, tids in groups.items()}
+        self._orders |= {pid: PollOrders(tids) for pid, tids in groups.items()}
         due = {tid: (Runs.of(self._watch.now(tid)), now_s) for tids in groups.values() for tid in tids}
         self.next_s = now_s + _PEEK * min((self.pollers[tid] for tid in due), default=0.0)
         return due
@@ -322,6 +357,7 @@ class IdleDetector:
         due, polled = self._due or {}, set[int]()
         counted = {tid: Runs.of(self._watch.now(tid)) for tid in due}
         awake = {tid for tid in due if self._watch.waits_for_core(tid)}
+        self._asleep = not awake
         for tid in due.keys() - awake:
             noted, at_s = due[tid]
             runs = counted[tid].times - noted.times
@@ -354,20 +390,23 @@ class IdleDetector:
         """Returns whether a thread only woke up as it does again and again, each tenth of a second or more seldom.
 
         roscpp has three threads or more of that kind in each node: if one of them in a graph of ten nodes began
-        everything anew, no round would end. It woke as long after the time before as that time after the one before,
-        ran once, and no longer than then.
+        everything anew, no round would end. It ran once, no longer than usual, and at its time as far as looks tell:
+        who looks seldom, because others have the cores, knows only after and before which look.
         """
-        before, counted = self._wakes.get(tid), Runs.of(self._watch.runs.get(tid, b""))
-        before = before or _Wake(now_s, 0.0, counted, 0.0)
-        gap_s, looked_s = now_s - before.at_s, now_s - self._before_s
-        near_s = _IN_TIME * gap_s + looked_s
-        again = gap_s > _POLL_S and looked_s < _LOOKED * gap_s and abs(gap_s - before.gap_s) < near_s
-        self._wakes[tid] = _Wake(now_s, gap_s, counted, gap_s if again else before.period_s)
-        return (
-            abs(gap_s - before.period_s) < near_s
-            and counted.times - before.counted.times == 1
-            and counted.ran_ns - before.counted.ran_ns < _LITTLE_NS
-        )
+        counted = Runs.of(self._watch.runs.get(tid, b""))
+        before = self._wakes.get(tid) or _Wake(now_s, now_s, counted)
+        ran_ns, waited_s = counted.ran_ns - before.counted.ran_ns, (counted.waited_ns - before.counted.waited_ns) / 1e9
+        once, usual_s = counted.times - before.counted.times == 1, before.period_s
+        least_s, most_s = self._noted_s - before.at_s - waited_s, now_s - before.after_s - waited_s
+        gap_s, off_s = (most_s + least_s) / 2, (most_s - least_s) / 2
+        wake = before._replace(after_s=self._noted_s, at_s=now_s, counted=counted, gap_s=0.0)
+        if once and _POLL_S < gap_s < _SELDOM_S and ran_ns < _LITTLE_NS and off_s < _LOOKED * gap_s:
+            wake = wake._replace(gap_s=gap_s)
+            if abs(gap_s - before.gap_s) < _IN_TIME * gap_s + off_s:
+                wake = wake._replace(period_s=gap_s, usual_ns=ran_ns)
+        self._wakes[tid] = wake
+        usual = once and usual_s > 0.0 and ran_ns < min(_LITTLE_NS, _USUAL * before.usual_ns + _USUAL_NS)
+        return usual and least_s < (1.0 + _IN_TIME) * usual_s and most_s > (1.0 - _IN_TIME) * usual_s
 
     def _give_up(self, tid: int, now_s: float) -> None:
         """Waits no more for a thread that does not poll any more, as it seems."""

@@ -207,10 +207,8 @@ class ThreadWatch:
         thread = self._threads.get(tid)
         return thread is not None and self._state(thread) in _AWAKE
 
-    def waited_s(self, before: Mapping[int, bytes]) -> float:
-        """Returns the longest that a thread waited for a core since that was noted, in seconds.
-
-        The kernel counts a wait when it is over.
+    def ran_s(self, before: Mapping[int, bytes]) -> float:
+        """Returns the longest that a thread ran since that was noted, in seconds.
 
         Args:
             before: What ``runs`` was; a thread that is not there came later.
@@ -222,7 +220,7 @@ class ThreadWatch:
             except OSError:
                 self._forget(tid)
                 continue
-            longest_ns = max(longest_ns, Runs.of(now).waited_ns - Runs.of(before.get(tid, b"")).waited_ns)
+            longest_ns = max(longest_ns, Runs.of(now).ran_ns - Runs.of(before.get(tid, b"")).ran_ns)
         return longest_ns / 1e9
 
     def touched(self, before: Mapping[int, bytes], besides: Set[int]) -> frozenset[int]:

@@ -3,6 +3,8 @@
 The threads are fakes here, and time is the test's own.
 """
 
+import itertools
+import math
 import os
 import tempfile
 from pathlib import Path
@@ -146,7 +148,7 @@ def test_a_poller_that_naps_in_its_work_may_nap_as_long_as_a_callback(
     worker.run()
     detector.look(2.001)
     assert {detector.look(2.0 + 0.01 * k) for k in range(1, 99)} == {IdleState.WAITS}
-    assert detector.look(3.1) is not IdleState.WAITS
+    assert {detector.look(2.0 + 0.01 * k) for k in range(99, 104)} != {IdleState.WAITS}
     assert POLLER not in detector.pollers
 
 
@@ -176,7 +178,14 @@ def test_what_it_took_to_find_that_a_thread_polls_is_no_time_of_the_application(
         poller.run()
         detector.look(2.0 + 0.01 * number)
     assert detector.pollers.keys() == {POLLER}
+    poller.be("S")
+    for number in range(120, 290):
+        worker.run()
+        detector.look(2.0 + 0.01 * number)
     assert detector.has_time(2.0, 4.9)
+    for number in range(290, 310):
+        worker.run()
+        detector.look(2.0 + 0.01 * number)
     assert not detector.has_time(2.0, 5.1)
 
 
@@ -196,6 +205,28 @@ def test_threads_that_wake_each_tenth_of_a_second_one_after_the_other_do_not_beg
                 seldom[number // 5 % 10].run()
             verdicts.append(detector.look(2.0 + 0.002 * number))
     assert IdleState.QUIET in verdicts
+
+
+def test_threads_that_wake_seldom_are_known_to_who_looks_seldom_because_others_have_the_cores(
+    proc: Path, pump: EventPump, worker: FakeThread, poller: FakeThread
+) -> None:
+    seldom = [fake_thread(proc, os.getpid(), POLLER + 1 + number) for number in range(10)]
+
+    def look(detector: IdleDetector, before_s: float, now_s: float) -> IdleState:
+        for number, each in enumerate(seldom):  # the first one wakes each full tenth of a second
+            if math.floor(10 * now_s - 0.1 * number) > math.floor(10 * before_s - 0.1 * number):
+                each.run()
+        poller.run()
+        return detector.look(now_s)
+
+    with detector_of(proc, pump) as detector:
+        known(detector, poller, 0.012)
+        for begun_s, looks_s in ((2.0, [0.002] * 250), (2.5, [0.011, 0.058] * 15)):
+            detector.begin(begun_s, fresh=False, ticked=True)
+            worker.run()
+            ends_s = [begun_s + sum(looks_s[: number + 1]) for number in range(len(looks_s))]
+            verdicts = [look(detector, *each) for each in itertools.pairwise([begun_s, *ends_s])]
+            assert IdleState.QUIET in verdicts
 
 
 @pytest.mark.parametrize("polled", [[1, 2, 3] * 3, [3, 2, 1] * 3, [3, 1, 2, 3, 1, 2, 3]])

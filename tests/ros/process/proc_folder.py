@@ -19,9 +19,9 @@ class FakeThread:
     runs: int = 0
     waits_at: str = "futex_wait_queue"
 
-    def run(self, times: int = 1, *, waited_ns: int = 0) -> None:
+    def run(self, times: int = 1, *, ran_ns: int = 1000, waited_ns: int = 0) -> None:
         """Lets it run and sleep again, after it waited for a core for some time."""
-        self.ran_ns, self.waited_ns, self.runs = self.ran_ns + 1000, self.waited_ns + waited_ns, self.runs + times
+        self.ran_ns, self.waited_ns, self.runs = self.ran_ns + ran_ns, self.waited_ns + waited_ns, self.runs + times
         self.be("S")
 
     def nap(self) -> None:
