@@ -1,6 +1,7 @@
 """The courier, its planner and controller, piece by piece; tests of chunks have whole episodes."""
 
 import logging
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +15,15 @@ from scipy.sparse.csgraph import dijkstra
 
 from applications.courier.courier.go_to_goal import Kept, controller
 from applications.courier.courier.planning import RADIUS_M, Ways, cell_of, cell_weight, point_ahead, ways_to_goals
+from specs.pipeline.world_sections import WorldImport
 from tasks.simulate.application.contract import FloorMap, Observation
 from tasks.simulate.engines.mjx.mjx_robot import load_robot
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import floor_map
+from tasks.storage.worlds import decode_world
+from tasks.worlds.importer.import_process import import_source
 from tests.applications.builtin.drives import COURIER, DELIVERY, drive
+from tests.factories.ros_maps import write_map
 from tests.factories.simulations import COURIER as COURIER_DIGEST
 from tests.factories.simulations import FOLDERS, cluttered
 from tests.factories.worlds import apartment
@@ -172,3 +177,24 @@ def test_a_sweep_over_its_noise_compiles_nothing(caplog: pytest.LogCaptureFixtur
     assert [row.odometry_error_m == 0.0 for row in rows] == [True] * 4 + [False] * 4
     assert not compiled
     assert any("Finished XLA compilation" in record.message for record in caplog.records)
+
+
+# Two rooms of 4 m x 4 m, and a door of 1.2 m between them.
+ROOMS = (
+    "#" * 163,
+    *(("#" + "." * 80 + ("." if 28 <= row < 52 else "#") + "." * 80 + "#") for row in range(80)),
+    "#" * 163,
+)
+TOUR = "waypoints: {first: {pose: [7.5, 3.0, 0.0]}, second: {pose: [7.5, 5.2, 0.0]}, third: {pose: [2.5, 5.0, 0.0]}}"
+
+
+@pytest.mark.long
+def test_it_delivers_along_a_route_that_came_with_a_map(tmp_path: Path):
+    (tmp_path / "tour.yaml").write_text(TOUR)
+    source, routes = str(write_map(tmp_path, ROOMS)), [str(tmp_path / "tour.yaml")]
+    asked = WorldImport.model_validate({"name": "rooms", "source": source, "start": [2.5, 3.0], "routes": routes})
+    world = decode_world(import_source(asked).world.encode())
+    (row,) = drive(COURIER, DELIVERY, {"own/rooms": world}, [{"ROUTE": "tour"}])
+    assert (row.outcome, row.goals_reached, row.goals_total) == ("Passed", 3, 3)
+    # It was at each of the three places, in their order, to 0.3 m.
+    assert row.path_length_m > 5.0 + 2.2 + 5.0 - 5 * 0.3
