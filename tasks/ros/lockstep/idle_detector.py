@@ -193,7 +193,8 @@ class IdleDetector:
         self.application.find()
         rest, served = self._watch.look(self.pollers.keys()), self.graph.served
         heard, self._served = served != self._served, served
-        self._noted = self._asleep = rest is not Rest.AWAKE
+        self._noted = rest is not Rest.AWAKE
+        self._asleep = self._noted and not heard  # who waited for an answer of the master's waited for whoever looks
         if self._lapses:
             self._take_back(now_s)
         awake = rest is Rest.AWAKE or bool(self.graph.busy)

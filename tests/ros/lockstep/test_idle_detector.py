@@ -1,9 +1,11 @@
 """When an application is quiet, by what the kernel might tell of its threads; the times are the test's own."""
 
+import itertools
 import os
 
 import pytest
 
+from tasks.ros.graph.graph import Graph
 from tasks.ros.lockstep.idle_detector import IdleDetector, IdleState
 from tests.ros.lockstep.conftest import POLLER, WORKER
 from tests.ros.process.proc_folder import FakeThread
@@ -142,6 +144,18 @@ def test_a_poller_that_waits_for_a_core_takes_no_time_of_the_application(
     poller.be("R")
     look_until(detector, 1.01, 9.01)
     assert detector.has_time(2.0, 9.01)
+
+
+def test_what_nodes_wait_for_answers_of_the_master_is_no_time_of_the_application(
+    detector: IdleDetector, worker: FakeThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    requests = itertools.count(1)
+    monkeypatch.setattr(Graph, "served", property(lambda _: next(requests)))
+    detector.begin(1.0, fresh=False, ticked=True)
+    for number in range(1, 400):  # parameters, one after the other, as planners ask for them
+        worker.run()
+        assert detector.look(1.0 + 0.01 * number) is IdleState.SOON
+    assert detector.has_time(2.0, 5.0)
 
 
 def test_sleep_is_time_of_the_application_as_far_as_it_was_seen(detector: IdleDetector, worker: FakeThread) -> None:
