@@ -1,13 +1,15 @@
-"""The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, and sensors."""
+"""The files of a bundle that declare a robot: ``ros.yaml`` of ROS, ``<launch>.yaml`` of a policy, sensors, images."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
 from specs.base import Spec
+from specs.field_types import Architecture
+from specs.launched_file import is_ros2, names_ros_launch
 
 Length = Annotated[float, Field(ge=0.0, le=1e4)]
 Place = Annotated[float, Field(ge=-1e4, le=1e4)]
@@ -353,3 +355,40 @@ class Policy(Spec):
     inputs: Annotated[tuple[PolicyInput, ...], Field(min_length=1, max_length=64)]
     states: Annotated[tuple[PolicyState, ...], Field(max_length=64)] = ()
     output: PolicyOutput = ActionOutput()
+
+
+class ContainerImage(Spec):
+    """A container image as an application, as ``image.json`` in its bundle tells of it.
+
+    Attributes:
+        digest: SHA-256 of the image's manifest.
+        architecture: That it is built for.
+        entrypoint, command: What is run, as the image has it; a launch configuration replaces the command.
+        environment: Variables that it sets.
+        folder: Where it is run.
+        user, group: As whom, by number.
+        ros: 1 or 2, by what lies in it; 0 where neither does.
+    """
+
+    digest: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    architecture: Architecture
+    entrypoint: tuple[str, ...] = ()
+    command: tuple[str, ...] = ()
+    environment: dict[str, str] = Field(default_factory=dict[str, str])
+    folder: Annotated[str, Field(pattern="^/")] = "/"
+    user: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    group: Annotated[int, Field(ge=0, lt=1 << 31)] = 0
+    ros: Annotated[int, Field(ge=0, le=2)] = 0
+
+    def words(self, package: str, launch_file: str, command: Sequence[str] | None = None) -> tuple[str, ...]:
+        """Returns what is run: the entry point, then what a launch configuration says, or else the image's own command.
+
+        Args:
+            package: The launch configuration's packageName.
+            launch_file: Its launchFile: a launch file of ROS, or a program in that folder of the image.
+            command: Its command, for one without a launchFile.
+        """
+        if names_ros_launch(launch_file):
+            program = ("ros2", "launch") if is_ros2(launch_file) else ("roslaunch",)
+            return (*self.entrypoint, *program, package, launch_file)
+        return (*self.entrypoint, *((f"/{package}/{launch_file}",) if launch_file else command or self.command))

@@ -11,6 +11,8 @@ from pathlib import Path, PurePosixPath
 ROS_SUFFIX = ".launch"
 ROS2_SUFFIXES = (".launch.py", ".launch.xml", ".launch.yaml")
 PACKAGE_XML = "package.xml"
+IMAGE_FILE = "image.json"
+"""Of a bundle that is a container image."""
 _INSTALL_MARK = "_setup_util.py"
 
 

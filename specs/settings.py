@@ -15,6 +15,8 @@ from specs.errors import DocumentError
 ACCESS_FILE = "SIMYARD_ACCESS_FILE"
 OWNER_KEY = "SIMYARD_OWNER_KEY"
 REGION = "SIMYARD_REGION"
+REGISTRIES = "SIMYARD_REGISTRIES"
+"""Names registries of container images, with their ports, that calls over HTTP may have asked."""
 TRUST_APPLICATIONS = "SIMYARD_TRUST_APPLICATIONS"
 """Set by --trust-applications: applications may run where nothing shuts them in."""
 WORKS_FOR_OTHERS = "SIMYARD_WORKS_FOR_OTHERS"

@@ -3,6 +3,7 @@
 The rest is known to a store alone; see `flows.pipeline.references`.
 """
 
+import shlex
 import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
@@ -14,6 +15,7 @@ from specs.arn import reference_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.launched_file import (
+    IMAGE_FILE,
     bundle_files,
     is_ros2,
     looked_for,
@@ -37,6 +39,7 @@ from tasks.simulate.application.mjcf_check import RobotRefused, refusal_lines
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
+from tasks.storage.image_files import image_root, missing_program, read_image
 
 if TYPE_CHECKING:
     from tasks.ros.launch.gazebo_launch import GazeboLaunch
@@ -59,16 +62,18 @@ class _Launch(NamedTuple):
     simulated: bool
     alone: bool = False
     variables: Mapping[str, str] = MappingProxyType({})
+    command: tuple[str, ...] | None = None
 
     def fault(self, files: Collection[str]) -> Fault | None:
         """Returns what is wrong with it, given the files of its bundle."""
-        if not (self.package and self.file):
+        if not (self.package and self.file) and not self.command:
             return None
         if self.simulated:
             kind: ApplicationKind = "robot-application" if self.kind == "robot" else "simulation-application"
             launched = (self.package, self.file)
             return simulated_fault(self.path, kind, self.application, launched, files, alone=self.alone)
-        if {f"{self.package}/{self.file}", ros_launch_file(files, self.package, self.file)} & {*files}:
+        named = {f"{self.package}/{self.file}", ros_launch_file(files, self.package, self.file), IMAGE_FILE}
+        if named & {*files}:  # into an image `check_images` looks
             return None
         allowed = f"a file in {self.application}'s bundle; it has no {self.package}/{self.file}"
         return Fault(path=f"{self.path}.launchFile", value=repr(self.file), allowed=allowed)
@@ -94,6 +99,11 @@ def simulated_fault(
         alone: Whether there is no robot application, so that this one brings the robot.
     """
     (package, file), robot = launch, kind == "robot-application"
+    if IMAGE_FILE in files:
+        return _image_fault(path, application, files, robot=robot)
+    if not file:
+        allowed = f"the module to launch, in packageName: {application} is no container image, which a command is for"
+        return Fault(path=f"{path}.launchFile", value="none", allowed=allowed)
     found, module = simulated_file(files, package, file), module_file(package, file)
     if not robot and (module in files or not names_ros_launch(file)):
         found = module if module in files else None
@@ -111,6 +121,15 @@ def simulated_fault(
         )
         return Fault(path=f"{path}.packageName", value=repr(package), allowed=allowed)
     return None
+
+
+def _image_fault(path: str, application: str, files: Collection[str], *, robot: bool) -> Fault | None:
+    """Returns what a container image lacks that is to drive a robot."""
+    allowed = "a folder: a container image drives a robot, and does not judge"
+    if robot:
+        beside = f"`robot: FOLDER` beside its source, a folder with {ROBOT_XML}; copy {_EXAMPLE} for a TurtleBot3"
+        allowed = f"a container image with /simyard/{ROBOT_XML}, or {beside}"
+    return None if robot and ROBOT_XML in files else Fault(path=path, value=application, allowed=allowed)
 
 
 def check_driven_requests(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
@@ -143,11 +162,8 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
     Raises:
         DocumentError: With a fault for each.
     """
-    faults: list[Fault] = []
-    files_of = cache(bundle_files)
-    for launch, folder in _own_launches(spec, base):
-        if fault := launch.fault(files_of(folder)):
-            faults.append(fault)
+    files_of, launches = cache(bundle_files), _own_launches(spec, base)
+    faults = [fault for launch, folder in launches if (fault := launch.fault(files_of(folder)))]
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
 
@@ -167,7 +183,7 @@ def check_programs(spec: PipelineSpec, base: Path) -> None:
     here = section is not None and isinstance(section.fleet, LocalFleet) and section.fleet.localAgents > 0
     for number, use in enumerate(section.deploymentApplicationConfigs if section else ()):
         source = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
-        if source is None:
+        if source is None or (base / source / IMAGE_FILE).is_file():  # `check_images` looks into it
             continue
         launch, where = use.launchConfig, f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
         outside = [*outside_package(launch, where)]
@@ -191,6 +207,22 @@ def _own_fault(base: Path, source: str, name: str, *, here: bool) -> str:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     return program_fault(shown, head, (), executable=bool(path.stat().st_mode & stat.S_IXUSR), here=here)
+
+
+def check_images(spec: PipelineSpec, base: Path) -> None:
+    """Refuses container images of the document's own that do not have what is launched.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    faults: list[Fault] = []
+    for launch, folder in _own_launches(spec, base):
+        image, root, command = read_image(folder), image_root(folder), launch.command
+        if image and root and (why := missing_program(root, image, image.words(launch.package, launch.file, command))):
+            name, value = ("launchFile", launch.file) if launch.file else ("command", shlex.join(command or ()))
+            faults.append(Fault(path=f"{launch.path}.{name}", value=repr(value), allowed=why))
+    if faults:
+        raise DocumentError(list(dict.fromkeys(faults)))
 
 
 def check_modules(spec: PipelineSpec, base: Path) -> None:
@@ -291,7 +323,8 @@ def _launched(spec: PipelineSpec) -> Iterator[_Launch]:
                 name = reference_path(use.application)
                 alone, variables = not request.robotApplications, use.launchConfig.environmentVariables or {}
                 version = use.applicationVersion
-                yield _Launch(path, kind, name, version, *launched, simulated=True, alone=alone, variables=variables)
+                command = use.launchConfig.command if kind == "robot" and not launched[1] else None
+                yield _Launch(path, kind, name, version, *launched, True, alone, variables, command)  # noqa: FBT003 - fields
     for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):
         path = f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
         launched = (use.launchConfig.packageName, use.launchConfig.launchFile)
@@ -336,15 +369,12 @@ def check_policies(spec: PipelineSpec, base: Path) -> None:
     Raises:
         DocumentError: With a fault for each.
     """
-    own = {each.name: base / each.source for each in spec.applications if each.kind == "robot"}
-    faults: list[Fault] = []
-    for number, request in enumerate(spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ()):
-        for place, use in enumerate(request.robotApplications or ()):
-            folder = own.get(reference_path(use.application)) if use.applicationVersion in {None, LATEST} else None
-            launched = (use.launchConfig.packageName or "", use.launchConfig.launchFile or "")
-            path = f"simulationBatch.createSimulationJobRequests[{number}].robotApplications[{place}].launchConfig"
-            if folder and (refusal := _policy_refusal(folder, *launched)):
-                faults.append(Fault(path=f"{path}.launchFile", value=repr(launched[1]), allowed=refusal))
+    faults = [
+        Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=refusal)
+        for launch, folder in _own_launches(spec, base)
+        if launch.simulated and launch.kind == "robot"
+        if (refusal := _policy_refusal(folder, launch.package, launch.file))
+    ]
     if faults:
         raise DocumentError(faults)
 
@@ -556,6 +586,7 @@ _CHECKS: tuple[Callable[[PipelineSpec, Path], None], ...] = (
     check_driven_requests,
     check_launch_files,
     check_programs,
+    check_images,
     check_modules,
     check_robot_files,
     check_policies,

@@ -15,8 +15,9 @@ from pydantic import ValidationError
 
 from flows.pipeline.world_imports import answer_apart
 from specs.arn import reference_path
+from specs.base import Fault
 from specs.bundle_files import ROS_FILE, DraftRequest, RobotDraft
-from specs.errors import DocumentError, LaunchRefused
+from specs.errors import BundleRefused, DocumentError, LaunchRefused
 from specs.launched_file import bundle_files, module_file, names_ros_launch, ros_launch_file
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
@@ -24,6 +25,7 @@ from specs.robomaker.bundle import LATEST
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.storage.base.local_files import cache_folder
+from tasks.storage.container_image import image_bundle, is_image_source
 
 _MODULE = "tasks.applications.robot_draft"
 _ROBOT_XML = "robot.xml"
@@ -131,6 +133,8 @@ class DraftedDocument(NamedTuple):
 def with_drafts(spec: PipelineSpec, base: Path) -> DraftedDocument:
     """Returns a document whose own bundles without ``robot.xml`` have one drafted, if a launch file spawns a robot.
 
+    Container images are bundles from here on.
+
     The robot is that of the simulation application's launch file, or of the robot application's own. Where none can be
     drafted, the bundle stays as it is, and is refused for what it lacks.
 
@@ -138,6 +142,7 @@ def with_drafts(spec: PipelineSpec, base: Path) -> DraftedDocument:
         spec: The document.
         base: Folder that relative paths start from.
     """
+    spec = with_images(spec, base)
     own = {(each.kind, each.name): (base / each.source).resolve() for each in spec.applications}
     drafted: dict[tuple[str, str], DraftedRobot] = {}
     for request in spec.simulationBatch.createSimulationJobRequests if spec.simulationBatch else ():
@@ -160,6 +165,29 @@ def with_drafts(spec: PipelineSpec, base: Path) -> DraftedDocument:
     )
     notes = [line for (_, name), found in drafted.items() for line in _lines(name, found.draft)]
     return DraftedDocument(spec.model_copy(update={"applications": applications}), (*notes,))
+
+
+def with_images(spec: PipelineSpec, base: Path) -> PipelineSpec:
+    """Returns a document whose container images are bundles in the cache.
+
+    Raises:
+        DocumentError: A source is no image, or one that cannot be used.
+    """
+    images = {number for number, each in enumerate(spec.applications) if is_image_source(each.source, base)}
+    if not images:
+        return spec
+    faults, applications = list[Fault](), list(spec.applications)
+    for number in sorted(images):
+        each = applications[number]
+        try:
+            folder = image_bundle(each.source, base, base / each.robot if each.robot else None)
+            applications[number] = each.model_copy(update={"source": str(folder)})
+        except BundleRefused as exc:
+            allowed = f"a container image that can be run here; {exc}"
+            faults.append(Fault(path=f"applications[{number}].source", value=each.source, allowed=allowed))
+    if faults:
+        raise DocumentError(faults)
+    return spec.model_copy(update={"applications": tuple(applications)})
 
 
 def _name(use: _Use) -> str:

@@ -206,7 +206,7 @@ def _counted(number: int, one: str, many: str = "") -> str:
 
 
 def _source(folder: Path, robot: ApplicationLaunch) -> LaunchSource:
-    return LaunchSource(folder, robot.package, robot.launch_file)
+    return LaunchSource(folder, robot.package, robot.launch_file, robot.command)
 
 
 _ROBOTS = "simulationBatch.createSimulationJobRequests[*].robotApplications"

@@ -47,6 +47,7 @@ class ApplicationLaunch(Spec):
         package: The launch configuration's packageName.
         launch_file: The launch configuration's launchFile, without ``.py`` if it is a Python module.
         architecture: Which of the version's builds that bundle is; None where one is for all of them.
+        command: Of a container image: the launch configuration's command.
     """
 
     name: str
@@ -55,6 +56,7 @@ class ApplicationLaunch(Spec):
     package: str
     launch_file: str
     architecture: Architecture | None = None
+    command: tuple[str, ...] | None = None
 
     @property
     def module(self) -> str:

@@ -40,11 +40,16 @@ class ApplicationSource(Spec):
     Attributes:
         name: What the document calls the application.
         kind: What drives a robot, or a scenario.
+        robot: Of a container image: the folder with ``robot.xml`` and ``ros.yaml``, if the image has none.
     """
 
     name: PlainName = Field(title="Name")
     kind: Literal["robot", "simulation"] = Field(default="robot", title="Kind")
-    source: SourcePath = Field(title="Folder", description="Path of the bundle, from the document's folder.")
+    source: SourcePath = Field(
+        title="Folder or image",
+        description="Path of the bundle, or of a container image, from the document's folder; or docker://NAME@sha256:...",
+    )
+    robot: SourcePath | None = Field(default=None, title="Robot", description="Folder with robot.xml, of an image.")
 
 
 class PipelineSpec(Ruled):
@@ -129,6 +134,8 @@ def _inert(value: object, path: str) -> Iterator[str]:
     for name in type(value).model_fields:
         below = getattr(value, name)
         where = f"{path}.{name}".lstrip(".")
+        if name == "command" and not getattr(value, "launchFile", ""):
+            continue  # a container image is run by it
         if name in INERT_FIELDS and below is not None:
             yield where
         else:

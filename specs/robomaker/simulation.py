@@ -75,7 +75,7 @@ class LaunchConfig(Spec):
         environmentVariables: At most 20, capital names and texts; the application is given them.
         portForwardingConfig: Kept; has no effect.
         streamUI: Whether RoboMaker streamed a desktop. Kept; has no effect.
-        command: What a container was started with. Kept; has no effect.
+        command: What is run in a container image, if there is no launchFile; else without effect.
     """
 
     packageName: Command | None = Field(

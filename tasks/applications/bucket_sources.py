@@ -4,6 +4,8 @@ A version remembers the place and the ETag of each source. Unlike RoboMaker's it
 robots download what was tested; a source that has changed since is told all the same (`tasks.storage.buckets`).
 """
 
+import os
+import re
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -14,7 +16,8 @@ from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceA
 from specs.field_types import S3Object
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ARCHITECTURES, Application, ApplicationKind, Build, Platform, Version
-from tasks.applications.registry import add_version, missing_bundles
+from specs.settings import REGISTRIES
+from tasks.applications.registry import add_version, missing_bundles, pack_bundle
 from tasks.applications.versions import (
     application_name,
     change,
@@ -27,6 +30,9 @@ from tasks.storage.archives import digest_of, extract
 from tasks.storage.base.keys import bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import etag_now, open_bucket
+from tasks.storage.container_image import REGISTRY, image_bundle
+
+_TAG = re.compile(r"(:[A-Za-z0-9_][A-Za-z0-9_.-]*)?(@.*)?$")
 
 
 def create_application(
@@ -139,10 +145,11 @@ def create_version(
     """
     found = known_application(store, kind, reference)
     require_revision(found, current_revision)
-    if not found.sources:
+    uri = (found.platform.environment and found.platform.environment.uri) or ""
+    if not found.sources and not (uri and kind == "robot-application"):
         raise not_found("sources", found.name, "an application with sources; publish a folder, or name some by update")
     _require_image(found, image_digest)
-    bundles = [_taken(store, source) for source in found.sources]
+    bundles = [_taken(store, source) for source in found.sources] or [_pulled(store, uri, image_digest)]
     if etags is not None:
         _require_etags(bundles, etags)
     made = add_version(
@@ -159,6 +166,8 @@ def create_version(
     for source in found.sources:
         if source.architecture in missing:
             _taken(store, source)
+    if missing and not found.sources:
+        _pulled(store, uri, image_digest)
     return made
 
 
@@ -272,6 +281,25 @@ def _taken(store: Store, source: SourceConfig) -> Build:
         origin = S3Object(bucket=bucket, key=key, etag=etag.strip('"'))
         size = archive.stat().st_size
     return Build(architecture=source.architecture or "X86_64", digest=digest, size_bytes=size, origin=origin)
+
+
+def _pulled(store: Store, uri: str, digest: str) -> Build:
+    """Returns the bundle of a registry's container image, after it was put into the store.
+
+    Who calls over HTTP chooses the registry: one that the machine's owner has not named is not asked.
+    """
+    known = os.environ.get(REGISTRIES, "").replace(",", " ").split()
+    if (host := uri.partition("/")[0]) not in known:
+        allowed = f"an image of a registry that this machine may ask: {REGISTRIES} has {', '.join(known) or 'none'}"
+        raise DocumentError.of("environment.uri", uri, f"{allowed}; {REGISTRIES}={host} adds it")
+    if not digest:
+        raise DocumentError.of("imageDigest", "none", f"the SHA-256 of the image of {uri} that is meant")
+    name = f"{host}/{_TAG.sub('', uri.partition('/')[2])}"
+    try:
+        folder = image_bundle(f"{REGISTRY}{name}@{digest.lower()}", Path())
+    except BundleRefused as exc:
+        raise DocumentError.of("environment.uri", uri, f"a container image that can be run here; {exc}") from exc
+    return pack_bundle(store, "X86_64", folder)
 
 
 def _download(place: Store, key: str, archive: Path) -> str:

@@ -4,13 +4,13 @@ A bundle's folder is packed into an archive with the same bytes wherever and whe
 gone, changed, or must not be read fail with RoboMaker's codes.
 """
 
-import hashlib
 import io
 import shutil
 import stat
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import IO
 
 from specs.base import Fault
 from specs.data.episode import Failure
@@ -29,7 +29,7 @@ from tasks.applications.versions import (
     require_revision,
     with_version,
 )
-from tasks.storage.archives import LIMITS, safe_parts
+from tasks.storage.archives import LIMITS, digest_of, safe_parts
 from tasks.storage.base.keys import applications_prefix, bundle_key
 from tasks.storage.base.store import Store
 from tasks.storage.sealed_bundle import (
@@ -54,12 +54,20 @@ _DENIED: Mapping[ApplicationKind, SimulationJobErrorCode] = {
 
 
 def pack(folder: Path) -> bytes:
-    """Returns the folder as a plain tar: sorted, without owners or times, with only the executable bit of the modes.
+    """Returns what `write_bundle` writes of a folder."""
+    buffer = io.BytesIO()
+    write_bundle(folder, buffer)
+    return buffer.getvalue()
+
+
+def write_bundle(folder: Path, target: IO[bytes]) -> None:
+    """Writes the folder as a plain tar: sorted, without owners or times, with only the executable bit of the modes.
 
     Hidden leavings of tools (``__pycache__``, ``.git``, ``.DS_Store``) are left out.
 
     Args:
         folder: Holds regular files and directories only, at least one file.
+        target: Where to.
 
     Raises:
         DocumentError: No such folder, no file in it, a link or device, or a name that could not be unpacked safely.
@@ -72,9 +80,7 @@ def pack(folder: Path) -> bytes:
         faults = [Fault(path="source", value=str(folder), allowed="a folder with at least one file"), *faults]
     if faults:
         raise DocumentError(faults, source=f"bundle {folder}")
-    buffer = io.BytesIO()
-    write_archive(entries, buffer)
-    return buffer.getvalue()
+    write_archive(entries, target)
 
 
 def _fault(path: Path, name: str) -> Fault | None:
@@ -128,7 +134,7 @@ def publish_bundle(
         LimitExceeded: A 41st version (docs/reference/robomaker.md, section 9).
     """
     folders: Mapping[Architecture, Path] = {"X86_64": source} if isinstance(source, Path) else source
-    bundles = [_pack(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
+    bundles = [pack_bundle(store, each, folders[each]) for each in ARCHITECTURES if each in folders]
     made = add_version(
         store,
         kind,
@@ -140,7 +146,7 @@ def publish_bundle(
         current_revision=current_revision,
     )
     for each in missing_bundles(store, bundles):
-        _pack(store, each, folders[each])
+        pack_bundle(store, each, folders[each])
     return made
 
 
@@ -303,12 +309,15 @@ def _fetch(store: Store, key: str, archive: Path) -> None:
         raise ObjectNotFound(f"{store.url}: {key} is not there any more; publish the application again") from exc
 
 
-def _pack(store: Store, architecture: Architecture, folder: Path) -> Build:
+def pack_bundle(store: Store, architecture: Architecture, folder: Path) -> Build:
     """Returns a folder's bundle after it was written: first the bytes, then the number that promises them."""
-    body = pack(folder)
-    digest = hashlib.sha256(body).hexdigest()
-    store.put(bundle_key(digest), body)
-    return Build(architecture=architecture, digest=digest, size_bytes=len(body))
+    with tempfile.TemporaryDirectory(prefix="simyard-bundle-") as made:
+        archive = Path(made) / "bundle.tar"  # a container image is as large as memory
+        with archive.open("wb") as target:
+            write_bundle(folder, target)
+        digest = digest_of(archive)
+        store.upload(bundle_key(digest), archive)
+        return Build(architecture=architecture, digest=digest, size_bytes=archive.stat().st_size)
 
 
 def bundle_failure(

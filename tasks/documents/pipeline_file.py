@@ -187,8 +187,8 @@ def _missing_sources(data: JsonValue, folder: Path) -> list[Fault]:
         Fault(
             path=f"applications[{number}].source",
             value=source,
-            allowed=f"a folder; there is none at {folder.absolute() / source}",
+            allowed=f"a folder, or a container image; there is none at {folder.absolute() / source}",
         )
         for number, source in enumerate(sources)
-        if isinstance(source, str) and not (folder / source).is_dir()
+        if isinstance(source, str) and "://" not in source and not (folder / source).exists()
     ]

@@ -55,11 +55,13 @@ _ENTRIES = {
     "nights": "trends",
     "lists of jobs": "lists",
     "drafts of robots": "drafts",
+    "container images": "images",
 }
 _ASIDE = ".gc-"
 _DIGEST = "[0-9a-f]{64}"
 _TEMPORARY = (
-    r"\.gc-[0-9a-f]{32}|\.([0-9a-f]{64}\.)?[0-9a-f]{8}\.tmp|\.[0-9a-f]{32}\.tmp|\.(download|archive|tar)-[a-z0-9_]{8}"
+    r"\.gc-[0-9a-f]{32}|\.([0-9a-f]{64}\.)?[0-9a-f]{8}\.tmp|\.[0-9a-f]{32}\.tmp"
+    r"|\.(download|archive|tar|making|unpack)-[a-z0-9_]{8}"
 )
 _SERVER = (
     r"prefect\.db(-shm|-wal|-journal)?|memo_store\.toml|kept\.json|password|port|checkout|starting\.lock"
@@ -72,6 +74,7 @@ _CACHE: Mapping[str, str] = {
     "data/mounts": f"{_DIGEST}|{_TEMPORARY}",
     "data/seen": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "engines": rf"{_DIGEST}\.json|{_TEMPORARY}",
+    "images": rf"bundle-[0-9a-f]{{32}}|{_DIGEST}|{_TEMPORARY}",
     "timings": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "trends": rf"[0-9a-f]{{16}}\.json|{_TEMPORARY}",
     "lists": r"[0-9a-f]{16}\.sqlite(-journal)?",

@@ -5,6 +5,7 @@ gives the same bytes on every machine, whatever its version of zlib. The extract
 only reads the headers (`tasks.storage.archives`), because its own filters have been bypassed before.
 """
 
+import gzip
 import hashlib
 import os
 import re
@@ -75,11 +76,22 @@ def open_tar(path: Path) -> Generator[BoundedTar]:
     """
     with path.open("rb") as file:
         _refuse_packed(file)
-        reader = _BoundedReader(file)
-        with _explained(), reader.one_header():
-            tar = tarfile.open(fileobj=cast("IO[bytes]", reader), mode="r:")  # noqa: SIM115 - closed below
-        with tar:
-            yield BoundedTar(tar, reader)
+        with read_tar(file) as tar:
+            yield tar
+
+
+@contextmanager
+def read_tar(file: "BinaryIO | gzip.GzipFile") -> Generator[BoundedTar]:
+    """Reads a plain tar from a file that is open, front to back.
+
+    Raises:
+        BundleRefused: It is none.
+    """
+    reader = _BoundedReader(file)
+    with _explained(), reader.one_header():
+        tar = tarfile.open(fileobj=cast("IO[bytes]", reader), mode="r:")  # noqa: SIM115 - closed below
+    with tar:
+        yield BoundedTar(tar, reader)
 
 
 def _refuse_packed(file: BinaryIO) -> None:
@@ -94,7 +106,7 @@ def _refuse_packed(file: BinaryIO) -> None:
 class _BoundedReader:
     """An archive's file, from which one header takes no more than so many bytes."""
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: "BinaryIO | gzip.GzipFile") -> None:
         self._file = file
         self._left: int | None = None
 

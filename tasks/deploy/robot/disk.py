@@ -25,6 +25,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.storage.base.local_files import make_folder, settle_names, whole_file
+from tasks.storage.image_files import image_root
 
 _LOG = logging.getLogger(__name__)
 LOCK = "agent.lock"
@@ -62,10 +63,11 @@ class Disk:
         self.root = root
         self.versions = root / "versions"
         self.archives = root / "archives"
+        self.images = root / "images"
         self.downloads = root / "downloads"
         self.logs = root / "logs"
         self.current = root / "current"
-        for folder in (self.versions, self.archives, self.downloads, self.logs):
+        for folder in (self.versions, self.archives, self.images, self.downloads, self.logs):
             make_folder(folder)
 
     def load(self) -> RobotState:
@@ -122,6 +124,15 @@ class Disk:
         """Returns the file that a bundle was unpacked from, which may not be there."""
         return self.archives / digest
 
+    def image(self, digest: str) -> Path | None:
+        """Returns the folder with the files of a bundle that is a container image, unpacked once; None for another one.
+
+        Raises:
+            BundleRefused: Its layers are not those that it names, or cannot be unpacked.
+            StoreFull: The disk is full.
+        """
+        return image_root(self.version(digest), self.images / digest)
+
     def switch(self, digest: str | None) -> None:
         """Makes `current` show an installed bundle, or go away."""
         _link(self.current, digest)
@@ -133,7 +144,7 @@ class Disk:
     def tidy(self, state: RobotState) -> None:
         """Removes half-made folders and versions that nothing refers to."""
         kept = {each.digest for each in (state.target, state.running, state.previous) if each}
-        for path in (*self.versions.iterdir(), *self.archives.iterdir()):
+        for path in (*self.versions.iterdir(), *self.archives.iterdir(), *self.images.iterdir()):
             if path.name not in kept:
                 discard(path)
         for path in self.downloads.iterdir():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from specs.errors import BundleRefused, LaunchRefused
+from specs.errors import BundleRefused, LaunchRefused, StoreError
 from specs.launched_file import names_ros_launch
 from specs.program_file import HEAD_BYTES, built_for, start_fault
 from specs.robomaker.failure_codes import DeploymentJobErrorCode
@@ -21,6 +21,7 @@ from tasks.deploy.robot.install import StepFailed
 from tasks.deploy.robot.processes import RunningProgram, Stop, start, wait
 from tasks.ros.launch.robot_command import RobotRos, launch_command, make_python, own_variables, robot_ros
 from tasks.storage.archives import safe_parts
+from tasks.storage.image_files import HOME_ON_ROBOT, image_command, read_image
 
 _FIRST_PAUSE_S = 0.5
 _LONGEST_PAUSE_S = 30.0
@@ -59,8 +60,7 @@ def check_launch(desired: Desired) -> None:
     """Does nothing for a launch configuration that may run here.
 
     Raises:
-        StepFailed: It names files outside the bundle, variables that no application may set, or a launch file of a ROS
-            that this robot does not have.
+        StepFailed: It names files outside the bundle, or variables that no application may set.
     """
     refused = [fault.value for fault in variable_faults(desired.environment, "environmentVariables")]
     if refused:
@@ -69,8 +69,35 @@ def check_launch(desired: Desired) -> None:
     for name in (launch.preLaunchFile, launch.launchFile, launch.postLaunchFile):
         if name is not None:
             _parts(desired, name)
-    if names_ros_launch(launch.launchFile):
+
+
+def check_bundle(place: LaunchPlace, desired: Desired) -> None:
+    """Does nothing for a bundle that this robot can launch; a container image is unpacked for that.
+
+    Raises:
+        StepFailed: The robot lacks the ROS that a launch file is for, or what runs images, or the image what is named.
+    """
+    launch = desired.launch
+    try:
+        for name in filter(None, (launch.preLaunchFile, launch.postLaunchFile)):
+            _in_image(place, desired, name)
+        image = _in_image(place, desired, launch.launchFile)
+    except BundleRefused as exc:
+        raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
+    except StoreError as exc:  # this robot's disk is full, or read-only
+        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
+    if image is None and names_ros_launch(launch.launchFile):
         _ros(desired)
+
+
+def _in_image(place: LaunchPlace, desired: Desired, name: str) -> "Command | None":
+    """Returns the command of a program, or a launch file of ROS, in a container image; None for another bundle."""
+    image, root = read_image(place.disk.version(desired.digest)), place.disk.image(desired.digest)
+    if image is None or root is None:
+        return None
+    words, home = image.words(desired.launch.packageName, name), place.home or place.disk.root
+    variables = {**desired.environment, **_own_variables(place, desired), "HOME": HOME_ON_ROBOT}
+    return Command(image_command(root, image, words, variables, home, on_robot=True), {})
 
 
 def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:
@@ -87,11 +114,20 @@ def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code:
         StepFailed: With the code, when it is missing, exits with another code than 0, or takes too long.
         StopRequested: The agent has to end.
     """
-    program = _program(place.disk, desired, name, code)
-    run_program(place, desired, program, step, code)
+    command = _in_image(place, desired, name)
+    program = Path(name) if command else _program(place.disk, desired, name, code)
+    run_program(place, desired, program, step, code, command=command)
 
 
-def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, code: DeploymentJobErrorCode) -> None:
+def run_program(
+    place: LaunchPlace,
+    desired: Desired,
+    program: Path,
+    step: str,
+    code: DeploymentJobErrorCode,
+    *,
+    command: "Command | None" = None,
+) -> None:
     """Runs an executable file to its end, as `run_script` does.
 
     Args:
@@ -100,12 +136,13 @@ def run_program(place: LaunchPlace, desired: Desired, program: Path, step: str, 
         program: The file.
         step: What its log file is called after.
         code: RoboMaker's code for a failure of this step.
+        command: What is run in its place.
 
     Raises:
         StepFailed: With the code, when it exits with another code than 0, or takes too long.
         StopRequested: The agent has to end.
     """
-    running = _start(place, desired, program, step, code=code)
+    running = _start(place, desired, program, step, code=code, command=command)
     try:
         ended = wait(running, desired.timeout_s, place.stop)
     finally:
@@ -196,6 +233,9 @@ class RunningApplication:
     def _launch(self) -> RunningProgram:
         self._bring(self.desired)
         name = self.desired.launch.launchFile
+        if command := _in_image(self._place, self.desired, name):
+            self._started_s = time.monotonic()
+            return _start(self._place, self.desired, Path(name), "launch", code=_SETUP, command=command)
         if names_ros_launch(name):
             self._started_s = time.monotonic()
             return _start_ros(self._place, self.desired)
@@ -244,12 +284,7 @@ def _start(
 ) -> RunningProgram:
     """Returns a program, started; the code is that of one that cannot be, for another reason than its rights."""
     arguments, more = command or Command([str(program)], {})
-    own = {
-        "SIMYARD_ROBOT": place.robot,
-        "SIMYARD_DEPLOYMENT": desired.deployment,
-        "HOME": str(place.home or place.disk.root),
-    }
-    variables = {**BASE_VARIABLES, **more, **desired.environment, **own}
+    variables = {**BASE_VARIABLES, **more, **desired.environment, **_own_variables(place, desired)}
     folder = place.disk.version(desired.digest)
     cwd = folder if folder.is_dir() else place.home or place.disk.root  # a condition runs before there is a bundle
     try:
@@ -261,6 +296,11 @@ def _start(
         raise StepFailed(told, f"{program.name} cannot be started: {_cause(program, exc)}") from exc
     except ValueError as exc:  # a variable that no program can be given
         raise StepFailed(_SETUP, f"{program.name} cannot be started: {exc}") from exc
+
+
+def _own_variables(place: LaunchPlace, desired: Desired) -> dict[str, str]:
+    home = str(place.home or place.disk.root)
+    return {"SIMYARD_ROBOT": place.robot, "SIMYARD_DEPLOYMENT": desired.deployment, "HOME": home}
 
 
 def _cause(program: Path, exc: OSError) -> str:

@@ -16,7 +16,15 @@ from specs.robomaker.failure_codes import DeploymentJobErrorCode
 from tasks.deploy.fleet.states import MOST_CONDITION_BYTES, Desired, Reported
 from tasks.deploy.robot.disk import Disk
 from tasks.deploy.robot.install import Patience, StepFailed, fetch_bundle, retry
-from tasks.deploy.robot.launch import CrashLoop, LaunchPlace, RunningApplication, check_launch, run_program, run_script
+from tasks.deploy.robot.launch import (
+    CrashLoop,
+    LaunchPlace,
+    RunningApplication,
+    check_bundle,
+    check_launch,
+    run_program,
+    run_script,
+)
 from tasks.deploy.robot.processes import StopRequested, end_all, reap_orphans
 from tasks.deploy.robot.reported_state import REASON_CHARACTERS, Attempt, Reporter, one_line
 from tasks.storage.base.store import Store
@@ -281,6 +289,7 @@ class RobotUpdater:
         self._begin(attempt, "DownloadingExtracting")
         length_bytes = self._state.length_bytes
         fetch_bundle(self._store, self._disk, desired, self._patience, attempt.percent, length_bytes=length_bytes)
+        check_bundle(self._place, desired)  # what runs goes on until this one can
         self._begin(attempt, "ExecutingPreLaunch")
         self._end_application()
         if launch.preLaunchFile:

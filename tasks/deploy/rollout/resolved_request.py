@@ -10,7 +10,7 @@ from specs.arn import parse_reference
 from specs.base import Fault
 from specs.errors import BundleRefused, DocumentError, ObjectNotFound, ResourceNotFound, TrustRefused
 from specs.field_types import Architecture
-from specs.launched_file import ros_launch_file
+from specs.launched_file import IMAGE_FILE, ros_launch_file
 from specs.pipeline.simulation_section import RollOutRules
 from specs.program_file import built_for, start_fault
 from specs.robomaker.bundle import Application, Version
@@ -223,6 +223,8 @@ def _file_faults(
     except (ObjectNotFound, BundleRefused) as exc:
         yield Fault(path=f"{_SECTION_PATH}.application", value=digest, allowed=f"a bundle that is whole: {exc}")
         return
+    if IMAGE_FILE in found:
+        return  # its programs lie in its layers
     of_ros = ros_launch_file(found, launch.packageName, launch.launchFile) is not None  # which need not be executable
     for field, name in launch_files(launch).items():
         place = f"{path}.{field}"

@@ -16,12 +16,14 @@ import subprocess
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import IO, Any, NamedTuple
+from typing import IO, Any, NamedTuple, Self
 from xmlrpc.client import Binary
 
-from specs.errors import LaunchRefused
+from specs.bundle_files import ContainerImage
+from specs.errors import BundleRefused, LaunchRefused
 from specs.launched_file import bundle_files, workspace_variables
 from tasks.ros.launch.packages import RosInstallation, bundle_packages, make_gazebo_packages, ros_installation
+from tasks.storage.image_files import image_command, image_root, read_image
 
 
 class NodePlan(NamedTuple):
@@ -38,6 +40,7 @@ class NodePlan(NamedTuple):
         respawn: roslaunch would start it again.
         simulation: It is the simulation application's.
         test: rostest would start it.
+        named: Whether it is one node, of that name; what runs in a container image may be any.
     """
 
     name: str
@@ -51,6 +54,7 @@ class NodePlan(NamedTuple):
     respawn: bool = False
     simulation: bool = False
     test: bool = False
+    named: bool = True
 
     @property
     def judges(self) -> bool:
@@ -99,6 +103,58 @@ def joined_plan(robot: LaunchPlan | None, simulation: LaunchPlan) -> LaunchPlan 
         return LaunchRefused(f"both applications start {named}: ROS lets one node have a name; rename one of them")
     parameters = {**simulation.parameters, **(robot.parameters if robot else {})}
     return LaunchPlan(simulation.file, (*driving, *judging), parameters)
+
+
+class ImageLaunch(NamedTuple):
+    """What a container image runs in each episode.
+
+    Attributes:
+        root: Where it is unpacked.
+        image: What it says of itself.
+        words: What is run.
+    """
+
+    root: Path
+    image: ContainerImage
+    words: tuple[str, ...]
+
+    @classmethod
+    def of(cls, source: "LaunchSource") -> Self | None:
+        """Returns what is run of a bundle that is an image; None for another bundle.
+
+        Raises:
+            BundleRefused: The image cannot be unpacked.
+        """
+        image, root = read_image(source.bundle), image_root(source.bundle)
+        if image is None or root is None:
+            return None
+        return cls(root, image, image.words(source.package, source.launch_file, source.command))
+
+    def ros2_variables(self) -> dict[str, str]:
+        """Returns by which variables the ROS 2 inside is found from outside: folders, its release, its middleware."""
+        told = self.image.environment.get("AMENT_PREFIX_PATH", "")
+        inside_it = [each for each in told.split(":") if each] or ["opt/ros/*", "opt/*", "usr/local", "usr"]
+        found = [str(path) for name in inside_it for path in sorted(self.root.glob(name.strip("/")))]
+        chosen = {name: value for name, value in self.image.environment.items() if name == "RMW_IMPLEMENTATION"}
+        return {"AMENT_PREFIX_PATH": ":".join(found), **chosen}
+
+    def plan(self) -> LaunchPlan:
+        """Returns the plan of its one process, which starts others."""
+        return LaunchPlan("", (NodePlan("/image", "", "", self.words, named=False),), {})
+
+    def entered(self, plan: LaunchPlan, variables: Mapping[str, str], home: Path) -> tuple[LaunchPlan, dict[str, str]]:
+        """Returns a plan whose process runs in the image, and the environment that leads into it.
+
+        Raises:
+            LaunchRefused: bubblewrap is not installed, or the image does not have what is run.
+        """
+        try:
+            command = image_command(self.root, self.image, self.words, variables, home)
+        except BundleRefused as exc:
+            raise LaunchRefused(str(exc)) from exc
+        nodes = tuple(node._replace(command=command) for node in plan.nodes)
+        # By this the processes are found, and no variable of the image's is told to programs outside it.
+        return plan._replace(nodes=nodes), {"PATH": os.defpath, "ROS_HOME": str(home)}
 
 
 _RESULTS = "test_results"
@@ -221,11 +277,14 @@ def node_environment(
         **ros,
         "PATH": f"{home / 'bin'}:{ros['PATH']}",
         **workspace_variables(bundle, bundle_files(bundle), ros),
-        "ROS_MASTER_URI": master_uri,
-        # All of an episode lies on one loopback device, and no name has to be looked up.
-        "ROS_IP": "127.0.0.1",
+        **master_variables(master_uri),
         **episode_environment(home),
     }
+
+
+def master_variables(master_uri: str) -> dict[str, str]:
+    """Returns what leads nodes of ROS 1 to their master: all of an episode lies on one loopback device."""
+    return {"ROS_MASTER_URI": master_uri, "ROS_IP": "127.0.0.1"}  # no name has to be looked up
 
 
 def episode_environment(home: Path) -> dict[str, str]:
@@ -384,11 +443,13 @@ class LaunchSource(NamedTuple):
         bundle: Folder that holds the ROS packages.
         package: The launch configuration's packageName.
         launch_file: Its launchFile.
+        command: Of a container image: what is run in place of a launch file.
     """
 
     bundle: Path
     package: str
     launch_file: str
+    command: tuple[str, ...] | None = None
 
 
 def resolve_launch(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:

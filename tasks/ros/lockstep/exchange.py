@@ -162,6 +162,7 @@ class Launch(NamedTuple):
         environment: Of each lane: its environment variables.
         simulation: What the simulation application launches, if it is ROS's; the same where there is no robot
             application.
+        command: Of a container image: what is run in place of a launch file.
     """
 
     bundle: Path
@@ -170,11 +171,12 @@ class Launch(NamedTuple):
     home: Path
     environment: Sequence[Mapping[str, str]]
     simulation: LaunchSource | None = None
+    command: tuple[str, ...] | None = None
 
     @property
     def source(self) -> LaunchSource:
         """Returns what drives."""
-        return LaunchSource(self.bundle, self.package, self.launch_file)
+        return LaunchSource(self.bundle, self.package, self.launch_file, self.command)
 
 
 class ExchangeTotals(NamedTuple):

@@ -14,10 +14,13 @@ from tasks.ros.graph.graph import Graph
 from tasks.ros.graph.topic import Topic
 from tasks.ros.launch.gazebo_launch import spawned_model, started_nodes
 from tasks.ros.launch.launch_plan import (
+    ImageLaunch,
     LaunchPlan,
     LaunchSource,
+    episode_environment,
     joined_plan,
     make_ros_home,
+    master_variables,
     node_environment,
     resolve_launch,
 )
@@ -88,6 +91,7 @@ class Ros1Lockstep:
         self._now_ns, self._step, self._closed = BEGINS_NS, 0, False
         self._due_ns = math.inf
         self._modules: Path | None = None
+        self._image = ImageLaunch.of(launch.source)
         self._gazebo: dict[int, GazeboServices] = {}
 
     def __enter__(self) -> Self:
@@ -213,6 +217,9 @@ class Ros1Lockstep:
     def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
         """Returns what is started with each environment, or why nothing can be."""
         source, simulation = self._launch.source, self._launch.simulation
+        if self._image and simulation is not None:
+            why = "a container image is judged by a module, and the simulation application is a launch file of ROS"
+            return [LaunchRefused(why) for _ in environments]
         robots = self._resolved(source, environments) if source != simulation else [None] * len(environments)
         if simulation is None:
             return [each for each in robots if each is not None]
@@ -228,6 +235,8 @@ class Ros1Lockstep:
         self, source: LaunchSource, environments: list[Mapping[str, str]]
     ) -> Sequence[LaunchPlan | LaunchRefused]:
         """Returns what one application starts with each environment, or why nothing."""
+        if self._image:
+            return [self._image.plan() for _ in environments]
         if self._modules is None:
             bundles = dict.fromkeys(each.bundle for each in (self._launch.source, self._launch.simulation) if each)
             packages = [name for bundle in bundles for name in named_packages(bundle)]
@@ -256,6 +265,9 @@ class Ros1Lockstep:
         except ValueError as exc:
             lane.failure = f"a parameter of its launch file: {exc}"
             return lane
+        if self._image:
+            self._enter(lane, plan, {**variables, **master_variables(graph.uri)}, network.prefix)
+            return lane
         for ours in (False, True):
             bundle = simulation.bundle if simulation and ours else self._launch.bundle
             environment = node_environment(installation, bundle, graph.uri, home, variables)
@@ -264,6 +276,16 @@ class Ros1Lockstep:
             nodes = tuple(node for node in plan.nodes if node.simulation is ours)
             self._start(lane, plan._replace(nodes=nodes), environment, network.prefix)
         return lane
+
+    def _enter(self, lane: RosLane, plan: LaunchPlan, variables: Mapping[str, str], prefix: Sequence[str] = ()) -> None:
+        """Starts what a container image runs in a lane; notes why if it cannot be."""
+        home = lane.application.home
+        try:
+            if self._image:
+                own = {**variables, **episode_environment(home)}
+                self._start(lane, *self._image.entered(plan, own, home), prefix)
+        except LaunchRefused as exc:
+            lane.failure = str(exc)
 
     def _start(
         self, lane: RosLane, plan: LaunchPlan, environment: Mapping[str, str], prefix: Sequence[str] = ()

@@ -26,7 +26,7 @@ from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
 from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
 from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
 from tasks.ros.ros2.robot_links import RobotLink, RobotLinks
-from tasks.ros.ros2.ros2_installation import ros2_installation
+from tasks.ros.ros2.ros2_installation import Ros2Installation, ros2_installation
 from tasks.ros.ros2.ros2_node import Matches, RobotInterface, Ros2Node
 
 _LENGTH_BYTES = 4
@@ -262,15 +262,21 @@ class Ros2Lockstep(Ros1Lockstep):
         """Returns 0: who advertises in an episode is found by DDS when the wall's clock has it, not in lock-step."""
         return 0.0
 
+    @property
+    def _installation(self) -> Ros2Installation:
+        return ros2_installation(self._image.ros2_variables() if self._image else None)
+
     def _resolved(
         self, source: LaunchSource, environments: list[Mapping[str, str]]
     ) -> Sequence[LaunchPlan | LaunchRefused]:
-        home, installation = self._launch.home, ros2_installation()
+        home, installation = self._launch.home, self._installation
         if installation.fault:
             return [LaunchRefused(installation.fault) for _ in environments]
         if not self._domains:
             domains = episode_domains(len(self._launch.environment), installation.middleware or CYCLONE)
             self._domains, self._of_nodes = tuple(domains), {}
+        if self._image:
+            return [self._image.plan() for _ in environments]
         own = str(len(self._of_nodes))
         try:
             if source.bundle not in self._of_nodes:
@@ -297,8 +303,9 @@ class Ros2Lockstep(Ros1Lockstep):
         once = (STATIC, robot.goal, robot.floor_map, robot.initial_pose)
         latched = frozenset(topic for topic in once if topic is not None)
         started = started_nodes(plan)
-        names, processes = frozenset(each.name for each in started), sum(map(runs_ros2, started))
-        domain, installation = self._domains[number], ros2_installation()
+        names = frozenset(each.name for each in started)
+        processes = sum(runs_ros2(each) or not each.named for each in started)
+        domain, installation = self._domains[number], self._installation
         cyclone = domain.middleware == CYCLONE
         interface = RobotInterface(
             topics,
@@ -313,12 +320,15 @@ class Ros2Lockstep(Ros1Lockstep):
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
-        simulation = self._launch.simulation
+        simulation, domain_own = self._launch.simulation, domain.environment(home, installation.fast_dds)
+        if self._image:
+            self._enter(lane, plan, {**self._launch.environment[number], **domain_own})
+            return lane
         for ours in (False, True):
             environment = {
                 **self._launch.environment[number],
                 **self._of_nodes.get(simulation.bundle if simulation and ours else self._launch.bundle, {}),
-                **domain.environment(home, installation.fast_dds),
+                **domain_own,
                 **episode_environment(home),
             }
             nodes = tuple(node for node in started if node.simulation is ours)

@@ -194,6 +194,8 @@ class Readiness:
         unknown = sorted(lane.application.names - lane.graph.nodes())
         if unknown:
             return f"{', '.join(unknown)} did not register with the master"
+        if lane.application.anonymous and not lane.graph.nodes():
+            return "no node of the container image registered with the master"
         unconnected = lane.graph.unconnected()
         if unconnected:
             return "; ".join(unconnected)

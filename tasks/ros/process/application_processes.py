@@ -256,7 +256,12 @@ class ApplicationProcesses:
     @property
     def names(self) -> frozenset[str]:
         """Returns the names of those nodes that run."""
-        return frozenset(each.plan.name for each in self._nodes) - self.done
+        return frozenset(each.plan.name for each in self._nodes if each.plan.named) - self.done
+
+    @property
+    def anonymous(self) -> bool:
+        """Returns whether a process runs of which nobody knows which nodes it starts."""
+        return any(not each.plan.named and each.plan.name not in self.done for each in self._nodes)
 
     def failure(self) -> str:
         """Returns which node ended that should not have, for a person; empty as long as none did.
@@ -308,7 +313,7 @@ class ApplicationProcesses:
     def last_failure(self, limit_s: float) -> str:
         """Returns which node ended that should not have, as ``failure`` does, and waits for some time that one ends."""
         ends_s, found = time.perf_counter() + limit_s, self.failure()
-        while not found and self.names and time.perf_counter() < ends_s:
+        while not found and (self.names or self.anonymous) and time.perf_counter() < ends_s:
             time.sleep(_PAUSE_S)
             found = self.failure()
         return found

@@ -23,6 +23,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, policy_file, ros_launch_file
 from tasks.ros.ros2.dds_domain import DOMAINS
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.storage.image_files import read_image
 
 ControllerKind = Literal["jax", "plain", "batched", "onnx", "ros", "ros2"]
 _JAX = "jax"
@@ -37,6 +38,8 @@ def controller_kind(folder: Path, launch: ApplicationLaunch) -> ControllerKind:
         folder: Where the bundle is unpacked.
         launch: Its launch configuration.
     """
+    if image := read_image(folder):
+        return "ros2" if image.ros == 2 else "ros"
     if launch_path(folder, launch) is not None:
         return "ros2" if is_ros2(launch.launch_file) else "ros"
     module = module_path(folder, launch)

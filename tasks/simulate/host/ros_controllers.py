@@ -372,6 +372,7 @@ class RosLanes:
             home=self._home.path,
             environment=[lane.request.environment for lane in lanes],
             simulation=setup.bundle.judge and _source(setup.bundle.judge),
+            command=setup.bundle.launch.command,
         )
         base = robot_base(setup.robot, self._start.sensors.lidar)
         lockstep = setup.make(base, launch)
@@ -421,7 +422,8 @@ class RosLanes:
 
 
 def _source(bundle: HostBundle) -> LaunchSource:
-    return LaunchSource(bundle.folder, bundle.launch.package, bundle.launch.launch_file)
+    launch = bundle.launch
+    return LaunchSource(bundle.folder, launch.package, launch.launch_file, launch.command)
 
 
 def _is_alone(bundle: HostBundle) -> bool:

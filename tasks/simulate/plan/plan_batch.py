@@ -13,7 +13,15 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError, KeptFaults
 from specs.field_types import Architecture, OutputLocation, TagMap
-from specs.launched_file import is_ros2, module_file, module_name, names_ros_launch, ros_launch_file, simulated_file
+from specs.launched_file import (
+    IMAGE_FILE,
+    is_ros2,
+    module_file,
+    module_name,
+    names_ros_launch,
+    ros_launch_file,
+    simulated_file,
+)
 from specs.pipeline.section_requests import REQUESTS, undriven_faults
 from specs.pipeline.simulation_section import PipelineJobRequest, PipelineRobotApplication, SimulationBatch
 from specs.pipeline.simulation_section import PipelineSimulationApplication as ScenarioUse
@@ -202,6 +210,7 @@ class _Launches(NamedTuple):
             package=package,
             launch_file=module_name(named) if self._is_module(kind, digest, package, named) else named,
             architecture=architecture,
+            command=None if named or kind == "simulation-application" else use.launchConfig.command,
         )
 
     def _is_module(self, kind: ApplicationKind, digest: str, package: str, named: str) -> bool:
@@ -209,6 +218,8 @@ class _Launches(NamedTuple):
         if not names_ros_launch(named) or self.find_files is None:
             return True
         files, module = self.find_files(digest), module_file(package, named)
+        if IMAGE_FILE in files:
+            return False
         if kind == "simulation-application":  # documents from before say x.launch, and mean the module beside it
             return module in files or ros_launch_file(files, package, named) is None
         return simulated_file(files, package, named) == module

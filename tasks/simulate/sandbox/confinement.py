@@ -23,12 +23,13 @@ import specs
 import tasks
 from specs.base import Fault
 from specs.errors import DocumentError, StageFailed
-from specs.launched_file import PACKAGE_XML
+from specs.launched_file import IMAGE_FILE, PACKAGE_XML
 from specs.settings import OWNER_KEY, TRUST_APPLICATIONS, WORKS_FOR_OTHERS, access_file
 from tasks.simulate.devices import device_kind
 from tasks.simulate.sandbox.process_environment import module_path
 from tasks.simulate.sandbox.self_confinement import OWN_NETWORK, PROBE, self_confined
 from tasks.storage.base.local_files import cache_folder
+from tasks.storage.image_files import image_root
 from tasks.storage.sealed_bundle import is_shipped
 
 Level = Literal["bubblewrap", "landlock", "process"]
@@ -69,6 +70,7 @@ _SECRETS = {
     "PREFECT__FLOW_RUN_ID": "flow runs for a Prefect server, which others may ask for",
 }
 _INSTALL = "apt-get install bubblewrap"
+_OTHER = "1000"
 
 
 class Confinement(NamedTuple):
@@ -181,7 +183,7 @@ def confinement_faults(bundles: Iterable[tuple[str, Path]]) -> list[Fault]:
     Args:
         bundles: Names and folders of applications; not looked at where all are shut in.
     """
-    if confinement().level != "process" and confinement().network:
+    if confinement().level == "bubblewrap":
         return []
     found = ((name, _refusal(folder)) for name, folder in bundles)
     allowed = "an application that comes with Simyard, or one that is shut in:"
@@ -191,6 +193,8 @@ def confinement_faults(bundles: Iterable[tuple[str, Path]]) -> list[Fault]:
 def _refusal(bundle: Path) -> str:
     """Returns why an application does not run in this process's name, and what to do; empty where it does."""
     found = confinement()
+    if (bundle / IMAGE_FILE).is_file() and found.level != "bubblewrap":
+        return f"container images run in bubblewrap alone: {_INSTALL}, and unset {CONFINEMENT}"
     if not found.network and any(bundle.rglob(PACKAGE_XML)):
         why = "nodes of ROS talk over a network, and Landlock gives them none of their own on this machine"
         return f"{why}: {_INSTALL}, or for your own nodes {CONFINEMENT}=process"
@@ -257,7 +261,11 @@ def confined_command(module: str, arguments: Sequence[str], place: Place, folder
 def _bubblewrap_command(module: str, arguments: Sequence[str], place: Place, folders: Iterable[Path]) -> list[str]:
     program = shutil.which("bwrap") or "bwrap"
     own = self_confined(module, arguments, limits=_limits())
-    return [program, *_shut_in(place.programs, folders), "--", *_python(), *own]
+    bundles = [*folders]
+    images = [root for bundle in bundles if (root := image_root(bundle))]
+    # bubblewrap lets an account other than root have another bubblewrap inside, in which images are run.
+    other = ["--unshare-user", "--uid", _OTHER, "--gid", _OTHER] if images and not os.getuid() else []
+    return [program, *other, *_shut_in(place.programs, [*bundles, *images]), "--", *_python(), *own]
 
 
 def _landlock_command(module: str, arguments: Sequence[str], place: Place, folders: Iterable[Path]) -> list[str]:

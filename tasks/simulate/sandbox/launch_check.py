@@ -7,6 +7,7 @@ A launch file runs programs when it is read (``<param command="...">``): reading
 import itertools
 import json
 import os
+import shlex
 import shutil
 import sys
 import tempfile
@@ -22,7 +23,14 @@ from specs.errors import LaunchRefused, StageFailed
 from specs.launched_file import PACKAGE_XML, bundle_files, is_ros2, package_folders
 from specs.program_file import HEAD_BYTES, needed_programs, start_fault
 from tasks.ros.launch.gazebo_launch import GazeboLaunch, read_gazebo_launch, shown_node
-from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, read_launch, run_launch_program
+from tasks.ros.launch.launch_plan import (
+    ImageLaunch,
+    LaunchPlan,
+    LaunchSource,
+    NodePlan,
+    read_launch,
+    run_launch_program,
+)
 from tasks.ros.launch.node_topics import WantedTopic, node_topics
 from tasks.ros.launch.packages import missing_packages, read_manifest, ros_installation
 from tasks.ros.launch.python2 import python2_sentences
@@ -32,6 +40,7 @@ from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement, require_confined
 from tasks.simulate.sandbox.process_environment import process_environment
+from tasks.storage.image_files import missing_program
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
 _LIMIT_S = 90.0
@@ -98,14 +107,24 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
         environments: Environment variables of episodes.
         own: Whether the bundle is the user's own; where nothing shuts it in, no other one is read.
     """
-    ros2 = is_ros2(source.launch_file)
-    report = (_ros2_report if ros2 else _ros1_report)(source, environments, own=own)
+    if image := ImageLaunch.of(source):
+        report = _image_report(image)
+    else:
+        report = (_ros2_report if is_ros2(source.launch_file) else _ros1_report)(source, environments, own=own)
     try:
         topics = read_ros_robot(source.bundle).topics
     except RobotRefused as refused:
         return report.model_copy(update={"declaration": str(refused)})
     robot = {topics.scan, topics.odometry, topics.joints, topics.imu, topics.bumper, topics.goal, topics.floor_map}
     return report.model_copy(update={"gives": (*report.gives, *_OWN_TOPICS, *sorted(filter(None, robot)))})
+
+
+def _image_report(image: ImageLaunch) -> LaunchReport:
+    """Returns what is known of a container image that nobody has run yet."""
+    why = missing_program(image.root, image.image, image.words)
+    why = why or ("" if image.image.ros else "the image has no ROS: neither /opt/ros, nor roslaunch, nor rclpy")
+    ros = f"ROS {image.image.ros} in the container image {image.image.digest[:12]}"
+    return LaunchReport(ros=ros, has_ros=True, nodes=(shlex.join(image.words),), refusals=(why,) if why else ())
 
 
 def _ros1_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:

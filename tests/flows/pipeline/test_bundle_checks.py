@@ -83,7 +83,7 @@ def test_each_file_of_the_own_bundle_that_a_robot_cannot_start_is_refused_with_w
         ({"robotApplications": None}, ["robotApplications"]),
         ({"simulationApplications": None}, ["simulationApplications"]),
         (
-            {"robotApplications": [{"application": "mine", "launchConfig": {"command": ["go"]}}]},
+            {"robotApplications": [{"application": "mine", "launchConfig": {"environmentVariables": {"A": "1"}}}]},
             [f"robotApplications[0].launchConfig.{name}" for name in ("packageName", "launchFile")],
         ),
     ],

@@ -1,0 +1,272 @@
+"""Container images as applications: an image becomes a bundle, and a bundle's image a folder that programs are run in.
+
+A bundle of an image has its blobs as an OCI image layout (``image/``), what its configuration says (``image.json``),
+and the files that declare the robot, copied out of the image or from a folder beside it. So a bundle's digest stands
+for every byte of the image, and whoever signs or compares bundles signs and compares images. A registry is asked by
+``skopeo``. Formats: OCI image specification 1.0, and what ``docker save`` writes.
+"""
+
+import hashlib
+import json
+import posixpath
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from specs.bundle_files import ROS_FILE, ContainerImage
+from specs.errors import BundleRefused
+from specs.field_types import Architecture
+from specs.launched_file import IMAGE_FILE
+from tasks.storage.archives import LIMITS
+from tasks.storage.base.local_files import cache_folder, room_in
+from tasks.storage.image_files import (
+    BLOCK_BYTES,
+    LAYOUT,
+    ImageBlobs,
+    blob_name,
+    inside,
+    opened_blobs,
+    private_folder,
+    require_digest,
+    settle_folder,
+    unpacked,
+)
+
+REGISTRY = "docker://"
+_PINNED = "@sha256:"
+_BUILT_FOR: Mapping[tuple[str, str], Architecture] = {
+    ("amd64", ""): "X86_64",
+    ("arm64", ""): "ARM64",
+    ("arm64", "v8"): "ARM64",
+    ("arm", "v7"): "ARMHF",
+}
+_GO_NAMES: Mapping[Architecture, tuple[str, ...]] = {
+    "X86_64": ("--override-arch", "amd64"),
+    "ARM64": ("--override-arch", "arm64"),
+    "ARMHF": ("--override-arch", "arm", "--override-variant", "v7"),
+}
+# Where an image has the files that declare its robot: its label says it, or one of these.
+_LABEL, _PLACE = "simyard.bundle", "/simyard"
+_DECLARED = ("robot.xml", ROS_FILE)
+_FETCH_S = 3600.0
+_INDEXES = ("index", "list.v2")
+_ROS1_NAMES = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
+_RCLPY = "lib/python3*/*-packages/rclpy"
+
+
+def is_image_source(source: str, base: Path) -> bool:
+    """Returns whether a source is an image: of a registry, an archive, or a folder with an OCI image layout."""
+    place = base / source
+    return source.startswith(REGISTRY) or place.is_file() or (place / "oci-layout").is_file()
+
+
+def image_bundle(source: str, base: Path, robot: Path | None = None, architecture: Architecture = "X86_64") -> Path:
+    """Returns the bundle's folder of an image, made in the cache once for each state of its source.
+
+    Args:
+        source: ``docker://NAME@sha256:DIGEST``, or the path of an archive (``docker save``, or of an OCI layout), or of
+            a folder with an OCI layout.
+        base: Folder that paths start from.
+        robot: Folder with the files that declare the robot; None where the image has them.
+        architecture: Which of several images is taken.
+
+    Raises:
+        BundleRefused: It is no image, is for another architecture, is too large, or cannot be fetched; says why.
+    """
+    if source.startswith(REGISTRY) and _PINNED not in source:
+        how = f"skopeo inspect --format '{{{{.Digest}}}}' {source} tells the one of today"
+        raise BundleRefused(f"{source}: a tag may be another image tomorrow: write {source}{_PINNED}...; {how}")
+    home = cache_folder() / "images"
+    target = home / f"bundle-{_state(source, base, robot, architecture)}"
+    if target.is_dir():
+        return target
+    private_folder(home)
+    with room_in(home), tempfile.TemporaryDirectory(prefix=".making-", dir=home) as folder:
+        made, fetched = Path(folder) / "bundle", Path(folder) / "fetched"
+        (made / LAYOUT).mkdir(parents=True)
+        place = _fetched(source, fetched, architecture) if source.startswith(REGISTRY) else (base / source).resolve()
+        with opened_blobs(place) as blobs:
+            digest, config = _copied(blobs, made / LAYOUT, architecture)
+        _declare(made, digest, config, architecture, robot)
+        settle_folder(made, target)
+    return target
+
+
+def _state(source: str, base: Path, robot: Path | None, architecture: Architecture) -> str:
+    """Returns what a source's bundle is known by in the cache: another one once it is written anew."""
+    known: list[object] = [source, architecture]
+    if not source.startswith(REGISTRY):
+        place = (base / source).resolve()
+        status = (place / "index.json" if place.is_dir() else place).stat()
+        known += [str(place), status.st_ino, status.st_size, status.st_mtime_ns]
+    known += [(robot / name).read_text() if robot and (robot / name).is_file() else "" for name in _DECLARED]
+    return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:32]
+
+
+def _fetched(source: str, folder: Path, architecture: Architecture) -> Path:
+    """Returns a folder with a registry's image, which skopeo compared with its digests."""
+    program = shutil.which("skopeo")
+    if program is None:
+        raise BundleRefused(f"{source}: registries need skopeo, which is not installed: apt-get install skopeo")
+    own = source.startswith((f"{REGISTRY}127.0.0.1:", f"{REGISTRY}localhost:"))
+    command = [program, "--insecure-policy", *_GO_NAMES[architecture], "--override-os", "linux", "copy", "-q"]
+    command += [*(["--src-tls-verify=false"] if own else []), source, f"oci:{folder}:image"]
+    try:
+        done = subprocess.run(  # noqa: S603 - the arguments are separate words
+            command, capture_output=True, text=True, errors="replace", timeout=_FETCH_S, check=False
+        )
+    except subprocess.TimeoutExpired as exc:
+        raise BundleRefused(f"{source}: skopeo takes longer than {_FETCH_S:g} s") from exc
+    if done.returncode:
+        said = (done.stderr.strip().splitlines() or ["it says nothing"])[-1]
+        raise BundleRefused(f"{source}: skopeo: {said[:500]}")
+    return folder
+
+
+def _copied(blobs: ImageBlobs, layout: Path, architecture: Architecture) -> tuple[str, dict[str, Any]]:
+    """Writes an image as an OCI layout, each blob compared with its digest; returns its digest and configuration."""
+    if "oci-layout" in blobs.names:
+        entry = _chosen(blobs, json.loads(blobs.small("index.json"))["manifests"], architecture)
+        manifest = blobs.blob(entry)
+        body, config = blobs.small(blob_name(entry["digest"])), blobs.small(blob_name(manifest["config"]["digest"]))
+        layers = [(blob_name(each["digest"]), str(each["digest"])) for each in manifest["layers"]]
+    elif "manifest.json" in blobs.names:
+        (saved,) = json.loads(blobs.small("manifest.json"))
+        body, config = b"", blobs.small(saved["Config"])
+        layers = list(zip(saved["Layers"], json.loads(config)["rootfs"]["diff_ids"], strict=True))
+    else:
+        raise BundleRefused(
+            f"{blobs.where}: no container image: it has neither manifest.json, as docker save writes it, nor oci-layout"
+        )
+    said = json.loads(config)
+    built = (str(said.get("architecture", "")), str(said.get("variant", "")))
+    if _BUILT_FOR.get(built) != architecture:
+        found = "/".join(filter(None, built)) or "no architecture"
+        raise BundleRefused(f"{blobs.where}: it is built for {found}, and {architecture} is asked for")
+    (layout / "blobs/sha256").mkdir(parents=True)
+    left, copied = LIMITS.total_bytes, list[dict[str, object]]()
+    for name, digest in layers:
+        size = _copy_layer(blobs, name, digest, layout, left)
+        left -= size
+        copied.append(_descriptor("layer.v1.tar", digest, size))
+    # docker save writes no manifest: one is made, always the same.
+    of_config = _written(layout, "config.v1+json", config)
+    made = body or _canonical({"schemaVersion": 2, "config": of_config, "layers": copied})
+    of_manifest = _written(layout, "manifest.v1+json", made)
+    (layout / "index.json").write_bytes(_canonical({"schemaVersion": 2, "manifests": [of_manifest]}))
+    (layout / "oci-layout").write_bytes(_canonical({"imageLayoutVersion": "1.0.0"}))
+    return str(of_manifest["digest"]).removeprefix("sha256:"), said
+
+
+def _chosen(blobs: ImageBlobs, entries: Sequence[Mapping[str, Any]], architecture: Architecture) -> Mapping[str, Any]:
+    """Returns the manifest that an index has for an architecture; indexes may stand in an index."""
+    fitting = [each for each in entries if _platform(each) in (None, architecture)]
+    if len(fitting) != 1:
+        known = ", ".join(str((each.get("platform") or {}).get("architecture", "?")) for each in entries)
+        raise BundleRefused(f"{blobs.where}: {len(fitting)} of its images are for {architecture}; they are for {known}")
+    if not str(fitting[0].get("mediaType", "")).removesuffix("+json").endswith(_INDEXES):
+        return fitting[0]
+    return _chosen(blobs, blobs.blob(fitting[0])["manifests"], architecture)
+
+
+def _platform(entry: Mapping[str, Any]) -> Architecture | str | None:
+    """Returns what an entry of an index is for; None if it does not say."""
+    found = entry.get("platform")
+    if not found:
+        return None
+    built = (str(found.get("architecture")), str(found.get("variant") or ""))
+    return _BUILT_FOR.get(built, "another") if found.get("os") == "linux" else "another"
+
+
+def _descriptor(kind: str, digest: str, size: int) -> dict[str, object]:
+    return {"mediaType": f"application/vnd.oci.image.{kind}", "digest": digest, "size": size}
+
+
+def _canonical(document: object) -> bytes:
+    return json.dumps(document, sort_keys=True, separators=(",", ":")).encode()
+
+
+def _written(layout: Path, kind: str, body: bytes) -> dict[str, object]:
+    """Returns the descriptor of a blob that was written."""
+    digest = f"sha256:{hashlib.sha256(body).hexdigest()}"
+    (layout / blob_name(digest)).write_bytes(body)
+    return _descriptor(kind, digest, len(body))
+
+
+def _copy_layer(blobs: ImageBlobs, name: str, digest: str, layout: Path, left: int) -> int:
+    """Returns how long a layer is that was copied and compared."""
+    found, size, target = hashlib.sha256(), 0, layout / blob_name(digest)
+    with blobs.open(name) as source, target.open("wb") as sink:
+        while block := source.read(BLOCK_BYTES):
+            size += len(block)
+            if size > left:
+                raise BundleRefused(f"{blobs.where}: more than {LIMITS.total_bytes >> 20} MB of layers")
+            found.update(block)
+            sink.write(block)
+    require_digest(blobs.where, found.hexdigest(), digest)
+    return size
+
+
+def _declare(
+    bundle: Path, digest: str, config: Mapping[str, Any], architecture: Architecture, robot: Path | None
+) -> None:
+    """Writes what a bundle tells of its image, and copies what declares the robot."""
+    own: Mapping[str, Any] = config.get("config") or {}
+    root, folder = unpacked(bundle, digest, cache_folder() / "images"), str(own.get("WorkingDir") or "/")
+    labelled = str((own.get("Labels") or {}).get(_LABEL) or _PLACE)
+    for name in _DECLARED:
+        places = [robot / name] if robot else [inside(root, f"{place}/{name}") for place in (labelled, folder)]
+        if found := next((place for place in places if place.is_file()), None):
+            shutil.copyfile(found, bundle / name)
+    user, group = _account(root, str(own.get("User") or "0"))
+    pairs = (str(each).partition("=") for each in own.get("Env") or ())
+    try:
+        declared = ContainerImage(
+            digest=digest,
+            architecture=architecture,
+            entrypoint=tuple(own.get("Entrypoint") or ()),
+            command=tuple(own.get("Cmd") or ()),
+            environment={name: value for name, _, value in pairs},
+            folder=posixpath.normpath(f"/{folder}").replace("//", "/"),
+            user=user,
+            group=group,
+            ros=_ros_of(root),
+        )
+    except ValidationError as exc:
+        raise BundleRefused(f"its configuration: {' '.join(str(exc).split())[:300]}") from exc
+    (bundle / IMAGE_FILE).write_text(declared.model_dump_json(indent=1) + "\n")
+
+
+def _account(root: Path, named: str) -> tuple[int, int]:
+    """Returns the numbers of a user, and of a group, of an image: ``User`` is ``NAME``, or ``NAME:GROUP``."""
+    user, _, group = named.partition(":")
+    lines = [line.split(":") for line in _lines(inside(root, "etc/passwd"))]
+    entry = next((line for line in lines if len(line) > 3 and user in (line[0], line[2])), None)
+    groups = {line[0]: line[2] for line in map(_colons, _lines(inside(root, "etc/group"))) if len(line) > 2}
+    found = (entry[2] if entry else user, groups.get(group, group) or (entry[3] if entry else "0"))
+    if not all(number.isdecimal() for number in found):
+        raise BundleRefused(f"its User is {named[:80]!r}, whom its /etc/passwd does not have")
+    return int(found[0]), int(found[1])
+
+
+def _colons(line: str) -> list[str]:
+    return line.split(":")
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(errors="replace").splitlines() if path.is_file() else []
+
+
+def _ros_of(root: Path) -> int:
+    """Returns which ROS lies in an image."""
+    homes = inside(root, "opt/ros")
+    names = {path.name for path in homes.iterdir()} if homes.is_dir() else set[str]()
+    libraries = (place for prefix in ("usr", "usr/local", "opt/*") for place in root.glob(f"{prefix}/{_RCLPY}"))
+    if names - _ROS1_NAMES or next(libraries, None):
+        return 2
+    return 1 if names or any(inside(root, f"usr/bin/{name}").is_file() for name in ("roscore", "roslaunch")) else 0

@@ -1,0 +1,64 @@
+"""ROS 1 in a container image, in lock-step: as outside, with the ROS that the image has."""
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from specs.bundle_files import ContainerImage
+from specs.launched_file import IMAGE_FILE
+from tasks.ros.launch.packages import RosInstallation
+from tasks.ros.lockstep.exchange import Launch
+from tests.ros.lockstep.room import drive, nothing_left
+
+_DIGEST = "1" * 64
+_STEPS = 20
+
+
+@pytest.fixture
+def packages(courier: Path) -> Iterator[Path]:
+    """The courier's packages outside ``/tmp``, which is another one inside."""
+    with tempfile.TemporaryDirectory(dir="/var/tmp") as folder:
+        yield shutil.copytree(courier, Path(folder) / "src")
+
+
+@pytest.fixture
+def image(packages: Path, ros: RosInstallation, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A bundle whose image is this machine: what ROS needs is in it."""
+    if shutil.which("bwrap") is None:
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("apt-get install bubblewrap")
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "cache/images").mkdir(parents=True)
+    (tmp_path / "cache/images" / _DIGEST).symlink_to("/")
+    own = ros.environment()
+    environment = {**own, "ROS_PACKAGE_PATH": f"{packages}:{own['ROS_PACKAGE_PATH']}"}
+    told = ContainerImage(digest=_DIGEST, architecture="X86_64", environment=environment, ros=1)
+    (tmp_path / "bundle").mkdir()
+    (tmp_path / "bundle" / IMAGE_FILE).write_text(told.model_dump_json())
+    return tmp_path / "bundle"
+
+
+@pytest.mark.long
+def test_an_image_gives_the_commands_that_its_launch_file_gives_outside(
+    image: Path, packages: Path, home: Path
+) -> None:
+    environment = [{"KIND": "none"}] * 2
+    outside = drive(Launch(packages, "courier", "fault.launch", home, environment), [0, 1], _STEPS)
+    command = ("roslaunch", "courier", "fault.launch")
+    inside = drive(Launch(image, "", "", home, environment, command=command), [0, 1], _STEPS)
+    assert nothing_left(home)
+    assert (outside.failures, inside.failures) == ({}, {})
+    assert inside.digests == outside.digests
+    assert all(tally.late == tally.stray == 0 and tally.commands for tally in inside.tallies)
+
+
+@pytest.mark.long
+def test_what_an_image_lacks_or_ends_with_is_the_reason(image: Path, home: Path) -> None:
+    nothing = drive(Launch(image, "", "", home, [{}], command=("nowhere",)), [0], 1)
+    assert "the image has no program 'nowhere'" in nothing.failures[0]
+    ended = drive(Launch(image, "", "", home, [{}], command=("sh", "-c", "echo why; exit 7")), [0], 1)
+    assert ended.failures[0] == "node /image ended with status 7: why"
+    assert nothing_left(home)

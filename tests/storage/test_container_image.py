@@ -1,0 +1,153 @@
+"""An image becomes a bundle whose digest stands for every byte of it; what is no image is refused with a reason."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from specs.errors import BundleRefused
+from tasks.storage.container_image import image_bundle, is_image_source
+from tasks.storage.image_files import image_root, read_image
+from tests.storage.made_images import (
+    docker_archive,
+    file,
+    layer,
+    link,
+    oci_archive,
+    oci_files,
+    oci_folder,
+)
+
+_CONFIG = {"Entrypoint": ["/enter.sh"], "Cmd": ["sh"], "Env": ["A=b=c"], "WorkingDir": "/app", "User": "rob:ops"}
+_LAYER = layer(
+    file("enter.sh", b"#!/bin/sh\nexec $@\n"),
+    file("etc/passwd", b"root:x:0:0::/:/bin/sh\nrob:x:1234:1234::/:/bin/sh\n"),
+    file("etc/group", b"ops:x:77:rob\n"),
+    file("simyard/robot.xml", b"<mujoco/>"),
+    file("app/ros.yaml", b"{}\n"),
+    file("opt/ros/noetic/setup.sh"),
+)
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+
+
+def test_an_archive_of_docker_tells_what_its_configuration_says(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    bundle = image_bundle("app.tar", tmp_path)
+    image = read_image(bundle)
+    assert image is not None
+    assert (image.entrypoint, image.command, image.environment) == (("/enter.sh",), ("sh",), {"A": "b=c"})
+    assert (image.folder, image.user, image.group, image.ros, image.architecture) == ("/app", 1234, 77, 1, "X86_64")
+    assert {each.name for each in bundle.iterdir()} == {"image", "image.json", "robot.xml", "ros.yaml"}
+
+
+def test_the_same_layers_are_the_same_files_from_each_kind_of_source(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "docker.tar", [_LAYER], _CONFIG)
+    files = oci_files([_LAYER], _CONFIG)
+    oci_archive(tmp_path / "oci.tar", files)
+    oci_folder(tmp_path / "layout", files)
+    found = {name: image_bundle(name, tmp_path) for name in ("docker.tar", "oci.tar", "layout")}
+    images = {name: read_image(bundle) for name, bundle in found.items()}
+    assert images["oci.tar"] == images["layout"]
+    trees = {name: _tree(image_root(bundle)) for name, bundle in found.items()}
+    assert trees["docker.tar"] == trees["oci.tar"] == trees["layout"]
+
+
+def _tree(root: Path | None) -> dict[str, bytes]:
+    assert root is not None
+    return {str(path.relative_to(root)): path.read_bytes() for path in sorted(root.rglob("*")) if path.is_file()}
+
+
+def test_an_archive_that_is_written_anew_is_another_bundle(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    first = image_bundle("app.tar", tmp_path)
+    assert image_bundle("app.tar", tmp_path) == first
+    docker_archive(tmp_path / "app.tar", [_LAYER, layer(file("more"))], _CONFIG)
+    assert read_image(image_bundle("app.tar", tmp_path)) != read_image(first)
+
+
+def test_the_robot_may_lie_beside_an_image(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "robot/robot.xml").write_text("<mujoco model='other'/>")
+    bundle = image_bundle("app.tar", tmp_path, tmp_path / "robot")
+    assert (bundle / "robot.xml").read_text() == "<mujoco model='other'/>"
+    assert not (bundle / "ros.yaml").exists()
+
+
+def test_of_an_index_the_image_for_the_architecture_is_taken(tmp_path: Path) -> None:
+    ours, theirs = oci_files([_LAYER], _CONFIG), oci_files([_LAYER], _CONFIG, "arm64")
+    entries = [
+        {**json.loads(files["index.json"])["manifests"][0], "platform": {"os": "linux", "architecture": name}}
+        for files, name in ((theirs, "arm64"), (ours, "amd64"))
+    ]
+    both = {**theirs, **ours, "index.json": json.dumps({"schemaVersion": 2, "manifests": entries}).encode()}
+    oci_folder(tmp_path / "both", both)
+    assert getattr(read_image(image_bundle("both", tmp_path)), "architecture", "") == "X86_64"
+    assert getattr(read_image(image_bundle("both", tmp_path, architecture="ARM64")), "architecture", "") == "ARM64"
+
+
+def _refusal(source: str, base: Path) -> str:
+    with pytest.raises(BundleRefused) as refused:
+        image_bundle(source, base)
+    assert not list((base / "cache").glob("images/.*"))  # nothing half-done is left
+    return str(refused.value)
+
+
+def test_an_image_for_another_processor_is_refused(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], architecture="s390x")
+    assert _refusal("app.tar", tmp_path) == "app.tar: it is built for s390x, and X86_64 is asked for"
+
+
+def test_a_layer_that_was_changed_is_refused(tmp_path: Path) -> None:
+    files = oci_files([_LAYER])
+    changed = next(name for name, body in files.items() if body[:2] == b"\x1f\x8b")
+    oci_folder(tmp_path / "layout", {**files, changed: files[changed] + b"x"})
+    assert "it was changed" in _refusal("layout", tmp_path)
+    docker = docker_archive(tmp_path / "app.tar", [_LAYER])
+    docker.write_bytes(docker.read_bytes().replace(b"exec $@", b"exec rm"))
+    assert "it was changed" in _refusal("app.tar", tmp_path)
+
+
+def test_a_tag_of_a_registry_is_refused(tmp_path: Path) -> None:
+    assert "a tag may be another image tomorrow" in _refusal("docker://127.0.0.1:1/app:1", tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("files", "why"),
+    [
+        ({"readme": b""}, "it has neither manifest.json, as docker save writes it, nor oci-layout"),
+        ({"manifest.json": b"["}, "no container image: JSONDecodeError"),
+        ({"manifest.json": b"[]"}, "no container image: ValueError"),
+        ({"manifest.json": b'[{"Config": "../../etc/passwd", "Layers": []}]'}, "it lacks '../../etc/passwd'"),
+        ({"oci-layout": b"", "index.json": b'{"manifests": [{"digest": "sha256:../../x"}]}'}, "is no SHA-256"),
+        ({"oci-layout": b"", "index.json": b'{"manifests": []}'}, "0 of its images are for X86_64"),
+        ({"manifest.json": b"[" * 100_000}, "no container image: RecursionError"),
+    ],
+)
+def test_what_is_no_image_is_refused(files: dict[str, bytes], why: str, tmp_path: Path) -> None:
+    oci_archive(tmp_path / "app.tar", files)
+    assert why in _refusal("app.tar", tmp_path)
+
+
+def test_an_unknown_user_is_refused(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], {"User": "nobody-known"})
+    assert "whom its /etc/passwd does not have" in _refusal("app.tar", tmp_path)
+
+
+def test_what_declares_the_robot_never_comes_from_outside_the_image(tmp_path: Path) -> None:
+    secret = tmp_path / "secret"
+    secret.write_text("of this machine")
+    docker_archive(tmp_path / "app.tar", [layer(link("simyard/robot.xml", str(secret)), link("etc/passwd", "/../x"))])
+    assert not (image_bundle("app.tar", tmp_path) / "robot.xml").exists()
+
+
+def test_a_source_is_an_image_by_what_it_is(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    docker_archive(tmp_path / "app.tar", [_LAYER])
+    oci_folder(tmp_path / "layout", oci_files([_LAYER]))
+    found = {name: is_image_source(name, tmp_path) for name in ("folder", "app.tar", "layout", "docker://x@sha256:y")}
+    assert found == {"folder": False, "app.tar": True, "layout": True, "docker://x@sha256:y": True}
