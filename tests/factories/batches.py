@@ -92,7 +92,7 @@ def closed_batch(store: Store, plan: BatchPlan, name: str = "tok") -> OpenBatch:
     folders = bundles(batch)
     episodes = RecordedEpisodes(batch, recorded_location(batch.record()), folders)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, partial(_simulate, batch, folders), episodes.write, lanes=plan.lanes, left_s=99.0)
+        run_chunk(batch, number, partial(_simulate, batch, folders), episodes.write, lanes=plan.lanes, left_s=3600.0)
     record = complete(batch)
     audit = partial(write_audit, batch, folders, recorded_location(record)) if plan.audit else dict
     close_with_tables(batch, audit)

@@ -58,7 +58,7 @@ def ended(
     wanted = {"templates": templates, "seeds": tuple(range(40)), "lanes": 40, **changes}
     batch = begun(store, plan(store, **wanted), name)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, simulate, lanes=batch.plan.lanes, left_s=99.0)
+        run_chunk(batch, number, simulate, lanes=batch.plan.lanes, left_s=3600.0)
     complete(batch)
     return close_with_tables(batch)
 

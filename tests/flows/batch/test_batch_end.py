@@ -154,7 +154,7 @@ BATCH = "simulation-job-batch"
 def left(file_store: Store) -> OpenBatch:
     """Six jobs in chunks of two: the first chunk is committed, the second was begun, the third was not."""
     batch = begun(file_store, plan(file_store, lanes=2))
-    run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
+    run_chunk(batch, 0, all_pass, lanes=2, left_s=3600.0)
     begin_chunk(file_store, batch.id, 1, 0.0)
     return batch
 
@@ -214,7 +214,7 @@ def test_a_process_that_was_paused_meanwhile_cannot_commit_what_was_given_up(lef
         close_if_stopped(left.store, left.id)
         return all_pass(part)
 
-    assert run_chunk(left, 1, slow, lanes=2, left_s=9.0).episodes == 2
+    assert run_chunk(left, 1, slow, lanes=2, left_s=3600.0).episodes == 2
     assert {row.status for row in committed_chunk(left.store, left.id, 1) or ()} == {"Canceled"}
     assert results(left).column("status").to_pylist()[2:4] == ["Canceled"] * 2
 
@@ -250,7 +250,7 @@ def test_a_settled_batch_cannot_be_cancelled_again(left: OpenBatch, tmp_path: Pa
 @pytest.mark.long
 def test_on_s3_it_is_the_same(s3_store: Store):
     batch = begun(s3_store, plan(s3_store, lanes=2))
-    run_chunk(batch, 0, all_pass, lanes=2, left_s=9.0)
+    run_chunk(batch, 0, all_pass, lanes=2, left_s=3600.0)
     cancel_resource(s3_store, batch.record().arn)
     assert batch.record().status == "Canceled"
     assert results(batch).column("status").to_pylist() == ["Completed"] * 2 + ["Canceled"] * 4
@@ -303,7 +303,7 @@ def closed(store: Store) -> JobRecord:
     """Returns a batch of six jobs, some of them failed, with its tables and its report."""
     batch = begun(store)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, mixed, lanes=4, left_s=9.0)
+        run_chunk(batch, number, mixed, lanes=4, left_s=3600.0)
     complete(batch)
     return close_with_tables(OpenBatch(store, batch.id, batch.layout))
 

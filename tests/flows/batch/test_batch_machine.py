@@ -106,7 +106,7 @@ class Batches(RuleBasedStateMachine):
             return [self._row(each.index, fate, job, part.watch.code) for each in part.chunk.requests]
 
         try:
-            run_chunk(self.batch, number, simulate, lanes=LANES, left_s=-1.0 if fate == "late" else 99.0)
+            run_chunk(self.batch, number, simulate, lanes=LANES, left_s=-1.0 if fate == "late" else 3600.0)
         except Died:
             return
 

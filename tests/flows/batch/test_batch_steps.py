@@ -54,7 +54,7 @@ def driven(
             return cast("dict[str, JsonValue]", early.detail["stopped_early"])
         if number == most:
             raise KeyboardInterrupt
-        run_chunk(batch, number, simulate, lanes=16, left_s=99.0)
+        run_chunk(batch, number, simulate, lanes=16, left_s=3600.0)
     return {}
 
 
@@ -151,7 +151,7 @@ def test_a_pass_that_stands_the_audit_ends_the_batch_with_it(file_store: Store):
     for number in range(batch.layout.chunks):
         if early.ends_before(number):
             break
-        run_chunk(batch, number, all_pass, lanes=16, left_s=99.0)
+        run_chunk(batch, number, all_pass, lanes=16, left_s=3600.0)
     assert early.audit == audit_of(flips=0)
     assert early.detail["stopped_early"]
 

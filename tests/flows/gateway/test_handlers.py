@@ -115,8 +115,8 @@ def test_pages_go_on_in_another_process_whatever_was_made_or_removed(file_store:
 
 def test_jobs_of_an_ended_batch_are_the_same_from_its_line_as_from_its_chunks(file_store: Store) -> None:
     batch = begun(file_store, plan(file_store, seeds=tuple(range(5))))
-    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
-    run_chunk(batch, 2, mixed, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, mixed, lanes=4, left_s=3600.0)
+    run_chunk(batch, 2, mixed, lanes=4, left_s=3600.0)
     close_batch(file_store, batch.id, "Completed", {})
     live = [each for _, each in Jobs(file_store, batch.id).listed()]
     for size in (1, 3, 100):

@@ -45,7 +45,7 @@ def test_modules_are_imported_and_those_that_are_missing_left_to_who_needs_them(
 
 
 def on_a_worker(batch: OpenBatch) -> None:
-    spread_work._simulate_numbers(batch, (0, 1), RESULTS, left_s=9.0, spent_s=0.0)  # pyright: ignore[reportPrivateUsage]
+    spread_work._simulate_numbers(batch, (0, 1), RESULTS, left_s=3600.0, spent_s=0.0)  # pyright: ignore[reportPrivateUsage]
 
 
 @pytest.mark.parametrize("run", [lambda batch: batch_run.run_batch(batch.store, batch.id, RESULTS), on_a_worker])

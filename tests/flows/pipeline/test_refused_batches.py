@@ -90,7 +90,7 @@ def test_an_output_bucket_that_must_not_be_written_ends_the_batch_and_its_jobs_s
 
 def test_jobs_whose_output_was_refused_failed_whatever_they_did(file_store: Store, monkeypatch: pytest.MonkeyPatch):
     batch = without_bundles(file_store)
-    run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
     begin_chunk(file_store, batch.id, 1, 0.0)
 
     close_refused(batch, StageFailed("BadPermissionsS3Output", "the bucket refuses"))

@@ -135,7 +135,7 @@ def test_a_batch_that_was_being_stopped_comes_to_that_end_with_the_rows_of_what_
     file_store: Store, end: str
 ) -> None:
     batch = planned_batches.begun(file_store, planned_batches.plan(file_store, lanes=2))
-    run_chunk(batch, 0, planned_batches.all_pass, lanes=2, left_s=9.0)
+    run_chunk(batch, 0, planned_batches.all_pass, lanes=2, left_s=3600.0)
     if end == "TimedOut":
         time_out(batch)
     else:

@@ -30,7 +30,7 @@ def simulate(store: Store, name: str) -> JobRecord:
     if is_terminal(record):
         return record
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, mixed, lanes=batch.plan.lanes, left_s=99.0)
+        run_chunk(batch, number, mixed, lanes=batch.plan.lanes, left_s=3600.0)
     complete(batch)
     return close_with_tables(batch)
 

@@ -23,7 +23,7 @@ def work(batch: OpenBatch) -> None:
     """Commits every chunk, writes the tables and closes the batch."""
     record = partial(write_recordings, batch.store.url, PLACE, batch.id)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, _simulate, record, lanes=batch.plan.lanes, left_s=99.0)
+        run_chunk(batch, number, _simulate, record, lanes=batch.plan.lanes, left_s=3600.0)
     complete(batch)
     close_with_tables(batch)
 

@@ -127,7 +127,7 @@ def batch(file_store: Store) -> OpenBatch:
     """Returns a batch with all its chunks committed."""
     made = begun(file_store, plan(file_store))
     for number in range(made.layout.chunks):
-        run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+        run_chunk(made, number, mixed, lanes=4, left_s=3600.0)
     return made
 
 
@@ -135,7 +135,7 @@ def batch(file_store: Store) -> OpenBatch:
 def wide(file_store: Store) -> OpenBatch:
     """Returns a batch of many more lanes than are audited, likewise."""
     made = begun(file_store, plan(file_store, lanes=LANES, audit=AUDITED))
-    run_chunk(made, 0, mixed, lanes=LANES, left_s=9.0)
+    run_chunk(made, 0, mixed, lanes=LANES, left_s=3600.0)
     return made
 
 
@@ -293,7 +293,7 @@ def test_it_reads_the_data_sources_that_the_batch_read(
     reading = template(environment={"DATA_SOURCE_MAPS": f"{DATA_PREFIX}{source.digest}"})
     made = begun(file_store, plan(file_store, templates=(reading,), data_sources={source.digest: source}))
     for number in range(made.layout.chunks):
-        run_chunk(made, number, mixed, lanes=4, left_s=9.0)
+        run_chunk(made, number, mixed, lanes=4, left_s=3600.0)
     write_audit(made, {}, PLACE)
     folders = {Path(each.request.environment["DATA_SOURCE_MAPS"]) for each in audited[0]}
     assert {(folder / "map").read_bytes() for folder in folders} == {b"content"}

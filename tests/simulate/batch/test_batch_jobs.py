@@ -52,7 +52,7 @@ def running(file_store: Store) -> OpenBatch:
         file_store, seeds=tuple(range(3)), sweep={"SPEED": ("1", "2")}, templates=(template(environment={"A": "b"}),)
     )
     batch = begun(file_store, made)
-    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, mixed, lanes=4, left_s=3600.0)
     begin_chunk(file_store, batch.id, 1, 0.0)
     return batch
 
@@ -165,7 +165,7 @@ def test_a_reason_of_many_lines_is_answered_as_one(file_store: Store):
         )
         return [failed, *rows[1:]]
 
-    run_chunk(batch, 0, verbose, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, verbose, lanes=4, left_s=3600.0)
     reason = describe_job(file_store, f"{batch.id}/0").failureReason or ""
     assert reason.startswith("Traceback: xxx")
     assert len(reason) == 1024
@@ -174,7 +174,7 @@ def test_a_reason_of_many_lines_is_answered_as_one(file_store: Store):
 def test_a_batch_that_is_complete_has_created_jobs_only(file_store: Store):
     batch = begun(file_store)
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, all_pass, lanes=4, left_s=9.0)
+        run_chunk(batch, number, all_pass, lanes=4, left_s=3600.0)
     complete(batch)
     close_batch(file_store, batch.id, "Completed", {})
     answer = describe_batch(file_store, batch.id)
@@ -185,7 +185,7 @@ def test_a_batch_that_is_complete_has_created_jobs_only(file_store: Store):
 def test_a_failed_job_under_continue_is_kept_until_the_batch_ends(file_store: Store):
     batch = begun(file_store, plan(file_store, templates=(template(), template(failure_behavior="Continue"))))
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, mixed, lanes=4, left_s=9.0)
+        run_chunk(batch, number, mixed, lanes=4, left_s=3600.0)
     jobs = [f"{batch.id}/{index}" for index in (3, 11)]
     before = [describe_job(file_store, job) for job in jobs]
     assert [job.status for job in before] == ["Failed", "RunningFailed"]
@@ -207,7 +207,7 @@ def test_a_job_says_when_it_began_how_long_it_took_and_what_was_asked(running: O
 def test_the_outcome_of_a_job_is_told_in_tags_once_it_has_ended(file_store: Store):
     batch = begun(file_store)
     assert Jobs(file_store, batch.id).outcome_tags(0) == {}
-    run_chunk(batch, 0, mixed, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, mixed, lanes=4, left_s=3600.0)
     found = [Jobs(file_store, batch.id).outcome_tags(index) for index in range(5)]
     assert found[0] == {OUTCOME: "Passed"}
     assert found[1] == {OUTCOME: "Failed", REASON: "collision"}
@@ -244,7 +244,7 @@ def test_a_single_job_answers_with_all_that_was_asked_of_it(file_store: Store):
     CreateSimulationJobRequest.model_validate(asked)
     batch = load_batch(file_store, open_batch(file_store, made, asked, "tok").id)
     assert describe_batch(file_store, batch.id).pendingRequests is None
-    run_chunk(batch, 0, mixed, lanes=16, left_s=9.0)
+    run_chunk(batch, 0, mixed, lanes=16, left_s=3600.0)
     job = describe_job(file_store, f"{batch.id}/0").model_dump(mode="json", exclude_none=True)
     told_otherwise = {"dataSources", "tags", *_APPLICATIONS}
     assert {key: job[key] for key in asked if key not in told_otherwise} == {
@@ -295,7 +295,7 @@ def test_a_job_that_does_not_exist_is_told_which_do(running: OpenBatch, index: s
 
 def test_pages_together_are_the_list(running: OpenBatch):
     begun_too = begun(running.store, name="other")
-    run_chunk(begun_too, 1, all_pass, lanes=4, left_s=9.0)
+    run_chunk(begun_too, 1, all_pass, lanes=4, left_s=3600.0)
     found: list[str] = []
     token = None
     for _ in range(10):
@@ -390,7 +390,7 @@ def test_a_job_that_completes_while_it_is_being_cancelled_cannot_be_cancelled(
 ):
     def after_its_end(*arguments: object, **more: object) -> object:
         monkeypatch.undo()
-        run_chunk(running, 1, all_pass, lanes=4, left_s=9.0)
+        run_chunk(running, 1, all_pass, lanes=4, left_s=3600.0)
         return advance(*arguments, **more)  # pyright: ignore[reportArgumentType] - handed on
 
     monkeypatch.setattr(batch_jobs, "advance", after_its_end)
@@ -438,7 +438,7 @@ def test_a_restart_changes_no_row_and_is_over_with_the_chunk(file_store: Store):
         restart_job(file_store, f"{batch.id}/1")
         return all_pass(part)
 
-    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, simulate, lanes=4, left_s=3600.0)
     assert parts == [[0, 1, 2, 3]]
     assert committed_chunk(file_store, batch.id, 0) == [passed(index) for index in range(4)]
     assert describe_job(file_store, f"{batch.id}/1").status == "Completed"
@@ -451,7 +451,7 @@ def test_only_a_running_job_is_restarted(file_store: Store, index: int, status: 
     for job in (2, 4):
         cancel_job(file_store, f"{batch.id}/{job}")
     if status == "Completed":
-        run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+        run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
     with pytest.raises(DocumentError, match=f"a job that is running; this one is {status}"):
         restart_job(file_store, f"{batch.id}/{index}")
 

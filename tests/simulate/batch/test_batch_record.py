@@ -185,7 +185,7 @@ def _rows(batch: OpenBatch, act: Act = _nothing, record: WriteRecordings | None 
             recorder=part.recorder,
         )
 
-    run_chunk(batch, 0, simulate, record, lanes=PUSHER_LANES, left_s=999.0)
+    run_chunk(batch, 0, simulate, record, lanes=PUSHER_LANES, left_s=3600.0)
     return committed_chunk(batch.store, batch.id, 0) or []
 
 

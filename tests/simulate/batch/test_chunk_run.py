@@ -43,9 +43,9 @@ def refuse(part: ChunkPart) -> list[EpisodeResult]:
 
 def test_a_committed_chunk_is_not_simulated_again(file_store: Store):
     batch = begun(file_store)
-    assert run_chunk(batch, 1, mixed, lanes=4, left_s=9.0).episodes == 2
+    assert run_chunk(batch, 1, mixed, lanes=4, left_s=3600.0).episodes == 2
     before = committed_chunk(file_store, batch.id, 1)
-    assert run_chunk(batch, 1, refuse, lanes=4, left_s=9.0).episodes == 2
+    assert run_chunk(batch, 1, refuse, lanes=4, left_s=3600.0).episodes == 2
     assert committed_chunk(file_store, batch.id, 1) == before
     assert committed_chunk(file_store, batch.id, 0) is None
 
@@ -54,10 +54,10 @@ def test_of_two_processes_the_first_to_commit_decides(file_store: Store):
     batch = begun(file_store)
 
     def slow(part: ChunkPart) -> list[EpisodeResult]:
-        run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+        run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
         return mixed(part)
 
-    run_chunk(batch, 0, slow, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, slow, lanes=4, left_s=3600.0)
     assert [row.outcome for row in committed_chunk(file_store, batch.id, 0) or ()] == ["Passed"] * 4
 
 
@@ -68,7 +68,7 @@ def test_each_episode_is_told_which_job_it_is(file_store: Store):
         told.extend(each.environment[JOB_ID] for each in part.chunk.requests)
         return all_pass(part)
 
-    run_chunk(batch, 1, look, lanes=4, left_s=9.0)
+    run_chunk(batch, 1, look, lanes=4, left_s=3600.0)
     own = batch.id.removeprefix("simb-")
     assert told == [f"sim-{own}4", f"sim-{own}5"]
 
@@ -81,7 +81,7 @@ def test_each_beginning_is_counted_with_what_was_spent_before(file_store: Store)
 
     for spent in (1.5, 2.5):
         with pytest.raises(KeyboardInterrupt):
-            run_chunk(batch, 0, dies, lanes=4, left_s=9.0, spent_s=spent)
+            run_chunk(batch, 0, dies, lanes=4, left_s=3600.0, spent_s=spent)
     start = chunk_start(file_store, batch.id, 0)
     assert start
     assert (start.attempts, start.spent_s, spent_s(file_store, batch.id)) == (2, 2.5, 2.5)
@@ -101,8 +101,8 @@ def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: 
 
     for _ in range(3):
         with pytest.raises(KeyboardInterrupt):
-            run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)
-    assert run_chunk(batch, 0, dies_with_many, lanes=64, left_s=9.0)[:2] == (64, 16)
+            run_chunk(batch, 0, dies_with_many, lanes=64, left_s=3600.0)
+    assert run_chunk(batch, 0, dies_with_many, lanes=64, left_s=3600.0)[:2] == (64, 16)
     assert tried == [64, 64, 32, *[16] * 4]
     assert [row.index for row in committed_chunk(file_store, batch.id, 0) or ()] == list(range(64))
 
@@ -110,7 +110,7 @@ def test_a_chunk_whose_process_died_again_is_tried_with_fewer_lanes(file_store: 
 def test_a_world_that_is_gone_fails_its_episodes_and_no_others(file_store: Store):
     batch = begun(file_store)
     file_store.delete(world_key("g", "w0"))
-    run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [(row.status, row.failure_code) for row in rows] == [
         *[("Failed", "InvalidS3Resource")] * 3,
@@ -122,7 +122,7 @@ def test_a_world_that_is_gone_fails_its_episodes_and_no_others(file_store: Store
 def test_a_world_that_was_changed_after_planning_is_not_simulated(file_store: Store):
     made = plan(file_store)
     batch = begun(file_store, made.model_copy(update={"world_digests": {**made.world_digests, "g/w1": "0" * 64}}))
-    run_chunk(batch, 0, all_pass, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.failure_code for row in rows] == ["", "", "", "MismatchedEtag"]
 
@@ -146,7 +146,7 @@ def test_time_that_is_over_when_all_is_done_anyway_stops_nothing(file_store: Sto
 def test_a_cancelled_batch_stops_and_keeps_what_is_done(file_store: Store):
     batch = begun(file_store)
     cancel_batch(file_store, batch.id)
-    run_chunk(batch, 0, stops_after(2), lanes=4, left_s=9.0)
+    run_chunk(batch, 0, stops_after(2), lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.failure_code for row in rows] == ["", "", "BatchCanceled", "BatchCanceled"]
 
@@ -154,7 +154,7 @@ def test_a_cancelled_batch_stops_and_keeps_what_is_done(file_store: Store):
 def test_a_cancelled_job_is_canceled_alone(file_store: Store):
     batch = begun(file_store)
     cancel_job(file_store, f"{batch.id}/2")
-    run_chunk(batch, 0, stops_after(0), lanes=4, left_s=9.0)
+    run_chunk(batch, 0, stops_after(0), lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.status for row in rows] == ["Completed", "Completed", "Canceled", "Completed"]
     assert [rows[0], rows[1], rows[3]] == [passed(0), passed(1), passed(3)]
@@ -165,7 +165,7 @@ def test_a_chunk_whose_jobs_are_all_cancelled_stops(file_store: Store):
     batch = begun(file_store)
     for index in (4, 5):
         cancel_job(file_store, f"{batch.id}/{index}")
-    run_chunk(batch, 1, stops_after(0), lanes=4, left_s=9.0)
+    run_chunk(batch, 1, stops_after(0), lanes=4, left_s=3600.0)
     assert {row.status for row in committed_chunk(file_store, batch.id, 1) or ()} == {"Canceled"}
     assert batch.record().status == "InProgress"
 
@@ -175,7 +175,7 @@ def test_results_come_by_index_and_what_was_not_begun_is_canceled(file_store: St
     sweep = {"MODE": ("fast", "slow")}
     batch = begun(file_store, plan(file_store, sweep=sweep, templates=(template(), template())))
     for number in (0, 2, 4):
-        run_chunk(batch, number, mixed, lanes=4, left_s=-1.0 if code == "BatchTimedOut" else 9.0)
+        run_chunk(batch, number, mixed, lanes=4, left_s=-1.0 if code == "BatchTimedOut" else 3600.0)
     if code == "BatchCanceled":
         cancel_batch(file_store, batch.id)
     else:
@@ -195,7 +195,7 @@ def test_a_part_holds_some_episodes_however_chunks_lie(file_store: Store, monkey
     monkeypatch.setattr("tasks.simulate.batch.result_stream.PART_EPISODES", 5)
     batch = begun(file_store, plan(file_store, sweep={"MODE": ("fast", "slow")}, lanes=3))
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, mixed, lanes=3, left_s=9.0)
+        run_chunk(batch, number, mixed, lanes=3, left_s=3600.0)
     sizes = [(len(requests), len(results)) for requests, results in result_parts(batch, batch.record().status)]
     assert sizes == [(5, 5), (5, 5), (2, 2)]
 
@@ -208,7 +208,7 @@ def test_who_is_cancelled_right_after_the_last_look_is_canceled_all_the_same(fil
         cancel_job(file_store, f"{batch.id}/2")
         return rows
 
-    run_chunk(batch, 0, simulate, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, simulate, lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.status for row in rows] == ["Completed", "Completed", "Canceled", "Completed"]
 
@@ -216,10 +216,10 @@ def test_who_is_cancelled_right_after_the_last_look_is_canceled_all_the_same(fil
 def test_the_same_world_is_read_again_when_it_comes_back(file_store: Store):
     batch = begun(file_store, name="first")
     file_store.delete(world_key("g", "w1"))
-    run_chunk(batch, 1, all_pass, lanes=4, left_s=9.0)
+    run_chunk(batch, 1, all_pass, lanes=4, left_s=3600.0)
     put_world(file_store, "g/w1")
     again = begun(file_store, name="second")
-    run_chunk(again, 1, all_pass, lanes=4, left_s=9.0)
+    run_chunk(again, 1, all_pass, lanes=4, left_s=3600.0)
     assert {row.status for row in committed_chunk(file_store, batch.id, 1) or ()} == {"Failed"}
     assert {row.status for row in committed_chunk(file_store, again.id, 1) or ()} == {"Completed"}
 
@@ -229,7 +229,7 @@ def test_the_log_tells_why_jobs_of_a_chunk_failed_each_reason_once(file_store: S
         why = Failure("RobotApplicationCrash", "controller.step: KeyError: '\x1b[2Jx' (nav/nav.py, line 3: ways['x'])")
         return [failed_result(request.index, why) for request in part.chunk.requests]
 
-    run_chunk(begun(file_store), 0, crash, lanes=4, left_s=9.0)
+    run_chunk(begun(file_store), 0, crash, lanes=4, left_s=3600.0)
     assert caplog.messages == [
         "chunk 0: 4 failed: RobotApplicationCrash: controller.step: KeyError: '[2Jx' (nav/nav.py, line 3: ways['x'])"
     ]
@@ -244,7 +244,7 @@ def test_the_log_tells_of_jobs_in_which_lock_step_did_not_hold(file_store: Store
 
     batch = begun(file_store)
     first, *_, last = (request.index for request in batch.layout.chunk(0).requests)
-    run_chunk(batch, 0, drive, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, drive, lanes=4, left_s=3600.0)
     assert caplog.messages == [f"chunk 0: lock-step did not hold in 2 of 4 jobs ({first}, {last})"]
 
 
@@ -285,7 +285,7 @@ def test_episodes_that_failed_are_recorded_and_those_that_were_asked_for(
     file_store: Store, changes: dict[str, object], kept: list[int]
 ):
     batch, recorded = begun(file_store, plan(file_store, **changes)), Recorded()
-    run_chunk(batch, 0, recorded.simulate, recorded.write, lanes=2, left_s=9.0)
+    run_chunk(batch, 0, recorded.simulate, recorded.write, lanes=2, left_s=3600.0)
     assert recorded.written == {0: kept}
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.index for row in rows if row.recording == "0.parquet"] == kept
@@ -303,7 +303,7 @@ def test_a_part_says_which_of_its_episodes_are_recorded(
         said.append(part.recorded)
         return mixed(part)
 
-    run_chunk(batch, 0, simulate, Recorded().write, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, simulate, Recorded().write, lanes=4, left_s=3600.0)
     assert said == [RecordingChoice(always=always, failed=episodes == "failed")]
 
 
@@ -316,7 +316,7 @@ def test_the_parts_of_a_chunk_share_the_memory_for_samples(file_store: Store):
         held.append(part.recorder._overflow)
         return recorded.simulate(part)
 
-    run_chunk(batch, 0, simulate, recorded.write, lanes=2, left_s=9.0)
+    run_chunk(batch, 0, simulate, recorded.write, lanes=2, left_s=3600.0)
     assert len(held) == 2
     assert held[0] is held[1]
 
@@ -329,7 +329,7 @@ def test_a_recording_is_written_before_the_chunk_that_names_it(file_store: Store
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_chunk(batch, 0, recorded.simulate, dies, lanes=4, left_s=9.0)
+        run_chunk(batch, 0, recorded.simulate, dies, lanes=4, left_s=3600.0)
     assert committed_chunk(file_store, batch.id, 0) is None
 
 
@@ -341,7 +341,7 @@ def test_a_cancelled_job_leaves_no_recording(file_store: Store):
         part.watch()
         return recorded.simulate(part)
 
-    run_chunk(batch, 0, simulate, recorded.write, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, simulate, recorded.write, lanes=4, left_s=3600.0)
     assert recorded.written == {0: [3]}
 
 
@@ -355,7 +355,7 @@ def test_who_is_cancelled_while_recordings_are_written_is_canceled_and_leaves_no
                 cancel_job(file_store, f"{batch.id}/{index}")
         return name
 
-    run_chunk(batch, 0, recorded.simulate, slow, lanes=4, left_s=9.0)
+    run_chunk(batch, 0, recorded.simulate, slow, lanes=4, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert [row.status for row in rows[:3]] == ["Canceled", "Canceled", "Completed"]
     assert recorded.written == {0: [3]}
@@ -391,7 +391,7 @@ def test_a_job_that_its_application_cancels_says_so(tagged: OpenBatch):
         canceled = unfinished_result(first.index, "Canceled", failure_code="", failure_reason=WITHDRAWN)
         return [canceled, *rest]
 
-    run_chunk(tagged, 0, withdrawn, lanes=4, left_s=9.0)
+    run_chunk(tagged, 0, withdrawn, lanes=4, left_s=3600.0)
     rows = committed_chunk(tagged.store, tagged.id, 0)
     assert rows is not None
     assert (rows[0].status, rows[0].failure_code, rows[0].failure_reason) == ("Canceled", "", WITHDRAWN)

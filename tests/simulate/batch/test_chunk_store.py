@@ -94,10 +94,10 @@ def test_what_nobody_vouches_for_is_simulated_anew_and_adopted_if_it_is_the_same
         asked.append(1)
         return all_pass(part)  # pyright: ignore[reportArgumentType] - it is a part
 
-    run_chunk(batch, 0, simulate, lanes=4, left_s=99.0)
+    run_chunk(batch, 0, simulate, lanes=4, left_s=3600.0)
     assert asked == [1]
     assert counted_chunk(batch.store, batch.id, 0, batch.authenticator) == ROWS
-    run_chunk(batch, 0, simulate, lanes=4, left_s=99.0)
+    run_chunk(batch, 0, simulate, lanes=4, left_s=3600.0)
     assert asked == [1]
 
 
@@ -105,7 +105,7 @@ def test_what_differs_is_refused_with_the_rows_and_stays_for_a_person_to_see(bat
     forged = [collided(0), *ROWS[1:]]
     put(batch, forged)
     with pytest.raises(StageFailed) as caught:
-        run_chunk(batch, 0, all_pass, lanes=4, left_s=99.0)
+        run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
     assert f"{chunk_key(batch.id, 0)} was not written by this owner" in caught.value.reason
     assert "episode 0 says " in caught.value.reason
     assert "outcome 'Failed', computed 'Passed'" in caught.value.reason
@@ -117,7 +117,7 @@ def test_what_differs_is_refused_with_the_rows_and_stays_for_a_person_to_see(bat
 def test_a_chunk_that_holds_no_rows_is_refused(batch: OpenBatch, body: bytes):
     batch.store.put(chunk_key(batch.id, 0), body)
     with pytest.raises(StageFailed, match="does not hold the results of its episodes"):
-        run_chunk(batch, 0, all_pass, lanes=4, left_s=99.0)
+        run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
 
 
 def test_another_owner_adopts_nothing_unseen(batch: OpenBatch):

@@ -67,11 +67,11 @@ def test_a_timing_is_collected_inside_the_block_only():
 
 def test_a_chunk_tells_what_it_took_and_one_that_was_committed_nothing(file_store: Store):
     batch = begun(file_store)
-    work = run_chunk(batch, 0, timed, lanes=4, left_s=9.0).work
+    work = run_chunk(batch, 0, timed, lanes=4, left_s=3600.0).work
     rows = committed_chunk(file_store, batch.id, 0) or ()
     assert (work.chunks, work.ready_s, work.compile_s) == (1, 2.0, 5.0)
     assert work.simulated_s == sum(row.simulated_s for row in rows) > 0.0
-    assert run_chunk(batch, 0, timed, lanes=4, left_s=9.0).work == ChunkWork()
+    assert run_chunk(batch, 0, timed, lanes=4, left_s=3600.0).work == ChunkWork()
 
 
 def test_describe_tells_the_figures_of_a_batch(file_store: Store):

@@ -107,7 +107,7 @@ def _simulated(batch: OpenBatch) -> list[EpisodeResult]:
 
     rows: list[EpisodeResult] = []
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, simulate, lanes=2 * PUSHER_LANES, left_s=99.0)
+        run_chunk(batch, number, simulate, lanes=2 * PUSHER_LANES, left_s=3600.0)
         rows += committed_chunk(batch.store, batch.id, number) or ()
     return sorted(rows, key=lambda row: row.index)
 

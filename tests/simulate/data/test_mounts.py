@@ -192,7 +192,7 @@ def test_an_archive_that_is_none_or_would_write_elsewhere_fails_its_jobs(
 ):
     bucket.put(key, body)
     batch = begun(file_store, _planned(file_store, [source(key, type="Archive")]))
-    rows = _rows_of_chunk(batch.store, batch.id, 0, run_chunk(batch, 0, _reading, lanes=16, left_s=9.0).episodes)
+    rows = _rows_of_chunk(batch.store, batch.id, 0, run_chunk(batch, 0, _reading, lanes=16, left_s=3600.0).episodes)
     assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
     assert not list(tmp_path.rglob("out"))
 
@@ -205,7 +205,7 @@ def test_a_damaged_archive_fails_its_jobs_and_leaves_nothing_behind(
 ):
     bucket.put("a.zip", _damaged(method))
     batch = begun(file_store, _planned(file_store, [source("a.zip", type="Archive")]))
-    run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    run_chunk(batch, 0, _reading, lanes=16, left_s=3600.0)
     rows = committed_chunk(file_store, batch.id, 0) or []
     assert {row.failure_code for row in rows} == {"InvalidS3Resource"}
     assert not list((cache(tmp_path) / "mounts").iterdir())
@@ -242,7 +242,7 @@ def test_a_full_disk_is_no_fault_of_the_archive_and_leaves_nothing_behind(
     batch = begun(file_store, _planned(file_store, [source("maps/one.yaml")]))
     monkeypatch.setattr("tasks.simulate.data.mounts.shutil.copyfileobj", full)
     with pytest.raises(OSError, match="no space left"):
-        run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+        run_chunk(batch, 0, _reading, lanes=16, left_s=3600.0)
     assert not list((cache(tmp_path) / "mounts").iterdir())
 
 
@@ -308,7 +308,7 @@ def test_only_the_requests_that_need_a_missing_file_fail(file_store: Store, buck
     batch = begun(file_store, made)
     rows: dict[int, EpisodeResult] = {}
     for number in range(batch.layout.chunks):
-        run_chunk(batch, number, _reading, lanes=16, left_s=9.0)
+        run_chunk(batch, number, _reading, lanes=16, left_s=3600.0)
         rows |= {row.index: row for row in committed_chunk(file_store, batch.id, number) or ()}
     assert [rows[index].failure_code for index in range(3)] == ["", "InvalidS3Resource", ""]
     assert "maps-bucket" in rows[1].failure_reason
@@ -336,7 +336,7 @@ def test_on_another_machine_the_pinned_content_is_fetched_again_or_the_row_says_
     batch = begun(file_store, _planned(file_store, [source("maps/one.yaml")]))
     _forgotten(tmp_path)
     bucket.put("maps/one.yaml", body) if body is not None else bucket.delete("maps/one.yaml")
-    run_chunk(batch, 0, _reading, lanes=16, left_s=9.0)
+    run_chunk(batch, 0, _reading, lanes=16, left_s=3600.0)
     assert [row.failure_code for row in committed_chunk(file_store, batch.id, 0) or ()] == [code]
 
 
