@@ -22,6 +22,10 @@ _CELL_SLACK_M = 0.05
 # Closer to solids than this, a cell costs more, up to _CROWDED times as much where the hull just fits.
 _COMFORT_M = 0.4
 _CROWDED = 6.0
+# A gap that leaves the hull less than this on both sides costs so much that any other way is taken: a robot that turns
+# in it touches, and turns on the spot until it is stuck. It is no wall, as the map may be off by half a cell.
+_TIGHT_M = RADIUS_M + 0.01
+_TIGHT = 100.0
 _DIAGONAL = 2.0**0.5
 # Fields at a time: those of a robot with two goals. More wait for the last of them, and leave the core's nearest cache:
 # with 8 it takes 1.1 to 1.9 times as long on maps of 128 cells a side.
@@ -69,9 +73,13 @@ def cell_of(
 
 
 def cell_weight(clearance_m: Float[jax.Array, "*each"]) -> Float[jax.Array, "*each"]:
-    """Returns what it costs to cross cells: 1 in the open, more near solids, infinite where the hull hits."""
+    """Returns what it costs to cross cells: 1 in the open, more near solids, infinite where the hull hits.
+
+    Between the two, gaps that are as wide as the hull are a last resort.
+    """
     room = (_COMFORT_M - clearance_m) / (_COMFORT_M - RADIUS_M)
     weight = 1.0 + (_CROWDED - 1.0) * jnp.clip(room, 0.0, 2.0) ** 2
+    weight = jnp.where(clearance_m < _TIGHT_M, _TIGHT, weight)
     return jnp.where(clearance_m >= RADIUS_M - _CELL_SLACK_M, weight, jnp.inf)
 
 

@@ -23,9 +23,10 @@ from tasks.simulate.geometry.world_arrays import floor_map
 from tasks.storage.worlds import decode_world
 from tasks.worlds.importer.import_process import import_source
 from tests.applications.builtin.drives import COURIER, DELIVERY, drive
+from tests.factories.own_worlds import block
 from tests.factories.ros_maps import write_map
 from tests.factories.simulations import COURIER as COURIER_DIGEST
-from tests.factories.simulations import FOLDERS, cluttered
+from tests.factories.simulations import FOLDERS, cluttered, hall
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
@@ -106,6 +107,24 @@ def test_a_way_leads_off_what_the_hull_is_too_wide_for():
     cells = [cell_of(FLOOR, HOST.clearance_m.shape, place) for place in ahead]
     rooms = [HOST.clearance_m[tuple(int(each) for each in cell)] for cell in cells]
     assert all(room > HOST.clearance_m[tuple(cell)] for room, cell in zip(rooms, tight[::7], strict=True))
+
+
+@pytest.mark.parametrize("wide_m", [1.0, 0.0])
+def test_a_gap_as_wide_as_the_hull_is_a_last_resort(wide_m: float):
+    """A racetrack's barriers leave such gaps, in which couriers stood until they were stuck."""
+    half_m, gap_m = 6.0, 2 * RADIUS_M + 0.006
+    spans = [(-half_m, -gap_m / 2), (gap_m / 2, half_m - wide_m)]
+    walls = [block(f"between-{low:g}", (2.5, (low + high) / 2), (0.5, high - low)) for low, high in spans]
+    world = hall(half_m)
+    world = world.model_copy(update={"walls": (*world.walls, *walls)})
+    host = floor_map(world, obstacles(world, 0.02, 0.38))
+    floor = FloorMap(*(jnp.asarray(field) for field in host))
+    ways, place, way_m = PLAN(floor, GOAL[None]), jnp.zeros(2), list[np.ndarray]()
+    for _ in range(200):
+        place = AHEAD(ways, 0, place, 1)
+        way_m.append(np.asarray(place))
+    assert np.hypot(*(way_m[-1] - np.asarray(GOAL))) < 0.1
+    assert (max(y for _, y in way_m) > half_m - wide_m) == (wide_m > 0.0)
 
 
 @pytest.mark.parametrize("lanes", [1, 3, 8, 16])
