@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from tasks.simulate.application.contract import FloorMap, Observation
 
 DEFAULT_SPEED_M_S = 0.5
-_AHEAD_CELLS = 6
+# A point farther on would lead across the corners of what the lidar does not see.
+_AHEAD_M = 0.6
 _TURN_GAIN = 3.0
 _MOST_TURN_RAD_S = 2.5
 # Solids nearer than this to the hull push the heading away.
@@ -75,8 +76,8 @@ class GoToGoal:
             belief = matched(belief, pose, observation.ranges_m, jnp.asarray(_angles_rad()), self.lidar.range_m)
             pose = corrected(belief, pose)
         place, yaw = pose[:2], pose[2]
-        ahead = point_ahead(state.ways, observation.goal_index, place, _AHEAD_CELLS)
-        close = jnp.sum((observation.goal_m - place) ** 2) < (_AHEAD_CELLS * state.ways.cell_m) ** 2
+        ahead = point_ahead(state.ways, observation.goal_index, place, _AHEAD_M)
+        close = jnp.sum((observation.goal_m - place) ** 2) < _AHEAD_M**2
         target = jnp.where(close, observation.goal_m, ahead)
         heading_x, heading_y = _heading(target - place, yaw, observation.ranges_m)
         error = jnp.arctan2(heading_y, heading_x)

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from tasks.simulate.application.contract import FloorMap
 
 RADIUS_M = 0.18
-# The map's cells are 0.1 m wide: the robot may stand, touching nothing, where the cell's centre has this much less.
+# The map's cells are 0.1 m wide, in worlds of more than 51 m wider: the robot may stand, touching nothing, where the
+# cell's centre has this much less.
+_LEAST_CELL_M = 0.1
 _CELL_SLACK_M = 0.05
 # Closer to solids than this, a cell costs more, up to _CROWDED times as much where the hull just fits.
 _COMFORT_M = 0.4
@@ -55,12 +57,13 @@ def ways_to_goals(floor: "FloorMap", goals_m: Float[jax.Array, "goals 2"]) -> Wa
     return Ways(_next_cells(floor, goals_m), floor.origin_m, floor.cell_m)
 
 
-def point_ahead(ways: Ways, goal: Int[jax.Array, ""], start_m: Float[jax.Array, "2"], cells: int) -> jax.Array:
-    """Returns the point (x m, y m) that many cells on the way to a goal; the goal's cell if that is nearer."""
+def point_ahead(ways: Ways, goal: Int[jax.Array, ""], start_m: Float[jax.Array, "2"], ahead_m: float) -> jax.Array:
+    """Returns the point (x m, y m) that far on the way to a goal, in whole cells; the goal's cell if that is nearer."""
     steps = jnp.asarray([*_NEIGHBOURS, (0, 0)], jnp.int32)
     cell = jnp.stack(cell_of(ways, ways.next_cell.shape[1:], start_m))
-    for _ in range(cells):
-        cell = cell + steps[ways.next_cell[goal, cell[0], cell[1]]]
+    for number in range(1, 1 + round(ahead_m / _LEAST_CELL_M)):
+        further = number * ways.cell_m <= ahead_m + _CELL_SLACK_M / 2
+        cell = cell + jnp.where(further, steps[ways.next_cell[goal, cell[0], cell[1]]], 0)
     return ways.origin_m + ways.cell_m * cell[::-1].astype(jnp.float32)
 
 

@@ -34,7 +34,7 @@ HOST = floor_map(WORLD, obstacles(WORLD, 0.02, 0.38))
 FLOOR = FloorMap(*(jnp.asarray(field) for field in HOST))
 GOAL = jnp.array([5.0, 1.2])
 PLAN = jax.jit(ways_to_goals)
-AHEAD = jax.jit(point_ahead, static_argnames="cells")
+AHEAD = jax.jit(point_ahead, static_argnames="ahead_m")
 WAYS = PLAN(FLOOR, GOAL[None])
 OPEN = jnp.full(32, 10.0)
 STATE = Kept(WAYS, None)
@@ -54,7 +54,7 @@ def test_its_radius_is_its_hulls():
 def test_its_way_leads_to_the_goal_without_touching(x: float, y: float):
     place, clearances = jnp.array([x, y]), []
     for _ in range(120):
-        place = AHEAD(WAYS, 0, place, 1)
+        place = AHEAD(WAYS, 0, place, 0.1)
         column, row = np.rint((np.asarray(place) - HOST.origin_m) / HOST.cell_m).astype(int)
         clearances.append(HOST.clearance_m[row, column])
     assert np.hypot(*(np.asarray(place) - np.asarray(GOAL))) < 0.1
@@ -96,14 +96,14 @@ def driven_cost(ways: Ways, weight: np.ndarray, start: np.ndarray) -> float:
 
 def test_a_walled_off_goal_gives_no_way():
     walled = PLAN(FLOOR._replace(clearance_m=FLOOR.clearance_m.at[:, 78].set(0.0)), GOAL[None])
-    np.testing.assert_allclose(AHEAD(walled, 0, jnp.zeros(2), 10), jnp.zeros(2), atol=0.051)
+    np.testing.assert_allclose(AHEAD(walled, 0, jnp.zeros(2), 1.0), jnp.zeros(2), atol=0.051)
 
 
 def test_a_way_leads_off_what_the_hull_is_too_wide_for():
     # Three cells in niches are the roomiest around: nothing leads off those.
     roomier = maximum_filter(HOST.clearance_m, 3) > HOST.clearance_m
     tight = np.argwhere(roomier & (HOST.clearance_m > 0.0) & (HOST.clearance_m < RADIUS_M - 0.05))
-    ahead = [AHEAD(WAYS, 0, jnp.asarray(HOST.origin_m + HOST.cell_m * cell[::-1]), 1) for cell in tight[::7]]
+    ahead = [AHEAD(WAYS, 0, jnp.asarray(HOST.origin_m + HOST.cell_m * cell[::-1]), 0.1) for cell in tight[::7]]
     cells = [cell_of(FLOOR, HOST.clearance_m.shape, place) for place in ahead]
     rooms = [HOST.clearance_m[tuple(int(each) for each in cell)] for cell in cells]
     assert all(room > HOST.clearance_m[tuple(cell)] for room, cell in zip(rooms, tight[::7], strict=True))
@@ -121,10 +121,19 @@ def test_a_gap_as_wide_as_the_hull_is_a_last_resort(wide_m: float):
     floor = FloorMap(*(jnp.asarray(field) for field in host))
     ways, place, way_m = PLAN(floor, GOAL[None]), jnp.zeros(2), list[np.ndarray]()
     for _ in range(200):
-        place = AHEAD(ways, 0, place, 1)
+        place = AHEAD(ways, 0, place, 0.1)
         way_m.append(np.asarray(place))
     assert np.hypot(*(way_m[-1] - np.asarray(GOAL))) < 0.1
     assert (max(y for _, y in way_m) > half_m - wide_m) == (wide_m > 0.0)
+
+
+@pytest.mark.parametrize(("cell_m", "ahead_m"), [(0.1, 0.6), (0.137, 0.548)])
+def test_it_looks_no_farther_ahead_on_wider_cells(cell_m: float, ahead_m: float):
+    """On a racetrack's map it cut the corners of piers whose feet lie below its lidar."""
+    floor = FloorMap(jnp.ones((144, 144)), jnp.zeros(2), jnp.float32(cell_m), FLOOR.bounds_m)
+    place = jnp.full(2, 50 * cell_m)
+    ways = PLAN(floor, (place + jnp.array([40 * cell_m, 0.0]))[None])
+    np.testing.assert_allclose(AHEAD(ways, 0, place, 0.6) - place, [ahead_m, 0.0], atol=1e-5)
 
 
 @pytest.mark.parametrize("lanes", [1, 3, 8, 16])
