@@ -273,6 +273,10 @@ def import_lines(world: World) -> Iterator[str]:
     yield f"  start [{start.x_m:g}, {start.y_m:g}, {start.yaw_rad:g}] ({how}), {free}"
     if world.routes:
         yield f"  routes {', '.join(f'{route.name} ({len(route.points_m)})' for route in world.routes)}"
+    if world.zones:
+        rooms = [f"{zone.name} ({zone.area_m2:.1f} m2)" for zone in world.zones]
+        more = f" and {len(rooms) - _SHOWN} more" if len(rooms) > _SHOWN else ""
+        yield f"  {'rooms found' if world.zones[0].found else 'zones'} {', '.join(rooms[:_SHOWN])}{more}"
     for agreement in report.agreements:
         within = f"{100 * agreement.within_5cm:.1f} % of its border within 5 cm"
         mean = f"{100 * agreement.mean_m:.1f} cm off in the mean"

@@ -5,14 +5,19 @@ Metres, radians, z up. The origin is where the robot starts: the floor is at z =
 """
 
 import math
+import operator
 from collections.abc import Sequence
+from functools import reduce
 from itertools import pairwise
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
 from specs.base import Spec
 from specs.rules import broken
+
+if TYPE_CHECKING:
+    import numpy as np
 
 WORLD_VERSION = "2"
 """Of what is written where a world holds prisms, a start or a source; all others are of version 1 to the byte."""
@@ -125,6 +130,11 @@ class Room(Spec):
     floor: Rectangle
     flooring: Finish
     walls: Finish
+
+    def holds(self, x_m: "np.ndarray", y_m: "np.ndarray") -> "np.ndarray":
+        """Returns which points lie in the room."""
+        low, high = (self.floor.x_min_m, self.floor.y_min_m), (self.floor.x_max_m, self.floor.y_max_m)
+        return (x_m >= low[0]) & (x_m <= high[0]) & (y_m >= low[1]) & (y_m <= high[1])
 
 
 class Passage(Spec):
@@ -317,6 +327,50 @@ class Route(Spec):
     points_m: tuple[tuple[float, float], ...]
 
 
+MOST_ZONE_CORNERS = 256
+
+
+class FloorZone(Spec):
+    """A part of the floor of an imported world: what a room is there, of any outline.
+
+    Attributes:
+        name: Unique in the world.
+        outline_m: Its corners (x, y) one after the other, in the frame of the source.
+        found: Whether it was found where the floor narrows; else somebody named it.
+    """
+
+    name: str
+    outline_m: tuple[tuple[float, float], ...] = Field(min_length=3, max_length=MOST_ZONE_CORNERS)
+    found: bool
+
+    @model_validator(mode="after")
+    def _check_outline(self) -> Self:
+        if self.area_m2 <= 0.0:
+            raise broken("outline_m: corners that have floor between them")
+        return self
+
+    @property
+    def floor(self) -> Rectangle:
+        """The rectangle around it."""
+        x_m, y_m = zip(*self.outline_m, strict=True)
+        return Rectangle(x_min_m=min(x_m), y_min_m=min(y_m), x_max_m=max(x_m), y_max_m=max(y_m))
+
+    @property
+    def area_m2(self) -> float:
+        """How much floor there is within its outline (shoelace formula)."""
+        sides = pairwise([*self.outline_m, self.outline_m[0]])
+        return abs(sum(ax * by - ay * bx for (ax, ay), (bx, by) in sides)) / 2
+
+    def holds(self, x_m: "np.ndarray", y_m: "np.ndarray") -> "np.ndarray":
+        """Returns which points lie in it: those whose way to the right crosses its outline an odd number of times."""
+        crossings = [
+            ((ay > y_m) != (by > y_m)) & (x_m < (bx - ax) * (y_m - ay) / (by - ay) + ax)
+            for (ax, ay), (bx, by) in pairwise([*self.outline_m, self.outline_m[0]])
+            if ay != by
+        ]
+        return reduce(operator.xor, crossings)
+
+
 class WorldSource(Spec):
     """What an imported world was made from.
 
@@ -399,6 +453,7 @@ class World(Spec):
         source: What it was imported from; none for a generated world.
         report: What became of the source's parts.
         routes: Ways that came with the source, or named places: routes of one point.
+        zones: Parts of its floor that came with the source, or were found; not in a world that has rooms.
     """
 
     version: Literal["1", "2"] = "1"
@@ -426,11 +481,19 @@ class World(Spec):
     source: WorldSource | None = _later
     report: ImportReport | None = _later
     routes: tuple[Route, ...] | None = _later
+    zones: tuple[FloorZone, ...] | None = _later
+
+    @property
+    def areas(self) -> "tuple[Room, ...] | tuple[FloorZone, ...]":
+        """What a robot is sent to: its rooms, or its zones; none of an open floor."""
+        return self.rooms or self.zones or ()
 
     @model_validator(mode="after")
     def _check_version(self) -> Self:
         if self.version == "1":
-            later = [name for name in ("start", "source", "report", "routes") if getattr(self, name) is not None]
+            later = [
+                name for name in ("start", "source", "report", "routes", "zones") if getattr(self, name) is not None
+            ]
             if later or any(solid.shape == "prism" for solid in solids(self)):
                 raise broken(f'version "{WORLD_VERSION}" for {" and ".join(later or ["prisms"])}')
         return self

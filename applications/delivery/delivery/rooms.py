@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Float64, Int
 from scipy import ndimage
 
 if TYPE_CHECKING:
-    from specs.data.world import Rectangle, Room, World
+    from specs.data.world import FloorZone, Room, World
     from tasks.simulate.application.contract import HostMap
 
 DEFAULT_GOALS = 2
@@ -42,15 +42,16 @@ class _Ground(NamedTuple):
         clearance_m: Of its map; as long as it is kept, no other array can have its identity.
         start_m: Where the robot gets there from.
         points: The centres of all cells that the robot gets to.
-        within: The floor of each room, and those of the points that lie on it.
+        rooms: Of the world; its zones where it has no rooms.
+        within: Each room, and those of the points that lie in it.
     """
 
     clearance_m: np.ndarray
-    rooms: "Sequence[Room]"
+    rooms: "Sequence[Room] | Sequence[FloorZone]"
     hull_radius_m: float
     start_m: tuple[float, float]
     points: Float64[np.ndarray, "points 2"]
-    within: "list[tuple[Rectangle, Float64[np.ndarray, 'points 2']]]"
+    within: "list[tuple[Room | FloorZone, Float64[np.ndarray, 'points 2']]]"
 
 
 _GROUNDS_KEPT = 64
@@ -86,8 +87,8 @@ class Rooms:
     def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
         """Returns the world's start, and goals: a route's, or drawn so that each lies in another room.
 
-        In a world without rooms they are anywhere within reach. Where the world says no start, it is the origin,
-        and the robot faces any way.
+        An imported world's zones are rooms; in a world without any, goals are anywhere within reach. Where the world
+        says no start, it is the origin, and the robot faces any way.
 
         Raises:
             ValueError: GOALS or ROUTE is none that the world has, or the robot can reach no floor from the start.
@@ -165,12 +166,12 @@ def _route(world: "World", name: str) -> "Sequence[Float64[np.ndarray, '2']]":
 
 def _ground(world: "World", floor: "HostMap", hull_radius_m: float) -> _Ground:
     """Returns where goals may be in a world; kept, since many episodes take place in it."""
-    key, rooms = id(floor.clearance_m), world.rooms
+    key, rooms = id(floor.clearance_m), world.areas
     start_m = (0.0, 0.0) if world.start is None else (world.start.x_m, world.start.y_m)
     kept = _grounds.get(key)
     if kept is None or kept.rooms is not rooms or (kept.hull_radius_m, kept.start_m) != (hull_radius_m, start_m):
         points = _points(floor, _reachable(floor, hull_radius_m + _ROOM_M, start_m))
-        within = [(room.floor, points[_inside(points, room.floor)]) for room in rooms]
+        within = [(room, points[room.holds(*points.T)]) for room in rooms]
         kept = _Ground(floor.clearance_m, rooms, hull_radius_m, start_m, points, within)
         # A map that can be written to may be another one tomorrow.
         if not floor.clearance_m.flags.writeable:
@@ -196,7 +197,7 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
 
 
 def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "2"]:
-    """Returns a point in another room than ``here``; where there is none to go to, a point far away.
+    """Returns a point in another room or zone than ``here``; where there is none to go to, a point far away.
 
     In a world without rooms it is any point that is not quite near.
 
@@ -205,7 +206,7 @@ def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.G
         here: Where the robot comes from.
         rng: Draws the room, then the point.
     """
-    rooms = [points for floor, points in ground.within if len(points) and not _inside(here[None], floor)[0]]
+    rooms = [points for room, points in ground.within if len(points) and not room.holds(*here[:, None])[0]]
     if rooms:
         candidates = rooms[int(rng.integers(len(rooms)))]
     else:
@@ -213,8 +214,3 @@ def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.G
         least_m = distance.max() / 2
         candidates = ground.points[distance >= (least_m if ground.rooms else min(least_m, _NEAR_M))]
     return candidates[int(rng.integers(len(candidates)))]
-
-
-def _inside(points: Float64[np.ndarray, "points columns"], floor: "Rectangle") -> np.ndarray:
-    x, y = points[:, 0], points[:, 1]
-    return (x >= floor.x_min_m) & (x <= floor.x_max_m) & (y >= floor.y_min_m) & (y <= floor.y_max_m)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
 from specs.base import digest
-from specs.data.world import Door, Finish, Pattern, Rectangle, Room, Solid, World, start_pose
+from specs.data.world import Door, Finish, FloorZone, Pattern, Rectangle, Room, Solid, World, start_pose
 from tasks.export.drawing.furniture_symbols import piece_box
 from tasks.export.drawing.plan_page import (
     Attributes,
@@ -23,6 +23,7 @@ from tasks.export.drawing.plan_page import (
 )
 
 _FLOOR_TOWARDS_WHITE, _JOINT_TOWARDS_WHITE = 0.42, 0.25
+_ZONE = "#5f6870"
 _FEWEST_UNITS = 3.0  # lines closer than this on the page would be a grey, not a pattern
 
 
@@ -54,6 +55,17 @@ def draw_floors(parent: ET.Element, world: World, sheet: PageScale) -> None:
         rectangle(group, box, fill=floor_color(room.flooring))
         if key := pattern_key(room.flooring, sheet):
             rectangle(group, box, fill=f"url(#{key})")
+
+
+def draw_zones(parent: ET.Element, world: World, sheet: PageScale) -> None:
+    """Adds the outline and the name of every zone of an imported world."""
+    for zone in world.zones or ():
+        group = element(parent, "g", class_="zone")
+        element(group, "title", f"{zone.name}: {zone.area_m2:.1f} m²")
+        points = " ".join(f"{sheet.x(x):.2f},{sheet.y(y):.2f}" for x, y in zone.outline_m)
+        element(group, "polygon", points=points, fill="none", stroke=_ZONE, stroke_dasharray="6 4")
+        label = place_label(zone.name, [f"{zone.area_m2:.1f} m²"], sheet.box(zone.floor), [])
+        _room_label(group, label, zone)
 
 
 def floor_color(finish: Finish) -> str:
@@ -352,7 +364,7 @@ def draw_room_labels(parent: ET.Element, world: World, sheet: PageScale) -> list
     return labels
 
 
-def _room_label(parent: ET.Element, label: Label, room: Room) -> None:
+def _room_label(parent: ET.Element, label: Label, room: Room | FloorZone) -> None:
     turn: Attributes = {"transform": f"rotate(-90 {label.x:.2f} {label.y:.2f})"} if label.upright else {}
     group = element(parent, "g", class_="label", **turn)
     if label.name != room.name:

@@ -17,6 +17,7 @@ from tasks.export.drawing.building_plan import (
     draw_start,
     draw_walls,
     draw_windows,
+    draw_zones,
     floor_color,
     floor_m2,
     pattern_key,
@@ -333,6 +334,8 @@ def _plan(root: ET.Element, world: World, sheet: PageScale) -> None:
     draw_walls(element(root, "g", class_="walls"), world.walls, sheet)
     draw_windows(element(root, "g", class_="windows"), world, sheet)
     draw_doors(element(root, "g", class_="doors"), world, sheet)
+    if world.zones:
+        draw_zones(element(root, "g", class_="zones"), world, sheet)
     texts = [draw_start(root, world, sheet)]
     texts += draw_room_labels(element(root, "g", class_="labels"), world, sheet)
     draw_piece_labels(element(root, "g", class_="piece-labels"), world.furniture, sheet, texts)

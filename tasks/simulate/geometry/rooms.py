@@ -10,10 +10,10 @@ from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import numpy as np
-from jaxtyping import Bool, Float, Int32
+from jaxtyping import Float, Int32
 from scipy import ndimage
 
-from specs.data.world import Room
+from specs.data.world import FloorZone, Room
 from tasks.simulate.application.contract import HostMap, Placement
 
 _HALF_DIAGONAL = math.sqrt(0.5)
@@ -21,19 +21,21 @@ _HALF_DIAGONAL = math.sqrt(0.5)
 _FREE_M = 1e-6
 
 
+Areas = Sequence[Room] | Sequence[FloorZone]
+
+
 class RoomMap(NamedTuple):
     """The rooms of a world, and the floor that hangs together for a robot.
 
     Attributes:
         names: Of the rooms.
-        low_m: Lowest x and y of each room's floor; ``high_m`` has the highest.
+        rooms: They themselves; zones where a world has none.
         parts: A number for each part of the floor that the robot can drive about on, 0 where it has no room.
         held: The parts that each room has floor of.
     """
 
     names: tuple[str, ...]
-    low_m: Float[np.ndarray, "rooms 2"]
-    high_m: Float[np.ndarray, "rooms 2"]
+    rooms: Areas
     floor: HostMap
     parts: Int32[np.ndarray, "rows columns"]
     held: tuple[frozenset[int], ...]
@@ -53,21 +55,19 @@ class Visit(NamedTuple):
     goals_reachable: int | None
 
 
-def room_map(rooms: Sequence[Room], floor: HostMap, radius_m: float) -> RoomMap:
+def room_map(rooms: Areas, floor: HostMap, radius_m: float) -> RoomMap:
     """Returns the rooms of a world as a robot finds them.
 
     Args:
-        rooms: The world's.
+        rooms: The world's, or its zones.
         floor: Its map.
         radius_m: Of the robot's hull.
     """
-    low = np.array([(room.floor.x_min_m, room.floor.y_min_m) for room in rooms], np.float64).reshape(-1, 2)
-    high = np.array([(room.floor.x_max_m, room.floor.y_max_m) for room in rooms], np.float64).reshape(-1, 2)
     least_m = max(radius_m - _HALF_DIAGONAL * float(floor.cell_m), _FREE_M)
     labels, _ = cast("tuple[np.ndarray, int]", ndimage.label(floor.clearance_m >= least_m, structure=np.ones((3, 3))))
     parts = labels.astype(np.int32)
-    held = tuple(_parts_within(floor, parts, *corners) for corners in zip(low, high, strict=True))
-    return RoomMap(tuple(room.name for room in rooms), low, high, floor, parts, held)
+    held = tuple(_parts_of(room, floor, parts) for room in rooms)
+    return RoomMap(tuple(room.name for room in rooms), rooms, floor, parts, held)
 
 
 def visit(rooms: RoomMap, placement: Placement, way_m: Float[np.ndarray, "steps 2"], *, known_way: bool) -> Visit:
@@ -110,7 +110,9 @@ def rooms_entered(rooms: RoomMap, way_m: Float[np.ndarray, "steps 2"]) -> tuple[
 
 def _rooms_entered(rooms: RoomMap, ways_m: Float[np.ndarray, "episodes steps 2"]) -> list[tuple[str, ...]]:
     episodes, steps, _ = ways_m.shape
-    inside = _inside(ways_m.reshape(-1, 2), rooms.low_m, rooms.high_m).reshape(len(rooms.names), episodes, steps)
+    x_m, y_m = ways_m.reshape(-1, 2).T
+    held = [room.holds(x_m, y_m) for room in rooms.rooms]
+    inside = np.array(held, bool).reshape(len(held), episodes, steps)
     firsts = np.where(inside.any(axis=2), np.argmax(inside, axis=2), steps)
     order = np.argsort(firsts, axis=0, kind="stable").T.tolist()
     found = np.sum(firsts < steps, axis=0).tolist()
@@ -131,13 +133,14 @@ def _visit(rooms: RoomMap, placement: Placement, entered: tuple[str, ...], *, kn
     return Visit(entered, unreachable, min(found, goals - 1))
 
 
-def _inside(
-    points_m: Float[np.ndarray, "points 2"], low_m: Float[np.ndarray, "rooms 2"], high_m: Float[np.ndarray, "rooms 2"]
-) -> Bool[np.ndarray, "rooms points"]:
-    x, y = points_m[:, 0], points_m[:, 1]
-    return (
-        (x >= low_m[:, :1]) & (x <= high_m[:, :1]) & (y >= low_m[:, 1:]) & (y <= high_m[:, 1:])
-    )  # rooms first: each row is looked at as a whole
+def _parts_of(room: Room | FloorZone, floor: HostMap, parts: Int32[np.ndarray, "rows columns"]) -> frozenset[int]:
+    """Returns the parts of the floor that have a cell's centre in a room, or in a zone."""
+    low = np.array([room.floor.x_min_m, room.floor.y_min_m])
+    high = np.array([room.floor.x_max_m, room.floor.y_max_m])
+    if isinstance(room, FloorZone):
+        y, x = np.indices(parts.shape) * float(floor.cell_m) + np.float64(floor.origin_m[::-1, None, None])
+        parts = np.where(room.holds(x, y), parts, 0)
+    return _parts_within(floor, parts, low, high)
 
 
 def _parts_within(

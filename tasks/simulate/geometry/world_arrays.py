@@ -203,7 +203,7 @@ def _new_arrays(world: World, hull: Hull, lidar_m: float) -> WorldArrays:
     floor = floor_map(world, contacts)
     for array in floor:
         array.setflags(write=False)
-    rooms = room_map(world.rooms, floor, hull.radius_m)
+    rooms = room_map(world.areas, floor, hull.radius_m)
     ways, narrow = (Ways(contacts, radius_m) for radius_m in (hull.radius_m, _NARROWEST_M))
     return WorldArrays(contacts, outlines, floor, rooms, ways, narrow)
 

@@ -12,6 +12,7 @@ from specs.data.world import (
     ROBOT_RADIUS_M,
     WORLD_VERSION,
     Certificate,
+    FloorZone,
     Furniture,
     ImportFinding,
     ImportReport,
@@ -27,11 +28,12 @@ from specs.data.world import (
 )
 from specs.pipeline.world_sections import SourceKind
 from tasks.worlds.geometry import CELL_M, HEADROOM_M, Box, bounding_box, bounds, label_parts, rounded, solid_rows
+from tasks.worlds.importer.floor_rooms import found_rooms
 from tasks.worlds.importer.own_floor import cell_at, measured, own_floor, reached_from
 from tasks.worlds.importer.source_scene import MOST_SOLIDS, Scene, SourceError
 from tasks.worlds.survey import ExactGrid
 
-IMPORTER = "simyard-import-2"
+IMPORTER = "simyard-import-3"
 """Changes whenever the same source would give another world."""
 MOST_CELLS = 1 << 24
 """Of a floor, whose map would grow beyond what a machine holds for every lane: 42,000 m2."""
@@ -117,14 +119,16 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
     grid = own_floor(world)
     routes, lost = _kept_routes(grid, scene.routes, described.file)
     start = _checked_start(grid, asked, described.file) if asked else _find_start(grid, described.file)
+    zones, shut = _kept_zones(grid, scene.zones, start, described.file)
     report = ImportReport(
         parts=scene.parts,
         exact=scene.exact,
-        findings=(*scene.findings, *lost, *_out_of_reach(grid, start)),
+        findings=(*scene.findings, *lost, *shut, *_out_of_reach(grid, start)),
         agreements=tuple(described.agreements),
     )
     lights = scene.lights or (Light(position_m=(start.x_m, start.y_m, rounded(ceiling_m - _LIGHT_BELOW_M))),)
-    update = {"start": start, "report": report, "lights": lights, "routes": routes or None}
+    update: dict[str, object] = {"start": start, "report": report, "lights": lights, "routes": routes or None}
+    update["zones"] = zones or found_rooms(world, start) or None
     return measured(world.model_copy(update=update))
 
 
@@ -225,6 +229,27 @@ def _kept_routes(grid: ExactGrid, routes: Sequence[Route], file: str) -> tuple[t
     if faults:
         raise SourceError(faults, file)
     return tuple(kept), lost
+
+
+def _kept_zones(
+    grid: ExactGrid, zones: Sequence[FloorZone], start: Start, file: str
+) -> tuple[tuple[FloorZone, ...], list[ImportFinding]]:
+    """Returns the zones that the smallest robot gets to, and what was left out.
+
+    Raises:
+        SourceError: It gets to none of them: they are of another building, or in another frame.
+    """
+    x, y = (each.ravel() for each in np.meshgrid(*grid.centers_m, indexing="ij"))
+    reached = reached_from(grid, start, LEAST_RADIUS_M).ravel()
+    x, y = x[reached], y[reached]
+    kept = tuple(zone for zone in zones if zone.holds(x, y).any())
+    if zones and not kept:
+        (low_x, low_y), where = zones[0].outline_m[0], f"zone {zones[0].name}"
+        allowed = f"a part of the floor that a robot gets to, in the frame of {file}"
+        raise SourceError([Fault(path=where, value=f"[{low_x:g}, {low_y:g}] and all others", allowed=allowed)], file)
+    why = f"no robot of {LEAST_RADIUS_M} m radius gets there from the start"
+    lost = [zone for zone in zones if zone not in kept]
+    return kept, [ImportFinding(subject=f"zone {zone.name}", became="dropped", why=why) for zone in lost]
 
 
 def _find_start(grid: ExactGrid, file: str) -> Start:

@@ -35,6 +35,8 @@ MOST_BYTES = 4 << 30
 """Of memory, mapped or used; a large hospital takes one of them."""
 MOST_CPU_S = 600
 _MOST_MAPS = 8
+ZONES = "zones.yaml"
+"""Beside a source, it says what parts of the floor are called."""
 
 
 def import_source(asked: WorldImport) -> ImportAnswer:
@@ -44,9 +46,10 @@ def import_source(asked: WorldImport) -> ImportAnswer:
         scene, kind, agreements = _read_scene(asked, path), source_kind(path.name) or "sdf", list[MapAgreement]()
         if kind != "map":
             scene, agreements = _with_maps(scene, path)
-        if asked.routes:
-            routes, files = read_routes([Path(each) for each in asked.routes])
-            scene = replace(scene, routes=routes, files={**scene.files, **files})
+        beside = path.with_name(ZONES)
+        if given := [Path(each) for each in asked.routes or ()] + [beside] * beside.is_file():
+            named = read_routes(given)
+            scene = replace(scene, routes=named.routes, zones=named.zones, files={**scene.files, **named.files})
         described = ImportedAs(
             name=asked.name,
             kind=kind,

@@ -1,19 +1,22 @@
-"""Files of routes and places, as robots have them, become the routes of a world.
+"""Files of routes, places and zones, as robots have them, become the routes and zones of a world.
 
 Read are the routes of AWS's worlds (``poses``), Nav2's waypoints (``waypoints``, a list or named), lists of goals, and
 named places (``places``) and routes (``routes``). A pose is ``[x, y, ...]``, ``{x, y}``, or has one of these as its
-``position`` or ``pose``; how it is turned is left to whoever drives there. A place is a route of one point.
+``position`` or ``pose``; how it is turned is left to whoever drives there. A place is a route of one point, and a zone
+has the corners of its outline (``zones``).
 """
 
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
+import shapely
 import yaml
 
 from specs.base import Fault
-from specs.data.world import Route
+from specs.data.world import MOST_ZONE_CORNERS, FloorZone, Route
 from tasks.worlds.geometry import rounded
 from tasks.worlds.importer.map_reader import is_number
 from tasks.worlds.importer.source_files import shown
@@ -24,29 +27,47 @@ _MOST_PLACES = 10_000
 _FARTHEST_M = 1e5
 _LISTS = ("poses", "waypoints", "goals")
 _POSE = "[x, y], {x: , y: }, or one of these as position or pose, in metres"
-_FILE = "poses, waypoints or goals, a list of poses; or routes or places, by their names"
+_FILE = "poses, waypoints or goals, a list of poses; or routes, places or zones, by their names"
+_OUTLINE = f"3 to {MOST_ZONE_CORNERS} corners of an outline that does not cross itself"
 
 
-def read_routes(paths: Sequence[Path]) -> tuple[tuple[Route, ...], Mapping[str, str]]:
-    """Returns the routes of files, in their order, and the SHA-256 of each file by its name.
+@dataclass(frozen=True)
+class NamedWays:
+    """What somebody named on a floor.
+
+    Attributes:
+        routes: In the order of their files.
+        zones: As well.
+        files: SHA-256 of each file that was read, by its name.
+    """
+
+    routes: tuple[Route, ...]
+    zones: tuple[FloorZone, ...]
+    files: Mapping[str, str]
+
+
+def read_routes(paths: Sequence[Path]) -> NamedWays:
+    """Returns the routes and zones of files.
 
     Raises:
-        SourceError: One of them is no file of routes, or two routes have a name; carries all faults.
+        SourceError: One of them is no file of routes, or two routes or zones have a name; carries all faults.
     """
-    found, files, faults = dict[str, Route](), dict[str, str](), list[Fault]()
+    found, files, faults = dict[tuple[type, str], Route | FloorZone](), dict[str, str](), list[Fault]()
     for number, path in enumerate(paths):
         try:
             body = _body(path)
             files[f"routes/{number}/{path.name}"] = hashlib.sha256(body).hexdigest()
-            for route in _routes_of(path, body):
-                if route.name in found:
-                    faults.append(Fault(path=path.name, value=route.name, allowed="a name that no other route has"))
-                found[route.name] = route
+            for each in _named_of(path, body):
+                if (type(each), each.name) in found:
+                    kind = "zone" if isinstance(each, FloorZone) else "route"
+                    faults.append(Fault(path=path.name, value=each.name, allowed=f"a name that no other {kind} has"))
+                found[type(each), each.name] = each
         except SourceError as exc:
             faults += exc.faults
     if faults:
         raise SourceError(faults, "routes")
-    return tuple(found.values()), files
+    routes = tuple(each for each in found.values() if isinstance(each, Route))
+    return NamedWays(routes, tuple(each for each in found.values() if isinstance(each, FloorZone)), files)
 
 
 def _refused(path: Path, where: str, value: str, allowed: str) -> SourceError:
@@ -65,8 +86,8 @@ def _body(path: Path) -> bytes:
     return body
 
 
-def _routes_of(path: Path, body: bytes) -> Iterator[Route]:
-    """Yields the routes of one file; the one that has no name is called as the file."""
+def _named_of(path: Path, body: bytes) -> Iterator[Route | FloorZone]:
+    """Yields the routes and zones of one file; the route that has no name is called as the file."""
     try:
         # Aliases make much of a small file, and no tool writes them into one of routes.
         if b"*" in body and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(body)):
@@ -76,7 +97,7 @@ def _routes_of(path: Path, body: bytes) -> Iterator[Route]:
         raise _refused(path, "", f"no YAML ({exc})", _FILE) from exc
     given = cast("Mapping[object, object]", data if isinstance(data, dict) else {"poses": data})
     listed = [name for name in _LISTS if name in given]
-    if len(listed) > 1 or not (listed or "routes" in given or "places" in given):
+    if len(listed) > 1 or not (listed or given.keys() & {"routes", "places", "zones"}):
         raise _refused(path, "", " and ".join(listed) or "nothing of a route", _FILE)
     for name in listed:
         yield _route(path, path.stem, given[name], name)
@@ -84,6 +105,8 @@ def _routes_of(path: Path, body: bytes) -> Iterator[Route]:
         yield _route(path, name, poses, f"routes.{name}")
     for name, pose in _named(path, given, "places"):
         yield _route(path, name, [pose], f"places.{name}")
+    for name, corners in _named(path, given, "zones"):
+        yield _zone(path, name, corners)
 
 
 def _named(path: Path, given: "Mapping[object, object]", key: str) -> Iterator[tuple[str, object]]:
@@ -103,6 +126,14 @@ def _route(path: Path, name: str, poses: object, where: str) -> Route:
         raise _refused(path, where, repr(each), f"1 to {_MOST_PLACES:,} poses")
     points = [_place(path, pose, f"{where}[{number}]") for number, pose in enumerate(cast("list[object]", each))]
     return Route(name=name, points_m=tuple(points))
+
+
+def _zone(path: Path, name: str, corners: object) -> FloorZone:
+    where = f"zones.{name}"
+    outline = _route(path, name, corners, where).points_m
+    if not 3 <= len(outline) <= MOST_ZONE_CORNERS or not shapely.Polygon(outline).is_valid:
+        raise _refused(path, where, repr(corners), _OUTLINE)
+    return FloorZone(name=name, outline_m=outline, found=False)
 
 
 def _place(path: Path, pose: object, where: str) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from specs.base import Fault, Spec
-from specs.data.world import Furniture, ImportFinding, Light, Route, Start
+from specs.data.world import FloorZone, Furniture, ImportFinding, Light, Route, Start
 from specs.errors import DocumentError
 
 MOST_SOLIDS = 20_000
@@ -29,6 +29,7 @@ class Scene:
         files: SHA-256 of every file that was read, by its name relative to the source's folder, or to the model folder
             that it was found in.
         routes: Ways and places that came with it.
+        zones: Parts of the floor that somebody named.
         floor_m: How high the floor stands in the source; the pieces are lower by that.
     """
 
@@ -40,6 +41,7 @@ class Scene:
     findings: tuple[ImportFinding, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     routes: tuple[Route, ...] = ()
+    zones: tuple[FloorZone, ...] = ()
     floor_m: float = 0.0
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
-from specs.data.world import Rectangle, Route, Start, World
+from specs.data.world import FloorZone, Rectangle, Route, Start, World
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import floor_map
@@ -182,6 +182,15 @@ def test_in_a_world_without_rooms_goals_are_anywhere_within_reach():
     points = [goals[(goals[:, 0] * x > 0) & (goals[:, 1] * y > 0)] for x in (-1, 1) for y in (-1, 1)]
     assert all(len(some) > 30 for some in points)
     assert np.hypot(*np.diff(placed(OWN, 1, 7).goals_m, axis=0).T).min() >= 1.0
+
+
+def test_goals_are_in_another_zone_each():
+    outlines = {"left": ((-3.0, -3.0), (-0.5, -3.0), (-0.5, 3.0)), "right": ((0.5, -3.0), (3.0, -3.0), (0.5, 3.0))}
+    zones = tuple(FloorZone(name=name, outline_m=corners, found=False) for name, corners in outlines.items())
+    goals = placed(OWN.model_copy(update={"zones": zones}), 3, 6).goals_m
+    held = [zone.holds(*goals.T) for zone in zones]
+    assert (held[0] != held[1]).all()
+    assert (held[0][1:] != held[0][:-1]).all()
 
 
 def test_goals_are_those_of_the_route_that_is_named():

@@ -4,6 +4,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from specs.data.world import FloorZone
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.drawing.plan_page import covers, from_above
 from tasks.export.picture.contact_sheet import summary
@@ -19,6 +20,12 @@ def test_a_prism_is_drawn_by_its_corners():
     root = ET.fromstring(PLAN)  # noqa: S314 - our own document
     outlines = [each.get("points", "").split() for each in root.iter("{http://www.w3.org/2000/svg}polygon")]
     assert [len(corners) for corners in outlines] == [4]
+
+
+def test_zones_are_drawn_with_their_names():
+    zone = FloorZone(name="loading <dock>", outline_m=((11.0, 6.0), (13.0, 6.0), (13.0, 8.0)), found=False)
+    root = ET.fromstring(floor_plan_svg(WORLD.model_copy(update={"zones": (zone,)})))  # noqa: S314 - our own document
+    assert [each.text for each in root.iter("{http://www.w3.org/2000/svg}title")].count("loading <dock>: 2.0 m²") == 1
 
 
 def test_the_start_is_drawn_where_it_is():

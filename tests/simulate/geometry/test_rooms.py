@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from specs.data.world import World
+from specs.data.world import FloorZone, World
 from tasks.simulate.application.contract import Placement
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.rooms import RoomMap, Visit, room_map, rooms_entered, visit, visits
@@ -28,6 +28,16 @@ def went(world: World, *goals: tuple[float, float], radius_m: float = 0.2, arriv
 def test_rooms_are_entered_in_the_order_in_which_the_way_comes_to_them():
     way = np.array([(4.0, 0.5), (2.55, 0.5), (1.0, 0.5), (4.0, 0.5)])
     assert rooms_entered(rooms_of(OPEN), way) == ("Kitchen", "Living room")
+
+
+def test_zones_are_the_rooms_of_a_world_that_has_none():
+    corner = FloorZone(name="corner", outline_m=((3.0, -1.0), (6.0, -1.0), (6.0, 2.0)), found=False)
+    zoned = SHUT.model_copy(update={"rooms": (), "zones": (corner,)})
+    rooms = room_map(zoned.areas, floor_map(zoned, obstacles(zoned, 0.02, 0.38)), 0.2)
+    assert rooms_entered(rooms, np.array([(3.2, 1.5)])) == ()
+    assert rooms_entered(rooms, np.array([(3.2, 1.5), (5.0, 0.5)])) == ("corner",)
+    placement = Placement(np.zeros(3), np.array([BEDSIDE]), (), 0.3)
+    assert visit(rooms, placement, HERE, known_way=False).unreachable == ("corner",)
 
 
 def test_a_robot_in_the_doorway_is_in_no_room():

@@ -1,10 +1,11 @@
 """A scene as a world: measured, in its frame, the same bytes for the same source, and a start that leads somewhere."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 
-from specs.data.world import Start, World
+from specs.data.world import FloorZone, Start, World
 from tasks.export.format.occupancy_map import map_files
 from tasks.storage.worlds import decode_world, encode_world
 from tasks.worlds.importer.assemble import ImportedAs, assemble_world
@@ -42,6 +43,33 @@ def test_the_map_of_a_world_is_the_map_that_it_was_made_of(tmp_path: Path) -> No
     assert (world.map.columns, world.map.rows) == (51, 32)
     assert world.map.origin_m == pytest.approx((1.0, 2.0), abs=1e-5)
     assert sum(world.map.runs[1::2]) == sum(row.count("#") for row in room(24, 30, door=16))
+
+
+def test_a_map_has_the_rooms_that_its_doors_part(tmp_path: Path) -> None:
+    world = imported(write_map(tmp_path, room(48, 60, door=16)))
+    zones = world.zones or ()
+    assert [zone.name for zone in zones] == ["room-1", "room-2"]
+    assert [zone.area_m2 for zone in zones] == pytest.approx([7.2, 7.2], rel=0.03)
+    assert imported(write_map(tmp_path, room(48, 60, door=60))).zones is None
+
+
+def zoned(path: Path, *corners: tuple[float, float]) -> World:
+    zones = [FloorZone(name="own", outline_m=((1.2, 2.2), (2.0, 2.2), (2.0, 3.0)), found=False)] * (len(corners) != 4)
+    if corners:
+        zones.append(FloorZone(name="other", outline_m=corners, found=False))
+    scene = dataclasses.replace(read_map(path), zones=tuple(zones))
+    return assemble_world(scene, ImportedAs(name="hall", kind="map", file=path.name))
+
+
+def test_zones_that_somebody_named_take_the_place_of_rooms(tmp_path: Path) -> None:
+    path = write_map(tmp_path, room(48, 60, door=16))
+    assert [zone.name for zone in zoned(path).zones or ()] == ["own"]
+    world = zoned(path, (90.0, 90.0), (91.0, 90.0), (90.0, 91.0))
+    assert [zone.name for zone in world.zones or ()] == ["own"]
+    assert world.report is not None
+    assert [each.subject for each in world.report.findings if each.became == "dropped"] == ["zone other"]
+    with pytest.raises(SourceError, match=r"zone other: \[90, 90\] and all others: a part of the floor that a robot"):
+        zoned(path, (90.0, 90.0), (91.0, 90.0), (91.0, 91.0), (90.0, 91.0))
 
 
 def test_the_same_source_is_the_same_world_to_the_byte(tmp_path: Path) -> None:

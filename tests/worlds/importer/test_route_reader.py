@@ -30,13 +30,13 @@ def written(folder: Path, text: str, name: str = "tour.yaml") -> Path:
 
 @pytest.mark.parametrize("text", FORMS)
 def test_a_list_of_poses_is_a_route_named_as_its_file(tmp_path: Path, text: str) -> None:
-    (route,), _ = read_routes([written(tmp_path, text)])
+    (route,) = read_routes([written(tmp_path, text)]).routes
     assert (route.name, route.points_m) == ("tour", ((5.18, 1.5), (8.25, -2.0)))
 
 
 def test_named_routes_and_places_keep_their_names(tmp_path: Path) -> None:
     text = "routes: {round: [[1, 2], [3, 4]]}\nplaces: {dock: [0.5, 1, 0]}\n"
-    found, _ = read_routes([written(tmp_path, text), written(tmp_path, "[[0, 0]]", "home.yaml")])
+    found = read_routes([written(tmp_path, text), written(tmp_path, "[[0, 0]]", "home.yaml")]).routes
     assert [(each.name, each.points_m) for each in found] == [
         ("round", ((1.0, 2.0), (3.0, 4.0))),
         ("dock", ((0.5, 1.0),)),
@@ -46,13 +46,24 @@ def test_named_routes_and_places_keep_their_names(tmp_path: Path) -> None:
 
 def test_what_only_looks_like_an_alias_is_text(tmp_path: Path) -> None:
     text = "# 2 * 3 & more\nplaces: {'Lounge & Bar': [1, 2], \"*dock\": [3, 4]}  # *here\n"
-    found, _ = read_routes([written(tmp_path, text)])
+    found = read_routes([written(tmp_path, text)]).routes
     assert [each.name for each in found] == ["Lounge & Bar", "*dock"]
+
+
+def test_zones_have_names_and_corners(tmp_path: Path) -> None:
+    text = "zones: {hall: [[0, 0], {x: 4, y: 0}, [4, 3]]}\nplaces: {hall: [1, 0.5]}\n"
+    found = read_routes([written(tmp_path, text)])
+    (zone,) = found.zones
+    assert (zone.name, zone.outline_m, zone.found) == ("hall", ((0.0, 0.0), (4.0, 0.0), (4.0, 3.0)), False)
+    assert [route.name for route in found.routes] == ["hall"]
 
 
 @pytest.mark.parametrize(
     ("text", "said"),
     [
+        ("zones: {hall: [[0, 0], [4, 0]]}\n", "zones.hall"),
+        ("zones: {hall: [[0, 0], [4, 4], [4, 0], [0, 4]]}\n", "an outline that does not cross itself"),
+        ("zones: {hall: [[0, 0], [1, 1], [2, 2]]}\n", "an outline that does not cross itself"),
         ("mode: random\n", "nothing of a route"),
         ("poses: []\n", "1 to 10,000 poses"),
         ("poses: [[1]]\n", "poses[0]"),
