@@ -78,7 +78,8 @@ def with_launched_worlds(plan: BatchPlan, section: SimulationBatch, store: Store
         if plan.worlds_of(template) or not template.scenario.starts_nodes:
             templates.append(template)
             continue
-        found = faults.keep(lambda template=template: launched_world(store, template.scenario, template.environment))
+        launch, variables = template.scenario, template.judge_variables
+        found = faults.keep(lambda launch=launch, own=variables: launched_world(store, launch, own))
         if found:
             keep_world(store, found, f"{_REQUESTS}.simulationApplications")
             digests[found.reference] = found.digest

@@ -167,7 +167,8 @@ def host_plan(batch: BatchPlan, folders: Mapping[str, Path], own: Collection[str
             folder = folders[launch.digest]
             kind, source = controller_kind(folder, launch), _source(folder, launch)
             if kind in {"ros", "ros2"} and source not in launches:
-                asked = environments(template.environment, batch.sweep)
+                values = template.judge_variables if launch is template.scenario else template.environment
+                asked = environments(values, batch.sweep)
                 launches[source] = check_launch_file(source, asked, own=launch.digest in own)
     return HostPlan(launches)
 

@@ -84,6 +84,7 @@ class EpisodeRequest(Spec):
         robot: What drives; the simulation application itself, where there is no robot application.
         scenario: What judges.
         environment: Environment variables as the launch configurations and the matrix give them.
+        judge_environment: Those that the simulation application's own nodes have otherwise; None for none.
         duration_s: Simulated seconds at most (maxJobDurationInSeconds).
     """
 
@@ -95,6 +96,12 @@ class EpisodeRequest(Spec):
     environment: dict[str, str]
     duration_s: float
     failure_behavior: FailureBehavior = "Fail"
+    judge_environment: dict[str, str] | None = None
+
+    @property
+    def judge_variables(self) -> dict[str, str]:
+        """Returns the environment variables of the simulation application's nodes."""
+        return {**self.environment, **(self.judge_environment or {})}
 
     @property
     def alone(self) -> bool:

@@ -1,14 +1,16 @@
 """What Gazebo's services answer of an episode (ROS 1): where the robot is, and what the world is.
 
 Names and types are those of gazebo_ros (wiki.ros.org/gazebo_ros, package gazebo_msgs of its branch noetic-devel).
-Nobody but the robot moves in a world, and the robot moves by its commands alone: who asks for more is told so.
+Nobody but the robot moves in a world. It moves by its commands, and where it is set: who asks for more is told so.
 """
 
+import math
 import struct
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from tasks.ros.message.ros_messages import (
+    TWIST_BYTES,
     PlanarTwist,
     header,
     read_text,
@@ -20,12 +22,18 @@ from tasks.ros.message.ros_messages import (
 )
 
 MODEL_STATES, MODEL_STATES_KIND = "/gazebo/model_states", "gazebo_msgs/ModelStates"
+SET_MODEL_STATE = "/gazebo/set_model_state"
+SET_MODEL_STATE_KIND = "gazebo_msgs/ModelState"
+"""Of the topic; the service of that name has another type."""
 GAZEBO_SERVICES: Mapping[str, str] = {
     "/gazebo/get_model_state": "gazebo_msgs/GetModelState",
     "/gazebo/get_physics_properties": "gazebo_msgs/GetPhysicsProperties",
     "/gazebo/get_world_properties": "gazebo_msgs/GetWorldProperties",
     "/gazebo/pause_physics": "std_srvs/Empty",
-    "/gazebo/set_model_state": "gazebo_msgs/SetModelState",
+    "/gazebo/reset_simulation": "std_srvs/Empty",
+    "/gazebo/reset_world": "std_srvs/Empty",
+    SET_MODEL_STATE: "gazebo_msgs/SetModelState",
+    "/gazebo/set_physics_properties": "gazebo_msgs/SetPhysicsProperties",
     "/gazebo/unpause_physics": "std_srvs/Empty",
 }
 """Types by name."""
@@ -35,6 +43,9 @@ _PHYSICS = struct.Struct("<dBd3d")
 # Of ODE, which does not step here: its own defaults, as far as anybody reads them.
 _ODE = struct.Struct("<BII6dI")
 _GRAVITY_M_S2 = (0.0, 0.0, -9.81)
+_ASKED = struct.Struct("<d8x3d")
+# Farther than any world reaches.
+_FARTHEST_M = 1e4
 
 
 class RobotState(NamedTuple):
@@ -59,7 +70,7 @@ class GazeboServices:
         step_s: Of the physics.
 
     Attributes:
-        state: The robot's, as its odometry has it.
+        state: The robot's, as its odometry has it, or where it was set in this control step.
         functions: What answers requests, by the services' names.
     """
 
@@ -67,12 +78,17 @@ class GazeboServices:
         self.state = RobotState()
         self._model, self._step_s = model, step_s
         self._asked = 0
+        self._start: tuple[float, float, float] | None = None
+        self._set: tuple[float, float, float] | None = None
         self.functions: Mapping[str, Callable[[bytes], bytes]] = {
             "/gazebo/get_model_state": self._model_state,
             "/gazebo/get_physics_properties": self._physics,
             "/gazebo/get_world_properties": self._world,
             "/gazebo/pause_physics": lambda _: b"",
-            "/gazebo/set_model_state": self._set_model_state,
+            "/gazebo/reset_simulation": self._reset,
+            "/gazebo/reset_world": self._reset,
+            SET_MODEL_STATE: lambda request: _answer("SetModelState", self.set_state(request), "set model state done"),
+            "/gazebo/set_physics_properties": self._set_physics,
             "/gazebo/unpause_physics": lambda _: b"",
         }
 
@@ -109,12 +125,55 @@ class GazeboServices:
         ode = _ODE.pack(0, 0, 50, 1.3, 0.0, 0.001, 100.0, 0.0, 0.2, 20)
         return numbers + ode + write_outcome(success=True, message="GetPhysicsProperties: got properties")
 
-    def _set_model_state(self, request: bytes) -> bytes:
-        name, _ = read_text(request)
-        why = f"{name!r} stands still here, as all but {self._model}: import another world, or a variant of it"
-        if name == self._model:
-            why = f"{name} moves by its commands alone here: let the world's start say where an episode begins"
-        return write_outcome(success=False, message=f"SetModelState: {why}")
+    def tell(self, state: RobotState) -> None:
+        """Tells where the robot is now; the first time, where it starts."""
+        self.state = state
+        self._start = self._start or state.pose
+
+    def take_pose(self) -> tuple[float, float, float] | None:
+        """Returns where the robot was set since the last call, the last time; None if it was not."""
+        pose, self._set = self._set, None
+        return pose
+
+    def set_state(self, request: bytes) -> str:
+        """Sets the robot somewhere, at rest, as a ``gazebo_msgs/ModelState`` says; returns why it does not, or nothing.
+
+        Raises:
+            ValueError: If the bytes are no such message.
+        """
+        name, rest = read_text(request)
+        if len(rest) < _POSE.size + TWIST_BYTES:
+            raise ValueError(f"a pose and a twist within {len(rest)} bytes")
+        relative, _ = read_text(rest[_POSE.size + TWIST_BYTES :])
+        x, y, _, qx, qy, qz, qw = numbers = _POSE.unpack_from(rest)
+        if name != self._model:
+            return f"{name!r} stands still here, as all but {self._model}: import another world, or a variant of it"
+        if relative not in ("", "world"):
+            return f"relative to {relative!r}: a pose relative to the world is known alone"
+        if not all(map(math.isfinite, numbers)) or max(abs(x), abs(y)) > _FARTHEST_M:
+            return f"the pose {numbers} is none: finite numbers, at most {_FARTHEST_M:g} m away"
+        self._place((x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz))))
+        return ""
+
+    def _place(self, pose: tuple[float, float, float]) -> None:
+        self._set, self.state = pose, RobotState(self.state.time_ns, pose)
+
+    def _reset(self, _: bytes) -> bytes:
+        if self._start is not None:
+            self._place(self._start)
+        return b""
+
+    def _set_physics(self, request: bytes) -> bytes:
+        if len(request) != _ASKED.size + _ODE.size:
+            raise ValueError(f"{len(request)} bytes, {_ASKED.size + _ODE.size} are taken")
+        step_s, *gravity = _ASKED.unpack_from(request)
+        same = math.isclose(step_s, self._step_s) and tuple(gravity) == _GRAVITY_M_S2
+        why = "" if same else f"steps have {self._step_s:g} s here, and gravity is {_GRAVITY_M_S2}: nothing is set"
+        return _answer("SetPhysicsProperties", why, "physics is as asked for")
+
+
+def _answer(service: str, why: str, done: str) -> bytes:
+    return write_outcome(success=not why, message=f"{service}: {why or done}")
 
 
 def _pose(pose: tuple[float, float, float]) -> bytes:

@@ -12,7 +12,12 @@ from collections.abc import Callable, Mapping, Sequence
 
 from tasks.ros.graph import graph_limits as limits
 from tasks.ros.graph.event_loop import HOST, Connection, EventLoop
-from tasks.ros.graph.gazebo_services import GAZEBO_SERVICES, GazeboServices
+from tasks.ros.graph.gazebo_services import (
+    GAZEBO_SERVICES,
+    SET_MODEL_STATE,
+    SET_MODEL_STATE_KIND,
+    GazeboServices,
+)
 from tasks.ros.graph.master import (
     KEY,
     LIST,
@@ -245,6 +250,8 @@ class Graph:
         gazebo: GazeboServices | None = None,
     ) -> None:
         self._events = EventLoop(loop, new_socket)
+        if gazebo is not None:
+            subscribes = (*subscribes, Topic(SET_MODEL_STATE, SET_MODEL_STATE_KIND))
         self._tables = Registrations()
         self.parameters = ParameterTree()
         self.services, self.gazebo = RobotServices(gazebo), gazebo
@@ -325,7 +332,13 @@ class Graph:
 
     def take(self) -> list[tuple[str, bytes]]:
         """Returns the commands that have come since the last call: topic and message, in the order of nodes' names."""
-        return self._subscriptions.take()
+        commands = list[tuple[str, bytes]]()
+        for topic, data in self._subscriptions.take():
+            if topic == SET_MODEL_STATE and self.gazebo is not None:
+                self.gazebo.set_state(data)
+            else:
+                commands.append((topic, data))
+        return commands
 
     def nodes(self) -> set[str]:
         """Returns the names of the application's nodes."""

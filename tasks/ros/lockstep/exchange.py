@@ -160,6 +160,7 @@ class Launch(NamedTuple):
         launch_file: Its launchFile, with ``.launch`` or ``.launch.py``.
         home: An empty folder to write to, for logs and temporary files; gone after ``close``.
         environment: Of each lane: its environment variables.
+        judging: Of each lane: those of the simulation application's nodes; empty where they are the same.
         simulation: What the simulation application launches, if it is ROS's; the same where there is no robot
             application.
         command: Of a container image: what is run in place of a launch file.
@@ -172,6 +173,11 @@ class Launch(NamedTuple):
     environment: Sequence[Mapping[str, str]]
     simulation: LaunchSource | None = None
     command: tuple[str, ...] | None = None
+    judging: Sequence[Mapping[str, str]] = ()
+
+    def variables(self, lane: int, *, simulation: bool) -> Mapping[str, str]:
+        """Returns the environment variables of one application's nodes in a lane."""
+        return self.judging[lane] if simulation and self.judging else self.environment[lane]
 
     @property
     def source(self) -> LaunchSource:
@@ -247,6 +253,11 @@ class Lockstep(Protocol):
 
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; None marks lanes that are done."""
+        ...
+
+    @property
+    def placed(self) -> Mapping[int, tuple[float, float, float]]:
+        """Returns where nodes set robots in the last control step, (x m, y m, yaw rad), by lane."""
         ...
 
     def tally(self, lane: int) -> ExchangeTotals:

@@ -242,6 +242,11 @@ class LockstepRecorder:
         self._step += 1
         return commands
 
+    @property
+    def placed(self) -> Mapping[int, tuple[float, float, float]]:
+        """Returns where nodes set robots in the last control step, by lane."""
+        return self._inner.placed
+
     def tally(self, lane: int) -> ExchangeTotals:
         """Returns how the exchange of a lane went so far."""
         return self._inner.tally(lane)

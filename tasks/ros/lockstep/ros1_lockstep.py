@@ -54,6 +54,9 @@ _GAPS_TOLD = 5
 class Ros1Lockstep:
     """The applications of all lanes of a chunk; see ``Lockstep``.
 
+    Attributes:
+        placed: Where nodes set robots in the last control step, by lane.
+
     Its thread must outlive it: the kernel ends nodes with the thread that started them.
 
     Args:
@@ -89,10 +92,11 @@ class Ros1Lockstep:
         self._lanes: dict[int, RosLane] = {}
         self._failures: dict[int, str] = {}
         self._now_ns, self._step, self._closed = BEGINS_NS, 0, False
-        self._due_ns = math.inf
+        self._due_ns, self._warm = math.inf, False
         self._modules: Path | None = None
         self._image = ImageLaunch.of(launch.source)
         self._gazebo: dict[int, GazeboServices] = {}
+        self.placed: dict[int, tuple[float, float, float]] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -141,7 +145,7 @@ class Ros1Lockstep:
         if not counts_runs():
             raise LaunchRefused("this kernel does not tell how often threads are run (/proc/<pid>/schedstat)")
         driven = [number for number, own in enumerate(sensed) if own is not None]
-        plans = self._plans([self._launch.environment[number] for number in driven])
+        plans = self._plans(driven)
         for number, plan in zip(driven, plans, strict=True):
             if isinstance(plan, LaunchRefused):
                 self._failures[number] = str(plan)
@@ -155,6 +159,7 @@ class Ros1Lockstep:
         Readiness(self._pump, self._messages.commands.name, self._base.robot.ready_s, self._end).wait(lanes)
         for _ in range(_WARM_UP_STEPS):
             self.exchange(sensed)
+        self._warm = True  # where a robot is set before is where the first step begins
         for lane in lanes:
             if not lane.failure:  # its totals say why it failed
                 lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
@@ -176,6 +181,8 @@ class Ros1Lockstep:
         self._audit.run(lanes, self._step)
         self._check(moving)
         self._stop_idle(lanes)
+        found = ((n, gazebo.take_pose()) for n, gazebo in self._gazebo.items() if n in moving and self._warm)
+        self.placed = {n: pose for n, pose in found if pose is not None}
         self._now_ns, self._step = self._now_ns + self._control_ns, self._step + 1
         self._check_commanded(lanes)
         return [self._lanes[n].command if n in moving else TwistCommand() for n in range(len(sensed))]
@@ -214,21 +221,22 @@ class Ros1Lockstep:
         self._pump.close()
         shutil.rmtree(self._launch.home, ignore_errors=True)
 
-    def _plans(self, environments: list[Mapping[str, str]]) -> list[LaunchPlan | LaunchRefused]:
-        """Returns what is started with each environment, or why nothing can be."""
+    def _plans(self, driven: Sequence[int]) -> list[LaunchPlan | LaunchRefused]:
+        """Returns what is started in each of some lanes, or why nothing can be."""
         source, simulation = self._launch.source, self._launch.simulation
         if self._image and simulation is not None:
             why = "a container image is judged by a module, and the simulation application is a launch file of ROS"
-            return [LaunchRefused(why) for _ in environments]
-        robots = self._resolved(source, environments) if source != simulation else [None] * len(environments)
+            return [LaunchRefused(why) for _ in driven]
+        own, judging = ([self._launch.variables(lane, simulation=each) for lane in driven] for each in (False, True))
+        robots = self._resolved(source, own) if source != simulation else [None] * len(driven)
         if simulation is None:
             return [each for each in robots if each is not None]
-        both = zip(robots, self._resolved(simulation, environments), strict=True)
+        both = zip(robots, self._resolved(simulation, judging), strict=True)
         joined = [_joined(robot, judge) for robot, judge in both]
         bundles = dict.fromkeys((source.bundle, simulation.bundle))
         return [
             plan._replace(model=spawned_model(plan, bundles, variables)) if isinstance(plan, LaunchPlan) else plan
-            for plan, variables in zip(joined, environments, strict=True)
+            for plan, variables in zip(joined, judging, strict=True)
         ]
 
     def _resolved(
@@ -258,7 +266,7 @@ class Ros1Lockstep:
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
         detector = IdleDetector(ApplicationProcesses(home, self._tracker, self._limits), graph, self._patience.nap_s)
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched)
-        variables, simulation = self._launch.environment[number], self._launch.simulation
+        simulation = self._launch.simulation
         try:
             for name, value in {**plan.parameters, "/use_sim_time": True}.items():
                 graph.set_parameter(name, value)
@@ -266,10 +274,12 @@ class Ros1Lockstep:
             lane.failure = f"a parameter of its launch file: {exc}"
             return lane
         if self._image:
+            variables = self._launch.variables(number, simulation=False)
             self._enter(lane, plan, {**variables, **master_variables(graph.uri)}, network.prefix)
             return lane
         for ours in (False, True):
             bundle = simulation.bundle if simulation and ours else self._launch.bundle
+            variables = self._launch.variables(number, simulation=ours)
             environment = node_environment(installation, bundle, graph.uri, home, variables)
             if self._modules is not None:
                 environment["PYTHONPATH"] = ":".join(filter(None, (environment["PYTHONPATH"], str(self._modules))))
@@ -318,7 +328,7 @@ class Ros1Lockstep:
         if gazebo := self._gazebo.get(number):
             x, y, yaw = map(float, moment.sensed.pose)
             ahead, left, turn = map(float, moment.sensed.velocity)
-            gazebo.state = RobotState(moment.time_ns, (x, y, yaw), (ahead, left, turn))
+            gazebo.tell(RobotState(moment.time_ns, (x, y, yaw), (ahead, left, turn)))
             planned.append((MODEL_STATES, gazebo.model_states))
         x, y = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if self._goal_due(number, lane, moment) else None

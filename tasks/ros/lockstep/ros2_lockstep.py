@@ -326,7 +326,7 @@ class Ros2Lockstep(Ros1Lockstep):
             return lane
         for ours in (False, True):
             environment = {
-                **self._launch.environment[number],
+                **self._launch.variables(number, simulation=ours),
                 **self._of_nodes.get(simulation.bundle if simulation and ours else self._launch.bundle, {}),
                 **domain_own,
                 **episode_environment(home),

@@ -85,6 +85,11 @@ SERVICES: Mapping[str, tuple[str, str]] = MappingProxyType(
             "float64 sim_time\nstring[] model_names\nbool rendering_enabled\nbool success\nstring status_message",
         ),
         "gazebo_msgs/SetModelState": ("gazebo_msgs/ModelState model_state", "bool success\nstring status_message"),
+        "gazebo_msgs/SetPhysicsProperties": (
+            "float64 time_step\nfloat64 max_update_rate\ngeometry_msgs/Vector3 gravity\n"
+            "gazebo_msgs/ODEPhysics ode_config",
+            "bool success\nstring status_message",
+        ),
         "std_srvs/Empty": ("", ""),
         "robomaker_simulation_msgs/AddTags": ("Tag[] tags", "bool success\nstring message"),
         "robomaker_simulation_msgs/Cancel": ("", "bool success\nstring message"),

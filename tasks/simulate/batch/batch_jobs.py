@@ -300,7 +300,8 @@ class Jobs:
             if kind == "robotApplications" and request.alone:
                 continue
             (use,) = cast("list[_Document]", entry[kind])
-            launch = self._launch(cast("_Document", use["launchConfig"]), request.environment)
+            values = request.environment if kind == "robotApplications" else request.judge_variables
+            launch = self._launch(cast("_Document", use["launchConfig"]), values)
             entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]
         (scenario,) = cast("list[_Document]", entry["simulationApplications"])
         world = arn("world", self._store_id, request.world)

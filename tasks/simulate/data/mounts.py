@@ -395,7 +395,8 @@ class Mounts:
         """Returns an episode whose variables name its job and folders of this machine; no data source has failed."""
         folders = {name: str(found.folder) for name, found in self._of(request)}
         environment = {**request.environment, **folders, **self._job_variables(request.index)}
-        return request.model_copy(update={"environment": environment})
+        judging = request.judge_environment and {**request.judge_environment, **self._job_variables(request.index)}
+        return request.model_copy(update={"environment": environment, "judge_environment": judging})
 
     def _of(self, request: EpisodeRequest) -> list[tuple[str, Mounted]]:
         named = {

@@ -38,7 +38,7 @@ from tasks.simulate.engines.program import (
 )
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, one_lane, unflatten_state
-from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
+from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart, placed_poses
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import (
     Decision,
@@ -143,6 +143,8 @@ class StepwiseCalls(NamedTuple):
         step: Returns the state a control step later that the host decided, and what the robots sense then, with what is
             recorded; the state that was given is used up.
         unpack: Returns the state.
+        place: Returns the state with robots at rest where they are set; those set nowhere (not a number) stay. What was
+            given is used up.
     """
 
     begin: Callable[[LaneInputs], LaneState]
@@ -152,6 +154,7 @@ class StepwiseCalls(NamedTuple):
     pack: Callable[[LaneState], PackedState]
     step: Callable[..., tuple[PackedState, Float[jax.Array, "lanes numbers"]]]
     unpack: Callable[[PackedState], LaneState]
+    place: Callable[[PackedState, jax.Array], PackedState]
 
 
 class StepwiseRun:
@@ -184,6 +187,8 @@ class StepwiseRun:
             if steps and done.all():
                 break
             controls = self.host.controls(observed, ~done)
+            if (poses := placed_poses(self.host, lanes)) is not None:
+                packed = self._calls.place(packed, self._transfer.put(poses))
             packed, after = self._calls.step(self._inputs, packed, self._transfer.put(controls))
             self._rows = self._fetched(after)
             _keep(record, steps, observed, controls, self._rows[:, -_RECORDED:])
@@ -385,7 +390,16 @@ def _stepwise_calls(
         pack=pack,
         step=jax.jit(split_over(mesh, step, 3), donate_argnums=1),
         unpack=jax.jit(split_over(mesh, jax.vmap(unpack_lane), 1)),
+        place=jax.jit(split_over(mesh, jax.vmap(functools.partial(_place_lane, mechanics)), 2), donate_argnums=0),
     )
+
+
+def _place_lane(mechanics: Mechanics, packed: PackedState, pose: Float[jax.Array, "3"]) -> PackedState:
+    """Returns a lane whose robot is at rest at a pose, if that is one."""
+    state, chosen = unpack_lane(packed), jnp.isfinite(pose).all()
+    first = mechanics.first_body(pose)
+    body = jax.tree.map(lambda new, old: jnp.where(chosen, new, old).astype(old.dtype), first, state.body)
+    return pack_lane(state._replace(body=body))
 
 
 def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneInputs) -> LaneState:

@@ -84,6 +84,26 @@ class JudgesJobs(Protocol):
         ...
 
 
+@runtime_checkable
+class PlacesRobots(Protocol):
+    """Controllers whose applications may set robots elsewhere."""
+
+    @property
+    def placed(self) -> Mapping[int, tuple[float, float, float]]:
+        """Returns where robots were set while the last controls were found, (x m, y m, yaw rad), by lane."""
+        ...
+
+
+def placed_poses(host: HostControllers, lanes: int) -> Float32[np.ndarray, "lanes 3"] | None:
+    """Returns where robots are set before the control step to come, not a number for the others; None for nobody."""
+    if not isinstance(host, PlacesRobots) or not host.placed:
+        return None
+    poses = np.full((lanes, 3), np.nan, np.float32)
+    for lane, pose in host.placed.items():
+        poses[lane] = pose
+    return poses
+
+
 class HostStart(NamedTuple):
     """What controllers of a chunk begin with.
 

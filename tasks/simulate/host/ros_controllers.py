@@ -253,6 +253,7 @@ class RosLanes:
         self._keeps = False
         self._traffic: LockstepRecorder | None = None
         self._cancelled = frozenset[int]()
+        self._placings: dict[int, int] = {}
         self._tests: dict[int, bool] = {}
         self._goal_ends: dict[int, GoalEnd] = {}
         self._simulation_failed = {*range(len(start.lanes))} if _is_alone(setup.bundle) else set[int]()
@@ -291,6 +292,11 @@ class RosLanes:
         controls[[*self.crashes, *self._cancelled]] = np.nan
         return controls
 
+    @property
+    def placed(self) -> Mapping[int, tuple[float, float, float]]:
+        """Returns where nodes set robots while the last controls were found, by lane."""
+        return self._lockstep.placed if self._lockstep else {}
+
     def measures(self, lane: int) -> Mapping[str, int]:
         """Returns how lock-step held in a lane: ``late`` and ``stray``."""
         tally = self._end(lane)[0]
@@ -310,7 +316,9 @@ class RosLanes:
             return None
         tags = self.tags(lane)
         passed = judged_by(tags, tests=self._tests.get(lane))
-        return Judgement(passed, lane in self._cancelled, self._setup.robot.time_over, tags)
+        return Judgement(
+            passed, lane in self._cancelled, self._setup.robot.time_over, tags, self._placings.get(lane, 0)
+        )
 
     def failure_code(self, lane: int) -> CrashCode:
         """Returns whose crash a lane's is."""
@@ -371,6 +379,7 @@ class RosLanes:
             launch_file=setup.bundle.launch.launch_file,
             home=self._home.path,
             environment=[lane.request.environment for lane in lanes],
+            judging=[lane.request.judge_variables for lane in lanes],
             simulation=setup.bundle.judge and _source(setup.bundle.judge),
             command=setup.bundle.launch.command,
         )
@@ -407,6 +416,8 @@ class RosLanes:
                 why = f"{self._setup.robot.topics.command}: a Twist that is not finite: {_shown(commands[lane])}"
                 self.crashes.setdefault(lane, self._reason(why))
         self._cancelled |= cancelled & {*asked} - self.crashes.keys()
+        for lane in self._lockstep.placed:
+            self._placings[lane] = self._placings.get(lane, 0) + 1
 
     def _end(self, lane: int) -> tuple[ExchangeTotals, Mapping[str, str]]:
         if self._lockstep is not None:

@@ -23,6 +23,8 @@ _PASSED = frozenset({"passed", "pass", "success", "succeeded"})
 _FAILED = frozenset({"failed", "fail", "failure"})
 _NOT_IN_A_NAME = re.compile(r"[^a-z0-9]+")
 _METRIC = re.compile(r"[a-z][a-z0-9_]{0,62}")
+PLACINGS = "set_by_hand"
+"""The metric of a row whose robot its application set elsewhere: in how many control steps."""
 TimeOver = Literal["passed", "failed"]
 
 
@@ -60,6 +62,7 @@ class Judgement(NamedTuple):
         time_over: What an episode is whose time is over, and of which nothing is said.
         tags: Of its job.
         reason: Why it did not pass, if it says so.
+        placings: In how many control steps its nodes set the robot elsewhere.
     """
 
     passed: bool | None
@@ -67,6 +70,7 @@ class Judgement(NamedTuple):
     time_over: TimeOver
     tags: Mapping[str, str]
     reason: OutcomeReason = "judged"
+    placings: int = 0
 
 
 def judged_by(tags: Mapping[str, str], *, tests: bool | None) -> bool | None:
@@ -93,6 +97,7 @@ def judged_row(row: EpisodeResult, judgement: Judgement) -> EpisodeResult:
     if passed is None:
         passed, reason = judgement.time_over == "passed", "timeout"
     why: OutcomeReason = "" if passed else reason
+    placed = {PLACINGS: float(judgement.placings)} if judgement.placings else {}
     return row.model_copy(
         update={
             "status": "Completed",
@@ -101,7 +106,7 @@ def judged_row(row: EpisodeResult, judgement: Judgement) -> EpisodeResult:
             "outcome": "Passed" if passed else "Failed",
             "outcome_reason": why,
             **({"goals_reached": 0, "goals_total": 0} if judgement.reason == "judged" else {}),
-            "metrics": {**row.metrics, **tag_metrics(judgement.tags)},
+            "metrics": {**row.metrics, **tag_metrics(judgement.tags), **placed},
             "trajectory": () if passed else row.trajectory,
         }
     )

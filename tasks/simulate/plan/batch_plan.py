@@ -30,6 +30,8 @@ class JobTemplate(Spec):
         scenario: What judges.
         environment: The launch configurations' variables; the robot's win over the scenario's. Those of data sources
             are ``data:<digest>`` (``data_sources``), and folders only where an episode is simulated.
+        judge_environment: What the simulation application's own nodes have otherwise: values of variables that both
+            set; None where they agree.
         duration_s: Simulated seconds at most.
         worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
         record: Whether its episodes are recorded whatever comes of them.
@@ -42,11 +44,17 @@ class JobTemplate(Spec):
     failure_behavior: FailureBehavior
     worlds: tuple[str, ...] = ()
     record: bool = False
+    judge_environment: dict[str, str] | None = None
 
     @property
     def alone(self) -> bool:
         """Returns whether there is no robot application."""
         return is_alone(self.robot, self.scenario)
+
+    @property
+    def judge_variables(self) -> dict[str, str]:
+        """Returns the environment variables of the simulation application's nodes."""
+        return {**self.environment, **(self.judge_environment or {})}
 
 
 class BatchPlan(Spec):

@@ -169,8 +169,8 @@ class Layout:
     def _asked(self, block: _Block) -> tuple[object, ...]:
         """Returns what is asked of the episodes of a block, whichever robot drives them."""
         asked = self.plan.templates[block.template]
-        settings = tuple(block.settings)
-        return asked.scenario, asked.environment, asked.duration_s, self.plan.worlds_of(asked), settings
+        own, settings = (asked.environment, asked.judge_environment), tuple(block.settings)
+        return asked.scenario, own, asked.duration_s, self.plan.worlds_of(asked), settings
 
     def _shuffle(self, group: _Group) -> Shuffle:
         return self._shuffles[self._first_chunks.index(group.first_chunk)]
@@ -273,7 +273,8 @@ class Layout:
             seed=self.plan.seeds[seed],
             robot=asked.robot,
             scenario=asked.scenario,
-            environment={**asked.environment, **self._values(setting)},
+            environment={**asked.environment, **(swept := self._values(setting))},
+            judge_environment=asked.judge_environment and {**asked.judge_environment, **swept},
             duration_s=asked.duration_s,
             failure_behavior=asked.failure_behavior,
         )

@@ -146,12 +146,16 @@ def _template(
         raise faults.together()
     if fault := _judge_fault(where, driver, judge):
         raise DocumentError([fault])
+    judging = scenario.launchConfig.environmentVariables or {}
+    driving = (robot and robot.launchConfig.environmentVariables) or {}
+    other = {name: value for name, value in judging.items() if driving.get(name, value) != value}
     return JobTemplate(
         robot=driver or judge,
         scenario=judge,
+        judge_environment=other if other and judge.starts_nodes else None,
         environment={
-            **(scenario.launchConfig.environmentVariables or {}),
-            **((robot and robot.launchConfig.environmentVariables) or {}),
+            **judging,
+            **driving,
             **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
         },
         duration_s=float(request.maxJobDurationInSeconds),

@@ -14,6 +14,7 @@ PUBLISHED = {
     "gazebo_msgs/ModelStates": "48c080191eb15c41858319b4d8a609c2",
     "gazebo_msgs/ODEPhysics": "667d56ddbd547918c32d1934503dc335",
     "gazebo_msgs/SetModelState": "5b3ab0281d4f5445def017e3a2e4a07b",
+    "gazebo_msgs/SetPhysicsProperties": "97e2057080558ce4730434b5fae75c91",
     "std_srvs/Empty": "d41d8cd98f00b204e9800998ecf8427e",
     "geometry_msgs/PoseStamped": "d3812c3cbc69362b77dc0b19b345f8f5",
     "geometry_msgs/Twist": "9f195f881246fdfa2798d1d3eebca84a",

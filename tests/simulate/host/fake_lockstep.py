@@ -45,6 +45,7 @@ class FakeLockstep:
         self.goal_ends: dict[int, GoalEnd] = {}
         self.begun: tuple[list[Sensed | None], list[FloorMap | None]] | None = None
         self.seen: list[list[Sensed | None]] = []
+        self.placed: dict[int, tuple[float, float, float]] = {}
         self.closed = 0
         self._tallies = dict.fromkeys(range(len(launch.environment)), ExchangeTotals())
         self._tags: dict[int, dict[str, str]] = {}

@@ -19,6 +19,7 @@ pytestmark = pytest.mark.long
 
 EXAMINER, PATROL = "6" * 64, "7" * 64
 LANES, SECONDS = 8, 3.0
+RESETS = ("reset_simulation", "reset_world") * 2
 Drive = Callable[..., list[EpisodeResult]]
 
 
@@ -40,17 +41,29 @@ def drive(bundle: Path, pens: dict[str, World]) -> Drive:
     """Drives episodes, one for each set of variables."""
 
     def run(
-        file: str, *variables: Mapping[str, str], robot: ApplicationLaunch | None = None, seconds: float = SECONDS
+        file: str,
+        *variables: Mapping[str, str],
+        robot: ApplicationLaunch | None = None,
+        seconds: float = SECONDS,
+        engine: str = "auto",
+        judging: dict[str, str] | None = None,
     ) -> list[EpisodeResult]:
         judge = launch("examiner", EXAMINER, file)
         asked = [
             pushing(index, world="hand/pen-0", seed=1, duration_s=seconds).model_copy(
-                update={"robot": robot or judge, "scenario": judge, "environment": {**each}}
+                update={
+                    "robot": robot or judge,
+                    "scenario": judge,
+                    "environment": {**each},
+                    "judge_environment": judging,
+                }
             )
             for index, each in enumerate(variables)
         ]
         folders = {EXAMINER: bundle, PATROL: BUNDLES / "patrol", DRIFT: FOLDERS[DRIFT]}
-        return list(simulate_lanes(chunk_of(asked), pens, folders, lanes=LANES, should_stop=lambda: False))
+        return list(
+            simulate_lanes(chunk_of(asked), pens, folders, lanes=LANES, should_stop=lambda: False, engine=engine)
+        )
 
     return run
 
@@ -113,6 +126,13 @@ def test_the_nodes_of_both_applications_run_together_and_what_they_print_is_kept
     assert "simulation application:\nexamine: gone 0.2" in said
 
 
+def test_each_applications_nodes_have_its_own_variables(drive: Drive, capsys: pytest.CaptureFixture[str]):
+    patrol = launch("patrol", PATROL, "patrol.launch")
+    (row,) = drive("examine.launch", {"KIND": "none", "FAR": "9"}, robot=patrol, judging={"FAR": "0.2"})
+    assert ending(row) == ("Completed", "Passed", "", "")
+    assert "simulation application:\nexamine: gone 0.2" in capsys.readouterr().out
+
+
 def test_a_crash_of_its_own_nodes_is_the_simulation_applications(drive: Drive):
     patrol = launch("patrol", PATROL, "patrol.launch")
     (row,) = drive("examine.launch", {"FAR": "no number"}, robot=patrol)
@@ -136,3 +156,20 @@ def test_gazebos_services_say_where_the_robot_is_and_that_nothing_else_moves(dri
     assert 0.3 < float(tags["speed"]) < 0.5
     assert tags["other"] == "chair relative to : only rover the robot relative to the world is known"
     assert tags["set"].startswith("SetModelState: chair stands still here as all but rover")
+
+
+@pytest.mark.parametrize("engine", ["planar", "mujoco", "mjx"])
+def test_a_robot_is_set_elsewhere_at_that_control_step_and_its_row_says_so(drive: Drive, engine: str):
+    """By the service, by the topic, and back to its start; the way that it was carried is no way that it drove."""
+    with collect_tags() as given:
+        rows = drive("move.launch", *[{"SPEED": "0.2", "RESET": reset} for reset in RESETS], engine=engine)
+    assert {ending(row) for row in rows} == {("Completed", "Passed", "", "")}
+    assert {(row.late, row.stray, row.metrics["set_by_hand"]) for row in rows} == {(0, 0, 3.0)}
+    assert all(row.path_length_m < 0.5 for row in rows)
+    tags = given[0]
+    assert (tags["set"], tags["there"], tags["same"]) == ("True", "-1 0.5", "True")
+    assert tags["chair"].startswith("SetModelState: chair stands still here")
+    assert tags["slow"].startswith("SetPhysicsProperties: steps have 0.005 s here")
+    assert (tags["service"], tags["topic"], tags["reset"]) == ("-1.0 0.5", "0.3 -0.7", "0.0 0.0")
+    first, *others = [row.model_copy(update={"index": 0, "environment": {}}) for row in rows]
+    assert {each == first for each in others} == {True}

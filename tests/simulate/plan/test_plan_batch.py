@@ -8,6 +8,7 @@ from flows.pipeline.references import finder
 from specs.errors import DocumentError
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ApplicationKind, Version
+from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import plan_batch
 from tasks.storage.base.store import Store
 
@@ -109,3 +110,21 @@ def test_a_robot_of_ros_and_a_judge_of_ros_keep_their_launch_files():
     (template,) = plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES).templates
     assert (template.robot.launch_file, template.scenario.launch_file) == ("drive.launch", "judge.launch")
     assert not template.alone
+    assert template.judge_environment is None
+
+
+def test_variables_that_both_applications_set_are_each_ones_own():
+    document = judged("judge.launch", "drive.launch").model_dump(mode="json", exclude_none=True)
+    (entry,) = document["createSimulationJobRequests"]
+    for kind, values in (
+        ("robot", {"SPEED": "1", "SAME": "x"}),
+        ("simulation", {"SPEED": "2", "SAME": "x", "FAR": "3"}),
+    ):
+        entry[f"{kind}Applications"][0]["launchConfig"]["environmentVariables"] = values
+    document["matrix"] = {"environmentVariables": {"FAR": ["4", "5"]}}
+    asked = SimulationBatch.model_validate(document)
+    plan = plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
+    assert plan.templates[0].judge_environment == {"SPEED": "2"}
+    request = Layout(plan).request(1)
+    assert request.environment == {"SPEED": "1", "SAME": "x", "FAR": "5"}
+    assert request.judge_variables == {"SPEED": "2", "SAME": "x", "FAR": "5"}

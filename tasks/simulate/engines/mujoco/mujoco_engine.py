@@ -37,7 +37,7 @@ from tasks.simulate.engines.program import (
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, unflatten_state
 from tasks.simulate.geometry.hull_distance import hull_distance_m
-from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart
+from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart, placed_poses
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import (
     Decision,
@@ -147,6 +147,8 @@ class HostRun:
             if records and not moving.any():
                 break
             decided, controls = self._decided(state, moving)
+            if self.host is not None and (poses := placed_poses(self.host, len(moving))) is not None:
+                state = self._placed(state, poses)
             driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving)))
             state, rows = self._settled(state, decided, driven)
             moving = rows[:, _SETTLED - 1] == 0.0
@@ -164,6 +166,16 @@ class HostRun:
         observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
         controls = self.host.controls(observed, moving)
         return ({}, self.transfer.put(controls), self.transfer.put(observed.ranges_m)), controls
+
+    def _placed(self, state: LaneState, poses: Float32[np.ndarray, "lanes 3"]) -> LaneState:
+        """Returns the lanes with robots at rest where they are set; those set nowhere (not a number) stay."""
+        chosen = np.isfinite(poses).all(axis=1)
+        self.stepper.place(np.flatnonzero(chosen), poses[chosen])
+
+        def pick(new: jax.Array, old: jax.Array) -> jax.Array:
+            return jnp.where(chosen.reshape(-1, *[1] * (old.ndim - 1)), new, old)
+
+        return state._replace(body=jax.tree.map(pick, _body(self.stepper.body()), state.body))
 
     def _settled(
         self, state: LaneState, decided: Decided, driven: jax.Array

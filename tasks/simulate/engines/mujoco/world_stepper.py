@@ -238,6 +238,12 @@ class Stepper:
                 total[chosen] = done
         return self.body(), work
 
+    def place(self, lanes: Int[np.ndarray, "chosen"], poses: Float[np.ndarray, "chosen 3"]) -> None:
+        """Sets some robots at rest at poses (x m, y m, yaw rad); their time goes on."""
+        times = self._states[lanes, _TIME - 1]
+        self._states[lanes] = self._initial(poses.astype(np.float64))
+        self._states[lanes, _TIME - 1], self._warmstarts[lanes] = times, 0.0
+
     def _initial(self, starts: Float64[np.ndarray, "lanes 3"]) -> Float64[np.ndarray, "lanes state"]:
         model, data = self._largest, self._datas[0]
         mujoco.mj_resetData(model, data)
