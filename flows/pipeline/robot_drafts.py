@@ -22,10 +22,14 @@ from specs.launched_file import bundle_files, module_file, names_ros_launch, ros
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
 from specs.robomaker.bundle import LATEST
+from tasks.applications.registry import BUNDLE_ERRORS, keep_folder, unpack
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
+from tasks.storage.archives import list_bundle_files
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.container_image import image_bundle, is_image_source
+from tasks.storage.base.store import Store
 
 _MODULE = "tasks.applications.robot_draft"
 _ROBOT_XML = "robot.xml"
@@ -43,19 +47,20 @@ class DraftedRobot(NamedTuple):
     draft: RobotDraft
 
 
-def draft_of_launch(source: LaunchSource, variables: Mapping[str, str]) -> DraftedRobot:
+def draft_of_launch(source: LaunchSource, variables: Mapping[str, str], *, own: bool = True) -> DraftedRobot:
     """Returns the draft of the robot that a launch file spawns.
 
     Args:
         source: The launch file.
         variables: Environment variables, which ``$(env)`` and ``$(optenv)`` read.
+        own: Whether the bundle is the user's own; where nothing shuts it in, no other one is read.
 
     Raises:
         DocumentError: The launch file cannot be read, spawns no robot, or its description makes none.
     """
     from tasks.simulate.sandbox.launch_check import check_launch_file  # noqa: PLC0415 - few documents need it
 
-    report = check_launch_file(source, [dict(variables)], own=True)
+    report = check_launch_file(source, [dict(variables)], own=own)
     gazebo, named = report.gazebo, f"{source.package} {source.launch_file}"
     why = report.unread or "; ".join(report.refusals) or ("" if report.has_ros else report.ros)
     if gazebo is None or gazebo.description is None:
@@ -190,6 +195,42 @@ def with_images(spec: PipelineSpec, base: Path) -> PipelineSpec:
     return spec.model_copy(update={"applications": tuple(applications)})
 
 
+def with_store_drafts(plan: BatchPlan, store: Store) -> BatchPlan:
+    """Returns a plan whose bundles without ``robot.xml`` are copies with the draft of what a launch file spawns.
+
+    The versions stay as they are: a copy is a bundle of its own, which nobody published, and no pass of it ships them.
+
+    Args:
+        plan: The batch.
+        store: Where the bundles are, and the copies are put.
+    """
+    templates = tuple(_drafted_template(each, store) for each in plan.templates)
+    return plan if templates == plan.templates else plan.model_copy(update={"templates": templates})
+
+
+def _drafted_template(template: JobTemplate, store: Store) -> JobTemplate:
+    robot, uses = template.robot, [(template.robot, template.environment)]
+    if not robot.starts_nodes:
+        return template
+    try:
+        if _ROBOT_XML in list_bundle_files(store, robot.digest):
+            return template
+        uses += [(template.scenario, template.judge_variables)] if template.scenario.starts_nodes else []
+        folders = {use.digest: unpack(store, use.digest, cache_folder() / "bundles") for use, _ in uses}
+    except BUNDLE_ERRORS:
+        return template  # which is refused for that elsewhere
+    launched = [
+        (LaunchSource(folders[use.digest], use.package, use.launch_file), tuple(sorted(own.items())))
+        for use, own in reversed(uses)
+    ]
+    found = next(_drafts(launched, own=False), None)
+    if found is None:
+        return template
+    copy = robot.model_copy(update={"digest": keep_folder(store, _with_files(folders[robot.digest], found.draft))})
+    scenario = copy if template.alone else template.scenario
+    return template.model_copy(update={"robot": copy, "scenario": scenario})
+
+
 def _name(use: _Use) -> str:
     return reference_path(use.application)
 
@@ -213,18 +254,22 @@ def _launched(use: _Use, folder: Path | None) -> tuple[LaunchSource, tuple[tuple
     return LaunchSource(folder, package, name), tuple(sorted((use.launchConfig.environmentVariables or {}).items()))
 
 
-def _drafts(launched: Iterable[tuple[LaunchSource, tuple[tuple[str, str], ...]]]) -> Iterator[DraftedRobot]:
+def _drafts(
+    launched: Iterable[tuple[LaunchSource, tuple[tuple[str, str], ...]]], *, own: bool = True
+) -> Iterator[DraftedRobot]:
     for source, variables in launched:
-        found = _draft_once(source, variables, _fingerprint(source.bundle))
+        found = _draft_once(source, variables, _fingerprint(source.bundle), own=own)
         if found:
             yield found
 
 
 @lru_cache(maxsize=_KEPT)
-def _draft_once(source: LaunchSource, variables: tuple[tuple[str, str], ...], _state: str) -> DraftedRobot | None:
+def _draft_once(
+    source: LaunchSource, variables: tuple[tuple[str, str], ...], _state: str, *, own: bool
+) -> DraftedRobot | None:
     """Returns a draft, made once for each state of a bundle; None where its launch file spawns no robot."""
     try:
-        return draft_of_launch(source, dict(variables))
+        return draft_of_launch(source, dict(variables), own=own)
     except DocumentError:
         return None  # the bundle is refused for having no robot.xml, which says how to have one
 
@@ -245,6 +290,7 @@ def _with_files(folder: Path, draft: RobotDraft) -> Path:
     with tempfile.TemporaryDirectory(dir=place.parent) as making:
         copy = Path(making) / "bundle"
         shutil.copytree(folder, copy, symlinks=True)
+        copy.chmod(0o755)  # what was unpacked is not to be written to
         for file, text in ((_ROBOT_XML, draft.robot_xml), (ROS_FILE, draft.ros_yaml)):
             if not (copy / file).exists():
                 (copy / file).write_text(text)

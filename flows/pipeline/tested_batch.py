@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 from flows.pipeline.bundle_checks import simulated_fault
+from flows.pipeline.robot_drafts import with_store_drafts
 from flows.pipeline.world_imports import keep_world, launched_world
 from specs.arn import absence, parse_reference
 from specs.base import Fault
@@ -59,7 +60,10 @@ def batch_plan(
             section, matrix, digests or {}, find, lambda one: pin(one.model_dump_json()), find_files=files
         )
 
-    plan = faults.keep(lambda: planned() if worlds is None else with_launched_worlds(planned(), section, store))
+    def drafted() -> BatchPlan:
+        return with_store_drafts(planned(), store)
+
+    plan = faults.keep(lambda: drafted() if worlds is None else with_launched_worlds(drafted(), section, store))
     if plan is None or faults:
         raise faults.together()
     return shuffle_if_endable(plan, gate)

@@ -54,9 +54,6 @@ _GAPS_TOLD = 5
 class Ros1Lockstep:
     """The applications of all lanes of a chunk; see ``Lockstep``.
 
-    Attributes:
-        placed: Where nodes set robots in the last control step, by lane.
-
     Its thread must outlive it: the kernel ends nodes with the thread that started them.
 
     Args:
@@ -66,6 +63,9 @@ class Ros1Lockstep:
         clock_s: Simulated time between two ticks of ``/clock``; 0 for one tick a control step.
         patience: With an application.
         limits: Of each application.
+
+    Attributes:
+        placed: Where nodes set robots in the last control step, by lane.
     """
 
     def __init__(

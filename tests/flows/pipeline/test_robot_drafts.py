@@ -6,14 +6,20 @@ from pathlib import Path
 import pytest
 
 from flows.pipeline.bundle_checks import check_own_bundles
+from flows.pipeline.references import latest_finder
 from flows.pipeline.robot_drafts import draft_of_launch, with_drafts, world_entry, write_draft
+from flows.pipeline.tested_batch import batch_plan, launch_faults
 from specs.bundle_files import RobotDraft
 from specs.data.world import Start
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
+from specs.pipeline.simulation_section import SimulationBatch
+from tasks.applications.registry import publish_bundle
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
+from tasks.storage.archives import list_bundle_files
+from tasks.storage.base.store import Store
 from tests.repository import ROOT
 from tests.ros.conftest import ros
 
@@ -106,3 +112,31 @@ def test_a_bundle_without_a_robot_gets_that_which_gazebo_spawns(
     assert drafted.notes[0].startswith("stand has no robot.xml: one is drafted of what its launch file spawns")
     assert with_drafts(spec, tmp_path).spec == drafted.spec
     assert any("rover starts at [1, 0.5, 1.57]" in each for each in check_own_bundles(drafted.spec, tmp_path))
+
+
+def judged_bundle(folder: Path) -> Path:
+    """Returns a simulation application without a robot.xml whose launch file starts Gazebo, drives and judges."""
+    shutil.copytree(GAZEBO, folder)
+    shutil.copytree(ROOT / "tests/data/ros/examiner", folder / "examiner")
+    text = '<launch><include file="$(find rover_sim)/launch/hall.launch"/>'
+    text += '<include file="$(find examiner)/launch/alone.launch"/></launch>'
+    (folder / "rover_sim/launch/judged.launch").write_text(text)
+    return folder
+
+
+@pytest.mark.long
+def test_an_application_of_the_store_gets_a_draft_and_keeps_its_version(
+    ros: RosInstallation, tmp_path: Path, file_store: Store
+):
+    version = publish_bundle(file_store, "simulation-application", "judge", judged_bundle(tmp_path / "judge"))
+    launch = {"packageName": "rover_sim", "launchFile": "judged.launch"}
+    uses = [{"application": "judge", "launchConfig": launch}]
+    request: dict[str, object] = {"maxJobDurationInSeconds": 3, "simulationApplications": uses}
+    section = SimulationBatch.model_validate({"createSimulationJobRequests": [request]})
+    plan = batch_plan(section, (), file_store, latest_finder(file_store))
+    (template,) = plan.templates
+    assert template.alone
+    assert (template.robot.version, template.robot.digest != version.digest) == ("1", True)
+    assert "robot.xml" in list_bundle_files(file_store, template.robot.digest)
+    assert launch_faults(plan, file_store) == []
+    assert batch_plan(section, (), file_store, latest_finder(file_store)) == plan
