@@ -41,13 +41,13 @@ class Mover:
             self.tags.update(set=str(done.success), there="%g %g" % (there.x, there.y), chair=chair.status_message)
             self.tags.update(same=str(same.success), slow=slow.status_message)
         if self.looks == 21:
-            self.tags["service"] = "%.1f %.1f" % (place.x, place.y)
+            self.tags["service"] = "%.3f %.3f" % (place.x, place.y)
             self.topic.publish(state("rover", 0.25, -0.75))
         if self.looks == 22:
-            self.tags["topic"] = "%.1f %.1f" % (place.x, place.y)
+            self.tags["topic"] = "%.3f %.3f" % (place.x, place.y)
             call("/gazebo/" + os.environ.get("RESET", "reset_simulation"), Empty)()
         if self.looks == 23:
-            self.tags.update(reset="%.1f %.1f" % (place.x, place.y), result="pass")
+            self.tags.update(reset="%.3f %.3f" % (place.x, place.y), result="pass")
             call("/robomaker/job/add_tags", AddTags)(
                 [Tag(key=key, value=NOT_IN_TAGS.sub("", value)) for key, value in self.tags.items()]
             )
