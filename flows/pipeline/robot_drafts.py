@@ -28,8 +28,8 @@ from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.storage.archives import list_bundle_files
 from tasks.storage.base.local_files import cache_folder
-from tasks.storage.container_image import image_bundle, is_image_source
 from tasks.storage.base.store import Store
+from tasks.storage.container_image import image_bundle, is_image_source
 
 _MODULE = "tasks.applications.robot_draft"
 _ROBOT_XML = "robot.xml"
@@ -210,7 +210,7 @@ def with_store_drafts(plan: BatchPlan, store: Store) -> BatchPlan:
 
 def _drafted_template(template: JobTemplate, store: Store) -> JobTemplate:
     robot, uses = template.robot, [(template.robot, template.environment)]
-    if not robot.starts_nodes:
+    if not robot.starts_nodes or robot.command is not None:
         return template
     try:
         if _ROBOT_XML in list_bundle_files(store, robot.digest):

@@ -28,6 +28,7 @@ from specs.field_types import (
     WorldReference,
     text,
 )
+from specs.launched_file import names_ros_launch
 from specs.pipeline.world_sections import Destination, Seed, WorldChoice
 from specs.robomaker.bundle import Digest
 from specs.robomaker.deployment import DeploymentConfig, DeploymentLaunchConfig, DeploymentVersion
@@ -51,8 +52,8 @@ MIN_RECORDING_HZ, MAX_RECORDING_HZ = 0.1, CONTROL_HZ
 AUDITED_LANES, MAX_AUDITED_LANES = 32, 256
 
 
-# RoboMaker kept them apart, in containers of their own. Here one column, one sweep and one line of evidence stand for
-# a variable, so two values under one name are refused instead of one of them being dropped.
+# RoboMaker kept them apart, in containers of their own, and so are two launch files of ROS. Else one column, one sweep
+# and one line of evidence stand for a variable, so two values under one name are refused instead of one being dropped.
 def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
     """Yields the variables that a request's robot and scenario give different values.
 
@@ -61,6 +62,8 @@ def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
         sweep: The matrix's variables, whose values both applications get instead of their own.
     """
     for number, request in enumerate(requests):
+        if all(names_ros_launch(_launch_file(request, field)) for field in (_ROBOT, _SCENARIO)):
+            continue
         robot, scenario = _variables(request, _ROBOT), _variables(request, _SCENARIO)
         for name in sorted((robot.keys() & scenario.keys()) - _mapping(sweep).keys()):
             if robot[name] != scenario[name]:
@@ -93,6 +96,11 @@ def _finding(number: int, name: str, robots: object, scenarios: object) -> Findi
 def _variables(request: object, field: str) -> Mapping[str, object]:
     use = next(iter(items(part(request, field))), None)
     return _mapping(part(part(use, _LAUNCH), _VARIABLES))
+
+
+def _launch_file(request: object, field: str) -> str:
+    use = next(iter(items(part(request, field))), None)
+    return str(part(part(use, _LAUNCH), "launchFile"))
 
 
 def _mapping(data: object) -> Mapping[str, object]:

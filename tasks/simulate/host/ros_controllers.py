@@ -316,9 +316,8 @@ class RosLanes:
             return None
         tags = self.tags(lane)
         passed = judged_by(tags, tests=self._tests.get(lane))
-        return Judgement(
-            passed, lane in self._cancelled, self._setup.robot.time_over, tags, self._placings.get(lane, 0)
-        )
+        over, placings = self._setup.robot.time_over, self._placings.get(lane, 0)
+        return Judgement(passed, lane in self._cancelled, over, tags, placings=placings)
 
     def failure_code(self, lane: int) -> CrashCode:
         """Returns whose crash a lane's is."""

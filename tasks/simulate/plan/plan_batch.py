@@ -74,8 +74,9 @@ def plan_batch(
         raise DocumentError(faults)
     data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
     launches, faults = _Launches(find_version, find_files), KeptFaults()
+    swept = frozenset(section.matrix.environmentVariables)
     templates = [
-        faults.keep(lambda number=number, request=request: _template(number, request, launches, data[number]))
+        faults.keep(lambda number=number, request=request: _template(number, request, launches, data[number], swept))
         for number, request in enumerate(requests)
     ]
     if faults:
@@ -134,7 +135,11 @@ def output_location(section: SimulationBatch) -> OutputLocation:
 
 
 def _template(
-    number: int, request: PipelineJobRequest, launches: "_Launches", data: Sequence[PinnedSource]
+    number: int,
+    request: PipelineJobRequest,
+    launches: "_Launches",
+    data: Sequence[PinnedSource],
+    swept: frozenset[str],
 ) -> JobTemplate:
     where = f"{REQUESTS}[{number}]"
     robot = next(iter(request.robotApplications or ()), None)
@@ -148,11 +153,15 @@ def _template(
         raise DocumentError([fault])
     judging = scenario.launchConfig.environmentVariables or {}
     driving = (robot and robot.launchConfig.environmentVariables) or {}
-    other = {name: value for name, value in judging.items() if driving.get(name, value) != value}
+    both = judging.keys() & driving.keys() - swept
+    other = {name: value for name, value in judging.items() if name in both and driving[name] != value}
+    if other and not judge.starts_nodes:
+        allowed = "the robot application's values, or other names: a module sees the same variables"
+        raise DocumentError.of(f"{place}.launchConfig.environmentVariables", repr(other), allowed)
     return JobTemplate(
         robot=driver or judge,
         scenario=judge,
-        judge_environment=other if other and judge.starts_nodes else None,
+        judge_environment=other or None,
         environment={
             **judging,
             **driving,

@@ -113,6 +113,16 @@ def test_a_robot_of_ros_and_a_judge_of_ros_keep_their_launch_files():
     assert template.judge_environment is None
 
 
+def test_a_module_that_is_named_as_a_launch_file_sees_the_robots_variables():
+    document = judged("module.launch", "drive.launch").model_dump(mode="json", exclude_none=True)
+    for kind, value in (("robot", "1"), ("simulation", "2")):
+        use = document["createSimulationJobRequests"][0][f"{kind}Applications"][0]
+        use["launchConfig"]["environmentVariables"] = {"SPEED": value}
+    asked = SimulationBatch.model_validate(document)
+    with pytest.raises(DocumentError, match="a module sees the same variables"):
+        plan_batch(asked, [WORLD], {WORLD: ""}, version, find_files=lambda _: ROS_FILES)
+
+
 def test_variables_that_both_applications_set_are_each_ones_own():
     document = judged("judge.launch", "drive.launch").model_dump(mode="json", exclude_none=True)
     (entry,) = document["createSimulationJobRequests"]
