@@ -22,7 +22,7 @@ from specs.launched_file import bundle_files, module_file, names_ros_launch, ros
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
 from specs.robomaker.bundle import LATEST
-from tasks.applications.registry import BUNDLE_ERRORS, keep_folder, unpack
+from tasks.applications.registry import BUNDLE_ERRORS, pack_bundle, unpack
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
@@ -226,7 +226,8 @@ def _drafted_template(template: JobTemplate, store: Store) -> JobTemplate:
     found = next(_drafts(launched, own=False), None)
     if found is None:
         return template
-    copy = robot.model_copy(update={"digest": keep_folder(store, _with_files(folders[robot.digest], found.draft))})
+    made = pack_bundle(store, "X86_64", _with_files(folders[robot.digest], found.draft))
+    copy = robot.model_copy(update={"digest": made.digest})
     scenario = copy if template.alone else template.scenario
     return template.model_copy(update={"robot": copy, "scenario": scenario})
 

@@ -320,11 +320,6 @@ def pack_bundle(store: Store, architecture: Architecture, folder: Path) -> Build
         return Build(architecture=architecture, digest=digest, size_bytes=archive.stat().st_size)
 
 
-def keep_folder(store: Store, folder: Path) -> str:
-    """Writes a folder's bundle, which is no version of any application, and returns its digest."""
-    return _pack(store, "X86_64", folder).digest
-
-
 def bundle_failure(
     store: Store, kind: ApplicationKind, version: str, digest: str, error: BundleRefused | StoreError
 ) -> Failure:
