@@ -73,11 +73,11 @@ def _parted(grid: ExactGrid, floor: Bool[np.ndarray, "x y"]) -> Int[np.ndarray, 
 
 def _outline(grid: ExactGrid, cells: Bool[np.ndarray, "x y"]) -> Polygon:
     """Returns the outline of a part of the floor, with few corners and without the holes in it."""
-    column, row = np.nonzero(cells & ~np.pad(cells, ((0, 0), (1, 0)))[:, :-1])
-    _, above = np.nonzero(cells & ~np.pad(cells, ((0, 0), (0, 1)))[:, 1:])
+    edges = np.diff(cells.astype(np.int8), axis=1, prepend=0, append=0)
+    (column, row), (_, end) = np.nonzero(edges > 0), np.nonzero(edges < 0)
     low_x, low_y = grid.origin
     boxes = shapely.box(
-        low_x + CELL_M * column, low_y + CELL_M * row, low_x + CELL_M * (column + 1), low_y + CELL_M * (above + 1)
+        low_x + CELL_M * column, low_y + CELL_M * row, low_x + CELL_M * (column + 1), low_y + CELL_M * end
     )
     whole = merged(list(boxes))
     largest = max(getattr(whole, "geoms", [whole]), key=lambda each: each.area)

@@ -86,6 +86,7 @@ class Answers:
     cancelled = frozenset[int]()
     tests: Mapping[int, bool] = {}
     goal_ends: Mapping[int, GoalEnd] = {}
+    placed: Mapping[int, tuple[float, float, float]] = {}
 
     def __init__(self) -> None:
         self.steps, self.closed = 0, False
