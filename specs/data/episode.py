@@ -104,6 +104,11 @@ class EpisodeRequest(Spec):
         return {**self.environment, **(self.judge_environment or {})}
 
     @property
+    def told_variables(self) -> dict[str, str]:
+        """Returns all environment variables; ``simulation:NAME`` is what the judge has otherwise."""
+        return {**self.environment, **{f"simulation:{name}": it for name, it in (self.judge_environment or {}).items()}}
+
+    @property
     def alone(self) -> bool:
         """Returns whether there is no robot application."""
         return is_alone(self.robot, self.scenario)

@@ -49,7 +49,7 @@ class ApplicationSource(Spec):
         title="Folder or image",
         description="Path of the bundle, or of a container image, from the document's folder; or docker://NAME@sha256:...",
     )
-    robot: SourcePath | None = Field(default=None, title="Robot", description="Folder with robot.xml, of an image.")
+    robot: SourcePath | None = Field(default=None, title="Robot")
 
 
 class PipelineSpec(Ruled):

@@ -64,6 +64,7 @@ def test_the_table_names_what_the_command_looks_at() -> None:
         "timings",
         "nights",
         "lists of jobs",
+        "container images",
         "robots of demonstrations",
         *_KEYS,
     ):
@@ -76,6 +77,7 @@ def test_the_table_names_what_the_command_looks_at() -> None:
         "timings",
         "trends",
         "lists",
+        "images",
         "agents",
     }
 

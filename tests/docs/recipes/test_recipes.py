@@ -107,11 +107,11 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
 @pytest.mark.long
 def test_an_outcome_reason_is_one_record(tree: TreeCopy):
     path = "specs/data/outcomes.py"
-    tree.replace(path, '"crash", "judged"]', '"crash", "judged", "overheated"]')
+    tree.replace(path, '"aborted", "canceled"]', '"aborted", "canceled", "overheated"]')
     tree.replace(
         path,
-        'did not do its task.", OTHER_MARK),\n',
-        'did not do its task.", OTHER_MARK),\n'
+        'cancelled a goal of the navigation.", OTHER_MARK),\n',
+        'cancelled a goal of the navigation.", OTHER_MARK),\n'
         '    ReasonRecord("overheated", "The motor was too hot.", Mark("hot", "<path/>", *["#ff0000"] * 4)),\n',
     )
     made = tree.run(
@@ -122,7 +122,7 @@ def test_an_outcome_reason_is_one_record(tree: TreeCopy):
         "row = EpisodeResult.model_validate({**collided(0).model_dump(), 'outcome_reason': 'overheated'})\n"
         "print(REASONS.index('overheated'), reason(row), mark_of('overheated').name, mark_of('overheated') in MARKS)"
     )
-    assert made.split() == ["7", "overheated", "hot", "True"]
+    assert made.split() == ["9", "overheated", "hot", "True"]
     tree.followed("an outcome reason")
 
 

@@ -86,12 +86,26 @@ def test_the_schema_says_its_version_and_every_column_its_meaning_and_unit():
 
 
 def test_every_field_of_requests_and_results_is_a_column():
-    elsewhere = {"robot", "scenario", "trajectory"}  # five columns each, and four lists
+    # Five columns each, four lists, and part of the column environment.
+    elsewhere = {"robot", "scenario", "trajectory", "judge_environment"}
     asked = set(EpisodeRequest.model_fields) - elsewhere
     answered = set(EpisodeResult.model_fields) - elsewhere
     assert asked <= set(RESULTS.names)
     assert answered - {"failure_reason"} <= set(RESULTS.names)
     assert answered <= set(FAILURES.names)
+
+
+@given(episodes())
+def test_what_the_simulation_application_has_otherwise_stands_beside_the_other_variables(
+    drawn: tuple[list[EpisodeRequest], list[EpisodeResult]],
+):
+    requests, results = drawn
+    otherwise = [
+        request.model_copy(update={"environment": {"SPEED": "1"}, "judge_environment": {"SPEED": "2"}})
+        for request in requests
+    ]
+    cells = results_table("b", otherwise, results).column("environment").to_pylist()
+    assert cells == [[("SPEED", "1"), ("simulation:SPEED", "2")]] * len(requests)
 
 
 @given(episodes())
