@@ -363,12 +363,16 @@ class FloorZone(Spec):
 
     def holds(self, x_m: "np.ndarray", y_m: "np.ndarray") -> "np.ndarray":
         """Returns which points lie in it: those whose way to the right crosses its outline an odd number of times."""
-        crossings = [
-            ((ay > y_m) != (by > y_m)) & (x_m < (bx - ax) * (y_m - ay) / (by - ay) + ax)
+        around = self.floor
+        held = (x_m >= around.x_min_m) & (x_m <= around.x_max_m) & (y_m >= around.y_min_m) & (y_m <= around.y_max_m)
+        x, y = x_m[held], y_m[held]  # few of a whole building's, which are compared with each side
+        crossings = (
+            ((ay > y) != (by > y)) & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
             for (ax, ay), (bx, by) in pairwise([*self.outline_m, self.outline_m[0]])
             if ay != by
-        ]
-        return reduce(operator.xor, crossings)
+        )
+        held[held] = reduce(operator.xor, crossings)
+        return held
 
 
 class WorldSource(Spec):

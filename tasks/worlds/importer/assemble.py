@@ -239,11 +239,12 @@ def _kept_zones(
     Raises:
         SourceError: It gets to none of them: they are of another building, or in another frame.
     """
-    x, y = (each.ravel() for each in np.meshgrid(*grid.centers_m, indexing="ij"))
-    reached = reached_from(grid, start, LEAST_RADIUS_M).ravel()
-    x, y = x[reached], y[reached]
+    if not zones:
+        return (), []
+    reached = np.nonzero(reached_from(grid, start, LEAST_RADIUS_M))
+    x, y = (middles[cells] for middles, cells in zip(grid.centers_m, reached, strict=True))
     kept = tuple(zone for zone in zones if zone.holds(x, y).any())
-    if zones and not kept:
+    if not kept:
         (low_x, low_y), where = zones[0].outline_m[0], f"zone {zones[0].name}"
         allowed = f"a part of the floor that a robot gets to, in the frame of {file}"
         raise SourceError([Fault(path=where, value=f"[{low_x:g}, {low_y:g}] and all others", allowed=allowed)], file)

@@ -26,7 +26,6 @@ MOST_ROOMS = 200
 _CLEAR_SHARE = 0.8
 _PASSABLE_M = 0.05
 _STRAIGHTENED_M = 0.1
-_CROSS = ndimage.generate_binary_structure(2, 1)
 
 
 def found_rooms(world: World, start: Start) -> tuple[FloorZone, ...]:
@@ -63,12 +62,19 @@ def _floor_from(grid: ExactGrid, cell: tuple[int, int]) -> Bool[np.ndarray, "x y
 
 def _parted(grid: ExactGrid, floor: Bool[np.ndarray, "x y"]) -> Int[np.ndarray, "x y"]:
     """Returns the number of the part that each cell of a floor is in, from 1; 0 beside the floor."""
-    parts = label_parts(floor & (grid.distance_m > DOOR_M / 2))
-    while True:
-        reached = np.where(floor & (parts == 0), ndimage.maximum_filter(parts, footprint=_CROSS), parts)
-        if np.array_equal(reached, parts):
-            return parts
-        parts = reached
+    padded = np.pad(label_parts(floor & (grid.distance_m > DOOR_M / 2)), 1)
+    parts, left = padded.ravel(), np.pad(floor, 1).ravel() & (padded.ravel() == 0)
+    # Only cells that were reached last have neighbours that are not: a long passage takes as long as it has cells.
+    last = np.flatnonzero(parts)
+    while len(last):
+        found = list[Int[np.ndarray, " cells"]]()
+        for step in (-padded.shape[1], -1, 1, padded.shape[1]):
+            from_cells = last[left[last + step]]
+            np.maximum.at(parts, from_cells + step, parts[from_cells])
+            found.append(from_cells + step)
+        last = np.unique(np.concatenate(found))
+        left[last] = False
+    return padded[1:-1, 1:-1]
 
 
 def _outline(grid: ExactGrid, cells: Bool[np.ndarray, "x y"]) -> Polygon:
