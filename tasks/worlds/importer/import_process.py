@@ -7,7 +7,7 @@ hold in any folder; the last line that it prints is an ``ImportAnswer``. Whoever
 import hashlib
 import resource
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -46,8 +46,7 @@ def import_source(asked: WorldImport) -> ImportAnswer:
         scene, kind, agreements = _read_scene(asked, path), source_kind(path.name) or "sdf", list[MapAgreement]()
         if kind != "map":
             scene, agreements = _with_maps(scene, path)
-        beside = path.with_name(ZONES)
-        if given := [Path(each) for each in asked.routes or ()] + [beside] * beside.is_file():
+        if given := _named_beside(path, [Path(each) for each in asked.routes or ()]):
             named = read_routes(given)
             scene = replace(scene, routes=named.routes, zones=named.zones, files={**scene.files, **named.files})
         described = ImportedAs(
@@ -137,6 +136,13 @@ def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
         known = FloorMap(name, cells.occupied, cells.free, described.resolution_m, described.origin)
         found.append(agreement(solids, known))
     return replace(scene, files=files), found
+
+
+def _named_beside(path: Path, routes: Sequence[Path]) -> list[Path]:
+    """Returns the files of routes that were asked for, and the zones beside a source if they are not among them."""
+    beside, known = path.with_name(ZONES), {each.resolve() for each in (path, *routes)}
+    own = beside.is_file() and beside.resolve().is_relative_to(path.parent.resolve()) and beside.resolve() not in known
+    return [*routes, beside] if own else [*routes]
 
 
 def _start(asked: WorldImport) -> Start | None:

@@ -96,6 +96,28 @@ def test_a_place_without_room_is_left_out_of_a_route_and_a_route_of_such_places_
     assert [fault.path for fault in answer.faults] == ["route tour"]
 
 
+def test_zones_beside_a_source_are_read_once(tmp_path: Path) -> None:
+    (tmp_path / "yard.world").write_text(SDF)
+    (tmp_path / "zones.yaml").write_text("zones: {dock: [[2, 0], [3, 0], [3, 0.3]]}")
+    for more in ({}, {"routes": [str(tmp_path / "zones.yaml")]}):
+        zones = imported(tmp_path / "yard.world", **more).zones or ()
+        assert [zone.name for zone in zones] == ["dock"]
+
+
+def test_a_link_to_zones_elsewhere_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/yard.world").write_text(SDF)
+    (tmp_path / "secret").write_text("password")
+    (tmp_path / "own/zones.yaml").symlink_to(tmp_path / "secret")
+    assert imported(tmp_path / "own/yard.world").zones is None
+
+
+def test_a_map_may_be_called_zones(tmp_path: Path) -> None:
+    rows = ("#" * 60, *("#" + "." * 58 + "#",) * 18, "#" * 60)
+    write_map(tmp_path, rows).rename(tmp_path / "zones.yaml")
+    assert imported(tmp_path / "zones.yaml", start=[2.0, 2.5]).zones is None
+
+
 def test_a_mesh_is_imported_in_its_unit(tmp_path: Path) -> None:
     (tmp_path / "cube.obj").write_text(CUBE)
     world = imported(tmp_path / "cube.obj", unit="cm")
