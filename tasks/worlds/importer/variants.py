@@ -159,7 +159,7 @@ def _variant(building: _Building, seed: int, number: int, wishes: VariantWishes)
     raise WorldRejected(
         "InvalidInput",
         f"{world.name}, variant {number}: tried {_TRIES} times; a robot of {wishes.radius_m:g} m radius keeps less "
-        f"than {KEPT_SHARE:.0%} of the floor, or loses a route's place: ask for less clutter or shorter moves",
+        f"than {KEPT_SHARE:.0%} of the floor, or loses a route's place or a room: ask for less clutter, shorter moves",
     )
 
 
@@ -170,12 +170,16 @@ def _generation(world: World, seed: int, wishes: VariantWishes) -> str:
 
 
 def _keeps(world: World, radius_m: float, reached: Bool[np.ndarray, "x y"]) -> bool:
-    """Returns whether a robot gets to what it got to before, to all places of routes too."""
+    """Returns whether a robot gets to what it got to before, to all places of routes and into all zones too."""
     grid = own_floor(world)
     still = reached_from(grid, start_pose(world), radius_m)
     left = reached & grid.free(radius_m)
     places = [cell_at(grid, place) for route in world.routes or () for place in route.points_m]
     lost = any(cell is not None and reached[cell] and not still[cell] for cell in places)
+    cells = np.nonzero(reached)
+    x_m, y_m = (middles[each] for middles, each in zip(grid.centers_m, cells, strict=True))
+    there, held = still[cells], (zone.holds(x_m, y_m) for zone in world.zones or ())
+    lost = lost or any(within.any() and not there[within].any() for within in held)
     kept = int(np.count_nonzero(still & reached))
     return not lost and kept >= max(1.0, KEPT_SHARE * int(np.count_nonzero(left)))
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from specs.data.world import Furniture, Route, Solid, World, solids
+from specs.data.world import FloorZone, Furniture, Route, Solid, World, solids
 from tasks.worlds.floorplan.search import WorldRejected
 from tasks.worlds.geometry import count_overlaps
 from tasks.worlds.importer.own_floor import cell_at, own_floor, reached_from
@@ -111,6 +111,17 @@ def test_a_routes_places_stay_within_reach():
     grid = own_floor(made)
     cells = [cell_at(grid, place) for place in hall.routes[0].points_m]
     assert all(cell is not None and reached_from(grid, hall.start, 0.2)[cell] for cell in cells)
+
+
+@pytest.mark.parametrize("number", [1, 11])
+def test_a_zone_stays_within_reach(number: int):
+    nook = FloorZone(name="nook", outline_m=((18.9, 11.9), (19.1, 11.9), (19.1, 12.1)), found=False)
+    hall = HALL.model_copy(update={"zones": (nook,)})
+    made = vary_world(hall, 1, number, replace(ALL, clutter=12))
+    grid = own_floor(made)
+    assert hall.start is not None
+    columns, rows = np.nonzero(reached_from(grid, hall.start, 0.2))
+    assert nook.holds(grid.centers_m[0][columns], grid.centers_m[1][rows]).any()
 
 
 def test_a_world_that_a_robot_has_no_room_in_is_rejected():
