@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults, topic_lines
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
-from flows.pipeline.robot_drafts import with_drafts
+from flows.pipeline.robot_drafts import with_drafts, with_store_drafts
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable, with_launched_worlds
 from flows.pipeline.version_retention import version_lines
 from flows.pipeline.world_imports import imported_lines
@@ -319,7 +319,7 @@ def _planned(
     names = [*imported, *(f"planned/world-{number}" for number in range(worlds))]
     worlds_used = matrix_worlds(spec.simulationBatch, names)
     batch = plan_batch(spec.simulationBatch, worlds_used, {}, find, find_files=bundle_files_in(store))
-    batch = with_launched_worlds(batch, spec.simulationBatch, store)
+    batch = with_launched_worlds(with_store_drafts(batch, store), spec.simulationBatch, store)
     folders = _folders(batch, store)
     plan, beside = engine_plan(batch, folders), host_plan(batch, folders, own)
     faults = [

@@ -9,6 +9,7 @@ from flows.pipeline.bundle_checks import check_own_bundles
 from flows.pipeline.references import latest_finder
 from flows.pipeline.robot_drafts import draft_of_launch, with_drafts, world_entry, write_draft
 from flows.pipeline.tested_batch import batch_plan, launch_faults
+from flows.preview.plan import plan_lines
 from specs.bundle_files import RobotDraft
 from specs.data.world import Start
 from specs.errors import DocumentError
@@ -140,3 +141,5 @@ def test_an_application_of_the_store_gets_a_draft_and_keeps_its_version(
     assert "robot.xml" in list_bundle_files(file_store, template.robot.digest)
     assert launch_faults(plan, file_store) == []
     assert batch_plan(section, (), file_store, latest_finder(file_store)) == plan
+    spec = PipelineSpec.model_validate({"name": "judged", "simulationBatch": section.model_dump(exclude_none=True)})
+    assert any(line.startswith("simulationBatch   1 episode") for line in plan_lines(spec, tmp_path, file_store))
