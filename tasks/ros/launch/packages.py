@@ -129,7 +129,7 @@ _DEPTH = 6
 _MOST_BYTES = 1 << 20
 # Of packages of ROS and of the system (REP 127, Debian policy 5.6.1): no pattern of files, and no way to a folder.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.+-]*")
-# Debian splits what ROS has in one package; for others a rule gives the name.
+# Debian splits what ROS has in one package, has few under ROS's name, and most not at all.
 _DEBIAN_PACKAGES = {
     "roscpp": "libroscpp-dev",
     "topic_tools": "libtopic-tools-dev",
@@ -141,7 +141,11 @@ _DEBIAN_PACKAGES = {
     "actionlib": "python3-actionlib",
     "tf2_ros": "python3-tf2-ros",
     "cv_bridge": "python3-cv-bridge",
+    "xacro": "xacro",
 }
+_UNDER_ROS_NAME = frozenset(
+    {"camera_calibration", "image_proc", "image_publisher", "image_rotate", "image_view", "message_generation"}
+) | frozenset({"message_runtime", "opencv_apps", "robot_state_publisher", "stereo_image_proc"})
 
 
 class MissingPackage(NamedTuple):
@@ -150,7 +154,7 @@ class MissingPackage(NamedTuple):
     Attributes:
         name: As package.xml has it.
         needed_by: The package that needs it.
-        debian: What probably brings it.
+        debian: What probably brings it; empty where that is not known.
     """
 
     name: str
@@ -160,9 +164,8 @@ class MissingPackage(NamedTuple):
     @property
     def sentence(self) -> str:
         """Returns the same for a person."""
-        return (
-            f"the ROS package {self.name}, which {self.needed_by} needs, is missing: try apt-get install {self.debian}"
-        )
+        remedy = f"try apt-get install {self.debian}" if self.debian else "install it, or put it into the bundle"
+        return f"the ROS package {self.name}, which {self.needed_by} needs, is missing: {remedy}"
 
 
 def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
@@ -384,4 +387,6 @@ def _debian_name(installation: RosInstallation, name: str) -> str:
         return f"ros-{installation.distribution}-{dashed}"
     if name.endswith(("_msgs", "_srvs")):
         return _DEBIAN_PACKAGES.get(name, f"python3-{dashed}")
-    return _DEBIAN_PACKAGES.get(name, dashed if dashed.startswith(("python3-", "lib")) else f"ros-{dashed}")
+    if dashed.startswith(("python3-", "lib")):
+        return dashed
+    return _DEBIAN_PACKAGES.get(name, f"ros-{dashed}" if name in _UNDER_ROS_NAME else "")

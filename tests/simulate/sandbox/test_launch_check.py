@@ -131,12 +131,17 @@ def test_missing_packages_of_ros_1_and_python_2_are_told_besides_what_is_started
     package = tmp_path / "courier"
     shutil.copytree(COURIER / "courier", package)
     manifest, node = package / "package.xml", package / "scripts/answer.py"
-    manifest.write_text(manifest.read_text().replace("</package>", "<depend>nowhere_msgs</depend></package>"))
+    manifest.write_text(
+        manifest.read_text().replace(
+            "</package>", "<depend>nowhere_msgs</depend><depend>turtle_description</depend></package>"
+        )
+    )
     node.write_text(node.read_text() + "print 'hello'\n")
     found = check_launch_file(LaunchSource(tmp_path, "courier", "answer.launch"), [{}], own=True)
     assert (found.nodes, found.refusals) == (("/answer (courier answer.py)",), ())
     assert found.missing == (
         "the ROS package nowhere_msgs, which courier needs, is missing: try apt-get install python3-nowhere-msgs",
+        "the ROS package turtle_description, which courier needs, is missing: install it, or put it into the bundle",
     )
     (old,) = found.python2
     assert old.startswith("courier/scripts/answer.py, line 33: no Python 3: Missing parentheses in call to 'print'")
