@@ -241,4 +241,4 @@ def test_what_one_part_raises_is_raised(monkeypatch: pytest.MonkeyPatch):
 
 
 def _meet(barrier: threading.Barrier) -> None:
-    barrier.wait()
+    barrier.wait(600.0)
