@@ -78,7 +78,7 @@ def world_import(
         models: Folders that `model://` and `package://` lead to.
         wall_height_m: How high stands what a map shows; 2 m.
         unit: Of a mesh: m, cm, mm, in or ft.
-        routes: Files of routes and places, such as Nav2's waypoints, in the source's frame.
+        routes: Files of routes, places and zones, such as Nav2's waypoints, in the source's frame.
         store: As for `worlds`.
 
     Raises:

@@ -156,7 +156,8 @@ def import_(
     wall_height: Annotated[float | None, typer.Option(help="How high (m) stands what a map shows; 2.")] = None,
     unit: Annotated[str | None, typer.Option(help="Of a mesh: m, cm, mm, in or ft.")] = None,
     routes: Annotated[
-        list[Path] | None, typer.Option(help="A file of routes or places, such as Nav2's waypoints; may be repeated.")
+        list[Path] | None,
+        typer.Option(help="A file of routes, places or zones, such as Nav2's waypoints; may be repeated."),
     ] = None,
     store: StoreUrl = None,
 ) -> None:

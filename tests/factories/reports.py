@@ -82,4 +82,5 @@ def view(
 
 def as_read(worlds: Mapping[str, World]) -> DrivenWorlds:
     """Returns worlds as a report reads them."""
-    return DrivenWorlds({name: world.rooms for name, world in worlds.items()}, lambda name: worlds[name])
+    starts_m = {name: (each.start.x_m, each.start.y_m) for name, each in worlds.items() if each.start}
+    return DrivenWorlds({name: world.areas for name, world in worlds.items()}, lambda name: worlds[name], starts_m)

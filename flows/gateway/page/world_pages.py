@@ -69,7 +69,8 @@ def world_page(context: RequestContext, generation: str, name: str) -> Page:
         sentence = "What lies here was not written by this version of Simyard, so there is no picture of it."
         return Page(name, "World", sentence=sentence, trail=trail)
     record = known_job(context.store, _GENERATION, generation)
-    picture = Picture(f"{address('world', path)}.svg", f"Floor plan of {name} with {len(world.rooms)} rooms")
+    rooms = f"{len(world.areas)} room{'' if len(world.areas) == 1 else 's'}"
+    picture = Picture(f"{address('world', path)}.svg", f"Floor plan of {name} with {rooms}")
     blocks: list[Block] = [Gallery("Floor plan", (picture,), is_wide=True), _certificate(world), _rooms(world)]
     if unmet := [wish for wish in world.certificate.wishes if not wish.met]:
         rows = tuple((Cell(each.subject), Cell(each.kind), Cell(each.wished), Cell(each.found)) for each in unmet)
@@ -242,6 +243,10 @@ def _certificate(world: World) -> Facts:
 
 
 def _rooms(world: World) -> Table:
+    if world.zones:
+        zones = ((zone.name, zone.area_m2, "found where doors part" if zone.found else "named") for zone in world.zones)
+        rows = tuple((Cell(name), number(area_m2, "m²", 1), Cell(how)) for name, area_m2, how in zones)
+        return Table("Rooms", ("Room", "Area", "How it is known"), rows)
     figures = {each.room: each for each in world.certificate.rooms}
     rows = tuple(
         (

@@ -7,7 +7,7 @@ every wish of the template.
 from collections.abc import Sequence
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Certificate, Wish, World
+from specs.data.world import Certificate, Room, Wish, World
 from tasks.export.drawing.building_plan import (
     draw_doors,
     draw_floors,
@@ -314,8 +314,10 @@ def _root(world: World, page: PageBox) -> ET.Element:
         },
     )
     element(root, "title", f"Floor plan of {world.name}", id="plan-title")
-    names = ", ".join(f"{room.name} ({room.type})" for room in world.rooms) or "none"
-    element(root, "desc", f"Rooms: {names}. {len(world.furniture)} pieces of furniture.", id="plan-description")
+    names = ", ".join(f"{each.name} ({each.type})" if isinstance(each, Room) else each.name for each in world.areas)
+    element(
+        root, "desc", f"Rooms: {names or 'none'}. {len(world.furniture)} pieces of furniture.", id="plan-description"
+    )
     element(root, "style", PLAN_STYLE)
     return root
 

@@ -6,7 +6,7 @@ the fields that are written here. Times are simulated ones from 0. Needs the ext
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -22,7 +22,7 @@ from tasks.results.playback.playback import Playback
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 Message = dict[str, JsonValue]
 _ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
-_GOAL, _WAY = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0)
+_GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
 _KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
@@ -112,7 +112,8 @@ def _floors(world: World) -> Message:
         center = ((area.x_min_m + area.x_max_m) / 2, (area.y_min_m + area.y_max_m) / 2)
         size = vector(area.x_max_m - area.x_min_m, area.y_max_m - area.y_min_m, _THIN_M)
         cubes.append({"pose": pose(*center, -_GROUND_M), "size": size, "color": _color(room.flooring.color)})
-    return _entity("floors", cubes=cubes)
+    outlines = [_strip([*zone.outline_m, zone.outline_m[0]], _color(_ZONE)) for zone in world.zones or ()]
+    return _entity("floors", cubes=cubes, lines=outlines)
 
 
 def _goals(playback: Playback) -> Message:
@@ -130,17 +131,20 @@ def _goals(playback: Playback) -> Message:
 
 
 def _way(playback: Playback) -> Message:
-    line: Message = {
+    return _entity("way", lines=[_strip(playback.pose[:, :2].tolist(), _color(_WAY, 0.7))])
+
+
+def _strip(points_m: Iterable[Sequence[float]], color: Message) -> Message:
+    return {
         "type": _LINE_STRIP,
         "pose": pose(0.0, 0.0, 2 * _THIN_M),
         "thickness": 2 * _THIN_M,
         "scale_invariant": False,
-        "points": cast("JsonValue", [vector(x, y, 0.0) for x, y in playback.pose[:, :2].tolist()]),
-        "color": _color(_WAY, 0.7),
+        "points": cast("JsonValue", [vector(x, y, 0.0) for x, y in points_m]),
+        "color": color,
         "colors": [],
         "indices": [],
     }
-    return _entity("way", lines=[line])
 
 
 def _robot(playback: Playback) -> Message:

@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 from specs.arn import arn
 from specs.base import Spec
 from specs.data.outcomes import mark_of
-from specs.data.world import Rectangle, Solid, World, corners_m
+from specs.data.world import FloorZone, Rectangle, Room, Solid, World, corners_m, start_pose
 from tasks.results.report.batch_facts import BatchFacts
 from tasks.results.report.rate_tables import clip, short_world
 from tasks.results.report.report_columns import (
@@ -36,13 +36,19 @@ _LABELS_ACROSS = 30
 
 
 class RoomDrawing(Spec):
-    """A room's floor and its name, in page units."""
+    """A room's floor and its name, in page units.
+
+    Attributes:
+        x: Left edge of the rectangle around it; ``y`` is the upper one.
+        outline: Path data of a zone; empty for a rectangle.
+    """
 
     x: int
     y: int
     width: int
     height: int
     label: str
+    outline: str = ""
 
 
 class FloorDrawing(Spec):
@@ -52,6 +58,7 @@ class FloorDrawing(Spec):
         view_box: For the SVG.
         x: Left edge of the view box; ``width`` and ``height`` are its size.
         letter: Height of letters that can be read when the drawing is as wide as a phone.
+        start: Where the robot starts.
         furniture: Path data of all pieces; ``walls`` and ``doors`` likewise.
     """
 
@@ -60,6 +67,7 @@ class FloorDrawing(Spec):
     width: int
     height: int
     letter: int
+    start: tuple[int, int]
     rooms: tuple[RoomDrawing, ...]
     walls: str
     doors: str
@@ -69,14 +77,15 @@ class FloorDrawing(Spec):
 def draw_floor(world: World) -> FloorDrawing:
     """Returns the drawing of a world."""
     x, y, width, height = _box(world.footprint, _MARGIN_CM)
-    letter = max(width, height) // _LABELS_ACROSS
+    letter, start = max(width, height) // _LABELS_ACROSS, start_pose(world)
     return FloorDrawing(
         view_box=f"{x} {y} {width} {height}",
         x=x,
         width=width,
         height=height,
         letter=letter,
-        rooms=tuple(_room(room.name, room.floor, letter) for room in world.rooms),
+        start=(_cm(start.x_m), -_cm(start.y_m)),
+        rooms=tuple(_room(area, letter) for area in world.areas),
         walls=_path(world.walls),
         doors=_path(door.leaf for door in world.doors),
         furniture=_path(solid for piece in world.furniture for solid in piece.solids),
@@ -114,15 +123,20 @@ def _outline(solid: Solid) -> str:
     if solid.shape == "cylinder":
         r = max(1, _cm(solid.half_extents_m[0]))
         return f"M{x - r} {y}a{r} {r} 0 1 0 {2 * r} 0a{r} {r} 0 1 0 {-2 * r} 0z"
-    corners = [(_cm(x_m), -_cm(y_m)) for x_m, y_m in corners_m(solid)]
+    return _polygon(corners_m(solid))
+
+
+def _polygon(outline_m: Iterable[tuple[float, float]]) -> str:
+    corners = [(_cm(x_m), -_cm(y_m)) for x_m, y_m in outline_m]
     return f"M{corners[0][0]} {corners[0][1]}L" + " ".join(f"{cx} {cy}" for cx, cy in corners[1:]) + "z"
 
 
-def _room(name: str, floor: Rectangle, letter: int) -> RoomDrawing:
-    x, y, width, height = _box(floor, 0)
-    most = int(width / (_LETTER_SHARE * letter))
+def _room(area: Room | FloorZone, letter: int) -> RoomDrawing:
+    x, y, width, height = _box(area.floor, 0)
+    name, most = area.name, int(width / (_LETTER_SHARE * letter))
     label = name if len(name) <= most else f"{name[: max(1, most - 1)]}…"
-    return RoomDrawing(x=x, y=y, width=width, height=height, label=label)
+    outline = _polygon(area.outline_m) if isinstance(area, FloorZone) else ""
+    return RoomDrawing(x=x, y=y, width=width, height=height, label=label, outline=outline)
 
 
 def _box(rectangle: Rectangle, margin: int) -> tuple[int, int, int, int]:

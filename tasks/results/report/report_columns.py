@@ -4,7 +4,7 @@ Narrow columns are read whole, wide ones only for the rows that are shown.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import cast
 
@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
-from specs.data.world import Room, World
+from specs.data.world import FloorZone, Room, World
 from tasks.results.statistics.batch_summary import Ending, EpisodeGroup, count_endings
 from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
 from tasks.results.tables.history_rows import NOT_SET, Labels
@@ -207,23 +207,28 @@ class DrivenWorlds:
     """A batch's worlds, as far as they can be read.
 
     Attributes:
-        rooms: The rooms of each, by ``<generation>/<name>``.
+        rooms: The rooms of each, or its zones, by ``<generation>/<name>``.
         load: Gives all of one of them; a batch has too many to hold them all.
+        starts_m: Where a robot starts in those in which it is not the origin.
     """
 
-    rooms: Mapping[str, Sequence[Room]]
+    rooms: Mapping[str, Sequence[Room] | Sequence[FloorZone]]
     load: Callable[[str], World]
+    starts_m: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, tuple[float, float]])
 
 
 def start_rooms(episodes: Episodes, worlds: DrivenWorlds) -> Labels:
-    """Returns the type of the room that each episode starts in: the one around the origin."""
-    rooms = worlds.rooms
-    kinds = [_room_types(rooms[name], np.zeros((1, 2)))[0] if name in rooms else UNKNOWN for name in _names(episodes)]
+    """Returns the type of the room that each episode starts in: the one around its world's start; a zone's name."""
+    rooms, starts_m = worlds.rooms, worlds.starts_m
+    kinds = [
+        _room_types(rooms[name], np.array([starts_m.get(name, (0.0, 0.0))]))[0] if name in rooms else UNKNOWN
+        for name in _names(episodes)
+    ]
     return _as_labels(np.array(kinds, object)[episodes.world.codes])
 
 
 def end_rooms(episodes: Episodes, worlds: DrivenWorlds) -> Labels:
-    """Returns the type of the room that each episode ended in; a doorway belongs to none."""
+    """Returns the type of the room that each episode ended in, or the zone's name; a doorway belongs to none."""
     found = np.full(len(episodes.outcome), UNKNOWN, object)
     order = np.argsort(episodes.world.codes, kind="stable")
     counts = np.bincount(episodes.world.codes, minlength=len(_names(episodes)))
@@ -238,14 +243,10 @@ def _names(episodes: Episodes) -> tuple[str, ...]:
     return episodes.world.names
 
 
-def _room_types(rooms: Sequence[Room], points_m: Float[np.ndarray, "points 2"]) -> np.ndarray:
+def _room_types(rooms: Sequence[Room] | Sequence[FloorZone], points_m: Float[np.ndarray, "points 2"]) -> np.ndarray:
     found = np.full(len(points_m), BETWEEN, object)
     for room in rooms:
-        floor = room.floor
-        inside: Bool[np.ndarray, " points"] = np.all(
-            (points_m >= (floor.x_min_m, floor.y_min_m)) & (points_m <= (floor.x_max_m, floor.y_max_m)), axis=1
-        )
-        found[inside] = room.type
+        found[room.holds(*points_m.T)] = room.type if isinstance(room, Room) else room.name
     return found
 
 

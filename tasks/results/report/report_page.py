@@ -18,7 +18,7 @@ from markupsafe import Markup
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from specs.data.outcomes import MARKS
-from specs.data.world import Room
+from specs.data.world import FloorZone, Room, Start
 from specs.errors import ObjectNotFound, WorldChanged
 from specs.field_types import OutputLocation
 from specs.untrusted_text import escape_markdown, xml_text
@@ -147,6 +147,8 @@ class _Rooms(BaseModel):
     model_config = ConfigDict(extra="ignore")
 
     rooms: tuple[Room, ...]
+    zones: tuple[FloorZone, ...] | None = None
+    start: Start | None = None
 
 
 def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> ReportView:
@@ -194,12 +196,13 @@ def file_key(location: OutputLocation, batch: str, name: str) -> str:
 
 def stored_worlds(store: Store, facts: BatchFacts) -> DrivenWorlds:
     """Returns a batch's worlds, without those that are gone or no longer what the batch ran in."""
-    rooms: dict[str, tuple[Room, ...]] = {}
-    for name, digest in list(facts.worlds.items())[:MOST_WORLDS_READ]:
-        found = _rooms(store, name, digest)
-        if found is not None:
-            rooms[name] = found
-    return DrivenWorlds(rooms, lambda name: decode_world(world_bytes(store, name)))
+    found = {name: _rooms(store, name, digest) for name, digest in list(facts.worlds.items())[:MOST_WORLDS_READ]}
+    read = {name: each for name, each in found.items() if each is not None}
+    return DrivenWorlds(
+        {name: each.rooms or each.zones or () for name, each in read.items()},
+        lambda name: decode_world(world_bytes(store, name)),
+        {name: (each.start.x_m, each.start.y_m) for name, each in read.items() if each.start},
+    )
 
 
 def _require_as_written(path: Path, facts: BatchFacts, url: str) -> None:
@@ -209,9 +212,9 @@ def _require_as_written(path: Path, facts: BatchFacts, url: str) -> None:
             require_as_written(hashlib.file_digest(file, "sha256").hexdigest(), named, url)
 
 
-def _rooms(store: Store, name: str, digest: str) -> tuple[Room, ...] | None:
+def _rooms(store: Store, name: str, digest: str) -> _Rooms | None:
     try:
-        return _Rooms.model_validate_json(pinned_world_bytes(store, name, digest)).rooms
+        return _Rooms.model_validate_json(pinned_world_bytes(store, name, digest))
     except (ObjectNotFound, ValidationError) as exc:
         logger.warning("world %s is left out of the report: %s", name, exc)
     except WorldChanged:

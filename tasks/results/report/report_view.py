@@ -7,6 +7,7 @@ from pathlib import Path
 from specs.base import Spec
 from specs.data.outcomes import mark_of
 from specs.data.parity_audit import ApartQuantiles, AuditControl, AuditReport, Flip, FlipShare, TotalShare
+from specs.data.world import Room
 from tasks.results.report.batch_facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.failure_maps import WorldMap, world_maps
 from tasks.results.report.rate_tables import (
@@ -315,11 +316,16 @@ def _groups(
         groups = _in_document_order(group_episodes(episodes, labels, confidence, facts.looks), facts.variables[name])
         found.append(Grouped(f"By {clip(name, 60)}", here, "Value", groups))
     if worlds.rooms:
+        typed = any(isinstance(room, Room) for rooms in worlds.rooms.values() for room in rooms)
         for caption, place in (("By room of the start", start_rooms), ("By room of the end", end_rooms)):
             groups = worst_first(group_episodes(episodes, place(episodes, worlds), confidence, facts.looks))
             if len(groups) > 1:  # one room type says what all episodes say
-                found.append(Grouped(caption, here, "Room type", groups))
+                found.append(Grouped(caption, here, "Room type" if typed else "Room", groups, label=_short))
     return tuple(found)
+
+
+def _short(name: str) -> str:
+    return clip(name, 60)
 
 
 def _columns(tables: Sequence[RateTable]) -> tuple[tuple[RateTable, ...], ...]:

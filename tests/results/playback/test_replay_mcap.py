@@ -10,7 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from specs.data.robot_shape import RobotPart
-from specs.data.world import solids
+from specs.data.world import FloorZone, solids
 from tasks.results.playback.replay_mcap import TOPICS, scene, write_mcap
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
@@ -77,6 +77,14 @@ def test_scans_are_seen_from_the_lidar(found: Found):
     assert scan["frame_id"] == "lidar"
     assert scan["ranges"] == [1.5] * RAYS
     assert scan["end_angle"] - scan["start_angle"] == pytest.approx(2 * 3.14159265 * (RAYS - 1) / RAYS)
+
+
+def test_zones_are_outlines_on_the_floor():
+    zone = FloorZone(name="dock", outline_m=((0.0, 0.0), (2.0, 0.0), (2.0, 1.0)), found=False)
+    zoned = WORLD.model_copy(update={"rooms": (), "zones": (zone,)})
+    entities: Any = scene(zoned, playback())["entities"]
+    (line,) = entities[0]["lines"]
+    assert [(at["x"], at["y"]) for at in line["points"]] == [(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 0.0)]
 
 
 def test_the_scene_has_every_solid_and_the_robot(found: Found):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from jaxtyping import Float
 
-from specs.data.world import Solid
+from specs.data.world import FloorZone, Solid
 from tasks.results.report.failure_maps import (
     DRAWN,
     LISTED,
@@ -21,6 +21,7 @@ from tasks.results.report.failure_maps import (
 )
 from tasks.results.report.report_columns import Failures, read_failures, read_ways
 from tests.factories.episodes import collided, request
+from tests.factories.own_worlds import walled_hall
 from tests.factories.reports import written
 from tests.factories.worlds import apartment
 
@@ -38,6 +39,14 @@ def test_rooms_stand_where_they_are_and_up_is_up():
     assert (living.label, kitchen.label) == ("Living room", "Kitchen")
     assert living.x + living.width <= kitchen.x
     assert living.y < 0 < living.y + living.height
+
+
+def test_zones_are_rooms_and_the_start_is_where_the_world_has_it():
+    zone = FloorZone(name="dock", outline_m=((11.0, 6.0), (13.0, 6.0), (13.0, 8.0)), found=False)
+    drawing = draw_floor(walled_hall().model_copy(update={"zones": (zone,)}))
+    (dock,) = drawing.rooms
+    assert (dock.label, dock.outline, dock.x, dock.width) == ("dock", "M1100 -600L1300 -600 1300 -800z", 1100, 200)
+    assert (drawing.start, draw_floor(apartment()).start) == ((1100, -600), (0, 0))
 
 
 def test_a_name_that_does_not_fit_its_room_is_cut():

@@ -12,12 +12,14 @@ from specs.data.parity_audit import (
     FlipShare,
     TotalShare,
 )
+from specs.data.world import FloorZone, World
 from tasks.results.report.batch_facts import Judgement
 from tasks.results.report.rate_tables import RateTable
-from tasks.results.report.report_columns import BETWEEN
+from tasks.results.report.report_columns import BETWEEN, read_episodes, start_rooms
 from tasks.results.report.report_view import ReportView, audit_view
 from tests.factories.episodes import ROBOT, collided, passed, request
-from tests.factories.reports import WORLDS, episodes, facts, view
+from tests.factories.own_worlds import walled_hall
+from tests.factories.reports import WORLDS, as_read, episodes, facts, view, written
 
 
 def tables(found: ReportView) -> dict[str, RateTable]:
@@ -71,6 +73,22 @@ def test_an_episode_belongs_to_the_room_that_it_ended_in(end_m: tuple[float, flo
     elsewhere = ends[1].model_copy(update={"final_x_m": 0.0 if room != "Living" else 4.0, "final_y_m": 0.0})
     found = view(tmp_path, [request(0), request(1)], [ends[0], elsewhere])
     assert counts(tables(found)["By room of the end"])[room] == "1 of 1"
+
+
+def test_a_zone_is_a_room_by_its_name(tmp_path: Path):
+    outlines = {
+        "left": ((10.0, 5.0), (12.0, 5.0), (12.0, 9.0), (10.0, 9.0)),
+        "right": ((12.0, 5.0), (16.0, 5.0), (16.0, 9.0)),
+    }
+    zones = tuple(FloorZone(name=name, outline_m=corners, found=False) for name, corners in outlines.items())
+    zoned = walled_hall().model_copy(update={"zones": zones})
+    worlds: dict[str, World] = {name: zoned for name in WORLDS}  # noqa: C420 - whose keys are any text
+    ends = [passed(k).model_copy(update={"final_x_m": x_m, "final_y_m": 6.0}) for k, x_m in enumerate((11.0, 15.0))]
+    found = tables(view(tmp_path, [request(0), request(1)], ends, worlds=worlds))
+    assert counts(found["By room of the end"]) == {"left": "1 of 1", "right": "1 of 1"}
+    assert found["By room of the end"].head == "Room"
+    read = read_episodes(written(tmp_path, [request(0)], ends[:1])[0], ())
+    assert start_rooms(read, as_read(worlds)).names == ("left",)
 
 
 def test_a_table_of_rooms_with_a_single_one_says_nothing_and_is_left_out(tmp_path: Path):

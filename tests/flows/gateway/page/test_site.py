@@ -16,11 +16,14 @@ import pytest
 from flows.gateway.page.request_context import Listings
 from flows.gateway.page.site import Site, answer_page
 from specs.arn import Reference
+from specs.data.world import FloorZone
 from tasks.gateway.rest_json import HttpAnswer, HttpRequest
 from tasks.storage.base.store import Entry
 from tasks.storage.store_url import open_store
 from tasks.storage.tags import change_tags, with_tags
+from tasks.storage.worlds import encode_world, write_world
 from tests.factories.gateway.shown_store import ATTACK, Shown, shown_store
+from tests.factories.own_worlds import walled_hall
 
 HOST = "127.0.0.1:8600"
 KEY, SECRET = "SIMYARD0000000000001", "a secret of forty characters, more or less"
@@ -269,6 +272,8 @@ def test_a_page_that_is_reloaded_lists_a_large_store_once(folder: Path, shown: S
 
     monkeypatch.setattr(store, "entries", slow)
     monkeypatch.setattr("flows.gateway.page.request_context.time.monotonic", lambda: clock[0])
+    now_s = time.time()  # a page says when it was made
+    monkeypatch.setattr("flows.gateway.page.site.time.time", lambda: now_s)
     site = Site(store, Keys(), listings=Listings())
     cookie = signed_in(site)
     pages = {text(site, "/worlds", cookie=cookie) for _ in range(20)}
@@ -343,6 +348,15 @@ def test_a_key_sees_what_it_may_and_is_not_told_of_the_rest(folder: Path, shown:
     for target in (*hidden, f"/batches/{shown.batch}/jobs/0", world, f"{world}.svg"):
         there, absent = get(limited, target, cookie=cookie), get(limited, "/batches/simb-0", cookie=cookie)
         assert (there.status, there.body) == (404, absent.body), target
+
+
+def test_a_worlds_page_has_its_zones_as_rooms(tmp_path: Path):
+    store = open_store(tmp_path.as_uri())
+    zone = FloorZone(name="<dock>", outline_m=((11.0, 6.0), (13.0, 6.0), (13.0, 8.0)), found=False)
+    world = walled_hall().model_copy(update={"zones": (zone,)})
+    write_world(store, f"{world.generation}/{world.name}", encode_world(world))
+    shown = text(Site(store, None), f"/worlds/{world.generation}/{world.name}")
+    assert [said in shown for said in ("&lt;dock&gt;", "2.0 m²", "with 1 room")] == [True] * 3
 
 
 def test_a_damaged_record_takes_no_list_with_it(tmp_path: Path):
