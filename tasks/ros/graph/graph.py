@@ -301,8 +301,8 @@ class Graph:
 
     @property
     def incoming(self) -> list[CommandSource]:
-        """Returns whose commands the robot is connected to."""
-        return self._subscriptions.incoming
+        """Returns whose commands the robot is connected to; who only sets it elsewhere commands nothing."""
+        return [each for each in self._subscriptions.incoming if each.topic != SET_MODEL_STATE]
 
     @property
     def tags(self) -> dict[str, str]:
@@ -334,10 +334,13 @@ class Graph:
         """Returns the commands that have come since the last call: topic and message, in the order of nodes' names."""
         commands = list[tuple[str, bytes]]()
         for topic, data in self._subscriptions.take():
-            if topic == SET_MODEL_STATE and self.gazebo is not None:
-                self.gazebo.set_state(data)
-            else:
+            if topic != SET_MODEL_STATE or self.gazebo is None:
                 commands.append((topic, data))
+                continue
+            try:
+                self.gazebo.set_state(data)
+            except ValueError as exc:
+                self._events.fail(f"{topic}: {exc}")
         return commands
 
     def nodes(self) -> set[str]:
@@ -358,8 +361,9 @@ class Graph:
         for topic, connected in self.outgoing.items():
             missing = self.subscribers(topic) - {each.node for each in connected}
             found += [f"{node} subscribed to {topic}, and has not connected" for node in sorted(missing)]
+        sources = self._subscriptions.incoming
         for topic in self._subscriptions.topics:
-            missing = self.publishers(topic) - {each.node for each in self.incoming if each.topic == topic}
+            missing = self.publishers(topic) - {each.node for each in sources if each.topic == topic}
             for node in sorted(missing):
                 fault = self._subscriptions.faults.get((topic, node), "it is not connected yet")
                 found.append(f"{node} publishes {topic}: {fault}")

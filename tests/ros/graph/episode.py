@@ -10,6 +10,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 from xmlrpc.server import SimpleXMLRPCRequestHandler, SimpleXMLRPCServer
 
+from tasks.ros.graph.gazebo_services import GazeboServices
 from tasks.ros.graph.graph import Graph
 from tasks.ros.graph.topic import Topic, take_header, write_header
 from tasks.ros.message.definition import type_digest
@@ -26,13 +27,16 @@ SUBSCRIBES = (Topic("/cmd_vel", "geometry_msgs/Twist"),)
 class Episode:
     """A graph whose loop runs while something is done in a thread beside it.
 
+    Args:
+        gazebo: Answers for Gazebo.
+
     Attributes:
         faults: What the loop's callbacks raised: there is to be nothing.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, gazebo: GazeboServices | None = None) -> None:
         self.loop = asyncio.new_event_loop()
-        self.graph = Graph(self.loop, PUBLISHES, SUBSCRIBES)
+        self.graph = Graph(self.loop, PUBLISHES, SUBSCRIBES, gazebo=gazebo)
         self.faults: list[object] = []
         self.loop.set_exception_handler(lambda _, context: self.faults.append(context))
         self.master = xmlrpc.client.ServerProxy(self.graph.uri, allow_none=True)

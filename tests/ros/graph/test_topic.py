@@ -6,6 +6,7 @@ import struct
 import pytest
 
 from tasks.ros.graph import graph_limits
+from tasks.ros.graph.gazebo_services import SET_MODEL_STATE, SET_MODEL_STATE_KIND, GazeboServices
 from tasks.ros.message.definition import definition, type_digest
 from tasks.ros.message.ros_messages import PlanarTwist, frame_message, twist
 from tests.ros.graph.episode import Episode, PlayedNode, read_message
@@ -214,3 +215,13 @@ def test_more_publishers_than_there_may_be_fail_the_episode(episode: Episode, mo
         _register(episode, one)
         _register(episode, other)
         assert episode.graph.failure == "more than 1 nodes publish /cmd_vel"
+
+
+def test_who_sets_the_robot_elsewhere_commands_nothing_and_what_is_no_state_fails_the_episode():
+    with Episode(GazeboServices("rover", 0.005)) as episode, PlayedNode(kind=SET_MODEL_STATE_KIND) as node:
+        episode.call("registerPublisher", SET_MODEL_STATE, node.kind, node.uri, caller=node.name)
+        assert episode.graph.connected()
+        assert episode.graph.incoming == []
+        node.connections[0].sendall(frame_message(b"\x09\0\0\0rov"))
+        episode.serve_until(lambda: not episode.graph.take() and bool(episode.graph.failure))
+        assert episode.graph.failure == "/gazebo/set_model_state: a text of 9 bytes where 3 are left"

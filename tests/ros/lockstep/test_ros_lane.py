@@ -67,7 +67,7 @@ def test_a_node_that_begins_to_publish_commands_while_its_lane_was_quiet_is_stra
     lane = RosLane(detector, EpisodeNetwork(socket.socket, ()), pump, frozenset())
     pair[0].settimeout(0.0)
     assert isinstance(detector.graph, Graph)
-    detector.graph.incoming.append(CommandSource("/cmd_vel", "/node", pair[0], bytearray()))
+    detector.graph._subscriptions.incoming.append(CommandSource("/cmd_vel", "/node", pair[0], bytearray()))
     lane.collect(0, stray=stray)
     lane.collect(0, stray=True)
     assert (lane.commands, lane.stray) == (0, int(stray))
