@@ -163,7 +163,7 @@ def _replaced(nodes: Sequence[NodePlan]) -> Iterator[tuple[str, Replaced]]:
 def _role(node: NodePlan) -> str:
     """Returns what a node is to Gazebo: ``server``, ``client``, ``spawner``, or nothing."""
     words = _words(node)
-    program = Path(words[0]).name
+    program = Path(words[0]).name if words else ""
     if _is_gz(node):
         return "client" if "-g" in words else "server"
     if node.package not in _GAZEBO_ROS and (node.package or program not in _BARE):
@@ -175,7 +175,7 @@ def _role(node: NodePlan) -> str:
 
 def _is_gz(node: NodePlan) -> bool:
     words = _words(node)
-    bare = not node.package and words[1:2] == [_GZ_PROGRAMS.get(Path(words[0]).name, "")]
+    bare = not node.package and len(words) > 1 and words[1] == _GZ_PROGRAMS.get(Path(words[0]).name)
     return bare or (node.package in _GAZEBO_ROS and node.kind in {"gz_sim", "gz_server"})
 
 

@@ -111,6 +111,12 @@ def test_all_other_nodes_run_and_each_of_gazebos_is_told(bundle: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("command", [("driver", ""), ("/bin/sh", "-c", " ")])
+def test_a_process_with_an_empty_word_is_none_of_gazebos(command: tuple[str, ...]) -> None:
+    node = NodePlan("/driver", "", "", command)
+    assert started_nodes(LaunchPlan("", (node,), {})) == (node,)
+
+
 def test_windows_for_a_person_are_not_started_whatever_starts_them(bundle: Path) -> None:
     rviz, roam = NodePlan("/rviz", "rviz", "rviz", ("rviz",)), NodePlan("/roam", "roamer", "roam.py", ("roam.py",))
     plan = LaunchPlan("/x.launch", (rviz, roam), {})
