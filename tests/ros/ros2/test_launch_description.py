@@ -1,6 +1,9 @@
 """Launch files of ROS 2 where ROS 2 is not: what they start, and what is refused by its name."""
 
+import signal
 import stat
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from specs.data.world import Start
 from specs.errors import LaunchRefused
 from tasks.ros.launch.gazebo_launch import read_gazebo_launch
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan
+from tasks.ros.ros2.launch_file import robot_launch
 from tasks.ros.ros2.launch_file.launch_description import resolve_description
 
 _IMPORTS = """
@@ -324,3 +328,30 @@ def test_what_starts_gazebo_is_read_and_not_started(bundle: Bundle, server: str,
         "the robot's own topics",
     ]
     assert found.findings == ()
+
+
+@pytest.mark.parametrize("text", ["/driver:\n  ros__parameters:\n", "/driver: {ros__parameters: [1]}", "[1]"])
+def test_files_of_parameters_that_hold_none_describe_no_robot(bundle: Bundle, text: str) -> None:
+    (bundle.package / "empty.yaml").write_text(text)
+    bundle.write(f"Node(package='robot', executable='driver', parameters=['{bundle.package}/empty.yaml'])")
+    assert bundle.resolve().parameters == {}
+
+
+def test_a_robots_nodes_end_if_one_after_them_cannot_be_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    started: list[subprocess.Popen[bytes]] = []
+
+    def start(node: NodePlan, _: dict[str, str]) -> "subprocess.Popen[bytes]":
+        if node.name == "/b":
+            raise OSError("no such program")
+        started.append(subprocess.Popen(["sleep", "1000"]))
+        return started[-1]
+
+    plan = LaunchPlan("", tuple(NodePlan(name, "", "", ("x",)) for name in ("/a", "/b")), {})
+    monkeypatch.setattr(sys, "argv", ["", "bundle", "play", "play.launch.py"])
+    monkeypatch.setattr(robot_launch, "resolve_description", lambda *_: plan)
+    monkeypatch.setattr(robot_launch, "make_spaces", lambda *_: ())
+    monkeypatch.setattr(robot_launch, "_start", start)
+    status = robot_launch.main()
+    ended = started[0].poll()
+    started[0].kill()
+    assert (status, ended) == (1, -signal.SIGINT)

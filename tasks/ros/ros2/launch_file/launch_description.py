@@ -306,7 +306,8 @@ def _texts(node: NodePlan) -> Iterator[str]:
         except (yaml.YAMLError, ValueError, RecursionError):
             continue  # the node itself says what is wrong with its parameters
         for own in found.values() if isinstance(found, dict) else ():
-            text = own.get("ros__parameters", {}).get(_DESCRIPTION) if isinstance(own, dict) else None
+            given = own.get("ros__parameters") if isinstance(own, dict) else None
+            text = given.get(_DESCRIPTION) if isinstance(given, dict) else None
             if isinstance(text, str):
                 yield text
 

@@ -30,7 +30,8 @@ def main() -> int:
             plan = resolve_description(source, dict(os.environ), Path(folder, "parameters"))
             spaces = make_spaces(source.bundle, installation, Path(folder, "packages"))
             own = {**os.environ, **installation.environment(spaces)}
-            started = [(node, _start(node, own)) for node in plan.nodes]
+            for node in plan.nodes:
+                started.append((node, _start(node, own)))  # noqa: PERF401 - if one cannot be started, those before it end
             return _wait(started)
         except (LaunchRefused, OSError) as exc:
             sys.stderr.write(f"{exc}\n")
