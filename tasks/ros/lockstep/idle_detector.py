@@ -200,6 +200,8 @@ class IdleDetector:
         awake = rest is Rest.AWAKE or bool(self.graph.busy)
         woken = self._watch.changed - self.pollers.keys() if rest is not Rest.AWAKE else frozenset[int]()
         anew = {self._watch.process(tid) for tid in woken if not self._in_time(tid, now_s)}
+        if anew:  # what they sent may have come to a poller that waits for it, in another process
+            anew |= {self._watch.process(tid) for tid in self.pollers if self._watch.listens(tid)}
         if rest is not Rest.AWAKE:
             self._noted_s = now_s
         if awake or heard or anew:

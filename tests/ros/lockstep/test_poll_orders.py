@@ -125,6 +125,27 @@ def test_a_poller_of_a_process_in_which_nobody_else_ran_is_not_waited_for(
     assert detector.look(2.022) is IdleState.QUIET
 
 
+def test_a_poller_that_waits_for_what_comes_is_waited_for_once_another_process_may_have_sent_it(
+    proc: Path, detector: IdleDetector, worker: FakeThread, poller: FakeThread
+) -> None:
+    known(detector, poller)
+    poller.waits_at = "do_epoll_wait"
+    poller.be("S")
+    other = fake_thread(proc, 1, POLLER + 1)
+    detector.application.watch.refresh([os.getpid(), 1])
+    detector.begin(2.0, fresh=False, ticked=True)
+    worker.run()
+    assert [detector.look(2.001), detector.look(2.002)] == [IdleState.SOON, IdleState.WAITS]
+    other.be("R")
+    poller.run()
+    assert detector.look(2.003) is IdleState.AWAKE
+    other.run()
+    assert detector.look(2.004) is IdleState.SOON
+    assert {detector.look(2.005 + 0.001 * k) for k in range(3)} == {IdleState.WAITS}
+    poller.run()
+    assert [detector.look(2.008), detector.look(2.009)] == [IdleState.WAITS, IdleState.QUIET]
+
+
 def test_a_poll_that_ran_for_long_found_something_and_is_waited_for_once_more(
     detector: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
