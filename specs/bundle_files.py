@@ -213,6 +213,14 @@ class RosRobot(Spec):
     localization: Literal["given", "application"] = "given"
     record: Annotated[Mapping[Topic, MessageType], Field(max_length=32)] = {}
 
+    @model_validator(mode="after")
+    def _records_topics_of_nodes(self) -> Self:
+        own = OWN_TOPICS - {"/map"} | {topic for topic in self.topics.model_dump().values() if topic is not None}
+        for topic in self.record:
+            if topic in own:
+                raise ValueError(f"record: {topic} is a topic of the robot, which each recording has: leave it out")
+        return self
+
 
 class DraftRequest(Spec):
     """What is asked of the process that makes drafts.

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from specs.bundle_files import OWN_TOPICS, RosTopics
+from specs.bundle_files import OWN_TOPICS, RosRobot, RosTopics
 from tasks.ros.bag.track_log import track_channels
 from tests.ros.bag.tracks import with_twist
 
@@ -19,6 +19,13 @@ def test_a_topic_of_every_robot_or_recording_is_nothing_else(topic: str):
 def test_two_sensors_do_not_share_a_topic():
     with pytest.raises(ValidationError, match="scan and goal are both /goal"):
         RosTopics(scan="/goal", goal="/goal")
+
+
+@pytest.mark.parametrize("topic", ["/tf", "/laser"])
+def test_what_the_robot_itself_says_is_not_recorded_again(topic: str):
+    with pytest.raises(ValidationError, match=f"record: {topic} is a topic of the robot"):
+        RosRobot(topics=RosTopics(scan="/laser"), record={topic: "tf2_msgs/TFMessage"})
+    assert RosRobot(record={"/map": "nav_msgs/OccupancyGrid"}).record
 
 
 def test_the_map_may_be_called_as_it_usually_is():
