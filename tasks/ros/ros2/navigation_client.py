@@ -38,14 +38,13 @@ class Navigation:
     Attributes:
         status: Of the goal that was sent last.
         goals: How many were sent.
-        error_code, error: What the result says of why it was aborted.
+        error_code: What the result says of why it was aborted.
         fault: Why what a node answered is no answer; empty if there is nothing to say.
     """
 
     status: GoalStatus = "none"
     goals: int = 0
     error_code: int = 0
-    error: str = ""
     fault: str = ""
 
 
@@ -107,7 +106,6 @@ class NavigationClient:
         if own.status == "accepted":
             own.status = _ENDS.get(int(answer.status), "aborted")
             own.error_code = int(getattr(answer.result, "error_code", 0))
-            own.error = str(getattr(answer.result, "error_msg", ""))
 
     def _goal_id(self) -> Any:  # noqa: ANN401 - a class that rosbags makes
         """Returns the goal's number as its identity: the same in each repeat."""

@@ -43,12 +43,6 @@ def test_each_lane_has_its_own_end_and_the_same_commands_as_alone(tmp_path: Path
     assert navigate(tmp_path / "one", "", steps=280).digests == run.digests[:1]
 
 
-@pytest.mark.long
-def test_an_episode_does_not_begin_where_nobody_offers_the_action(tmp_path: Path) -> None:
-    run = drive(tmp_path, "avoider", steps=1, robot=_ROBOT.model_copy(update={"ready_s": 3.0}))
-    assert run.failures == {0: "not ready within 3 s: no node offers the action /navigate_to_pose (goals in ros.yaml)"}
-
-
 @pytest.mark.soak
 @pytest.mark.usefixtures("nav2_msgs")
 def test_a_navigator_of_rclpy_gets_there_by_the_map_alone_and_among_four(tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ from uuid import UUID
 
 import pytest
 
+from tasks.ros.lockstep.ros2_lockstep import DdsGraph
 from tasks.ros.ros2 import robot_links
 from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, LinkPlace
 from tasks.ros.ros2.dds_node import DEFAULT, TOPIC, DdsNode, Profile, Reader, Writer, told_nodes
@@ -113,6 +114,16 @@ def test_processes_on_fast_dds_know_each_other_a_second_after_the_last_one_came(
         together.append(robot.settled())
     robot.close()
     assert (alone, together) == (True, [False, False, True])
+
+
+def test_an_episode_does_not_begin_where_nobody_offers_the_action(
+    domain: EpisodeDomain, start: Callable[..., Process]
+) -> None:
+    graph = DdsGraph(domain, RobotInterface({SCAN: KIND}, "/cmd_vel", navigates=True), (1, frozenset()))
+    start("a")
+    missing = ["no node offers the action /navigate_to_pose (goals in ros.yaml)"]
+    eventually(lambda: graph.changes and graph.unconnected() == missing)
+    graph.close()
 
 
 def test_what_nodes_say_and_wait_for_in_vain_is_told_with_types_and_qualities(
