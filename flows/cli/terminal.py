@@ -157,9 +157,9 @@ def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None
     """
     shown = [{key: value for key, value in row.items() if _fits(key, value)} for row in rows]
     names = dict.fromkeys(key for row in shown for key in row)
-    columns = {name: [_cell(name, row.get(name)) for row in shown] for name in names}
-    if narrow := console.is_terminal and _width(columns) > console.width:
-        columns = _narrow(columns, console.width)
+    whole = {name: [_cell(name, row.get(name)) for row in shown] for name in names}
+    narrow = console.is_terminal and _width(whole) > console.width
+    columns = _narrow(whole, console.width) if narrow else whole
     table = Table(box=None, pad_edge=False)
     for name in columns:
         table.add_column(Text(name), no_wrap=True)
@@ -167,7 +167,8 @@ def show_rows(rows: Sequence[Mapping[str, JsonValue]], console: Console) -> None
         table.add_row(*row)
     # As wide as its content: a terminal may wrap a line, but nothing is cut off.
     TerminalConsole(file=console.file, width=_WIDEST).print(table, soft_wrap=True)
-    if narrow and (left_out := ", ".join(name for name in names if name not in columns and name != "arn")):
+    known = [*columns.values()][:1]  # by ids, or by names that are the same
+    if left_out := ", ".join(name for name in names if name not in {"arn", *columns} and whole[name] not in known):
         echo(f"left out, for want of width: {left_out}; a pipe has all: | less -S", err=True)
 
 

@@ -93,6 +93,19 @@ def test_rows_are_as_wide_as_the_terminal_and_ids_stay_whole(
     )
 
 
+def test_a_name_that_is_the_id_is_not_told_of_as_left_out(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("TERM", "xterm")
+    out = io.StringIO()
+    show_rows(
+        [{"arn": "arn:simyard:deployment-fleet:c8dcfa1f0f83:home", "name": "home"}], TerminalConsole(file=out, width=40)
+    )
+    assert Text.from_ansi(out.getvalue()).plain.split() == ["id", "home"]
+    assert capsys.readouterr().err == ""
+
+
 def test_rows_in_a_pipe_are_whole():
     out = io.StringIO()
     show_rows([BATCH_ROW], TerminalConsole(file=out, width=60))
