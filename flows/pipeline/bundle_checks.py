@@ -125,10 +125,9 @@ def simulated_fault(
 
 def _image_fault(path: str, application: str, files: Collection[str], *, robot: bool) -> Fault | None:
     """Returns what a container image lacks that is to drive a robot."""
-    allowed = "a folder: a container image drives a robot, and does not judge"
-    if robot:
-        beside = f"`robot: FOLDER` beside its source, a folder with {ROBOT_XML}; copy {_EXAMPLE} for a TurtleBot3"
-        allowed = f"a container image with /simyard/{ROBOT_XML}, or {beside}"
+    beside = f"`robot: FOLDER` beside its source, a folder with {ROBOT_XML}; copy {_EXAMPLE} for a TurtleBot3"
+    lacks = f"a container image with /simyard/{ROBOT_XML}, or {beside}"
+    allowed = lacks if robot else "a folder: a container image drives a robot, and does not judge"
     return None if robot and ROBOT_XML in files else Fault(path=path, value=application, allowed=allowed)
 
 
@@ -217,9 +216,10 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
     """
     faults: list[Fault] = []
     for launch, folder in _own_launches(spec, base):
-        image, root, command = read_image(folder), image_root(folder), launch.command
-        if image and root and (why := missing_program(root, image, image.words(launch.package, launch.file, command))):
-            name, value = ("launchFile", launch.file) if launch.file else ("command", shlex.join(command or ()))
+        image, root, command = read_image(folder), image_root(folder), launch.command or ()
+        words = image.words(launch.package, launch.file, command) if image else ()
+        if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
+            name, value = ("launchFile", launch.file) if launch.file else ("command", shlex.join(command))
             faults.append(Fault(path=f"{launch.path}.{name}", value=repr(value), allowed=why))
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
@@ -503,7 +503,7 @@ def topic_lines(reports: Sequence["LaunchReport"]) -> Iterator[str]:
 def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:
     """Yields what a person is to know of a launch file."""
     yield report.ros
-    name = f"{source.package} {source.launch_file}"
+    name = f"{source.package} {source.launch_file}".strip() or "the container image"
     if report.unread:
         yield f"{name}: not read: {report.unread}"
     elif report.nodes:

@@ -1,5 +1,6 @@
 """One episode (one simulation job): what is asked for, and what came of it."""
 
+import shlex
 from typing import Literal, NamedTuple
 
 from pydantic import Field
@@ -57,6 +58,11 @@ class ApplicationLaunch(Spec):
     launch_file: str
     architecture: Architecture | None = None
     command: tuple[str, ...] | None = None
+
+    @property
+    def launched(self) -> str:
+        """Returns what tells it from another launch of its bundle: the launch file, or a container image's command."""
+        return self.launch_file or shlex.join(self.command or ())
 
     @property
     def module(self) -> str:

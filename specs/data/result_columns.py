@@ -114,7 +114,7 @@ def _launch(prefix: str, what: str, field: str) -> tuple[Column, ...]:
         part("version", "version", "Its version as asked for: a number, or $LATEST."),
         part("digest", "digest", "SHA-256 of its bundle, lower-case hex: what really ran."),
         part("package", "package", "packageName of its launch configuration."),
-        part("launch_file", "launch_file", "launchFile of its launch configuration."),
+        part("launch_file", "launched", "launchFile of its launch configuration."),
     )
 
 

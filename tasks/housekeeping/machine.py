@@ -83,7 +83,7 @@ _CACHE: Mapping[str, str] = {
 _HOME = re.compile(r"prefect(-[0-9a-f]{8})?")
 _KEYS = ("keys", "owner")
 _TEMP = re.compile(
-    r"simyard-(report|gate|gc|export|verify|recordings|bags|results|recount|evidence|source|simulator|check)-[a-z0-9_]{8}"
+    r"simyard-(report|gate|gc|export|verify|recordings|bags|results|recount|evidence|source|simulator|check|bundle|import|launch)-[a-z0-9_]{8}"
 )
 STAYS_KEYS = "stays: keys, which cannot be made again"
 

@@ -92,7 +92,7 @@ def image_bundle(source: str, base: Path, robot: Path | None = None, architectur
         place = _fetched(source, fetched, architecture) if source.startswith(REGISTRY) else (base / source).resolve()
         with opened_blobs(place) as blobs:
             digest, config = _copied(blobs, made / LAYOUT, architecture)
-        _declare(made, digest, config, architecture, robot)
+            _declare(made, digest, config, architecture, robot)
         settle_folder(made, target)
     return target
 
@@ -102,9 +102,12 @@ def _state(source: str, base: Path, robot: Path | None, architecture: Architectu
     known: list[object] = [source, architecture]
     if not source.startswith(REGISTRY):
         place = (base / source).resolve()
-        status = (place / "index.json" if place.is_dir() else place).stat()
+        file = place / "index.json" if place.is_dir() else place
+        if not file.is_file():
+            raise BundleRefused(f"{place.name}: no container image: it lacks {file.name!r}")
+        status = file.stat()
         known += [str(place), status.st_ino, status.st_size, status.st_mtime_ns]
-    known += [(robot / name).read_text() if robot and (robot / name).is_file() else "" for name in _DECLARED]
+    known += [(robot / name).read_bytes().hex() if robot and (robot / name).is_file() else "" for name in _DECLARED]
     return hashlib.sha256(json.dumps(known).encode()).hexdigest()[:32]
 
 
@@ -133,7 +136,8 @@ def _copied(blobs: ImageBlobs, layout: Path, architecture: Architecture) -> tupl
     if "oci-layout" in blobs.names:
         entry = _chosen(blobs, json.loads(blobs.small("index.json"))["manifests"], architecture)
         manifest = blobs.blob(entry)
-        body, config = blobs.small(blob_name(entry["digest"])), blobs.small(blob_name(manifest["config"]["digest"]))
+        body, named = blobs.small(blob_name(entry["digest"])), manifest["config"]["digest"]
+        config = blobs.small(blob_name(named), named)
         layers = [(blob_name(each["digest"]), str(each["digest"])) for each in manifest["layers"]]
     elif "manifest.json" in blobs.names:
         (saved,) = json.loads(blobs.small("manifest.json"))
@@ -165,7 +169,8 @@ def _copied(blobs: ImageBlobs, layout: Path, architecture: Architecture) -> tupl
 
 def _chosen(blobs: ImageBlobs, entries: Sequence[Mapping[str, Any]], architecture: Architecture) -> Mapping[str, Any]:
     """Returns the manifest that an index has for an architecture; indexes may stand in an index."""
-    fitting = [each for each in entries if _platform(each) in (None, architecture)]
+    # One that has several names stands there for each of them.
+    fitting = [*{each["digest"]: each for each in entries if _platform(each) in (None, architecture)}.values()]
     if len(fitting) != 1:
         known = ", ".join(str((each.get("platform") or {}).get("architecture", "?")) for each in entries)
         raise BundleRefused(f"{blobs.where}: {len(fitting)} of its images are for {architecture}; they are for {known}")

@@ -123,7 +123,7 @@ def read_image(bundle: Path) -> ContainerImage | None:
     """
     try:
         return ContainerImage.model_validate_json((bundle / IMAGE_FILE).read_bytes()[:_SMALL_BYTES])
-    except FileNotFoundError:
+    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
         return None
     except (ValidationError, ValueError) as exc:
         raise BundleRefused(f"{IMAGE_FILE}: {' '.join(str(exc).split())[:300]}") from exc
@@ -167,6 +167,7 @@ def unpacked(bundle: Path, digest: str, images: Path) -> Path:
             with blobs.open(blob_name(each["digest"])) as file:
                 left -= apply_layer(file, root, str(diff_id), left)
         _name_hosts(root)
+        os.sync()  # its name stands for whole files, also after the power fails
         settle_folder(root, target)
     return target
 
@@ -221,6 +222,8 @@ def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int) -> i
         for number, member in enumerate(layer.headers()):
             if number >= _ENTRIES:
                 raise BundleRefused(f"a layer with more than {_ENTRIES:,} files")
+            # Else it keeps them, with all that their headers say.
+            layer.file.members = []  # pyright: ignore[reportAttributeAccessIssue]
             try:
                 _apply(layer.file, member, root, own)
             except (OSError, ValueError) as exc:  # such as a file's name that is a folder's as well
@@ -362,7 +365,8 @@ def image_command(
     if why := missing_program(root, image, words):
         raise BundleRefused(why)
     command = [bubblewrap, "--unshare-user", "--uid", str(image.user), "--gid", str(image.group), "--cap-drop", "ALL"]
-    command += ["--die-with-parent", "--tmpfs", "/"]
+    # On a robot a signal to the group ends bubblewrap at once, and the program shall end as it likes; the agent looks.
+    command += [*([] if on_robot else ["--die-with-parent"]), "--tmpfs", "/"]
     for path in sorted(each for each in root.iterdir() if each.name not in _MOUNTED):
         if path.is_symlink():
             command += ["--symlink", str(path.readlink()), f"/{path.name}"]
@@ -378,10 +382,11 @@ def image_command(
     return (*command, "--", *words)
 
 
-def missing_program(root: Path, image: ContainerImage, words: Sequence[str]) -> str:
+def missing_program(root: Path, image: ContainerImage, words: Sequence[str], *, ros: bool = False) -> str:
     """Returns why an image cannot run some words: it does not have the program that they begin with; empty if it can.
 
-    What its entry point makes of the rest, nobody knows who has not run it; a path in it has to be there.
+    What its entry point makes of the rest, nobody knows who has not run it; a path in it has to be there. To drive a
+    robot in a simulation, it has to have ROS as well.
     """
     if not words:
         return "the image says nothing of what is run: write launchConfig.command"
@@ -391,4 +396,4 @@ def missing_program(root: Path, image: ContainerImage, words: Sequence[str]) -> 
         places = [posixpath.join(image.folder, word)] if "/" in word else [f"{each}/{word}" for each in paths]
         if not any((found := inside(root, place)).is_file() and os.access(found, os.X_OK) for place in places):
             return f"the image has no program {word!r}: launchConfig.command, or packageName and launchFile, names it"
-    return ""
+    return "the image has no ROS: neither /opt/ros, nor roslaunch, nor rclpy" if ros and not image.ros else ""

@@ -55,6 +55,15 @@ def found(cache: Path) -> list[tuple[str, str]]:
     return [(entry.what, entry.path.name) for entry in unused_entries(cache, 30 * _DAY_S)]
 
 
+def test_each_kind_of_temporary_folder_is_known_once_a_killed_command_has_left_one():
+    made = re.compile(r'TemporaryDirectory\(prefix="(simyard-\w+-)"')
+    files = [path for name in ("flows", "simyard", "tasks") for path in (ROOT / name).rglob("*.py")]
+    prefixes = {prefix for path in files for prefix in made.findall(path.read_text())}
+    assert "simyard-bundle-" in prefixes
+    known = machine._TEMP  # pyright: ignore[reportPrivateUsage]
+    assert [each for each in sorted(prefixes) if not known.fullmatch(f"{each}ab12cd34")] == []
+
+
 @pytest.mark.parametrize(
     "folder", ["programs", "bundles/digest", "data/objects", "data/mounts/digest/files", "engines", "timings"]
 )

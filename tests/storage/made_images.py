@@ -43,6 +43,17 @@ def layer(*entries: Entry) -> bytes:
     return buffer.getvalue()
 
 
+def commented(files: int, characters: int) -> bytes:
+    """Returns a layer of empty files, each with a comment of so many characters."""
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as tar:
+        for number in range(files):
+            member = tarfile.TarInfo(str(number))
+            member.pax_headers = {"comment": f"{number} " + "x" * characters}
+            tar.addfile(member)
+    return buffer.getvalue()
+
+
 def configuration(layers: Sequence[bytes], config: Mapping[str, object], architecture: str = "amd64") -> bytes:
     """Returns an image's configuration."""
     root = {"type": "layers", "diff_ids": [_digest(each) for each in layers]}

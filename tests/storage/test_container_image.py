@@ -78,6 +78,11 @@ def test_the_robot_may_lie_beside_an_image(tmp_path: Path) -> None:
     assert not (bundle / "ros.yaml").exists()
 
 
+def test_a_bundle_with_a_folder_of_that_name_is_no_image(tmp_path: Path) -> None:
+    (tmp_path / "image.json").mkdir()
+    assert read_image(tmp_path) is None
+
+
 def test_of_an_index_the_image_for_the_architecture_is_taken(tmp_path: Path) -> None:
     ours, theirs = oci_files([_LAYER], _CONFIG), oci_files([_LAYER], _CONFIG, "arm64")
     entries = [
@@ -116,6 +121,25 @@ def test_a_tag_of_a_registry_is_refused(tmp_path: Path) -> None:
     assert "a tag may be another image tomorrow" in _refusal("docker://127.0.0.1:1/app:1", tmp_path)
 
 
+def test_a_layout_without_an_index_is_refused(tmp_path: Path) -> None:
+    oci_folder(tmp_path / "layout", {"oci-layout": b"{}"})
+    assert _refusal("layout", tmp_path) == "layout: no container image: it lacks 'index.json'"
+
+
+def test_an_image_that_has_several_names_is_one(tmp_path: Path) -> None:
+    files = oci_files([_LAYER], _CONFIG)
+    index = json.loads(files["index.json"])
+    named = {**index, "manifests": [*index["manifests"], {**index["manifests"][0], "annotations": {"name": "other"}}]}
+    oci_folder(tmp_path / "layout", {**files, "index.json": json.dumps(named).encode()})
+    assert read_image(image_bundle("layout", tmp_path)) is not None
+
+
+def _configured(config: bytes) -> dict[str, bytes]:
+    """Returns the files of an archive whose image says something of how it is run."""
+    said = b'{"architecture": "amd64", "rootfs": {"diff_ids": []}, "config": ' + config + b"}"
+    return {"manifest.json": b'[{"Config": "config.json", "Layers": []}]', "config.json": said}
+
+
 @pytest.mark.parametrize(
     ("files", "why"),
     [
@@ -126,6 +150,8 @@ def test_a_tag_of_a_registry_is_refused(tmp_path: Path) -> None:
         ({"oci-layout": b"", "index.json": b'{"manifests": [{"digest": "sha256:../../x"}]}'}, "is no SHA-256"),
         ({"oci-layout": b"", "index.json": b'{"manifests": []}'}, "0 of its images are for X86_64"),
         ({"manifest.json": b"[" * 100_000}, "no container image: RecursionError"),
+        (_configured(b'"text"'), "no container image: AttributeError"),
+        (_configured(b'{"Entrypoint": 7}'), "no container image: TypeError"),
     ],
 )
 def test_what_is_no_image_is_refused(files: dict[str, bytes], why: str, tmp_path: Path) -> None:

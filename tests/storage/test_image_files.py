@@ -8,6 +8,7 @@ import os
 import shutil
 import stat
 import subprocess
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -17,7 +18,7 @@ from hypothesis import strategies as st
 from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused
 from tasks.storage.image_files import apply_layer, image_command, inside, missing_program
-from tests.storage.made_images import Entry, device, file, folder, layer, link
+from tests.storage.made_images import Entry, commented, device, file, folder, layer, link
 
 _IMAGE = ContainerImage(digest="0" * 64, architecture="X86_64")
 
@@ -134,6 +135,17 @@ def test_a_layer_is_compared_with_its_digest_before_anything_is_written(tmp_path
 def test_a_layer_that_cannot_be_read_is_refused(body: bytes, why: str, tmp_path: Path) -> None:
     with pytest.raises(BundleRefused, match=why):
         apply_layer(io.BytesIO(body), tmp_path, "", 1 << 20)
+
+
+def test_what_headers_say_is_not_kept(tmp_path: Path) -> None:
+    """The attack: comments of each of many files, which gzip packs well, are more than memory holds."""
+    body = commented(1000, 20_000)
+    tracemalloc.start()
+    try:
+        apply_layer(io.BytesIO(body), tmp_path, "", len(body))
+        assert tracemalloc.get_traced_memory()[1] < len(body) / 2
+    finally:
+        tracemalloc.stop()
 
 
 def test_links_in_a_circle_are_refused(tmp_path: Path) -> None:

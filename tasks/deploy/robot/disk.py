@@ -147,6 +147,8 @@ class Disk:
         for path in (*self.versions.iterdir(), *self.archives.iterdir(), *self.images.iterdir()):
             if path.name not in kept:
                 discard(path)
+        for path in self.images.glob("*/.*"):  # half-unpacked when this robot lost its power
+            discard(path)
         for path in self.downloads.iterdir():
             if path.suffix != _PARTIAL:
                 path.unlink(missing_ok=True)

@@ -78,26 +78,29 @@ def check_bundle(place: LaunchPlace, desired: Desired) -> None:
         StepFailed: The robot lacks the ROS that a launch file is for, or what runs images, or the image what is named.
     """
     launch = desired.launch
-    try:
-        for name in filter(None, (launch.preLaunchFile, launch.postLaunchFile)):
-            _in_image(place, desired, name)
-        image = _in_image(place, desired, launch.launchFile)
-    except BundleRefused as exc:
-        raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
-    except StoreError as exc:  # this robot's disk is full, or read-only
-        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
+    for name in filter(None, (launch.preLaunchFile, launch.postLaunchFile)):
+        _in_image(place, desired, name)
+    image = _in_image(place, desired, launch.launchFile)
     if image is None and names_ros_launch(launch.launchFile):
         _ros(desired)
 
 
 def _in_image(place: LaunchPlace, desired: Desired, name: str) -> "Command | None":
     """Returns the command of a program, or a launch file of ROS, in a container image; None for another bundle."""
-    image, root = read_image(place.disk.version(desired.digest)), place.disk.image(desired.digest)
-    if image is None or root is None:
-        return None
-    words, home = image.words(desired.launch.packageName, name), place.home or place.disk.root
-    variables = {**desired.environment, **_own_variables(place, desired), "HOME": HOME_ON_ROBOT}
-    return Command(image_command(root, image, words, variables, home, on_robot=True), {})
+    # Not the robot's folder: what runs today could write into the images that are unpacked there.
+    home, variables = place.home or place.disk.root / "home", {**desired.environment, **_own_variables(place, desired)}
+    try:
+        image, root = read_image(place.disk.version(desired.digest)), place.disk.image(desired.digest)
+        if image is None or root is None:
+            return None
+        home.mkdir(mode=0o700, exist_ok=True)
+        words = image.words(desired.launch.packageName, name)
+        own = {**variables, "HOME": HOME_ON_ROBOT}
+        return Command(image_command(root, image, words, own, home, on_robot=True), {})
+    except BundleRefused as exc:
+        raise StepFailed("ExtractingBundleFailure", str(exc)) from exc
+    except (StoreError, OSError) as exc:  # this robot's disk is full, or read-only
+        raise StepFailed("EnvironmentSetupError", str(exc)) from exc
 
 
 def run_script(place: LaunchPlace, desired: Desired, name: str, step: str, code: DeploymentJobErrorCode) -> None:

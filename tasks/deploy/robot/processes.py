@@ -305,9 +305,13 @@ class RunningProgram:
     def end(self) -> None:
         """Ends it and everything that it started: politely, then not."""
         if self.exit_code is None:
+            until_s = time.monotonic() + _PATIENCE_S
             _signal_group(self._process.pid, signal.SIGTERM)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(_PATIENCE_S)
+            # One that only leads, as bubblewrap does, ends at once: the others have the same time.
+            while time.monotonic() < until_s and _group_runs(self._process.pid):
+                time.sleep(_WAIT_LOOK_S)
         if self.exit_code is None:
             # Only while its leader is not reaped does the group's number surely mean this group.
             _signal_group(self._process.pid, signal.SIGKILL)
@@ -434,6 +438,15 @@ def _drain(output: IO[bytes], log: Path) -> None:
             _LOG.warning("%s holds no more of what is printed: %s", log, exc)
             while os.read(output.fileno(), _BLOCK_BYTES):
                 continue
+
+
+def _group_runs(group: int) -> bool:
+    """Returns whether a process of a group runs or sleeps; a zombie does neither."""
+    for pid in _processes():
+        with contextlib.suppress(ProcessLookupError):
+            if os.getpgid(pid) == group and _state(pid)[0] not in {"", "Z", "X"}:
+                return True
+    return False
 
 
 def _signal_group(pid: int, number: signal.Signals) -> None:

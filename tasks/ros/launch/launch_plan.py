@@ -23,7 +23,7 @@ from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused, LaunchRefused
 from specs.launched_file import bundle_files, workspace_variables
 from tasks.ros.launch.packages import RosInstallation, bundle_packages, make_gazebo_packages, ros_installation
-from tasks.storage.image_files import image_command, image_root, read_image
+from tasks.storage.image_files import image_command, image_root, inside, read_image
 
 
 class NodePlan(NamedTuple):
@@ -133,8 +133,9 @@ class ImageLaunch(NamedTuple):
     def ros2_variables(self) -> dict[str, str]:
         """Returns by which variables the ROS 2 inside is found from outside: folders, its release, its middleware."""
         told = self.image.environment.get("AMENT_PREFIX_PATH", "")
-        inside_it = [each for each in told.split(":") if each] or ["opt/ros/*", "opt/*", "usr/local", "usr"]
-        found = [str(path) for name in inside_it for path in sorted(self.root.glob(name.strip("/")))]
+        found = [str(inside(self.root, each)) for each in told.split(":") if each]
+        usual = ("opt/ros/*", "opt/*", "usr/local", "usr")
+        found = found or [str(path) for name in usual for path in sorted(self.root.glob(name))]
         chosen = {name: value for name, value in self.image.environment.items() if name == "RMW_IMPLEMENTATION"}
         return {"AMENT_PREFIX_PATH": ":".join(found), **chosen}
 

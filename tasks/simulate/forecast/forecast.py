@@ -210,7 +210,7 @@ def _label(launch: ApplicationLaunch, launches: Sequence[ApplicationLaunch]) -> 
 
     def parts(each: ApplicationLaunch) -> tuple[str, str, str, str]:
         architecture = each.architecture or "every architecture"
-        return f"version {each.version}", architecture, f"{each.package}/{each.launch_file}", each.digest[:8]
+        return f"version {each.version}", architecture, f"{each.package}/{each.launched}", each.digest[:8]
 
     columns = zip(*map(parts, namesakes), strict=True)
     told = [part for part, column in zip(parts(launch), columns, strict=True) if len(set(column)) > 1]

@@ -114,7 +114,7 @@ def split_environment(environment: Mapping[str, str]) -> tuple[dict[str, float],
 
 
 def _launch_key(launch: ApplicationLaunch) -> ProgramKey:
-    return (launch.digest, launch.package, launch.launch_file)
+    return (launch.digest, launch.package, launch.launched)
 
 
 @lru_cache(maxsize=_NUMBERS_KNOWN)

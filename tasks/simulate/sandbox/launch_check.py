@@ -121,8 +121,7 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
 
 def _image_report(image: ImageLaunch) -> LaunchReport:
     """Returns what is known of a container image that nobody has run yet."""
-    why = missing_program(image.root, image.image, image.words)
-    why = why or ("" if image.image.ros else "the image has no ROS: neither /opt/ros, nor roslaunch, nor rclpy")
+    why = missing_program(image.root, image.image, image.words, ros=True)
     ros = f"ROS {image.image.ros} in the container image {image.image.digest[:12]}"
     return LaunchReport(ros=ros, has_ros=True, nodes=(shlex.join(image.words),), refusals=(why,) if why else ())
 

@@ -53,6 +53,16 @@ def test_tidying_keeps_what_runs_what_comes_and_what_ran_before(tmp_path: Path) 
     assert list(disk.downloads.iterdir()) == []
 
 
+def test_what_is_half_unpacked_of_an_image_is_tidied_away(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    for name in (".unpack-12345678", "f" * 64):
+        (disk.images / ("a" * 64) / name).mkdir(parents=True)
+
+    disk.tidy(RobotState(target=_desired("a")))
+
+    assert [path.name for path in (disk.images / ("a" * 64)).iterdir()] == ["f" * 64]
+
+
 @pytest.mark.parametrize(
     "left", [None, b"", b"{", b'{"sequence": "x"}', b"\xff\xfe", b'{"sequence": 9, "written by": "x"}']
 )

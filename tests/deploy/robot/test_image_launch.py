@@ -8,10 +8,18 @@ import pytest
 
 from specs.robomaker.bundle import Version
 from tasks.applications.registry import publish_bundle
+from tasks.deploy.fleet.fleet_registry import read_reported
+from tasks.deploy.robot import processes
 from tasks.storage.container_image import image_bundle
 from tests.deploy.one_robot import OneRobot, scripted
 from tests.deploy.yard import eventually
 from tests.storage.made_images import Entry, docker_archive, file, layer, link
+
+_ENDS_WELL = b"""#!/bin/sh
+trap 'sleep 0.3; echo > "$HOME/ended"; exit' TERM
+echo > "$HOME/up"
+while :; do sleep 1; done
+"""
 
 
 @pytest.fixture
@@ -29,7 +37,7 @@ def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _published(one: OneRobot, busybox: Path, *more: Entry) -> Version:
-    names = ("sh", "sleep", "id", "cat")
+    names = ("sh", "sleep", "id", "ls")
     programs = [file("bin/busybox", busybox.read_bytes()), *(link(f"bin/{name}", "busybox") for name in names)]
     archive = docker_archive(
         one.yard.folder / "app.tar", [layer(*programs, *more)], {"Env": ["FROM=image"], "User": "7"}
@@ -38,11 +46,15 @@ def _published(one: OneRobot, busybox: Path, *more: Entry) -> Version:
 
 
 def test_an_image_runs_with_its_own_files_and_is_replaced_by_the_next(one: OneRobot, busybox: Path) -> None:
-    first = file("courier/run.sh", b'#!/bin/sh\necho "$FROM $(id -u) $SIMYARD_ROBOT" > "$HOME/seen"\nexec sleep 1000\n')
+    first = file(
+        "courier/run.sh",
+        b'#!/bin/sh\necho "$FROM $(id -u) $SIMYARD_ROBOT" $(ls "$HOME") > "$HOME/seen"\nexec sleep 1000\n',
+    )
     version = _published(one, busybox, first)
     reported = one.deploy(version, 1)
     assert (reported.status, reported.running_digest) == ("InSync", version.digest), reported.failure_reason
-    eventually(lambda: (one.root / "seen").read_text() == f"image 7 {one.root.name}\n")
+    seen = one.root / "home/seen"
+    eventually(lambda: seen.is_file() and seen.read_text() == f"image 7 {one.root.name}\n")
 
     bad = _published(one, busybox, file("courier/other.sh"))
     reported = one.deploy(bad, 2)
@@ -55,9 +67,32 @@ def test_an_image_runs_with_its_own_files_and_is_replaced_by_the_next(one: OneRo
 
     second = _published(one, busybox, file("courier/run.sh", b"#!/bin/sh\nexec sleep 1001\n"))
     assert one.deploy(second, 3).running_digest == second.digest
-    assert [each for each in one.programs if "1001" in each]
-    assert not [each for each in one.programs if "1000" in each]
+    eventually(lambda: any("sleep 1001" in each for each in one.programs))  # the shell in the image becomes it
+    assert not any("sleep 1000" in each for each in one.programs)
     assert {path.name for path in (one.root / "images").iterdir()} == {version.digest, second.digest}
+
+
+def test_what_runs_in_an_image_is_asked_to_end_and_has_time_to(
+    one: OneRobot, busybox: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "_PATIENCE_S", 60.0)
+    one.deploy(_published(one, busybox, file("courier/run.sh", _ENDS_WELL)), 1)
+    eventually((one.root / "home/up").is_file)
+    one.robot.end()
+    assert (one.root / "home/ended").is_file()
+    assert one.programs == []
+
+
+def test_a_robot_that_lost_what_runs_images_stays_up_and_says_so(
+    one: OneRobot, busybox: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one.deploy(_published(one, busybox, file("courier/run.sh", b"#!/bin/sh\nexec sleep 1000\n")), 1)
+    one.robot.end()
+    monkeypatch.setattr(shutil, "which", lambda _name: None)
+    one.restarted().recover()
+    reported = read_reported(one.yard.store, one.root.name)
+    assert reported is not None
+    assert (reported.status, reported.is_up) == ("InSync", False)
 
 
 def test_a_script_of_an_image_runs_in_it(one: OneRobot, busybox: Path) -> None:

@@ -39,7 +39,7 @@ def registry(tmp_path: Path) -> Iterator[str]:
             process.kill()
 
 
-def _pushed(archive: Path, registry: str, tmp_path: Path) -> str:
+def pushed(archive: Path, registry: str, tmp_path: Path) -> str:
     """Returns the digest of an image that was pushed, once the registry takes it."""
     told = tmp_path / "digest"
     copy = ["skopeo", "--insecure-policy", "copy", "-q", "--dest-tls-verify=false", f"--digestfile={told}"]
@@ -58,8 +58,8 @@ def test_a_version_is_made_of_the_image_of_that_digest(
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("SIMYARD_REGISTRIES", registry)
     entries = (file("simyard/robot.xml", _ROBOT), file("usr/bin/roslaunch"))
-    first = _pushed(docker_archive(tmp_path / "1.tar", [layer(*entries)]), registry, tmp_path)
-    second = _pushed(docker_archive(tmp_path / "2.tar", [layer(*entries, file("more"))]), registry, tmp_path)
+    first = pushed(docker_archive(tmp_path / "1.tar", [layer(*entries)]), registry, tmp_path)
+    second = pushed(docker_archive(tmp_path / "2.tar", [layer(*entries, file("more"))]), registry, tmp_path)
     uri = {"uri": f"{registry}/robot:1"}
     made = gateway.call("CreateRobotApplication", name="imaged", robotSoftwareSuite=_SUITE, environment=uri)
     version = gateway.call("CreateRobotApplicationVersion", application=made["arn"], imageDigest=first)

@@ -77,6 +77,12 @@ def test_an_image_without_the_program_is_refused(launch: object, why: str, tmp_p
     assert why in fault
 
 
+def test_an_image_without_ros_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), file("app/run"))])
+    (fault,) = _faults(_document({"command": ["/app/run"]}), tmp_path)
+    assert "the image has no ROS" in fault
+
+
 def test_an_image_without_a_robot_is_refused_unless_it_lies_beside(tmp_path: Path) -> None:
     docker_archive(tmp_path / "app.tar", [layer(_PROGRAM)])
     (fault,) = _faults(_document(_COMMAND), tmp_path)

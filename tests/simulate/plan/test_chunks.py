@@ -86,6 +86,17 @@ def test_a_value_for_another_variable_is_another_program():
     assert program_key(request) != program_key(other)
 
 
+def test_another_command_of_a_container_image_is_another_program_and_another_launch_in_tables():
+    request = delivery(0, world="w")
+    launches = [
+        request.robot.model_copy(update={"launch_file": "", "command": ("roslaunch", "roamer", name)})
+        for name in ("a.launch", "b.launch")
+    ]
+    first, second = (request.model_copy(update={"robot": each}) for each in launches)
+    assert program_key(first) != program_key(second)
+    assert [each.launched for each in launches] == ["roslaunch roamer a.launch", "roslaunch roamer b.launch"]
+
+
 @pytest.mark.parametrize("text", ["nan", "inf", "1e999", "1_000", "0x10", "", " 1", "-", "fast"])
 def test_what_is_no_plain_finite_number_stays_a_text(text: str):
     assert split_environment({"NAME": text}) == ({}, {"NAME": text})
