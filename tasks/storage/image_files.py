@@ -372,7 +372,9 @@ def image_command(
             command += ["--symlink", str(path.readlink()), f"/{path.name}"]
         else:
             command += ["--ro-bind", str(path), f"/{path.name}"]
-    command += ["--bind", "/proc", "/proc", *_DEVICES[on_robot], "--tmpfs", "/tmp", "--tmpfs", "/run"]  # noqa: S108 - new ones
+    # In an agent's of root, whoever is of that account could write what the kernel runs as root.
+    command += ["--ro-bind" if on_robot else "--bind", "/proc", "/proc"]
+    command += [*_DEVICES[on_robot], "--tmpfs", "/tmp", "--tmpfs", "/run"]  # noqa: S108 - new ones
     for name in _NAMES if on_robot else ():
         command += ["--ro-bind-try", f"/etc/{name}", f"/etc/{name}"]
     command += ["--bind", str(home), HOME_ON_ROBOT if on_robot else str(home), "--remount-ro", "/"]

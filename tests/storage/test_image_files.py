@@ -183,6 +183,17 @@ def test_what_runs_in_an_image_sees_it_alone_and_writes_to_its_home_alone(tmp_pa
     assert "Read-only file system" in done.stderr
 
 
+def test_what_runs_on_a_robot_of_root_sets_nothing_of_its_kernel(tmp_path: Path) -> None:
+    busybox, _ = _needed("busybox", "busybox-static"), _needed("bwrap", "bubblewrap")
+    (tmp_path / "home").mkdir()
+    _applied(tmp_path / "root", layer(file("bin/sh")))
+    shutil.copyfile(busybox, tmp_path / "root/bin/sh")
+    script = "[ -e /proc/sys/kernel/core_pattern ] && echo there; (: >> /proc/sys/kernel/core_pattern) || echo closed"
+    command = image_command(tmp_path / "root", _IMAGE, ["/bin/sh", "-c", script], {}, tmp_path / "home", on_robot=True)
+    done = subprocess.run(command, capture_output=True, text=True, env={}, check=False, timeout=60)
+    assert done.stdout == "there\nclosed\n", done
+
+
 def _needed(program: str, package: str) -> str:
     found = shutil.which(program)
     if found is None:
