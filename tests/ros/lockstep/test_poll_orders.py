@@ -126,12 +126,13 @@ def test_a_poller_of_a_process_in_which_nobody_else_ran_is_not_waited_for(
 
 
 def test_a_poller_that_waits_for_what_comes_is_waited_for_once_another_process_may_have_sent_it(
-    proc: Path, detector: IdleDetector, worker: FakeThread, poller: FakeThread
+    proc: Path, detector: IdleDetector, worker: FakeThread, poller: FakeThread, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     known(detector, poller)
     poller.waits_at = "do_epoll_wait"
     poller.be("S")
     other = fake_thread(proc, 1, POLLER + 1)
+    monkeypatch.setattr(detector.application, "find", lambda: None)  # which knows nothing of the other process
     detector.application.watch.refresh([os.getpid(), 1])
     detector.begin(2.0, fresh=False, ticked=True)
     worker.run()
