@@ -68,6 +68,52 @@ class BumperDeclaration(Spec):
     sectors: Annotated[int, Field(ge=1, le=64)] = 3
 
 
+class CameraDeclaration(Spec):
+    """What cameras of any kind have in common; pixels are square, and the middle of a picture is straight ahead.
+
+    Attributes:
+        columns, rows: Of a picture.
+        fov_rad: Field of view from its left edge to its right one.
+        range_m: What lies farther ahead is not seen.
+        x_m, y_m, z_m: Where it is mounted: ahead, to the left, above the floor.
+        pitch_rad, yaw_rad: How it is turned: down, counter-clockwise.
+        rate_hz: Pictures in a simulated second, made a whole fraction of the control rate; 0 for one each control step.
+        latency_steps: How many control steps old a picture is when the robot gets it.
+    """
+
+    columns: Annotated[int, Field(ge=1, le=640)] = 64
+    rows: Annotated[int, Field(ge=1, le=480)] = 48
+    fov_rad: Annotated[float, Field(ge=0.01, le=3.0)] = 1.2
+    range_m: Annotated[float, Field(ge=0.01, le=1e4)] = 10.0
+    x_m: Place = 0.0
+    y_m: Place = 0.0
+    z_m: Length = 0.3
+    pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
+    yaw_rad: Place = 0.0
+    rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    latency_steps: Annotated[int, Field(ge=0, le=100)] = 0
+
+
+class DepthCameraDeclaration(CameraDeclaration):
+    """A depth camera: of each pixel, how far ahead of the camera what it sees lies; ``range_m`` if that is nothing.
+
+    Attributes:
+        sigma_m_per_m2: Standard deviation of a depth of 1 m; it grows with the square of the depth.
+        baseline_m, disparity_px: From one eye to the other, and the least difference between their pictures that it
+            tells apart: depths come in steps that grow with their square. 0 for either: no steps.
+        dropout: Probability that a pixel sees nothing.
+        edge_dropout, edge_share: Probability that a pixel sees nothing at an edge or on a surface at a grazing angle:
+            where the depth beside it, above or below, is nearer or farther by more than this share.
+    """
+
+    sigma_m_per_m2: Length = 0.0
+    baseline_m: Length = 0.0
+    disparity_px: Length = 0.0
+    dropout: Share = 0.0
+    edge_dropout: Share = 0.0
+    edge_share: Share = 0.1
+
+
 ROS_FILE = "ros.yaml"
 Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$", max_length=255)]
 OWN_TOPICS = frozenset(
