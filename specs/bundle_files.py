@@ -114,6 +114,15 @@ class DepthCameraDeclaration(CameraDeclaration):
     edge_share: Share = 0.1
 
 
+class SensorDeclarations(Spec):
+    """The sensors of a robot whose controller is no Python; None for one that it has not."""
+
+    lidar: LidarDeclaration | None = None
+    odometry: OdometryDeclaration | None = None
+    bumper: BumperDeclaration | None = None
+    depth_camera: DepthCameraDeclaration | None = None
+
+
 ROS_FILE = "ros.yaml"
 Topic = Annotated[str, Field(pattern=r"^(/[A-Za-z][A-Za-z0-9_]*)+$", max_length=255)]
 OWN_TOPICS = frozenset(
@@ -299,7 +308,17 @@ class RobotDraft(Spec):
 
 
 PolicyField = Literal[
-    "ranges_m", "goal_robot_m", "goal_m", "goal_index", "pose", "velocity", "bumper", "time_s", "qpos", "qvel"
+    "ranges_m",
+    "goal_robot_m",
+    "goal_m",
+    "goal_index",
+    "pose",
+    "velocity",
+    "bumper",
+    "time_s",
+    "depth_m",
+    "qpos",
+    "qvel",
 ]
 Name = Annotated[str, Field(min_length=1, max_length=255)]
 Number = Annotated[float, Field(ge=-1e9, le=1e9)]
@@ -393,19 +412,15 @@ class ChoiceOutput(Spec):
 PolicyOutput = Annotated[ActionOutput | ControlsOutput | ChoiceOutput, Field(discriminator="kind")]
 
 
-class Policy(Spec):
-    """A network that drives a robot.
+class Policy(SensorDeclarations):
+    """A network that drives a robot, and the robot's sensors.
 
     Attributes:
-        lidar, odometry, bumper: The robot's sensors; None for a robot without.
         inputs: What the network is shown.
         states: What it keeps.
         output: What its answer means.
     """
 
-    lidar: LidarDeclaration | None = None
-    odometry: OdometryDeclaration | None = None
-    bumper: BumperDeclaration | None = None
     inputs: Annotated[tuple[PolicyInput, ...], Field(min_length=1, max_length=64)]
     states: Annotated[tuple[PolicyState, ...], Field(max_length=64)] = ()
     output: PolicyOutput = ActionOutput()

@@ -5,7 +5,6 @@ import hashlib
 import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, cast
 
 if TYPE_CHECKING:
@@ -40,14 +39,15 @@ class TaskOptions(TypedDict, total=False):
         store: As for ``simyard.worlds``.
         robot: A shipped robot's name, or the folder of a bundle with a ``robot.xml``; ``courier``.
         launch: ``<package>/<launch file>`` of the application in it that declares the robot's sensors.
-        sensors: The sensors themselves, as ``{"lidar": {"rays": 32, ...}, "odometry": {...}, "bumper": {...}}``.
+        sensors: The sensors themselves, as ``{"lidar": {"rays": 32, ...}, "odometry": {...}, "bumper": {...},
+            "depth_camera": {...}}``.
         scenario: A shipped scenario's name, or the folder of a bundle; ``delivery``.
         scenario_launch: ``<package>/<launch file>`` in it.
         environment: Environment variables of both, such as ``{"GOALS": "1"}``.
         seeds: The pool's seeds for each world: how many, counted from 1,000,000, or the seeds themselves. As many as
             give 256 episodes, if left out.
         duration_s: Simulated seconds after which an episode is truncated; 60.
-        observation: Names of the fields that are seen, in their order; scan, goal and bumper, if left out.
+        observation: Names of the fields that are seen, in their order; scan, picture, goal and bumper, if left out.
         flatten: Whether they are one array, in that order, instead of a dictionary.
         actions: ``normalized`` (from -1 to 1 over each control range) or ``raw`` (controls).
         reward: A function in JAX of a ``Transition``; ``progress``, if left out.
@@ -193,20 +193,16 @@ def _requests(
 
 
 def _sensors(declared: Mapping[str, Mapping[str, object]] | None) -> object | None:
-    from specs.bundle_files import BumperDeclaration, LidarDeclaration, OdometryDeclaration
+    from specs.bundle_files import SensorDeclarations
     from tasks.documents.parse import parse
 
     if declared is None:
         return None
-    kinds = {"lidar": LidarDeclaration, "odometry": OdometryDeclaration, "bumper": BumperDeclaration}
-    unknown = sorted(set(declared) - set(kinds))
-    if unknown:
-        raise _fault("sensors", unknown[0], f"some of {', '.join(kinds)}")
-    made = {
-        name: parse(kind, cast("Any", dict(declared[name])), f"sensors.{name}") if name in declared else None
-        for name, kind in kinds.items()
-    }
-    return SimpleNamespace(**made)
+    known = SensorDeclarations.model_fields
+    if unknown := sorted(set(declared) - set(known)):
+        raise _fault("sensors", unknown[0], f"some of {', '.join(known)}")
+    forms = {name: dict(fields) for name, fields in declared.items()}
+    return parse(SensorDeclarations, cast("Any", forms), "sensors")
 
 
 def _fault(path: str, value: object, allowed: str) -> Exception:

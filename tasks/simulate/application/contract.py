@@ -67,6 +67,7 @@ class Observation(NamedTuple):
         goal_robot_m: The same seen from ``pose``: (ahead, to the left).
         bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
         joints: All that moves, of a robot with more than a planar base; None for one without.
+        depth_m: The depth camera's last picture that is there, from its upper left corner; None for a robot without.
     """
 
     time_s: Float[jax.Array, ""]
@@ -78,13 +79,14 @@ class Observation(NamedTuple):
     goal_robot_m: Float[jax.Array, "2"]
     bumper: Bool[jax.Array, "sectors"]
     joints: Joints | None = None
+    depth_m: Float[jax.Array, "height width"] | None = None
 
 
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
     Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``,
-    ``bumper``.
+    ``bumper``, ``depth_camera``.
     """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:

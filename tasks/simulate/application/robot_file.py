@@ -579,7 +579,7 @@ _JAMMED_M = 1e-3
 
 def _unread(robot: _Robot) -> Iterator[str]:
     for camera in robot.spec.cameras:
-        yield f"camera {camera.name!r} takes no pictures: there are none yet"
+        yield f"camera {camera.name!r} is not read: a controller declares its depth_camera"
     if robot.spec.sensors:
         yield f"{len(robot.spec.sensors)} <sensor> elements are not read: a controller declares its sensors"
 

@@ -101,7 +101,8 @@ def placing(
     program = program_of(requests[0], bundles, lanes, engine)
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     yield
-    world_arrays = arrays_of_worlds(used, program.hull, program.applications.lidar.height_m)
+    applications = program.applications
+    world_arrays = arrays_of_worlds(used, program.hull, applications.lidar.height_m, scenes=applications.has_camera)
     yield
     placed, rows = yield from _place_all(program, requests, used, world_arrays)
     return PlacedChunk(program, alike(placed), rows, used)
@@ -132,14 +133,16 @@ def _shape(lane: Lane) -> Shape:
 
     And whether its world has prisms: the others run in programs without them, and no bit hangs on what is beside them.
     """
-    placement, prisms = lane.placement, (lane.arrays.contact_obstacles.prisms, lane.arrays.lidar_outlines.prisms)
+    placement, arrays = lane.placement, lane.arrays
+    prisms = [part.prisms for part in (arrays.contact_obstacles, arrays.lidar_outlines, arrays.scene) if part]
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
     return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, *map(len, prisms))
 
 
 def lane_forms(lane: Lane) -> tuple[object, ...]:
     """Returns the shapes of all arrays of a lane, and the types of what may have any."""
-    arrays = (*lane.arrays.contact_obstacles, *lane.arrays.lidar_outlines, *lane.arrays.floor, lane.placement.goals_m)
+    own = lane.arrays
+    arrays = (*own.contact_obstacles, *own.lidar_outlines, *own.floor, *(own.scene or ()), lane.placement.goals_m)
     given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
     return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
 

@@ -92,14 +92,17 @@ def pad_lidar_outlines(worlds: Iterable[HostLidarOutlines]) -> list[HostLidarOut
     sizes = [bucket_size(count, least) for count, least in zip(most, _LEAST, strict=True)]
     sizes[-1] = sizes[-1] if most[-1] else 0
     return [
-        HostLidarOutlines(*(_filled(*kind) for kind in zip(each[:-1], sizes, _UNUSED, strict=True)), counts=each.counts)
+        HostLidarOutlines(
+            *(filled_rows(*kind) for kind in zip(each[:-1], sizes, _UNUSED, strict=True)), counts=each.counts
+        )
         for each in given
     ]
 
 
-def _filled(
+def filled_rows(
     shapes: Float32[np.ndarray, "shapes columns"], size: int, unused: tuple[float, ...]
 ) -> Float32[np.ndarray, "size columns"]:
+    """Returns so many shapes: the given ones, then the same one again and again, which nobody sees."""
     return np.concatenate([shapes, np.tile(np.array(unused, np.float32), (size - len(shapes), 1))])
 
 
@@ -160,7 +163,7 @@ def _scan_lanes(
     """Returns the ranges of all lanes; ``seen`` has the lanes in front."""
     cos, sin = jnp.cos(pose[:, 2:]), jnp.sin(pose[:, 2:])
     ray_x, ray_y = cos * rays[0] - sin * rays[1], sin * rays[0] + cos * rays[1]
-    per_x, per_y = _inverse(ray_x), _inverse(ray_y)
+    per_x, per_y = inverse(ray_x), inverse(ray_y)
     reach_x, reach_y = jnp.abs(per_x), jnp.abs(per_y)
     x, y = pose[:, 0:1], pose[:, 1:2]
 
@@ -171,8 +174,8 @@ def _scan_lanes(
     def past_turned(nearest: Rays, box: Outlines) -> Rays:
         turn_x, turn_y = box[:, 4:5], box[:, 5:6]
         dx, dy = box[:, 0:1] - x, box[:, 1:2] - y
-        along = _inverse(turn_x * ray_x + turn_y * ray_y)
-        across = _inverse(turn_x * ray_y - turn_y * ray_x)
+        along = inverse(turn_x * ray_x + turn_y * ray_y)
+        across = inverse(turn_x * ray_y - turn_y * ray_x)
         middle = (turn_x * dx + turn_y * dy) * along, (turn_x * dy - turn_y * dx) * across
         return _past_slabs(nearest, middle, (box[:, 2:3] * jnp.abs(along), box[:, 3:4] * jnp.abs(across)))
 
@@ -189,7 +192,7 @@ def _scan_lanes(
         for column in range(2, 2 + 3 * sides, 3):
             normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
             facing = normal_x * ray_x + normal_y * ray_y
-            meets = (normal_x * dx + normal_y * dy + out) * _inverse(facing)
+            meets = (normal_x * dx + normal_y * dy + out) * inverse(facing)
             entry = jnp.where((facing < 0.0) & (meets > entry), meets, entry)
             leave = jnp.where((facing >= 0.0) & (meets < leave), meets, leave)
         return _nearer(nearest, entry, entry <= leave)
@@ -260,5 +263,6 @@ def _nearer(nearest: Rays, entry: Rays, hit: Bool[Array, "lanes rays"]) -> Rays:
     return jnp.where(hit & (entry >= 0.0) & (entry < nearest), entry, nearest)
 
 
-def _inverse(part: Rays) -> Rays:
+def inverse(part: Rays) -> Rays:
+    """Returns one by a part of a direction, also where that is 0."""
     return 1.0 / jnp.where(jnp.abs(part) > _TINY, part, _TINY)

@@ -5,8 +5,8 @@ that a robot plans on holds the clearance to the nearest solid, on a grid whose 
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -14,6 +14,7 @@ from jaxtyping import Float64
 from specs.data.world import World
 from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.depth_picture import DepthScene, depth_scene, pad_scenes
 from tasks.simulate.geometry.hull_outline import inner_distance_m
 from tasks.simulate.geometry.lidar_scan import HostLidarOutlines, lidar_outlines, pad_lidar_outlines
 from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
@@ -107,6 +108,7 @@ class WorldArrays(NamedTuple):
     Attributes:
         ways: Of a disc as wide as the robot.
         narrow_ways: Of one that no robot is narrower than.
+        scene: What a depth camera can see; None for a robot without.
     """
 
     contact_obstacles: Obstacles
@@ -115,6 +117,7 @@ class WorldArrays(NamedTuple):
     rooms: RoomMap
     ways: Ways
     narrow_ways: Ways
+    scene: DepthScene | None = None
 
 
 class _Kept(NamedTuple):
@@ -124,21 +127,23 @@ class _Kept(NamedTuple):
     arrays: WorldArrays
 
 
-class _Most(NamedTuple):
-    """Obstacles and outlines of a world, each kind filled up to the most that worlds had until now."""
-
-    contacts: Obstacles
-    outlines: HostLidarOutlines
-
-
-# The hull, the lidar's height, and whether there are prisms to touch, and to see.
-_Filling = tuple[Hull, float, bool, bool]
-_most: dict[_Filling, _Most] = {}
-_Key = tuple[int, Hull, float]
+# What is filled up to the same counts: of a world, and the most that worlds had until now.
+_Parts = dict[str, Any]
+_PAD: Mapping[str, Callable[[Iterable[Any]], list[Any]]] = {
+    "contact_obstacles": pad_obstacles,
+    "lidar_outlines": pad_lidar_outlines,
+    "scene": pad_scenes,
+}
+# The hull, the lidar's height, and, of each part that there is, whether it has prisms.
+_Filling = tuple[Hull, float, tuple[bool, ...]]
+_most: dict[_Filling, _Parts] = {}
+_Key = tuple[int, Hull, float, bool]
 _kept: OrderedDict[_Key, _Kept] = OrderedDict()
 
 
-def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, lidar_m: float) -> dict[str, WorldArrays]:
+def arrays_of_worlds(
+    worlds: Mapping[str, World], hull: Hull, lidar_m: float, *, scenes: bool = False
+) -> dict[str, WorldArrays]:
     """Returns the worlds as arrays; each its own map, and obstacles filled up to the same, bucketed counts.
 
     What fills them up is out of reach and no application ever gets it. The counts are those of worlds before, for the
@@ -149,36 +154,37 @@ def arrays_of_worlds(worlds: Mapping[str, World], hull: Hull, lidar_m: float) ->
         worlds: By name.
         hull: The robot's.
         lidar_m: The height of its lidar's plane.
+        scenes: Whether it has a depth camera.
     """
     if not worlds:
         return {}
-    unfilled = {name: _arrays_of(world, hull, lidar_m) for name, world in worlds.items()}
+    unfilled = {name: _arrays_of(world, hull, lidar_m, scenes) for name, world in worlds.items()}
     _forget(len(unfilled))
     alike: dict[_Filling, list[str]] = {}
     for name, arrays in unfilled.items():
-        prisms = arrays.contact_obstacles.prisms, arrays.lidar_outlines.prisms
-        alike.setdefault((hull, lidar_m, len(prisms[0]) > 0, len(prisms[1]) > 0), []).append(name)
+        prisms = tuple(len(part.prisms) > 0 for part in _parts(arrays).values())
+        alike.setdefault((hull, lidar_m, prisms), []).append(name)
     filled: dict[str, WorldArrays] = {}
     for filling, names in alike.items():
         filled.update(zip(names, _filled([unfilled[name] for name in names], filling), strict=True))
     return {name: filled[name] for name in worlds}
 
 
+def _parts(arrays: WorldArrays) -> _Parts:
+    return {name: part for name in _PAD if (part := getattr(arrays, name)) is not None}
+
+
 def _filled(worlds_arrays: Sequence[WorldArrays], filling: _Filling) -> list[WorldArrays]:
-    contacts = pad_obstacles(arrays.contact_obstacles for arrays in worlds_arrays)
-    outlines = pad_lidar_outlines(arrays.lidar_outlines for arrays in worlds_arrays)
-    most = _most.get(filling)
-    if most is not None and _at_most_twice(most.contacts, contacts[0]) and _at_most_twice(most.outlines, outlines[0]):
-        contacts = pad_obstacles([most.contacts, *contacts])[1:]
-        outlines = pad_lidar_outlines([most.outlines, *outlines])[1:]
-    most = most or _Most(contacts[0], outlines[0])
-    larger = _larger(most.outlines[:-1], outlines[0][:-1])
-    _most[filling] = _Most(
-        Obstacles(*_larger(most.contacts, contacts[0])), HostLidarOutlines(*larger, counts=most.outlines.counts)
-    )
+    own = [_parts(arrays) for arrays in worlds_arrays]
+    parts = {name: _PAD[name](each[name] for each in own) for name in own[0]}
+    most = _most.get(filling) or {name: each[0] for name, each in parts.items()}
+    if all(_at_most_twice(most[name], each[0]) for name, each in parts.items()):
+        parts = {name: _PAD[name]([most[name], *each])[1:] for name, each in parts.items()}
+    _most[filling] = {name: _larger(most[name], each[0]) for name, each in parts.items()}
+    each_world = zip(*parts.values(), strict=True)
     return [
-        arrays._replace(contact_obstacles=one, lidar_outlines=other)
-        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
+        arrays._replace(**dict(zip(parts, filled, strict=True)))
+        for arrays, filled in zip(worlds_arrays, each_world, strict=True)
     ]
 
 
@@ -186,13 +192,16 @@ def _at_most_twice(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> 
     return all(len(one) <= 2 * len(other) for one, other in zip(some, others, strict=True))
 
 
-def _larger(some: Iterable[np.ndarray], others: Iterable[np.ndarray]) -> list[np.ndarray]:
-    return [max(pair, key=len) for pair in zip(some, others, strict=True)]
+def _larger(some: Any, others: Any) -> Any:  # noqa: ANN401 - a part, of arrays
+    """Returns a part of a world, each array of it the longer one of two."""
+    return type(some)(*(max(pair, key=len) for pair in zip(some, others, strict=True)))
 
 
-def _arrays_of(world: World, hull: Hull, lidar_m: float) -> WorldArrays:
-    key = (id(world), hull, lidar_m)
+def _arrays_of(world: World, hull: Hull, lidar_m: float, scenes: bool) -> WorldArrays:  # noqa: FBT001 - a part of a key
+    key = (id(world), hull, lidar_m, scenes)
     kept = _kept.pop(key, None) or _Kept(world, _new_arrays(world, hull, lidar_m))
+    if scenes and kept.arrays.scene is None:
+        kept = kept._replace(arrays=kept.arrays._replace(scene=depth_scene(world)))
     _kept[key] = kept
     return kept.arrays
 

@@ -325,6 +325,7 @@ def _sizes(policy: Policy, robot: RobotNumbers | None) -> dict[str, int | None]:
         **_FIXED_SIZES,
         "ranges_m": policy.lidar.rays if policy.lidar else 0,
         "bumper": policy.bumper.sectors if policy.bumper else 0,
+        "depth_m": policy.depth_camera.rows * policy.depth_camera.columns if policy.depth_camera else 0,
         "qpos": robot.qpos if robot else None,
         "qvel": robot.qvel if robot else None,
     }
@@ -387,7 +388,7 @@ def _name_faults(what: str, used: Sequence[str | None], there: Mapping[str, Netw
 
 
 def _part_faults(policy: Policy, number: int, shown: PolicyInput, robot: RobotNumbers | None) -> Iterator[str]:
-    sensors = {"ranges_m": "lidar", "bumper": "bumper"}
+    sensors = {"ranges_m": "lidar", "bumper": "bumper", "depth_m": "depth_camera"}
     sizes = _sizes(policy, robot)
     for place, part in enumerate(shown.parts):
         if sizes[part.field] == 0:

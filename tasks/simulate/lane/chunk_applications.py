@@ -139,6 +139,11 @@ class Applications:
         """Returns the lidar: its rays, range, height and field of view, which all lanes share."""
         return self.sensors.lidar
 
+    @property
+    def has_camera(self) -> bool:
+        """Returns whether the robot takes pictures, so that what can be seen of its worlds is staged."""
+        return self.sensors.depth_camera is not None
+
     def lane_sensors(self, numbers: Numbers) -> Sensors:
         """Returns the sensors for one lane's numeric variables; their numbers may be traced."""
         return sensors_of(self.controller(numbers))

@@ -15,6 +15,7 @@ from specs.data.episode import CONTROL_S
 from specs.field_types import EngineName
 from tasks.simulate.application.contract import CRASH, TIMEOUT, Body, FloorMap, Motion, Observation, State, Truth, Work
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
@@ -35,6 +36,7 @@ class LaneInputs(NamedTuple):
         last_step: Control steps until time is up.
         alive: False for a lane that only fills the chunk.
         near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
+        scene: What a depth camera can see; None for a robot without.
     """
 
     obstacles: LaneObstacles
@@ -48,6 +50,7 @@ class LaneInputs(NamedTuple):
     last_step: Int[jax.Array, ""]
     alive: Bool[jax.Array, ""]
     near: Any = None
+    scene: DepthScene | None = None
 
 
 class EpisodeTotals(NamedTuple):
@@ -122,9 +125,10 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
     """Returns a lane's state before its first control step."""
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
+    start = _situation(inputs, body._replace(qpos=inputs.start), none)
     return LaneState(
         body=body,
-        sensed=begin_sensors(applications.sensors, inputs.start),
+        sensed=begin_sensors(applications.sensors, applications.lane_sensors(inputs.numbers), start),
         controller=applications.controller(inputs.numbers).init(inputs.floor, inputs.goals_m),
         scenario=scenario,
         metrics=applications.metrics(inputs.numbers, scenario),
@@ -148,7 +152,7 @@ def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
     """Returns what the robot senses before a control step; without sensors of its pose it knows the true one."""
     own, body = applications.lane_sensors(inputs.numbers), state.body
-    situation = Situation(body, inputs.lidar_outlines, inputs.seed, state.step)
+    situation = _situation(inputs, body, state.step)
     sensed: Fields = {"pose": body.qpos, "velocity": body.qvel}
     sensed |= observe_all(applications.sensors, own, state.sensed, situation)
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
@@ -173,7 +177,12 @@ def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motio
         motion: What the engine made of it.
     """
     own = applications.lane_sensors(inputs.numbers)
-    return feel_all(applications.sensors, own, state.sensed, Drive(state.body, motion, inputs.seed, state.step))
+    drive = Drive(_situation(inputs, state.body, state.step), motion)
+    return feel_all(applications.sensors, own, state.sensed, drive)
+
+
+def _situation(inputs: LaneInputs, body: Body, step: Int[jax.Array, ""]) -> Situation:
+    return Situation(body, inputs.lidar_outlines, inputs.seed, step, inputs.scene)
 
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.

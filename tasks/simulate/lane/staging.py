@@ -14,6 +14,7 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
@@ -148,7 +149,13 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         numbers=_stacked([np.asarray(each, np.float32) for each in numbers]),
         last_step=_canonical([np.int32(last_step(lane.request)) for lane in filled]),
         alive=_canonical([np.bool_(place < len(lanes)) for place in range(count)]),
+        scene=_stacked_scenes([lane.arrays.scene for lane in filled]),
     )
+
+
+def _stacked_scenes(scenes: Sequence[DepthScene | None]) -> DepthScene | None:
+    some = [scene for scene in scenes if scene is not None]
+    return DepthScene(*map(_stacked, zip(*some, strict=True))) if some else None
 
 
 def last_step(request: EpisodeRequest) -> int:

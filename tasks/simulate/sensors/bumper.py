@@ -19,7 +19,7 @@ class Bumper(NamedTuple):
 NO_BUMPER = Bumper(sectors=0)
 
 
-def _begin(shared: Bumper, _start: object) -> Memory:
+def _begin(shared: Bumper, _own: Bumper, _start: object) -> Memory:
     return jnp.zeros(shared.sectors, bool)
 
 

@@ -56,15 +56,15 @@ def believed_pose(
     return believed + jnp.stack([x, y, yaw_rad])
 
 
-def _begin(shared: Odometry | None, start: Pose) -> Memory:
-    return None if shared is None else start
+def _begin(shared: Odometry | None, _own: Odometry | None, start: Situation) -> Memory:
+    return None if shared is None else start.body.qpos
 
 
 def _feel(_shared: Odometry | None, own: Odometry | None, believed: Memory, drive: Drive) -> Memory:
     if own is None or believed is None:
         return None
-    before, after = drive.before.qpos, drive.motion.body.qpos
-    return believed_pose(believed, before, after, own, seed=drive.seed, step=drive.step)
+    before, after = drive.before, drive.motion.body.qpos
+    return believed_pose(believed, before.body.qpos, after, own, seed=before.seed, step=before.step)
 
 
 def _observe(_shared: Odometry | None, _own: Odometry | None, believed: Memory, situation: Situation) -> Fields:

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key, UInt32
 
 from tasks.simulate.application.contract import Body, Motion
+from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 
 Seed = UInt32[Array, "2"]
@@ -59,31 +60,34 @@ class Situation(NamedTuple):
         outlines: What crosses the lidar's plane.
         seed: The episode's.
         step: Which control step comes.
+        scene: What a depth camera can see; None for a robot without.
     """
 
     body: Body
     outlines: LidarOutlines
     seed: Seed
     step: Int[jax.Array, ""]
+    scene: DepthScene | None = None
 
 
 class Drive(NamedTuple):
     """One lane over a control step that an engine drove.
 
     Attributes:
-        before: The robot at the step's beginning.
+        before: The lane at the step's beginning.
         motion: What the engine made of the step.
-        seed: The episode's.
-        step: Which control step it was.
     """
 
-    before: Body
+    before: Situation
     motion: Motion
-    seed: Seed
-    step: Int[jax.Array, ""]
+
+    @property
+    def after(self) -> Situation:
+        """Returns the lane at the step's end."""
+        return self.before._replace(body=self.motion.body, step=self.before.step + 1)
 
 
-def _no_memory(_shared: object, _start: object) -> Memory:
+def _no_memory(_shared: object, _own: object, _start: object) -> Memory:
     return ()
 
 
@@ -104,7 +108,7 @@ class Sensor(Generic[Declared]):
         shared: Fields that decide array shapes or what is staged, and so are the same in all episodes of a program.
         streams: Numbers of its noises; no other sensor has them.
         blank: Returns what a controller gets before anything runs, to check it with.
-        begin: Returns what it remembers at the start (x m, y m, yaw rad), given the program's declaration.
+        begin: Returns what it remembers before the first control step, given both declarations, the program's first.
         feel: Returns what it remembers after a control step, given both declarations and the memory before.
         observe: Returns fields of the observation, given both declarations, the program's first, and the memory.
     """
@@ -118,7 +122,7 @@ class Sensor(Generic[Declared]):
     whole: tuple[str, ...] = ()
     shared: tuple[str, ...] = ()
     streams: tuple[int, ...] = ()
-    begin: Callable[[Declared, Float[jax.Array, "3"]], Memory] = _no_memory
+    begin: Callable[[Declared, Declared, Situation], Memory] = _no_memory
     feel: Callable[[Declared, Declared, Memory, Drive], Memory] = _no_change
 
 

@@ -1,9 +1,8 @@
 """The table of sensors, and the sensors of a robot: read from its controller object, and checked.
 
-A controller has its sensors as attributes: ``lidar``, ``odometry``, ``bumper``. Each is an object with the attributes
-of the tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is
-the same in all episodes of a program; the other numbers may follow from environment variables, and are then traced
-values.
+A controller has its sensors as attributes, by the names in ``SENSORS``. Each is an object with the attributes of the
+tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is the same
+in all episodes of a program; the other numbers may follow from environment variables, and are then traced values.
 """
 
 import math
@@ -12,6 +11,7 @@ from typing import Any, NamedTuple, cast
 
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
+from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
 from tasks.simulate.sensors.lidar import LIDAR, Lidar
 from tasks.simulate.sensors.odometry import ODOMETRY, Odometry
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Sensor, Situation
@@ -26,9 +26,10 @@ class Sensors(NamedTuple):
     lidar: Lidar
     odometry: Odometry | None
     bumper: Bumper
+    depth_camera: DepthCamera | None = None
 
 
-SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER)
+SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA)
 
 
 def sensors_of(controller: object) -> Sensors:
@@ -72,9 +73,18 @@ def require_shared(program: Sensors, episode: Sensors) -> None:
             )
 
 
-def begin_sensors(program: Sensors, start: Any) -> dict[str, Memory]:  # noqa: ANN401 - one lane's array
-    """Returns what the sensors remember at a start (x m, y m, yaw rad), by name."""
-    return {sensor.name: sensor.begin(declared, start) for sensor, declared in zip(SENSORS, program, strict=True)}
+def begin_sensors(program: Sensors, own: Sensors, start: Situation) -> dict[str, Memory]:
+    """Returns what the sensors remember before the first control step, by name.
+
+    Args:
+        program: The sensors that all lanes share.
+        own: The lane's.
+        start: The lane then.
+    """
+    return {
+        sensor.name: sensor.begin(shared, declared, start)
+        for sensor, shared, declared in zip(SENSORS, program, own, strict=True)
+    }
 
 
 def feel_all(program: Sensors, own: Sensors, memories: Mapping[str, Memory], drive: Drive) -> dict[str, Memory]:

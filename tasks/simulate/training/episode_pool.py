@@ -24,6 +24,7 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.depth_picture import pad_scenes
 from tasks.simulate.geometry.lidar_scan import pad_lidar_outlines
 from tasks.simulate.geometry.obstacles import pad_obstacles
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
@@ -188,7 +189,7 @@ def stage_pool(
         BundleCrash: The scenario finds a start and goals for none of them, or gives arrays of other shapes in some.
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m)
+    world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m, scenes=applications.has_camera)
     lanes = _placed(applications, hull, requests, used, world_arrays)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)
@@ -231,9 +232,11 @@ def _of_one_form(worlds_arrays: Sequence[WorldArrays]) -> list[WorldArrays]:
     """Returns arrays with maps of one cell, and places for prisms in all worlds if some have them."""
     contacts = pad_obstacles(arrays.contact_obstacles for arrays in worlds_arrays)
     outlines = pad_lidar_outlines(arrays.lidar_outlines for arrays in worlds_arrays)
+    given = [arrays.scene for arrays in worlds_arrays if arrays.scene is not None]
+    scenes = pad_scenes(given) or [None] * len(worlds_arrays)
     return [
-        arrays._replace(floor=_one_cell(arrays.floor), contact_obstacles=one, lidar_outlines=other)
-        for arrays, one, other in zip(worlds_arrays, contacts, outlines, strict=True)
+        arrays._replace(floor=_one_cell(arrays.floor), contact_obstacles=one, lidar_outlines=other, scene=scene)
+        for arrays, one, other, scene in zip(worlds_arrays, contacts, outlines, scenes, strict=True)
     ]
 
 

@@ -117,9 +117,10 @@ class EpisodeBounds(NamedTuple):
 
 
 def default_fields(sensors: Sensors) -> tuple[str, ...]:
-    """Returns what a reactive controller needs: the scan, the goal as the robot sees it, and contacts."""
+    """Returns what a reactive controller needs: the scan, the picture, the goal as the robot sees it, and contacts."""
     scan = ("ranges_m",) if sensors.lidar.rays else ()
-    return (*scan, "goal_robot_m", *(("bumper",) if sensors.bumper.sectors else ()))
+    picture = ("depth_m",) if sensors.depth_camera else ()
+    return (*scan, *picture, "goal_robot_m", *(("bumper",) if sensors.bumper.sectors else ()))
 
 
 def field_bounds(
@@ -173,6 +174,8 @@ def _all_bounds(sensors: Sensors, joints: Joints | None, episodes: EpisodeBounds
         "bumper": _between(0.0, 1.0, sectors),
         "time_s": _between(0.0, episodes.duration_s),
     }
+    if camera := sensors.depth_camera:
+        known["depth_m"] = _between(0.0, camera.range_m, camera.rows, camera.columns)
     for name in _JOINT_FIELDS if joints is not None else ():
         known[name] = _between(-UNBOUNDED, UNBOUNDED, *getattr(joints, name).shape)
     return {name: bounds for name, bounds in known.items() if bounds.low.size}

@@ -285,28 +285,31 @@ def test_a_job_kind_is_declared_once_and_registered_once(tree: TreeCopy):
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["planar", "mujoco", pytest.param("mjx", marks=pytest.mark.soak)])
 def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine: str):
-    tree.write("tasks/simulate/sensors/imu.py", IMU)
+    tree.write("tasks/simulate/sensors/gyroscope.py", GYROSCOPE)
     table = "tasks/simulate/sensors/sensor_table.py"
     tree.add_before(
-        table, "from tasks.simulate.sensors.lidar import", "from tasks.simulate.sensors.imu import IMU, Imu\n"
+        table,
+        "from tasks.simulate.sensors.lidar import",
+        "from tasks.simulate.sensors.gyroscope import GYROSCOPE, Gyroscope\n",
     )
-    tree.replace(table, "    bumper: Bumper\n", "    bumper: Bumper\n    imu: Imu\n")
-    tree.replace(table, "ODOMETRY, BUMPER)", "ODOMETRY, BUMPER, IMU)")
+    last = "    depth_camera: DepthCamera | None = None\n"
+    tree.replace(table, last, f"{last}    gyroscope: Gyroscope = Gyroscope(0)\n")
+    tree.replace(table, "BUMPER, DEPTH_CAMERA)", "BUMPER, DEPTH_CAMERA, GYROSCOPE)")
     tree.replace(
         "tasks/simulate/application/contract.py",
-        "    joints: Joints | None = None\n\n\nclass C",
-        '    joints: Joints | None = None\n    imu_rad_s: Float[jax.Array, "axes"] | None = None\n\n\nclass C',
+        ' "height width"] | None = None\n\n\nclass C',
+        ' "height width"] | None = None\n    gyroscope_rad_s: Float[jax.Array, "axes"] | None = None\n\n\nclass C',
     )
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
     controller = tree.root / "bundle/faulty/pushing.py"
-    text = controller.read_text().replace("    lidar = Lidar()\n", "    lidar = Lidar()\n    imu = Lidar()\n", 1)
+    text = controller.read_text().replace("    lidar = Lidar()\n", "    lidar = Lidar()\n    gyroscope = Lidar()\n", 1)
     text = text.replace("class Lidar(NamedTuple):", "class Lidar(NamedTuple):\n    axes: int = 1")
-    controller.write_text(text.replace("jnp.float32(0.4)", "jnp.float32(0.4) + observation.imu_rad_s[0]"))
+    controller.write_text(text.replace("jnp.float32(0.4)", "jnp.float32(0.4) + observation.gyroscope_rad_s[0]"))
     assert simulated(tree, engine) == "Completed"
     tree.followed("a sensor")
 
 
-IMU = '''"""The inertial measurement unit: how fast the robot turns."""
+GYROSCOPE = '''"""The gyroscope: how fast the robot turns."""
 
 from typing import NamedTuple
 
@@ -315,21 +318,21 @@ import jax.numpy as jnp
 from tasks.simulate.sensors.sensor import Sensor
 
 
-class Imu(NamedTuple):
-    """A gyroscope around the vertical axis; 0 axes are none."""
+class Gyroscope(NamedTuple):
+    """One around the vertical axis; 0 axes are none."""
 
     axes: int
 
 
 def _observe(shared, _own, _memory, situation):
-    return {"imu_rad_s": jnp.broadcast_to(situation.body.qvel[2], (shared.axes,))}
+    return {"gyroscope_rad_s": jnp.broadcast_to(situation.body.qvel[2], (shared.axes,))}
 
 
-IMU = Sensor(
-    name="imu",
-    kind=Imu,
-    absent=Imu(axes=0),
-    blank=lambda shared: {"imu_rad_s": jnp.zeros(shared.axes)},
+GYROSCOPE = Sensor(
+    name="gyroscope",
+    kind=Gyroscope,
+    absent=Gyroscope(axes=0),
+    blank=lambda shared: {"gyroscope_rad_s": jnp.zeros(shared.axes)},
     observe=_observe,
     limits={"axes": (1, 1)},
     whole=("axes",),

@@ -178,7 +178,7 @@ def test_cameras_and_sensors_of_the_file_are_told_to_have_no_effect(tmp_path: Pa
     sensor = '<sensor><gyro site="imu"/></sensor>'
     path.write_text(path.read_text().replace("</actuator>", f"</actuator>{sensor}"))
     assert strange_in_robot(path) == (
-        "camera 'front' takes no pictures: there are none yet",
+        "camera 'front' is not read: a controller declares its depth_camera",
         "1 <sensor> elements are not read: a controller declares its sensors",
     )
 

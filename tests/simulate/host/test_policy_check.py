@@ -37,6 +37,14 @@ def test_an_input_may_have_any_shape_of_so_many_numbers(tmp_path: Path):
     assert checked(tmp_path, made).input_shapes == ((1, 2, 5),)
 
 
+def test_an_input_may_be_a_picture(tmp_path: Path):
+    declared = "depth_camera: {columns: 6, rows: 4}\ninputs: [{parts: [{field: depth_m, scale: 0.1}]}]\n"
+    made = model([helper.make_node("Relu", ["o"], ["a"])], {"o": ("n", 1, 4, 6)}, {"a": ("n", 2)})
+    assert checked(tmp_path, made, declared).input_shapes == ((1, 4, 6),)
+    with pytest.raises(RobotRefused, match="depth_m: declare the robot's depth_camera"):
+        checked(tmp_path / "without", made, "inputs: [{parts: [{field: depth_m}]}]\n")
+
+
 @pytest.mark.parametrize(
     ("made", "declared", "told"),
     [

@@ -67,6 +67,21 @@ def test_the_same_seeds_give_the_same_bits_however_many_robots_there_are(options
         require_same(one[1], other[1][:3])
 
 
+@pytest.mark.long
+def test_pictures_are_observations_and_the_same_bits_however_many_robots_there_are(options: dict[str, Any]):
+    camera = {"columns": 16, "rows": 12, "rate_hz": 10, "sigma_m_per_m2": 0.01}
+    few, many = (SimyardVectorEnv(count, **options, sensors={"depth_camera": camera}) for count in (1, 9))
+    spaces: Any = few.single_observation_space
+    assert spaces["depth_m"] == gymnasium.spaces.Box(0.0, 10.0, (12, 16), np.float32)
+    one, other = few.reset(seed=9)[0]["depth_m"], many.reset(seed=9)[0]["depth_m"]
+    require_same(one, other[:1])
+    for action in actions(1)[:30]:
+        one = few.step(action[:1])[0]["depth_m"]
+        other = many.step(np.concatenate([action[:1], np.full((8, 2), 0.5, np.float32)]))[0]["depth_m"]
+        require_same(one, other[:1])
+    assert len(np.unique(one)) > 20
+
+
 def test_a_reset_of_some_leaves_the_others_where_they_are(vector: SimyardVectorEnv):
     vector.reset(seed=[7, 8, 9])
     before = [vector.step(action)[0] for action in actions(2)[:5]][-1]

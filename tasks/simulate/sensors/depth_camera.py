@@ -1,0 +1,234 @@
+"""The depth camera: pictures of the distances ahead, at a rate of their own, some control steps old, with noise.
+
+Pictures are kept from the control step at which they were taken to the one at which the next is there.
+"""
+
+import functools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from specs.data.episode import CONTROL_S
+from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
+from tasks.simulate.sensors.sensor import (
+    Drive,
+    Fields,
+    Memory,
+    Scalar,
+    Seed,
+    Sensor,
+    Situation,
+    is_set,
+    rotate,
+    step_key,
+)
+
+_NOISE, _DROPOUT, _EDGE_DROPOUT = 3, 4, 5
+_ERRORS = ("sigma_m_per_m2", "baseline_m", "disparity_px", "dropout", "edge_dropout", "edge_share")
+
+
+class DepthCamera(NamedTuple):
+    """A depth camera; fields as in ``DepthCameraDeclaration``."""
+
+    columns: int
+    rows: int
+    fov_rad: float
+    range_m: float
+    z_m: Scalar
+    x_m: Scalar = 0.0
+    y_m: Scalar = 0.0
+    pitch_rad: float = 0.0
+    yaw_rad: Scalar = 0.0
+    rate_hz: float = 0.0
+    latency_steps: int = 0
+    sigma_m_per_m2: Scalar = 0.0
+    baseline_m: Scalar = 0.0
+    disparity_px: Scalar = 0.0
+    dropout: Scalar = 0.0
+    edge_dropout: Scalar = 0.0
+    edge_share: Scalar = 0.1
+
+    @property
+    def view(self) -> View:
+        """Returns its picture, which all lanes share."""
+        return View(self.columns, self.rows, self.fov_rad, self.pitch_rad, self.range_m)
+
+    @property
+    def stride(self) -> int:
+        """Returns how many control steps lie between two pictures."""
+        return max(1, round(1.0 / (self.rate_hz * CONTROL_S))) if self.rate_hz > 0.0 else 1
+
+    @property
+    def slots(self) -> int:
+        """Returns how many pictures are kept: those that are on their way, and the one that is there."""
+        return -(-self.latency_steps // self.stride) + 1
+
+
+class _Shot(NamedTuple):
+    """One lane at the end of a control step.
+
+    Attributes:
+        due: Whether a picture is taken.
+        slot: Where it is kept.
+        pictures: All that are kept.
+        errors: The camera's numbers that may be other than 0, by name.
+        step: Which control step comes.
+    """
+
+    due: Bool[Array, ""]
+    slot: Int[Array, ""]
+    pictures: Float[Array, "slots rows columns"]
+    scene: DepthScene
+    eye: Eye
+    errors: dict[str, Array]
+    seed: Seed
+    step: Int[Array, ""]
+
+
+def noisy_depths(depth_m: Picture, view: View, errors: dict[str, Any], seed: Seed, step: Int[Array, ""]) -> Picture:
+    """Returns depths as a camera reports them: noise, then steps, then what is lost; what sees nothing stays so.
+
+    Args:
+        depth_m: True ones.
+        view: Its picture.
+        errors: How it errs, by name; what is missing is 0.
+        seed: The episode's.
+        step: At which control step the picture is taken; each has its own errors.
+    """
+    noisy = depth_m
+    if "sigma_m_per_m2" in errors:
+        drawn = jax.random.normal(step_key(seed, _NOISE, step), depth_m.shape, depth_m.dtype)
+        noisy = noisy + errors["sigma_m_per_m2"] * depth_m**2 * drawn
+    if "baseline_m" in errors and "disparity_px" in errors:
+        # Stereo: a depth z is a disparity of focal length * baseline / z pixels, which comes in whole steps.
+        far_m = view.focal_px * errors["baseline_m"] / errors["disparity_px"]
+        steps = jnp.maximum(jnp.round(far_m / jnp.maximum(noisy, 1e-6)), 1.0)
+        noisy = jnp.where(errors["baseline_m"] * errors["disparity_px"] > 0.0, far_m / steps, noisy)
+    noisy = jnp.clip(noisy, 0.0, view.range_m) if noisy is not depth_m else noisy
+    for name, stream in (("dropout", _DROPOUT), ("edge_dropout", _EDGE_DROPOUT)):
+        if name in errors:
+            lost = jax.random.uniform(step_key(seed, stream, step), depth_m.shape) < errors[name]
+            at = _edges(depth_m, errors.get("edge_share", 0.0)) if name == "edge_dropout" else True
+            noisy = jnp.where(lost & at, view.range_m, noisy)
+    return jnp.where(depth_m < view.range_m, noisy, depth_m)
+
+
+def _edges(depth_m: Picture, share: Scalar) -> Bool[Array, "rows columns"]:
+    """Returns which pixels have one beside, above or below that is nearer or farther by more than a share of theirs."""
+    most = share * depth_m
+    found = jnp.zeros(depth_m.shape, bool)
+    for axis in (0, 1):
+        jump = jnp.abs(jnp.diff(depth_m, axis=axis))
+        none = jnp.zeros_like(jnp.take(depth_m, jnp.arange(1), axis=axis))
+        for beside in ((jump, none), (none, jump)):
+            found |= jnp.concatenate(beside, axis=axis) > most
+    return found
+
+
+def _picture(view: View, shot: _Shot) -> Picture:
+    return noisy_depths(depth_picture(shot.scene, shot.eye, view), view, shot.errors, shot.seed, shot.step)
+
+
+@functools.cache
+def _camera(view: View) -> Callable[[_Shot], Float[Array, "slots rows columns"]]:
+    """Returns what gives a lane's pictures with the one that is due, and takes no other."""
+
+    @jax.custom_batching.custom_vmap
+    def take(shot: _Shot) -> Array:
+        return jax.lax.cond(
+            shot.due, lambda: shot.pictures.at[shot.slot].set(_picture(view, shot)), lambda: shot.pictures
+        )
+
+    # Mapped as any function, each lane would take a picture at each control step, whichever is due.
+    @take.def_vmap
+    def _(lanes: int, mapped: Sequence[_Shot], shots: _Shot) -> tuple[Array, bool]:
+        def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
+            return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
+
+        every = jax.tree.map(repeated, shots, mapped[0])
+        order = jnp.nonzero(every.due, size=lanes, fill_value=0)[0]
+
+        def take_one(place: Array, pictures: Array) -> Array:
+            lane = order[place]
+            shot = jax.tree.map(lambda array: jax.lax.dynamic_index_in_dim(array, lane, keepdims=False), every)
+            return pictures.at[lane, shot.slot].set(_picture(view, shot))
+
+        return jax.lax.fori_loop(0, jnp.count_nonzero(every.due), take_one, every.pictures), True
+
+    return take
+
+
+def _begin(shared: DepthCamera | None, own: DepthCamera | None, start: Situation) -> Memory:
+    if shared is None or own is None:
+        return None
+    blank = jnp.full((shared.slots, shared.rows, shared.columns), shared.range_m)
+    return _taken(shared, own, blank, start)
+
+
+def _feel(shared: DepthCamera | None, own: DepthCamera | None, pictures: Memory, drive: Drive) -> Memory:
+    if shared is None or own is None:
+        return None
+    return _taken(shared, own, pictures, drive.after)
+
+
+def _taken(shared: DepthCamera, own: DepthCamera, pictures: Memory, now: Situation) -> Memory:
+    if now.scene is None:
+        raise ValueError("no scene was staged for a robot with a depth camera")
+    pose, stride = now.body.qpos, shared.stride
+    mount = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
+    x, y, yaw = pose + rotate(mount, pose[2])
+    shot = _Shot(
+        due=now.step % stride == 0,
+        slot=now.step // stride % shared.slots,
+        pictures=pictures,
+        scene=now.scene,
+        eye=jnp.stack([x, y, jnp.asarray(own.z_m, pose.dtype), yaw]),
+        errors={name: jnp.asarray(getattr(own, name), pose.dtype) for name in _ERRORS if is_set(getattr(own, name))},
+        seed=now.seed,
+        step=now.step,
+    )
+    return _camera(shared.view)(shot)
+
+
+def _observe(shared: DepthCamera | None, _own: DepthCamera | None, pictures: Memory, now: Situation) -> Fields:
+    if shared is None:
+        return {}
+    taken = (now.step - shared.latency_steps) // shared.stride
+    return {"depth_m": jnp.where(taken >= 0, pictures[taken % shared.slots], shared.range_m)}
+
+
+def _blank(shared: DepthCamera | None) -> Fields:
+    return {} if shared is None else {"depth_m": jnp.full((shared.rows, shared.columns), shared.range_m)}
+
+
+DEPTH_CAMERA = Sensor(
+    name="depth_camera",
+    kind=DepthCamera,
+    absent=None,
+    blank=_blank,
+    begin=_begin,
+    feel=_feel,
+    observe=_observe,
+    limits={
+        "columns": (1, 640),
+        "rows": (1, 480),
+        "fov_rad": (0.01, 3.0),
+        "range_m": (0.01, 1e4),
+        "x_m": (-1e4, 1e4),
+        "y_m": (-1e4, 1e4),
+        "pitch_rad": (-math.pi / 2, math.pi / 2),
+        "yaw_rad": (-1e4, 1e4),
+        "rate_hz": (0.0, 1e3),
+        "latency_steps": (0, 100),
+        "dropout": (0.0, 1.0),
+        "edge_dropout": (0.0, 1.0),
+        "edge_share": (0.0, 1.0),
+    },
+    whole=("columns", "rows", "latency_steps"),
+    shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad", "rate_hz", "latency_steps"),
+    streams=(_NOISE, _DROPOUT, _EDGE_DROPOUT),
+)
