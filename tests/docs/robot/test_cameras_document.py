@@ -23,8 +23,8 @@ def test_the_documented_robot_stops_before_the_wall_that_it_sees(engine: str, tm
         path: Path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
-    robot = ApplicationLaunch(name="slider", version="1", digest="5" * 64, package="slider", launch_file="seeing")
-    scenario = ApplicationLaunch(name="nearby", version="1", digest="6" * 64, package="nearby", launch_file="one_goal")
+    robot = ApplicationLaunch(name="slider", version="1", digest="2e" * 32, package="slider", launch_file="seeing")
+    scenario = ApplicationLaunch(name="nearby", version="1", digest="2f" * 32, package="nearby", launch_file="one_goal")
     request = EpisodeRequest(
         index=0, world="hand/apartment", seed=4, robot=robot, scenario=scenario, environment={}, duration_s=15.0
     )
