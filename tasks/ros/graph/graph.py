@@ -5,6 +5,7 @@ RoboMaker serves the names and types of its services in every simulation
 """
 
 import asyncio
+import functools
 import os
 import socket
 import struct
@@ -43,7 +44,7 @@ from tasks.ros.graph.topic import (
     take_header,
     write_header,
 )
-from tasks.ros.graph.xml_rpc import HttpConnection, NodeCalls, Value
+from tasks.ros.graph.xml_rpc import HttpConnection, NodeAnswer, NodeCalls, Value
 from tasks.ros.message.definition import ANY, type_digest
 from tasks.ros.message.ros_messages import (
     REQUEST_BYTES,
@@ -220,6 +221,65 @@ class Ros1Node:
         chosen.connect(connection, fields)
 
 
+class NodeLinks:
+    """Whether what nodes registered became connections, which no look at their threads tells.
+
+    roscpp looks each tenth of a second for whom to connect to, and again whether it is through; until then it sleeps
+    as ever. So nodes are asked to whom they are connected (wiki.ros.org/ROS/Slave_API, ``getBusInfo``).
+
+    Args:
+        tables: What is registered.
+        calls: To nodes.
+        unconnected: Returns which connections the robot lacks.
+    """
+
+    def __init__(self, tables: Registrations, calls: NodeCalls, unconnected: Callable[[], list[str]]) -> None:
+        self._tables, self._calls, self._unconnected = tables, calls, unconnected
+        self._complete, self._asked = 0, -1
+        # Subscriber, topic and the publisher's address; of the robot's connections, what it lacks.
+        self._found: set[tuple[str, ...]] = set()
+        self._hopeless: set[tuple[str, ...]] = set()
+
+    def complete(self) -> bool:
+        """Returns whether all are connected as of the last answers; asks nodes that lack a connection."""
+        added = self._tables.added
+        if added == self._complete:
+            return True
+        if added != self._asked:  # one that registered once more connects once more
+            self._asked = added
+            self._found.clear()
+        missing = self._missing()
+        if not missing:
+            self._complete = added
+        for node in sorted({node for node, *links in missing if links}):
+            self._calls.call(self._tables.nodes[node], "getBusInfo", (ROBOT,), functools.partial(self._hear, node))
+        return not missing
+
+    def give_up(self) -> None:
+        """Waits no more for those that are missing: such as nodes that take a topic for one of another type."""
+        self._hopeless |= self._missing()
+        self._complete = self._tables.added
+
+    def _missing(self) -> set[tuple[str, ...]]:
+        tables = self._tables
+        wanted = {
+            (node, topic, uri)
+            for topic, nodes in tables.subscribers.state()
+            for name, uri in tables.publishers.of(topic).items()
+            for node in nodes
+            if name not in (node, ROBOT) and node != ROBOT
+        }
+        return {*wanted, *((each,) for each in self._unconnected())} - self._found - self._hopeless
+
+    def _hear(self, node: str, answer: NodeAnswer) -> None:
+        for each in answer.value if isinstance(answer.value, list) else ():
+            match each:
+                case [_, str(uri), "i", _, str(topic), *_]:
+                    self._found.add((node, topic, uri))
+                case _:
+                    pass
+
+
 def _types(topics: Sequence[Topic]) -> Value:
     return [[topic.name, topic.kind] for topic in topics]
 
@@ -270,6 +330,7 @@ class Graph:
             publishers_changed=changed,
             robot=ROBOT,
         )
+        self._links = NodeLinks(self._tables, calls, self.unconnected)
         self._dispatch = Dispatch({**node.methods(self.uri), **self._master.methods()}, self._subscriptions.hold)
         self._register_robot(publishes, subscribes, node.port)
         self.parameters.set("/use_sim_time", value=True)
@@ -368,6 +429,14 @@ class Graph:
                 fault = self._subscriptions.faults.get((topic, node), "it is not connected yet")
                 found.append(f"{node} publishes {topic}: {fault}")
         return found
+
+    def linked(self) -> bool:
+        """Returns whether all who registered are connected; asks nodes of which that is not known yet."""
+        return self._links.complete()
+
+    def give_links_up(self) -> None:
+        """Waits no more for nodes that did not connect so far."""
+        self._links.give_up()
 
     def gaps(self) -> list[str]:
         """Returns what nodes say or wait for in vain, for a person: commands elsewhere, topics nobody publishes."""

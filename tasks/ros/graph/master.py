@@ -97,6 +97,7 @@ class Registrations:
         services: By name.
         types: Of topics.
         changes: Grows with every registration.
+        added: Grows with every registration of a publisher or subscriber: nodes connect for these alone.
     """
 
     def __init__(self) -> None:
@@ -107,7 +108,7 @@ class Registrations:
         )
         self.services: dict[str, Served] = {}
         self.types: dict[str, str] = {}
-        self.changes = 0
+        self.changes = self.added = 0
         self._uris: dict[str, str] = {}
         self._replaced: dict[str, str] = {}
         self._counts: Counter[str] = Counter()
@@ -157,6 +158,7 @@ class Registrations:
     def add(self, table: RegistrationTable, key: str, node: str) -> None:
         """Registers a node that has entered."""
         self._counts[node] += table.add(key, node, self._uris[node])
+        self.added += table is not self.followers
 
     def remove(self, table: RegistrationTable, key: str, node: str, uri: str) -> bool:
         """Takes a registration back; a node that has none left is gone."""

@@ -83,6 +83,10 @@ class GraphSide(Protocol):
 
     def unconnected(self) -> list[str]: ...  # noqa: D102
 
+    def linked(self) -> bool: ...  # noqa: D102
+
+    def give_links_up(self) -> None: ...  # noqa: D102
+
     def gaps(self) -> list[str]: ...  # noqa: D102
 
     def close(self) -> None: ...  # noqa: D102
@@ -191,7 +195,7 @@ class ExchangeTotals(NamedTuple):
     Attributes:
         commands: Twists that came.
         late: Stages in which the lane did not come to rest in time.
-        stray: Commands that came after the lane was taken for quiet.
+        stray: Commands, and places to set the robot to, that came after the lane was taken for quiet.
     """
 
     commands: int = 0

@@ -36,6 +36,7 @@ _PEEK = 0.4
 # A thread that is given up again and again is taken back later and later, for each time costs _MISSED_S.
 _MOST_POLLS = 64
 _AGAIN_S = 0.0003
+_ASK_S = 0.01
 _REST_KEPT_S = 0.25
 # Who looks late, because others had the core, did not see the application sleep for all of that time.
 _LONGEST_SEEN_S = 0.02
@@ -210,7 +211,19 @@ class IdleDetector:
                 self._begin_to_poll(woken | self._watch.sleepers(), now_s)
             return IdleState.AWAKE if awake else IdleState.SOON
         self.rest_s = self.rest_s or now_s
-        return self._rested(rest, now_s) if self._proved(now_s) else IdleState.WAITS
+        if not self._proved(now_s) or not self._linked(now_s):
+            return IdleState.WAITS
+        return self._rested(rest, now_s)
+
+    def _linked(self, now_s: float) -> bool:
+        """Returns whether nobody has still to connect: what was registered is waited for as a callback that naps."""
+        if not self._begun_s or self.graph.linked():
+            return True
+        if self.has_time(self._nap_s, now_s):
+            self.next_s = now_s + _ASK_S
+            return False
+        self.graph.give_links_up()
+        return True
 
     def _rested(self, rest: Rest, now_s: float) -> IdleState:
         """Returns whether nobody sleeps who has not noticed what was sent, or naps within a callback."""

@@ -210,6 +210,13 @@ class DdsGraph:
         links = self._robot.links.values() if topic == self._interface.command else ()
         return frozenset(name for link in links if link.matches.commanders for name in link.names)
 
+    def linked(self) -> bool:
+        """Returns that nobody need be asked: DDS connects by what comes to its sockets."""
+        return True
+
+    def give_links_up(self) -> None:
+        """Does nothing, as nobody is waited for."""
+
     def unconnected(self) -> list[str]:
         """Returns what keeps the episode from its beginning, for a person."""
         found: list[str] = []

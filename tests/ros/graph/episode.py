@@ -135,9 +135,11 @@ class PlayedNode:
         calls: What it was called with, in this order: method and arguments.
         first: Frames that it sends at once to whoever subscribes.
         kind: The type of what it publishes.
+        links: What it answers of its connections, one answer after the other; the last one from then on.
     """
 
     def __init__(self, name: str = "/node", kind: str = "geometry_msgs/Twist", first: bytes = b"") -> None:
+        self.links: list[list[object]] = [[]]
         self.name, self.kind, self.first = name, kind, first
         self.calls: list[tuple[object, ...]] = []
         self.connections: list[socket.socket] = []
@@ -146,6 +148,7 @@ class PlayedNode:
         for method in ("publisherUpdate", "paramUpdate", "shutdown"):
             self._server.register_function(self._noted(method), method)
         self._server.register_function(self._request_topic, "requestTopic")
+        self._server.register_function(self._links, "getBusInfo")
         self._threads = [
             threading.Thread(target=self._server.serve_forever, args=(0.01,)),
             threading.Thread(target=self._accept),
@@ -177,6 +180,9 @@ class PlayedNode:
             return [1, "", 0]
 
         return note
+
+    def _links(self, _: str) -> list[object]:
+        return [1, "", self.links.pop(0) if self.links[1:] else self.links[0]]
 
     def _request_topic(self, *arguments: object) -> list[object]:
         self.calls.append(("requestTopic", *arguments))

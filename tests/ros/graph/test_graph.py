@@ -7,7 +7,7 @@ import pytest
 
 from tasks.ros.message.definition import type_digest
 from tasks.ros.message.ros_messages import frame_message, text_bytes, write_tags
-from tests.ros.graph.episode import Episode, read_exactly, read_message
+from tests.ros.graph.episode import Episode, PlayedNode, read_exactly, read_message
 
 ADD, CANCEL = "/robomaker/job/add_tags", "/robomaker/job/cancel"
 
@@ -74,6 +74,48 @@ def test_a_persistent_connection_takes_one_request_after_the_other(episode: Epis
             assert episode.during(read_exactly, sock, 1) == b"\1"
             episode.during(read_message, sock)
     assert episode.graph.tags == {"a": "a", "b": "b"}
+
+
+def _links(episode: Episode, most: int) -> int:
+    """Returns how often nodes are asked until all are linked; as often at most."""
+    for asked in range(most):
+        if episode.graph.linked():
+            return asked
+        episode.serve_until(lambda: not episode.graph.busy)
+    return most
+
+
+def test_a_subscriber_is_asked_until_it_has_connected_to_each_publisher(episode: Episode):
+    """As roscpp: it hears of the publisher at once, and connects when it looks next for what it has to do."""
+    with PlayedNode() as node:
+        link = [1, "http://127.0.0.1:1/", "i", "TCPROS", "/map2", True]
+        node.links = [[], [[2, "/other", "o", "TCPROS", "/map2", True]], [link]]
+        episode.call("registerPublisher", "/map2", "x/Map", "http://127.0.0.1:1/", caller="/server")
+        episode.call("registerSubscriber", "/map2", "x/Map", node.uri)
+        assert _links(episode, 9) == 3
+        assert episode.graph.linked()
+        node.links = [[], [link]]
+        episode.call("registerSubscriber", "/map2", "x/Map", node.uri)
+        assert _links(episode, 9) == 2
+
+
+def test_a_subscriber_that_does_not_connect_is_given_up_once(episode: Episode):
+    with PlayedNode() as node:
+        episode.call("registerPublisher", "/map2", "x/Map", "http://127.0.0.1:1/", caller="/server")
+        episode.call("registerSubscriber", "/map2", "y/Map", node.uri)
+        assert _links(episode, 3) == 3
+        episode.graph.give_links_up()
+        assert episode.graph.linked()
+        episode.call("registerSubscriber", "/other", "y/Map", node.uri)
+        assert _links(episode, 3) == 0
+
+
+def test_a_subscriber_of_the_robot_is_linked_once_it_has_connected(episode: Episode):
+    episode.call("registerSubscriber", "/scan", "sensor_msgs/LaserScan", "http://127.0.0.1:1/")
+    assert not episode.graph.linked()
+    sock, _ = episode.subscribe()
+    with sock:
+        assert episode.graph.linked()
 
 
 def test_a_probe_gets_the_header_alone(episode: Episode):

@@ -227,3 +227,17 @@ def test_a_nap_that_the_kernel_does_not_tell_at_once_is_waited_for(detector: Idl
     worker.waits_at = "futex_wait_queue"
     worker.be("S")
     assert detector.look(1.032) is IdleState.QUIET
+
+
+def test_an_application_is_quiet_once_its_nodes_are_connected(
+    detector: IdleDetector, worker: FakeThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One that registered may sleep until it connects; one that never does has the time of a callback that naps."""
+    answers = iter([False, False, True])
+    monkeypatch.setattr(detector.graph, "linked", lambda: next(answers))
+    send(detector, worker, 1.0)
+    assert [detector.look(1.01 * n) for n in (1, 2)] == [IdleState.WAITS, IdleState.QUIET]
+    monkeypatch.setattr(detector.graph, "linked", lambda: False)
+    send(detector, worker, 10.0)
+    looks = [detector.look(10.0 + 0.02 * number) for number in range(1, 61)]
+    assert looks.index(IdleState.QUIET) == pytest.approx(1.0 / 0.02, abs=3)
