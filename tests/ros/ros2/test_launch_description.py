@@ -355,3 +355,23 @@ def test_a_robots_nodes_end_if_one_after_them_cannot_be_started(monkeypatch: pyt
     ended = started[0].poll()
     started[0].kill()
     assert (status, ended) == (1, -signal.SIGINT)
+
+
+def test_a_node_that_is_to_respawn_is_started_anew_until_the_launch_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """``/b`` ends twice; the third time it ends its neighbour, which is required, as soon as that one is there."""
+    count, other = tmp_path / "count", tmp_path / "other"
+    ending = f"until [ -f {other} ]; do sleep 0.01; done; kill $(cat {other}); exec sleep 1000"
+    again = f'echo >> {count}; [ "$(wc -l < {count})" -lt 3 ] || {{ {ending}; }}; exit 1'
+    required = f"echo $$ > {other}.partly; mv {other}.partly {other}; exec sleep 1000"
+    nodes = (
+        NodePlan("/a", "", "", ("sh", "-c", required), required=True),
+        NodePlan("/b", "", "", ("sh", "-c", again), respawn=True),
+    )
+    monkeypatch.setattr(sys, "argv", ["", "bundle", "play", "play.launch.py"])
+    monkeypatch.setattr(robot_launch, "resolve_description", lambda *_: LaunchPlan("", nodes, {}))
+    monkeypatch.setattr(robot_launch, "make_spaces", lambda *_: ())
+    monkeypatch.setattr(robot_launch, "_RESPAWN_S", 0.01)
+    assert robot_launch.main() == signal.SIGTERM
+    assert count.read_text() == "\n" * 3

@@ -1,7 +1,7 @@
 """What stands for ``ros2 launch`` on a robot without: ``python -m`` this module, BUNDLE PACKAGE LAUNCH_FILE.
 
-It starts what episodes start, by the wall's clock. It ends when all nodes have ended, or one whose end is the
-application's; whoever ends it ends its nodes.
+It starts what episodes start, by the wall's clock, and those with ``respawn`` anew. It ends when all nodes have ended,
+or one whose end is the application's; whoever ends it ends its nodes.
 """
 
 import os
@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from specs.errors import LaunchRefused
@@ -17,6 +18,8 @@ from tasks.ros.ros2.launch_file.launch_description import SIMULATED_TIME, make_s
 from tasks.ros.ros2.ros2_installation import ros2_installation
 
 _END_S = 5.0
+# A node that cannot run would take a core with starting.
+_RESPAWN_S = 1.0
 
 
 def main() -> int:
@@ -32,7 +35,7 @@ def main() -> int:
             own = {**os.environ, **installation.environment(spaces)}
             for node in plan.nodes:
                 started.append((node, _start(node, own)))  # noqa: PERF401 - if one cannot be started, those before it end
-            return _wait(started)
+            return _wait(started, own)
         except (LaunchRefused, OSError) as exc:
             sys.stderr.write(f"{exc}\n")
             return 1
@@ -50,8 +53,8 @@ def _start(node: NodePlan, environment: dict[str, str]) -> "subprocess.Popen[byt
     return process
 
 
-def _wait(started: "list[tuple[NodePlan, subprocess.Popen[bytes]]]") -> int:
-    """Waits for the end of all nodes, or of one that the launch file requires."""
+def _wait(started: "list[tuple[NodePlan, subprocess.Popen[bytes]]]", environment: dict[str, str]) -> int:
+    """Waits for the end of all nodes, or of one that the launch file requires; starts those anew that are to be."""
     status, running = 0, {process.pid: node for node, process in started}
     while running:
         pid, code = os.wait()
@@ -60,9 +63,14 @@ def _wait(started: "list[tuple[NodePlan, subprocess.Popen[bytes]]]") -> int:
             continue
         ended = os.waitstatus_to_exitcode(code)
         sys.stdout.write(f"process[{node.name.lstrip('/')}]: ended with status {ended}\n")
-        status = status or abs(ended)
         if node.required:
-            break
+            return status or abs(ended)
+        if node.respawn:
+            time.sleep(_RESPAWN_S)
+            started.append((node, _start(node, environment)))
+            running[started[-1][1].pid] = node
+        else:
+            status = status or abs(ended)
     return status
 
 
