@@ -227,7 +227,9 @@ _UNREACHABLE = (
 _REACHABLE = "How many of the goals such a disc can get to; null where goals are no destinations."
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
 _LATE = "Stages of control steps at which a ROS application did not come to rest in time; null for other robots."
-_STRAY = "Commands that a ROS application gave after it was taken for quiet; null for other robots."
+_STRAY = (
+    "Commands and places that a ROS application gave its robot after it was taken for quiet; null for other robots."
+)
 _CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended.", course="grows"),

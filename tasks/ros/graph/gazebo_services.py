@@ -77,7 +77,7 @@ class GazeboServices:
     def __init__(self, model: str, step_s: float) -> None:
         self.state = RobotState()
         self._model, self._step_s = model, step_s
-        self._asked = 0
+        self._asked = self._placements = 0
         self._start: tuple[float, float, float] | None = None
         self._set: tuple[float, float, float] | None = None
         self.functions: Mapping[str, Callable[[bytes], bytes]] = {
@@ -135,6 +135,11 @@ class GazeboServices:
         pose, self._set = self._set, None
         return pose
 
+    def placements(self) -> int:
+        """Returns how often the robot was set somewhere since the last call."""
+        count, self._placements = self._placements, 0
+        return count
+
     def set_state(self, request: bytes) -> str:
         """Sets the robot somewhere, at rest, as a ``gazebo_msgs/ModelState`` says; returns why it does not, or nothing.
 
@@ -157,6 +162,7 @@ class GazeboServices:
 
     def _place(self, pose: tuple[float, float, float]) -> None:
         self._set, self.state = pose, RobotState(self.state.time_ns, pose)
+        self._placements += 1
 
     def _reset(self, _: bytes) -> bytes:
         if self._start is not None:

@@ -173,7 +173,8 @@ class Ros1Lockstep:
         self._pump.turn()
         for number, lane in moving.items():
             lane.collect(self._now_ns, stray=True)
-            own = sensed[number]
+            gazebo, own = self._gazebo.get(number), sensed[number]
+            lane.stray += gazebo.placements() if gazebo else 0
             if own is not None and not lane.failure:
                 lane.plan(self._planned(number, lane, Moment(self._step, self._now_ns, own)))
         lanes = [lane for lane in moving.values() if not lane.failure]
@@ -181,6 +182,8 @@ class Ros1Lockstep:
         self._audit.run(lanes, self._step)
         self._check(moving)
         self._stop_idle(lanes)
+        for gazebo in self._gazebo.values():
+            gazebo.placements()
         found = ((n, gazebo.take_pose()) for n, gazebo in self._gazebo.items() if n in moving and self._warm)
         self.placed = {n: pose for n, pose in found if pose is not None}
         self._now_ns, self._step = self._now_ns + self._control_ns, self._step + 1

@@ -2,16 +2,18 @@
 
 import errno
 import os
+import struct
 import subprocess
 from pathlib import Path
 
 import pytest
 
 from specs.errors import LaunchRefused
-from tasks.ros.launch.launch_plan import LaunchPlan, NodePlan
+from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan
 from tasks.ros.lockstep import ros1_lockstep
-from tasks.ros.lockstep.exchange import Launch
+from tasks.ros.lockstep.exchange import ExchangeTotals, Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
+from tasks.ros.message.ros_messages import text_bytes
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement
 from tasks.simulate.sandbox.process_environment import process_environment
@@ -56,6 +58,17 @@ def test_a_kernel_that_does_not_count_runs_is_refused(monkeypatch: pytest.Monkey
     monkeypatch.setattr(ros1_lockstep, "counts_runs", lambda: False)
     with pytest.raises(LaunchRefused, match="schedstat"):
         begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
+
+
+def test_a_robot_that_is_set_elsewhere_between_two_control_steps_is_stray(home: Path) -> None:
+    """Its application was taken for quiet: whoever sets it goes by the wall's clock."""
+    source, pose = LaunchSource(home.parent, "x", "x.launch"), struct.pack("<7d", 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    with Ros1Lockstep(Launch(*source[:3], home, [{}], source), BASE, CONTROL_S) as lockstep:
+        lockstep._lane(0, LaunchPlan("x", (), {}, model="rover"))
+        lockstep._gazebo[0].set_state(text_bytes("rover") + pose + bytes(48) + text_bytes(""))
+        for _ in range(3):
+            lockstep.exchange([Room(0).sense()])
+        assert lockstep.tally(0) == ExchangeTotals(stray=1)
 
 
 PROGRAM = """
