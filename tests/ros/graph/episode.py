@@ -181,7 +181,7 @@ class PlayedNode:
 
         return note
 
-    def _links(self, _: str) -> list[object]:
+    def _links(self, *_: object) -> list[object]:
         return [1, "", self.links.pop(0) if self.links[1:] else self.links[0]]
 
     def _request_topic(self, *arguments: object) -> list[object]:
