@@ -28,6 +28,9 @@ MOST_CORNERS = 8
 ROBOT_RADIUS_M = 0.25
 """Radius of the robot that worlds are passable for unless somebody asks for another: common indoor bases have less."""
 
+OVERHEAD_M = 2.2
+"""What begins higher hangs above everybody: it is imported coarsely, and left out of pictures that it would cover."""
+
 RoomType = Literal["Bedroom", "Bathroom", "Living", "Dining", "Kitchen", "Hallway", "Closet"]
 Color = tuple[float, float, float]
 """sRGB, each 0-1."""
@@ -506,6 +509,19 @@ class World(Spec):
 def start_pose(world: World) -> Start:
     """Returns where a robot starts in a world."""
     return world.start or Start(x_m=0.0, y_m=0.0)
+
+
+def below_heads(pieces: Sequence[Furniture]) -> list[Furniture]:
+    """Returns pieces as one who looks down on the floor wants them: without roofs, lamps and all that hangs so high."""
+    low = [
+        piece.model_copy(update={"solids": tuple(each for each in piece.solids if _bottom_m(each) < OVERHEAD_M)})
+        for piece in pieces
+    ]
+    return [piece for piece in low if piece.solids]
+
+
+def _bottom_m(solid: Solid) -> float:
+    return solid.center_m[2] - solid.half_extents_m[2]
 
 
 def solids(world: World) -> tuple[Solid, ...]:

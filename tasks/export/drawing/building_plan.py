@@ -62,10 +62,15 @@ def draw_zones(parent: ET.Element, world: World, sheet: PageScale) -> None:
     for zone in world.zones or ():
         group = element(parent, "g", class_="zone")
         element(group, "title", f"{zone.name}: {zone.area_m2:.1f} m²")
-        points = " ".join(f"{sheet.x(x):.2f},{sheet.y(y):.2f}" for x, y in zone.outline_m)
-        element(group, "polygon", points=points, fill="none", stroke=_ZONE, stroke_dasharray="6 4")
+        draw_zone_outline(group, zone, sheet, dashes="6 4")
         label = place_label(zone.name, [f"{zone.area_m2:.1f} m²"], sheet.box(zone.floor), [])
         _room_label(group, label, zone)
+
+
+def draw_zone_outline(parent: ET.Element, zone: FloorZone, sheet: PageScale, dashes: str) -> None:
+    """Adds the outline of a zone, dashed as SVG's ``stroke-dasharray`` says."""
+    points = " ".join(f"{sheet.x(x):.2f},{sheet.y(y):.2f}" for x, y in zone.outline_m)
+    element(parent, "polygon", points=points, fill="none", stroke=_ZONE, stroke_dasharray=dashes)
 
 
 def floor_color(finish: Finish) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
-from specs.data.world import Furniture, Rectangle, Solid, corners_m
+from specs.data.world import Furniture, Rectangle, Solid, below_heads, corners_m
 from tasks.export.drawing.plan_page import (
     Attributes,
     PageBox,
@@ -47,8 +47,8 @@ def draw_furniture(parent: ET.Element, pieces: Sequence[Furniture], sheet: PageS
 
 
 def lowest_first(pieces: Sequence[Furniture]) -> list[Furniture]:
-    """Returns the pieces in the order in which they are drawn: what is higher covers what is lower."""
-    return sorted(pieces, key=_height_m)
+    """Returns the pieces in the order in which they are drawn: what is higher covers what is lower, and no roof all."""
+    return sorted(below_heads(pieces), key=_height_m)
 
 
 def solid_style(solid: Solid) -> Attributes:

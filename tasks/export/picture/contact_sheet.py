@@ -11,6 +11,7 @@ from tasks.export.drawing.building_plan import (
     draw_passages,
     draw_walls,
     draw_windows,
+    draw_zone_outline,
     floor_color,
     floor_m2,
     free_at_start_m,
@@ -168,14 +169,17 @@ def _miniature(parent: ET.Element, world: World, sheet: PageScale) -> None:
     x, y = sheet.x(start.x_m), sheet.y(start.y_m)
     element(parent, "circle", cx=x, cy=y, r=free_at_start_m(world) * sheet.units_per_m, class_="clear")
     element(parent, "circle", cx=x, cy=y, r=1.6, class_="origin")
+    for zone in world.zones or ():
+        draw_zone_outline(parent, zone, sheet, dashes="3 2")
     _room_names(parent, world, sheet)
 
 
 def _room_names(parent: ET.Element, world: World, sheet: PageScale) -> None:
     """Adds the name of every room that has the width for it, where it covers least furniture."""
-    reach = START_RADIUS_M
-    start = sheet.box(Rectangle(x_min_m=-reach, y_min_m=-reach, x_max_m=reach, y_max_m=reach))
-    for room in world.rooms:
+    pose, reach = start_pose(world), START_RADIUS_M
+    low, high = (pose.x_m - reach, pose.y_m - reach), (pose.x_m + reach, pose.y_m + reach)
+    start = sheet.box(Rectangle(x_min_m=low[0], y_min_m=low[1], x_max_m=high[0], y_max_m=high[1]))
+    for room in world.areas:
         inner = sheet.box(room.floor).grown(-3.0)
         width = text_width(room.name, _ROOM_SIZE)
         if width > inner.width or inner.height < _ROOM_SIZE:

@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Float64
 
-from specs.data.world import Color, Solid, Window, World
+from specs.data.world import Color, Solid, Window, World, below_heads
 from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.renderer import CAPTION_LINE, READY, REQUEST, FilmScene, Pixels
 from tasks.export.surface.sheets import WINDOW_PREFIX
@@ -34,13 +34,17 @@ _SMALLEST_M = 0.005
 
 
 def cut_open(world: World, height_m: float) -> World:
-    """Returns the world without what of its walls, doors and windows is above a height; furniture stays whole."""
+    """Returns the world without what of its walls, doors and windows is above a height, and without a roof.
+
+    Furniture stays whole, up to what hangs above all heads.
+    """
     windows = [window for window in world.windows if window.bottom_m < height_m]
     lowered = [wall for each in world.walls if (wall := _lowered(each, height_m))]
     walls = tuple(part.model_copy(update={"color": CUT_COLOR}) for wall in lowered for part in _pierced(wall, windows))
     return world.model_copy(
         update={
             "walls": walls,
+            "furniture": tuple(below_heads(world.furniture)),
             "doors": tuple(
                 door.model_copy(update={"leaf": _lowered(door.leaf, height_m) or door.leaf}) for door in world.doors
             ),

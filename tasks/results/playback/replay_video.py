@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageChops, ImageDraw
 
-from specs.data.world import Color, Solid, World, corners_m
+from specs.data.world import Color, Solid, World, below_heads, corners_m
 from tasks.results.playback.playback import Playback
 
 Pixels = UInt8[np.ndarray, "rows columns 3"]
@@ -23,6 +23,7 @@ _HEADING = 34
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
+_ZONE = (95, 104, 112)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 
 
@@ -121,8 +122,10 @@ class _Stage:
             )
             red, green, blue = (0.5 + channel / 2 for channel in room.flooring.color)
             draw.rectangle([low, high], fill=_bytes((red, green, blue)))
+        for zone in world.zones or ():
+            draw.polygon([self._at(corner) for corner in zone.outline_m], outline=_ZONE)
         leaves = [door.leaf for door in world.doors]
-        pieces = [solid for piece in world.furniture for solid in piece.solids]
+        pieces = [solid for piece in below_heads(world.furniture) for solid in piece.solids]
         for solid in sorted(pieces, key=lambda each: each.center_m[2] + each.half_extents_m[2]):
             self._solid(draw, solid, _bytes(solid.color))
         for solid in (*world.walls, *leaves):

@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from specs.data.world import Color, Furniture, ImportFinding, Light, Solid, Start
+from specs.data.world import OVERHEAD_M, Color, Furniture, ImportFinding, Light, Solid, Start
 from tasks.worlds.geometry import rounded
 from tasks.worlds.importer.source_files import SourceFiles
 from tasks.worlds.importer.source_scene import Scene
 from tasks.worlds.importer.triangle_mesh import Pose, TriangleMesh
-from tasks.worlds.importer.upright_solids import HEAD_M, TOLERANCE_M, Fit, Upright, upright_solids
+from tasks.worlds.importer.upright_solids import TOLERANCE_M, Fit, Upright, upright_solids
 
 Corners = Float[np.ndarray, "faces 3 3"]
 EXACT_M = 1e-3
@@ -312,7 +312,7 @@ class _Pieces:
         key = (id(part.mesh.points), id(part.mesh.faces), tilt.tobytes(), round(float(z), 6))
         if key not in self._fits:
             points = part.mesh.points @ tilt.T + np.array([0.0, 0.0, z])
-            self._fits[key] = upright_solids(points, part.mesh.faces, self._tolerance_m, floor_m=0.0, head_m=HEAD_M)
+            self._fits[key] = upright_solids(points, part.mesh.faces, self._tolerance_m, floor_m=0.0, head_m=OVERHEAD_M)
         return self._fits[key]
 
 

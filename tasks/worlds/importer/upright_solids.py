@@ -10,12 +10,10 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from specs.data.world import MOST_CORNERS, is_convex
+from specs.data.world import MOST_CORNERS, OVERHEAD_M, is_convex
 from tasks.worlds.importer.mesh_sections import Faces, Points, Slab, areas, components, merged, slabs, without
 
 TOLERANCE_M = 0.01
-HEAD_M = 2.2
-"""What begins above this is kept, but coarsely: no robot meets it."""
 COARSE_M = 0.05
 _MANY = 16
 _WIDER = ((2.0, _MANY), (4.0, _MANY), (6.0, 4 * _MANY))
@@ -99,7 +97,11 @@ class _Layer(NamedTuple):
 
 @np.errstate(divide="ignore", invalid="ignore")  # GEOS leaves the processor's flags behind
 def upright_solids(
-    points: Points, faces: Faces, tolerance_m: float = TOLERANCE_M, floor_m: float = -math.inf, head_m: float = HEAD_M
+    points: Points,
+    faces: Faces,
+    tolerance_m: float = TOLERANCE_M,
+    floor_m: float = -math.inf,
+    head_m: float = OVERHEAD_M,
 ) -> Fit:
     """Returns as few upright solids as cover a mesh within a tolerance.
 

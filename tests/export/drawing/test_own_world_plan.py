@@ -7,7 +7,7 @@ import pytest
 from specs.data.world import FloorZone
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.drawing.plan_page import covers, from_above
-from tasks.export.picture.contact_sheet import summary
+from tasks.export.picture.contact_sheet import contact_sheet_svg, summary
 from tasks.worlds.importer.own_floor import measured
 from tests.factories.own_worlds import block, piece, walled_hall, wedge
 
@@ -26,6 +26,23 @@ def test_zones_are_drawn_with_their_names():
     zone = FloorZone(name="loading <dock>", outline_m=((11.0, 6.0), (13.0, 6.0), (13.0, 8.0)), found=False)
     root = ET.fromstring(floor_plan_svg(WORLD.model_copy(update={"zones": (zone,)})))  # noqa: S314 - our own document
     assert [each.text for each in root.iter("{http://www.w3.org/2000/svg}title")].count("loading <dock>: 2.0 m²") == 1
+
+
+ROOFED = WORLD.model_copy(
+    update={"furniture": (*WORLD.furniture, piece("roof", wedge("roof", (12.0, 7.0), low_m=9.0)))}
+)
+
+
+def test_no_picture_from_above_shows_a_roof():
+    assert "roof" not in floor_plan_svg(ROOFED)
+    assert contact_sheet_svg([ROOFED], title="hall") == contact_sheet_svg([WORLD], title="hall")
+
+
+def test_a_contact_sheet_has_zones_with_their_names():
+    zone = FloorZone(name="dock", outline_m=((11.0, 6.0), (14.0, 6.0), (14.0, 8.0)), found=True)
+    sheet = contact_sheet_svg([WORLD.model_copy(update={"zones": (zone,)})], title="hall")
+    assert ">dock</text>" in sheet
+    assert sheet.count("stroke-dasharray=") == 1
 
 
 def test_the_start_is_drawn_where_it_is():

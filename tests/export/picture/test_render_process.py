@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from specs.data.world import Rectangle, World, solids
 from tasks.export.picture.render_process import cut_open, whole_view
 from tests.export.variants import with_door, with_windows
+from tests.factories.own_worlds import piece, wedge
 from tests.factories.worlds import apartment
 
 HALF_HEIGHT = math.tan(math.radians(14.0))
@@ -56,6 +57,13 @@ def test_no_wall_is_higher_than_the_cut_and_lintels_above_it_are_gone(world: Wor
 
 def test_furniture_stays_whole(world: World):
     assert cut_open(world, 0.2).furniture == world.furniture
+
+
+def test_a_roof_is_taken_off(world: World):
+    roofed = world.model_copy(
+        update={"furniture": (*world.furniture, piece("roof", wedge("roof", (0.0, 0.0), low_m=9.0)))}
+    )
+    assert cut_open(roofed, 0.2).furniture == world.furniture
 
 
 def test_a_wall_has_a_hole_where_its_window_is(world: World):

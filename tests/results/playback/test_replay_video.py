@@ -6,7 +6,9 @@ from pathlib import Path
 import av
 import numpy as np
 
+from specs.data.world import FloorZone
 from tasks.results.playback.replay_video import frames, write_video
+from tests.factories.own_worlds import piece, wedge
 from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback
 from tests.factories.worlds import apartment
 
@@ -56,3 +58,12 @@ def test_a_scan_that_sees_nothing_ends_at_the_edge_of_the_world():
     far.ranges_m[:] = 50.0
     picture = next(frames(WORLD, far))
     assert (picture[-4:] == 255).all()
+
+
+def test_zones_are_filmed_and_roofs_are_not():
+    zone = FloorZone(name="dock", outline_m=((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0)), found=True)
+    own = WORLD.model_copy(update={"version": "2", "rooms": (), "furniture": (), "zones": (zone,)})
+    film = next(frames(own, playback()))
+    assert (film == (95, 104, 112)).all(axis=2).sum() > 100
+    roofed = own.model_copy(update={"furniture": (piece("roof", wedge("roof", (0.0, 0.0), low_m=9.0)),)})
+    assert (next(frames(roofed, playback())) == film).all()
