@@ -110,7 +110,11 @@ def preview(
 @world_app.command("sheet")
 def sheet(
     worlds: Annotated[
-        str, typer.Argument(help="A template (path, ARN or name), or a generation job (ARN or id).", show_default=False)
+        str,
+        typer.Argument(
+            help="A template (path, ARN or name), a generation job (ARN or id), or an import (import-*, variants-*).",
+            show_default=False,
+        ),
     ],
     *,
     output: Annotated[Path, typer.Option(help="The SVG to write.")] = Path("worlds-sheet.svg"),
@@ -120,7 +124,7 @@ def sheet(
     png: Annotated[bool, typer.Option("--png", help="Write a sheet of pictures in 3-D beside it.")] = False,
     store: StoreUrl = None,
 ) -> None:
-    """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job."""
+    """Draw many worlds on one sheet: the first floor plans of a template, or the worlds of a job or an import."""
     chosen = select_worlds(worlds, open_store(store), Path.cwd(), count, WorldRequest(seed, robot_radius))
     for reason in chosen.rejected:
         echo(reason, err=True)

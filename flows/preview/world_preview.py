@@ -224,6 +224,7 @@ def _span(spans: Sequence[Range]) -> Range:
 
 _GENERATION = "preview"
 _JOB_ID = "wgj-"
+_IMPORTS = ("import-", "variants-")
 
 
 @dataclass(frozen=True)
@@ -339,10 +340,10 @@ def _of_option(fault: Fault) -> Fault:
 
 
 def select_worlds(reference: str, store: Store, base: Path, count: int, asked: WorldRequest) -> WorldSelection:
-    """Returns the first worlds of a generation job, or the first floor plans that a template gives.
+    """Returns the first worlds of a generation job or of an import, or the first floor plans that a template gives.
 
     Args:
-        reference: A job's ARN or id, or a template as a document names one.
+        reference: A job's ARN or id, the generation of an import, or a template as a document names one.
         store: Where jobs and templates are.
         base: Folder that a template's relative path starts from.
         count: How many worlds at most.
@@ -354,6 +355,8 @@ def select_worlds(reference: str, store: Store, base: Path, count: int, asked: W
     """
     if resource_kind(reference) == KIND or reference.startswith(_JOB_ID):
         return _of_job(store, parse_reference(reference).path, count)
+    if reference.startswith(_IMPORTS) and (places := _imported(store, reference)):
+        return _first_of(store, reference, places, count)
     return worlds_of_template(
         find_template(reference, store, base), f"{Path(reference).name}, seed {asked.seed}", count, asked
     )
@@ -412,8 +415,18 @@ def _of_job(store: Store, job: str, count: int) -> WorldSelection:
     references = cast("list[str]", read(store, KIND, job).detail.get("worlds", []))
     if not references:
         raise DocumentError.of(KIND, repr(job), "a job that has made worlds")
-    worlds = tuple(read_world(store, reference, job) for reference in references[:count])
-    return WorldSelection(title=job, worlds=worlds, total=len(references))
+    return _first_of(store, job, references, count)
+
+
+def _imported(store: Store, generation: str) -> list[str]:
+    """Returns the worlds that an import made, ``warehouse-2`` before ``warehouse-10``."""
+    keys = (key for key in store.keys(f"worlds/{generation}/") if key.endswith(".json"))
+    return sorted((key.removeprefix("worlds/").removesuffix(".json") for key in keys), key=lambda it: (len(it), it))
+
+
+def _first_of(store: Store, title: str, references: Sequence[str], count: int) -> WorldSelection:
+    worlds = tuple(read_world(store, reference, title) for reference in references[:count])
+    return WorldSelection(title=title, worlds=worlds, total=len(references))
 
 
 def _write(path: Path, body: bytes) -> None:

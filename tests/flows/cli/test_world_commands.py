@@ -255,6 +255,8 @@ def test_import_prints_what_documents_name_a_world_by_and_tells_of_its_source(tm
     told = result.stderr.split("  picture")[0]
     assert world("show", reference).stdout == told
     assert "drawn.svg" in world("preview", reference, "--output", "drawn.svg").stdout
+    world("sheet", reference.partition("/")[0], "--output", "sheet.svg")
+    assert plans(Path("sheet.svg")) == ["hall"]
 
 
 def test_import_tells_all_faults_of_its_options_at_once(tmp_path: Path) -> None:
