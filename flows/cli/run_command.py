@@ -24,6 +24,7 @@ from flows.cli.terminal import echo, echo_commands, echo_json, exit_code_of
 from flows.pipeline.pipeline import pipeline
 from flows.pipeline.references import new_bucket_lines, resolve_references
 from flows.pipeline.version_retention import version_lines
+from flows.pipeline.world_imports import sources_read_once
 from flows.prefect.prefect_server import ServerChoice, prefect_server
 from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, SimyardError, StageFailed
@@ -310,6 +311,7 @@ _LATE_IMPORTS = ("prefect.flow_engine", "prefect.task_engine", "prefect.utilitie
 logger = logging.getLogger(__name__)
 
 
+@sources_read_once()
 def run_document(spec: PipelineSpec, base: Path, store_url: str | None, console: Console) -> PipelineReport:
     """Returns the report of the document's run; one that was killed before is continued.
 

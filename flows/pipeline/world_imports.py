@@ -7,7 +7,9 @@ and to import it again does nothing. Importing has no job: as a bundle, a world 
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -141,12 +143,34 @@ def launched_world(store: Store, launch: ApplicationLaunch, variables: Mapping[s
     return _launched(launch.name, source, tuple(sorted(variables.items())))
 
 
+_made: ContextVar[dict[tuple[str, Path], list[ImportedWorld]] | None] = ContextVar("made", default=None)
+
+
+@contextmanager
+def sources_read_once() -> Generator[None]:
+    """Lets each entry of a document be imported once within the block: a run does not read what a trial has read."""
+    token = _made.set({})
+    try:
+        yield
+    finally:
+        _made.reset(token)
+
+
 def import_worlds(asked: WorldImport, base: Path, path: str = "") -> list[ImportedWorld]:
     """Returns the worlds that an entry of a document makes: one, or the variants that it asks for.
 
     Raises:
         DocumentError: As ``import_world`` says; or a robot has no room in the world, or in one of its variants.
     """
+    made, key = _made.get(), (asked.model_dump_json(), base)
+    if made is None:
+        return _new_worlds(asked, base, path)
+    if key not in made:
+        made[key] = _new_worlds(asked, base, path)
+    return made[key]
+
+
+def _new_worlds(asked: WorldImport, base: Path, path: str) -> list[ImportedWorld]:
     whole = import_world(asked, base, path)
     if asked.variants is None:
         return [whole]

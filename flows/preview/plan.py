@@ -34,6 +34,7 @@ from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.application.mjcf_check import refusal_lines
 from tasks.simulate.forecast.batch_times import Span
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
+from tasks.simulate.geometry.world_arrays import grid_cells
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
@@ -241,7 +242,8 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
     if spec.simulationBatch and found.batch and batch and plan and beside:
         if spec.gate:
             judged = gate_basis(batch, spec.gate.noWorseThan, found.compared_with, trial)
-        yield from _batch_lines(plan, batch, spec.simulationBatch)
+        driven = {grid_cells(each.world) for each in found.imported if each.reference in batch.worlds}
+        yield from _batch_lines(plan, batch, spec.simulationBatch, sizes=len(driven))
         yield from (f"                  {line}" for line in host_lines(beside, min(plan.lanes, plan.episodes)))
         for reason in (*failing_sources(found.batch), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
@@ -336,7 +338,8 @@ def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
     return {digest: unpack(store, digest, cache_folder() / "bundles") for digest in batch.digests()}
 
 
-def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -> Iterator[str]:
+def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, sizes: int) -> Iterator[str]:
+    """Yields how a batch is simulated; ``sizes`` are those of the maps of worlds that are there already."""
     longest_s = max((template.duration_s for template in batch.templates), default=0.0)
     yield f"simulationBatch   {_count(plan.episodes, 'episode')} of at most {longest_s:g} simulated seconds"
     for robot in plan.robots:
@@ -346,7 +349,9 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch) -
     chunks = f"{_count(plan.chunks, 'chunk')} of {_count(plan.lanes, 'lane')}"
     devices = _count(plan.devices, f"{plan.device} device")
     steps = f"at most {plan.lane_steps_at_most:,} physics steps"
-    yield f"                  {chunks} on {devices}, {_count(plan.compilations, 'compiled program')}, {steps}"
+    programs = _count(plan.compilations, "compiled program")
+    programs += f" for each of {sizes} sizes of worlds" if sizes > 1 else ""
+    yield f"                  {chunks} on {devices}, {programs}, {steps}"
     took = f"{_time(plan.wall_s, known=plan.known)} and {_gigabytes(plan.memory_bytes)}"
     if plan.known:
         yield f"                  about {took}; from the last batch of these programs here"

@@ -10,8 +10,10 @@ from flows.pipeline.world_imports import (
     ImportedWorld,
     import_lines,
     import_world,
+    import_worlds,
     imported_lines,
     keep_world,
+    sources_read_once,
     unresolved_lines,
 )
 from specs.data.world import ImportFinding, MapAgreement, Route, World
@@ -57,6 +59,17 @@ def test_importing_again_does_nothing(tmp_path: Path, file_store: Store) -> None
     imported = import_world(entry(), tmp_path)
     keep_world(file_store, imported)
     assert world_bytes(file_store, imported.reference) == encode_world(imported.world)
+
+
+@pytest.mark.usefixtures("in_process")
+def test_a_run_does_not_read_again_what_its_trial_has_read(tmp_path: Path) -> None:
+    write_map(tmp_path, ROWS)
+    with sources_read_once():
+        tried = import_worlds(entry(), tmp_path)
+        (tmp_path / "map.yaml").unlink()
+        assert import_worlds(entry(), tmp_path) is tried
+    with pytest.raises(DocumentError, match="a file; there is none"):
+        import_worlds(entry(), tmp_path)
 
 
 @pytest.mark.usefixtures("in_process")

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from flows.pipeline import world_imports
 from flows.preview.plan import (
     HostPlan,
     SeenSpread,
@@ -33,8 +34,10 @@ from tasks.simulate.sandbox.confinement import Confinement
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import submit
+from tasks.worlds.importer.import_process import import_source
 from tests.deploy.puppets import PuppetRobots
 from tests.deploy.yard import FLEET, STAYS_UP, Yard
+from tests.factories.ros_maps import write_map
 from tests.repository import ROOT
 from tests.ros.conftest import ros
 
@@ -67,6 +70,20 @@ def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     assert re.search(r"2 chunks of 192 lanes on \d+ cpu devices?, 1 compiled program,", told)
     assert re.search(r"unknown .*: perhaps \S+ to \S+ (s|min|h) and \S+ to \S+ GB of memory", told)
     assert "recordings of failed episodes at 10 Hz; 32 episodes audited on C MuJoCo" in told
+
+
+def test_programs_are_counted_for_each_size_of_imported_worlds(
+    file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(world_imports, "_read_apart", lambda asked, _path, _folders: import_source(asked))
+    for name, cells in (("room", 40), ("hall", 400)):
+        (tmp_path / name).mkdir()
+        write_map(tmp_path / name, ("#" * cells, *("#" + "." * (cells - 2) + "#",) * 38, "#" * cells))
+    sections = read_pipeline(ROOT / "examples/own-building.yaml").model_dump(mode="json", exclude_none=True)
+    batch = sections["simulationBatch"] | {"matrix": {"worlds": "all", "seeds": 1}}
+    worlds = [{"name": name, "source": f"{name}/map.yaml"} for name in ("room", "hall")]
+    spec = PipelineSpec.model_validate({"name": "sizes", "worlds": worlds, "simulationBatch": batch})
+    assert "1 compiled program for each of 2 sizes of worlds," in "\n".join(plan_lines(spec, tmp_path, file_store))
 
 
 def test_what_is_turned_off_is_said(lines: Tell):
