@@ -260,10 +260,14 @@ def _shades(body: bytes) -> tuple[_Shades, Cells, _Shades]:
     """
     from io import BytesIO  # noqa: PLC0415 - with the next
 
-    from PIL import Image  # noqa: PLC0415 - where there is a map to read
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 - where there is a map to read
 
     Image.MAX_IMAGE_PIXELS = None  # the size is looked at below, before any pixel is read
-    with Image.open(BytesIO(body), formats=_FORMATS) as image:
+    try:
+        opened = Image.open(BytesIO(body), formats=_FORMATS)
+    except UnidentifiedImageError as exc:
+        raise ValueError("another kind of file") from exc  # Pillow names an address in memory
+    with opened as image:
         if image.width * image.height > MOST_PIXELS:
             raise ValueError(f"{image.width:,} x {image.height:,} pixels")
         image.load()

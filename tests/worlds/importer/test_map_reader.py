@@ -170,6 +170,7 @@ HUGE = b"P5\n20000 20000\n255\n"
     [
         ({"body": b""}, "image: 'map.pgm': a picture; there is no file"),
         ({"body": pgm(levels(HALL))[:-7]}, "image: 'map.pgm': "),
+        ({"body": b"\xff\xd8\xff\xe0JFIF"}, "image: 'map.pgm': another kind of file: a whole picture, PGM or PNG"),
         ({"body": HUGE}, "image: 'map.pgm': 20,000 x 20,000 pixels: a whole picture"),
         ({"body": b"GIF89a"}, "image: 'map.pgm': "),
         ({"image": "../map.pgm", "body": b""}, "image: '../map.pgm': a picture in "),
