@@ -11,7 +11,12 @@ import yaml
 
 import simyard
 from specs.errors import DocumentError, PipelineNotPassed, StageFailed
+from tasks.ros.launch.packages import RosInstallation
+from tests.flows.pipeline.test_robot_drafts import judged_bundle
 from tests.repository import ROOT
+from tests.ros.conftest import ros
+
+__all__ = ["ros"]
 
 FILE = ROOT / "examples/worlds-only.yaml"
 TEXT = FILE.read_text()
@@ -115,6 +120,29 @@ def test_a_gate_that_does_not_pass_is_an_answer_and_no_exception(tmp_path: Path)
         run.require_passed()
     assert len(simyard.results(run)) == 2
     assert simyard.replay(run, 1).same
+
+
+@pytest.mark.integration
+@pytest.mark.long
+def test_a_simulation_application_judges_its_job_for_python_too(ros: RosInstallation, tmp_path: Path):
+    judged_bundle(tmp_path / "judge")
+    launch = {"packageName": "rover_sim", "launchFile": "judged.launch", "environmentVariables": {"SPEED": "0.4"}}
+    request = {
+        "maxJobDurationInSeconds": 10,
+        "simulationApplications": [{"application": "judge", "launchConfig": launch}],
+    }
+    document = {
+        "name": "judged",
+        "applications": [{"name": "judge", "kind": "simulation", "source": "judge"}],
+        "simulationBatch": {"createSimulationJobRequests": [request], "recordings": {"episodes": "all"}},
+        "gate": {"successRate": {"atLeast": 0.01}},
+    }
+    run = simyard.run(document, base=tmp_path, store=tmp_path / "s", direct=True)
+    assert run.verdict == "PASS"
+    (row,) = simyard.results(run).table.to_pylist()
+    assert (row["outcome"], row["world"].rpartition("/")[2], row["rooms_total"]) == ("Passed", "judge", 0)
+    assert dict(row["metrics"])["distance"] > 0.3
+    assert simyard.replay(run, 0).same
 
 
 def test_a_stage_that_fails_is_an_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
