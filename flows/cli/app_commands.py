@@ -9,13 +9,14 @@ import typer
 
 from flows.cli.terminal import StoreUrl, echo
 from flows.pipeline.version_retention import free_versions, limit_exceeded
-from specs.errors import DocumentError, LimitExceeded
+from specs.errors import BundleRefused, DocumentError, LimitExceeded
 from specs.field_types import Architecture
 from specs.robomaker.applications import SourceConfig
 from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
 from tasks.applications.bucket_sources import create_application, create_version, delete_application, update_application
 from tasks.applications.registry import publish_bundle as publish_folders
 from tasks.documents.parse import parse
+from tasks.storage.container_image import image_bundle, is_image_source
 from tasks.storage.store_url import open_existing_store, open_store
 
 app_app = typer.Typer(help="Make applications and publish their versions.", no_args_is_help=True)
@@ -51,14 +52,19 @@ def update(
 @app_app.command("publish")
 def publish(
     name: _Name,
-    folder: Annotated[
-        Path | None,
-        typer.Argument(help="The bundle: robot.xml and its packages, or a scenario; for all architectures."),
+    bundle: Annotated[
+        str | None,
+        typer.Argument(
+            help="A folder with robot.xml and packages, or with a scenario; or a container image: app.tar, docker://..."
+        ),
     ] = None,
     *,
+    robot: Annotated[
+        Path | None, typer.Option(help="Folder with robot.xml and ros.yaml, for a container image that has none.")
+    ] = None,
     architecture: Annotated[
         list[str] | None,
-        typer.Option(metavar="ARCHITECTURE=FOLDER", help="A bundle for X86_64, ARM64 or ARMHF alone; once for each."),
+        typer.Option(metavar="ARCHITECTURE=BUNDLE", help="A bundle for X86_64, ARM64 or ARMHF alone; once for each."),
     ] = None,
     kind: _Kind = "robot",
     revision: _Revision = None,
@@ -66,13 +72,15 @@ def publish(
 ) -> None:
     """Publish an application's next version; the same content keeps its number.
 
-    Of a folder, of one for each architecture, or else of what lies at the application's sources.
+    Of one bundle, of one for each architecture, or else of what lies at the application's sources.
     """
-    opened, own = open_store(store), _folders(architecture or [])
-    if folder and own:
-        raise _refused("--architecture", str(folder), "one folder for all architectures, or one for each")
-    if folder or own:
-        publish_one = partial(publish_folders, opened, _kind(kind), name, folder or own, current_revision=revision)
+    opened, own = open_store(store), _bundles(architecture or [])
+    if bundle and own:
+        raise _refused("--architecture", bundle, "one bundle for all architectures, or one for each")
+    if bundle or own:
+        folders = {each: _folder(source, kind, robot, each) for each, source in own.items()}
+        source = folders or _folder(bundle or "", kind, robot)
+        publish_one = partial(publish_folders, opened, _kind(kind), name, source, current_revision=revision)
     else:
         publish_one = partial(create_version, opened, _kind(kind), name, revision)
     try:
@@ -140,12 +148,25 @@ def _sources(given: Sequence[str]) -> "list[SourceConfig]":
     return found
 
 
-def _folders(given: Sequence[str]) -> "dict[Architecture, Path]":
+def _bundles(given: Sequence[str]) -> "dict[Architecture, str]":
     pairs = _pairs(given, "--architecture")
-    folders: dict[Architecture, Path] = {architecture: Path(folder) for architecture, folder in pairs}
-    if len(folders) < len(pairs):
+    if len(dict(pairs)) < len(pairs):
         raise _refused("--architecture", ", ".join(given), "each architecture once")
-    return folders
+    return dict(pairs)
+
+
+def _folder(
+    source: str, kind: Literal["robot", "simulation"], robot: Path | None, architecture: Architecture = "X86_64"
+) -> Path:
+    """Returns the folder of a bundle; a container image's is made in the cache."""
+    if not is_image_source(source, Path()):
+        return Path(source)
+    if kind == "simulation":
+        raise _refused("bundle", source, "a folder: a container image drives a robot, and does not judge")
+    try:
+        return image_bundle(source, Path(), robot, architecture)
+    except BundleRefused as exc:
+        raise _refused("bundle", source, f"a folder, or a container image that can be run; {exc}") from exc
 
 
 def _pairs(given: Sequence[str], option: str) -> "list[tuple[Architecture, str]]":

@@ -4,6 +4,8 @@
 """
 
 import hashlib
+import os
+import weakref
 from collections.abc import Generator
 from pathlib import Path
 
@@ -12,13 +14,16 @@ from tasks.storage.base.local_files import whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, Store, StoredObject
 
 
+_BLOCK_BYTES = 1 << 20
+
+
 class OverlayStore:
-    """Writes in memory above a store that is only read; for one process, and for small objects."""
+    """Writes in memory above a store that is only read, for one process; uploads are files that it holds open."""
 
     def __init__(self, below: Store) -> None:
         self.url = below.url
         self._below = below
-        self._written: dict[str, bytes | None] = {}  # None: deleted here
+        self._written: dict[str, bytes | Path | None] = {}  # a path is of a file held open; None: deleted here
 
     def create(self, key: str, body: bytes) -> str:
         """Returns the new object's ETag; see Store."""
@@ -44,12 +49,17 @@ class OverlayStore:
         body = self._written[key]
         if body is None:
             raise ObjectNotFound(f"{self.url}: there is no {key}")
-        if len(body) > most_bytes:
+        size = body.stat().st_size if isinstance(body, Path) else len(body)
+        if size > most_bytes:
             raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
-        return StoredObject(body=body, etag=_etag(body))
+        whole = body.read_bytes() if isinstance(body, Path) else body
+        return StoredObject(body=whole, etag=_etag(whole))
 
     def size(self, key: str) -> int:
         """Returns an object's size; see Store."""
+        held = self._written.get(key)
+        if isinstance(held, Path):
+            return held.stat().st_size
         return len(self.get(key).body) if key in self._written else self._below.size(key)
 
     def etag(self, key: str) -> str:
@@ -58,7 +68,13 @@ class OverlayStore:
 
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields an object's bytes; see Store."""
-        if key in self._written:
+        held = self._written.get(key)
+        if isinstance(held, Path):
+            with held.open("rb") as file:
+                file.seek(first_byte)
+                while block := file.read(_BLOCK_BYTES):
+                    yield block
+        elif key in self._written:
             yield self.get(key).body[first_byte:]
         else:
             yield from self._below.blocks(key, first_byte)
@@ -111,8 +127,10 @@ class OverlayStore:
         self._written[key] = None
 
     def upload(self, key: str, source: Path) -> None:
-        """Takes a file into memory; see Store."""
-        self.put(key, source.read_bytes())
+        """Holds a file open, which its caller may remove and does not change; see Store."""
+        descriptor = os.open(source, os.O_RDONLY | os.O_CLOEXEC)
+        weakref.finalize(self, os.close, descriptor)
+        self._written[key] = Path(f"/proc/self/fd/{descriptor}")
 
     def sweep(self, key: str) -> None:
         """Removes nothing: what is below stays as it is; see Store."""
@@ -122,9 +140,9 @@ class OverlayStore:
         if key not in self._written:
             self._below.download(key, target)
             return
-        body = self.get(key).body
         with whole_file(target) as file:
-            file.write(body)
+            for block in self.blocks(key):
+                file.write(block)
 
 
 def _etag(body: bytes) -> str:

@@ -9,8 +9,10 @@ from flows.cli.shell import app
 from specs.errors import DocumentError
 from tasks.applications.application_answers import describe_robot_application
 from tasks.applications.registry import pack, resolve
+from tasks.storage.archives import list_bundle_files
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
+from tests.storage.made_images import docker_archive, file, layer
 
 ROBOT = "robot-application"
 
@@ -32,6 +34,25 @@ def test_a_folder_is_published_and_the_same_content_keeps_its_number(file_store:
 
     digest = resolve(file_store, ROBOT, "mine").digest
     assert told == [f"mine version 1: {digest}\n"] * 2
+
+
+def test_a_container_image_is_published_as_a_document_would(
+    file_store: Store, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
+    (folder / "robot.xml").write_text("<mujoco/>")
+    image = docker_archive(tmp_path / "app.tar", [layer(file("usr/bin/roslaunch"))])
+    told = _simyard(file_store, "publish", "mine", image, "--robot", folder)
+
+    digest = resolve(file_store, ROBOT, "mine").digest
+    assert told == f"mine version 1: {digest}\n"
+    assert {"image.json", "robot.xml"} <= {*list_bundle_files(file_store, digest)}
+    with pytest.raises(DocumentError, match="a tag may be another image tomorrow"):
+        _simyard(file_store, "publish", "mine", "docker://127.0.0.1:1/app:1")
+    with pytest.raises(DocumentError, match="it is built for amd64, and ARM64 is asked for"):
+        _simyard(file_store, "publish", "mine", "--architecture", f"ARM64={image}")
+    with pytest.raises(DocumentError, match="a container image drives a robot"):
+        _simyard(file_store, "publish", "mine", image, "--kind", "simulation")
 
 
 def test_a_scenario_is_published_as_one(file_store: Store, folder: Path) -> None:

@@ -1,5 +1,6 @@
 """A store to try things on."""
 
+import tracemalloc
 from pathlib import Path
 
 import pytest
@@ -42,3 +43,19 @@ def test_it_keeps_a_stores_promises(file_store: Store):
         trial.replace("taken", b"2", "another etag")
     with pytest.raises(ObjectConflict):
         trial.replace("nothing", b"2", "etag")
+
+
+def test_a_large_file_is_not_taken_into_memory(file_store: Store, tmp_path: Path):
+    source, size = tmp_path / "file", 16 << 20
+    source.write_bytes(bytes(size))
+    trial = OverlayStore(file_store)
+    tracemalloc.start()
+    try:
+        trial.upload("a/file", source)
+        source.unlink()  # as callers do whose file is a temporary one
+        trial.download("a/file", tmp_path / "copy")
+        assert tracemalloc.get_traced_memory()[1] < size / 2
+    finally:
+        tracemalloc.stop()
+    assert (trial.size("a/file"), (tmp_path / "copy").stat().st_size) == (size, size)
+    assert sum(map(len, trial.blocks("a/file", size - 3))) == 3
