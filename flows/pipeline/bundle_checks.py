@@ -219,10 +219,14 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
         image, root, command = read_image(folder), image_root(folder), launch.command or ()
         words = image.words(launch.package, launch.file, command) if image else ()
         if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
-            name, value = ("launchFile", launch.file) if launch.file else ("command", shlex.join(command))
-            faults.append(Fault(path=f"{launch.path}.{name}", value=repr(value), allowed=why))
+            faults.append(_program_fault(launch.path, launch.file, command, why))
     if faults:
         raise DocumentError(list(dict.fromkeys(faults)))
+
+
+def _program_fault(path: str, launch_file: str, command: Sequence[str], why: str) -> Fault:
+    name, value = ("launchFile", launch_file) if launch_file else ("command", shlex.join(command))
+    return Fault(path=f"{path}.{name}", value=repr(value), allowed=why)
 
 
 def check_modules(spec: PipelineSpec, base: Path) -> None:
@@ -529,6 +533,9 @@ def _gazebo_lines(source: "LaunchSource", gazebo: "GazeboLaunch") -> Iterator[st
 def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:
     """Yields what is wrong with a launch file and its bundle's ``ros.yaml``; ``path`` is where the document has it."""
     for why in (*report.refusals, *report.lost):
+        if (source.bundle / IMAGE_FILE).is_file():
+            yield _program_fault(path, source.launch_file, source.command or (), why)
+            continue
         launch = "ros2 launch" if is_ros2(source.launch_file) else "roslaunch"
         allowed = f"a launch file that {launch} takes, and not this one: {why}"
         yield Fault(path=f"{path}.launchFile", value=repr(source.launch_file), allowed=allowed)

@@ -1,16 +1,20 @@
 """Documents whose robot application is a container image: checked before anything runs, planned with its command."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from flows.pipeline.bundle_checks import check_own_bundles
+from flows.pipeline.bundle_checks import check_own_bundles, ros_launch_faults
 from flows.pipeline.references import resolve_references
 from flows.pipeline.robot_drafts import with_images
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
+from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.simulate.sandbox.launch_check import check_launch_file
 from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.store import Store
+from tasks.storage.container_image import image_bundle
 from tests.repository import ROOT
 from tests.storage.made_images import docker_archive, file, layer
 
@@ -75,6 +79,19 @@ def test_an_image_without_the_program_is_refused(launch: object, why: str, tmp_p
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
     (fault,) = _faults(_document(launch), tmp_path)
     assert why in fault
+
+
+@pytest.mark.parametrize(
+    ("launch", "field"),
+    [({"command": ["python3", "x"]}, ".command: 'python3 x'"), ({"launch_file": "run"}, ".launchFile: 'run'")],
+)
+def test_what_a_stored_image_lacks_is_named_as_of_one_of_the_document(
+    launch: dict[str, Any], field: str, tmp_path: Path
+) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
+    source = LaunchSource(image_bundle("app.tar", tmp_path), "app", **{"launch_file": "", **launch})
+    (fault,) = ros_launch_faults("launchConfig", source, check_launch_file(source, [{}], own=False))
+    assert f"{fault.path}: {fault.value}: {fault.allowed}".startswith(f"launchConfig{field}: the image has no program")
 
 
 def test_an_image_without_ros_is_refused_before_anything_runs(tmp_path: Path) -> None:
