@@ -4,6 +4,7 @@ A gate judges episodes, and pairs of episodes with another version; a deployment
 """
 
 import math
+import shlex
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
@@ -210,14 +211,16 @@ def _shipped_lines(section: Deployment, ships: Shipment, batch: BatchPlan | None
 def _launch_lines(section: Deployment, batch: BatchPlan | None, simulated_clock: Collection[str]) -> Iterator[str]:
     launch = section.deploymentApplicationConfigs[0].launchConfig
     package, name = launch.packageName, launch.launchFile
-    driven = [(each.robot.package, each.robot.launch_file) for each in batch.templates] if batch else []
-    if driven:
-        shown = ", ".join(dict.fromkeys("/".join(each) for each in driven))
+    robots = [each.robot for each in batch.templates] if batch else []
+    if robots:
+        commands = (shlex.join(each.command or ()) or f"{each.package}/{each.launch_file}" for each in robots)
+        shown = ", ".join(dict.fromkeys(commands))
         yield f"robots launch {package}/{name}; episodes drive {shown}"
     if not names_ros_launch(name):
         return
     yield f"robots run {launch_sentence(package, name)}"
-    if other := [file for _, file in dict.fromkeys(driven) if names_ros_launch(file) and file != name]:
+    driven = dict.fromkeys(each.launch_file for each in robots)
+    if other := [file for file in driven if names_ros_launch(file) and file != name]:
         yield f"robots launch another launch file than episodes: {', '.join(other)} was tested, {name} was not"
     if name in simulated_clock:
         yield f"{name} sets use_sim_time: on a robot, where nothing sends /clock, its nodes wait for ever"

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from tasks.ros.lockstep.idle_detector import IdleState
+from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
 
 _SOON_S = 0.00003
@@ -204,7 +205,8 @@ class Readiness:
     def _unrest(self, lane: RosLane) -> str:
         """Returns why a lane that is complete does not begin: one that sleeps before it advertises is waited for."""
         quiet = "" if lane.graph.publishers(self._commands) else f", and none of them publishes {self._commands}"
-        return f"its nodes did not come to rest{quiet}"
+        by_wall = "" if lane.graph.outgoing.get(CLOCK) else f", and none reads {CLOCK}: use_sim_time: true is for that"
+        return f"its nodes did not come to rest{quiet}{by_wall}"
 
 
 _FIRST_STEP = 5

@@ -102,6 +102,13 @@ def test_a_lane_that_is_connected_and_does_not_begin_says_what_is_missing(lane: 
     assert lane.failure == "not ready within 0 s: its nodes did not come to rest, and none of them publishes /cmd_vel"
 
 
+def test_a_lane_whose_nodes_go_by_the_walls_clock_says_so(lane: RosLane, pump: EventPump) -> None:
+    assert isinstance(lane.graph, Graph)
+    lane.graph.outgoing[CLOCK].clear()
+    Readiness(pump, "/cmd_vel", 0.0, lambda _: None).wait([lane])
+    assert lane.failure.endswith(", and none reads /clock: use_sim_time: true is for that")
+
+
 @pytest.mark.parametrize("limits", [LaneLimits(memory_bytes=1)], ids=["memory"])
 def test_a_lane_beyond_its_limits_ends_within_the_control_step(worker: FakeThread, drive: Drive) -> None:
     ended: list[str] = []
