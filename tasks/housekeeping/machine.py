@@ -56,6 +56,7 @@ _ENTRIES = {
     "lists of jobs": "lists",
     "drafts of robots": "drafts",
     "container images": "images",
+    "files of images": "image-files",
 }
 _ASIDE = ".gc-"
 _DIGEST = "[0-9a-f]{64}"
@@ -74,6 +75,7 @@ _CACHE: Mapping[str, str] = {
     "data/mounts": f"{_DIGEST}|{_TEMPORARY}",
     "data/seen": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "engines": rf"{_DIGEST}\.json|{_TEMPORARY}",
+    "image-files": rf"{_DIGEST}-100[0-7]{{3}}-\d+|{_TEMPORARY}",
     "images": rf"bundle-[0-9a-f]{{32}}|{_DIGEST}|{_TEMPORARY}",
     "timings": rf"{_DIGEST}\.json|{_TEMPORARY}",
     "trends": rf"[0-9a-f]{{16}}\.json|{_TEMPORARY}",
@@ -316,7 +318,8 @@ def _cached(cache: Path) -> Iterator[CacheEntry]:
 
 def _seen(path: Path, what: str) -> CacheEntry:
     found = [each for each in (_stat(path), *(_stat(Path(base, name)) for base, name in _names(path))) if each]
-    size_bytes = sum(each.st_size for each in found if stat.S_ISREG(each.st_mode))
+    # Of a file that container images share, each has its part.
+    size_bytes = sum(each.st_size // each.st_nlink for each in found if stat.S_ISREG(each.st_mode))
     # Reading a folder's names, as this does, is no use of what is in it.
     return CacheEntry(path, what, size_bytes, max((_used_s(each) for each in found), default=0.0))
 

@@ -11,7 +11,6 @@ import json
 import posixpath
 import shutil
 import subprocess
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -23,17 +22,17 @@ from specs.errors import BundleRefused
 from specs.field_types import Architecture
 from specs.launched_file import IMAGE_FILE
 from tasks.storage.archives import LIMITS
-from tasks.storage.base.local_files import cache_folder, room_in
 from tasks.storage.image_files import (
     BLOCK_BYTES,
     LAYOUT,
     ImageBlobs,
+    ImageFolders,
     blob_name,
     inside,
+    new_tree,
     opened_blobs,
-    private_folder,
     require_digest,
-    settle_folder,
+    sealed_tree,
     unpacked,
 )
 
@@ -81,20 +80,17 @@ def image_bundle(source: str, base: Path, robot: Path | None = None, architectur
     if source.startswith(REGISTRY) and _PINNED not in source:
         how = f"skopeo inspect --format '{{{{.Digest}}}}' {source} tells the one of today"
         raise BundleRefused(f"{source}: a tag may be another image tomorrow: write {source}{_PINNED}...; {how}")
-    home = cache_folder() / "images"
-    target = home / f"bundle-{_state(source, base, robot, architecture)}"
-    if target.is_dir():
-        return target
-    private_folder(home)
-    with room_in(home), tempfile.TemporaryDirectory(prefix=".making-", dir=home) as folder:
-        made, fetched = Path(folder) / "bundle", Path(folder) / "fetched"
-        (made / LAYOUT).mkdir(parents=True)
+    target = ImageFolders.of_cache().images / f"bundle-{_state(source, base, robot, architecture)}"
+    if bundle := sealed_tree(target):
+        return bundle
+    with new_tree(target, ".making-") as made:
+        fetched = made.parent.parent / "fetched"
         place = _fetched(source, fetched, architecture) if source.startswith(REGISTRY) else (base / source).resolve()
         with opened_blobs(place) as blobs:
+            (made / LAYOUT).mkdir()
             digest, config = _copied(blobs, made / LAYOUT, architecture)
             _declare(made, digest, config, architecture, robot)
-        settle_folder(made, target)
-    return target
+    return target / made.name
 
 
 def _state(source: str, base: Path, robot: Path | None, architecture: Architecture) -> str:
@@ -222,7 +218,7 @@ def _declare(
 ) -> None:
     """Writes what a bundle tells of its image, and copies what declares the robot."""
     own: Mapping[str, Any] = config.get("config") or {}
-    root, folder = unpacked(bundle, digest, cache_folder() / "images"), str(own.get("WorkingDir") or "/")
+    root, folder = unpacked(bundle, digest, ImageFolders.of_cache()), str(own.get("WorkingDir") or "/")
     labelled = str((own.get("Labels") or {}).get(_LABEL) or _PLACE)
     for name in _DECLARED:
         places = [robot / name] if robot else [inside(root, f"{place}/{name}") for place in (labelled, folder)]

@@ -1,7 +1,12 @@
 """A container image's files: its blobs are read, its layers unpacked into a folder, and programs are run in that.
 
-Layers are unpacked once, by the image's digest (OCI image specification 1.0, "Image Layer Filesystem Changeset").
-Programs are run by ``bwrap``, without a daemon.
+Layers are unpacked once, by the image's digest (OCI image specification 1.0, "Image Layer Filesystem Changeset"):
+
+images/<digest>/files    the image's files; those of equal content are one file, of ``image-files``, in all images
+images/<digest>/seal     SHA-256 of their names, rights, lengths and times: compared before each use
+
+A file that was changed is found by its time, and the image unpacked anew. Who sets a time back could write a seal as
+well: nothing that runs in an image can, for which it is read-only. Programs are run by ``bwrap``, without a daemon.
 """
 
 import gzip
@@ -10,21 +15,24 @@ import json
 import os
 import posixpath
 import shutil
+import stat
 import tarfile
 import tempfile
 import zlib
 from collections.abc import Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import IO, Any, NamedTuple, Self, cast
+from uuid import uuid4
 
 from pydantic import ValidationError
 
 from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused
 from specs.launched_file import IMAGE_FILE
-from tasks.storage.archives import open_tar, read_tar
+from tasks.storage.archives import digest_of, open_tar, read_tar
 from tasks.storage.base.local_files import OF_THE_DISK, cache_folder, room_in
+from tasks.storage.sealed_bundle import FILES_FOLDER
 
 LAYOUT = "image"
 """The folder of a bundle that has the image's blobs, as an OCI image layout."""
@@ -112,7 +120,8 @@ def blob_name(digest: object) -> str:
 def private_folder(folder: Path) -> None:
     """Makes a folder that nobody else may look into."""
     folder.mkdir(parents=True, exist_ok=True)
-    folder.chmod(0o700)
+    if stat.S_IMODE(folder.stat().st_mode) != stat.S_IRWXU:
+        folder.chmod(stat.S_IRWXU)
 
 
 def read_image(bundle: Path) -> ContainerImage | None:
@@ -129,47 +138,117 @@ def read_image(bundle: Path) -> ContainerImage | None:
         raise BundleRefused(f"{IMAGE_FILE}: {' '.join(str(exc).split())[:300]}") from exc
 
 
-def image_root(bundle: Path, images: Path | None = None) -> Path | None:
+class ImageFolders(NamedTuple):
+    """Where images are unpacked.
+
+    Attributes:
+        images: Folder of a folder for each.
+        files: Folder of the files that images share.
+    """
+
+    images: Path
+    files: Path
+
+    @classmethod
+    def of_cache(cls) -> Self:
+        """Returns those of this machine's cache, which nobody else may look into."""
+        found = cls(cache_folder() / "images", cache_folder() / "image-files")
+        for folder in found:
+            private_folder(folder)
+        return found
+
+
+def image_root(bundle: Path, folders: ImageFolders | None = None) -> Path | None:
     """Returns the folder with the files of a bundle's image, unpacked once; None for a bundle that is no image.
 
     Args:
         bundle: Its folder.
-        images: Where unpacked images lie; None for the cache.
+        folders: Where unpacked images lie; None for the cache.
 
     Raises:
         BundleRefused: The bundle's blobs are not those of the image that it names, or cannot be unpacked.
     """
     image = read_image(bundle)
-    if image is None:
-        return None
-    home = images or cache_folder() / "images"
-    if images is None and not (home / image.digest).is_dir():
-        private_folder(home)
-    return unpacked(bundle, image.digest, home)
+    return unpacked(bundle, image.digest, folders or ImageFolders.of_cache()) if image else None
 
 
-def unpacked(bundle: Path, digest: str, images: Path) -> Path:
+def image_place(bundle: Path) -> Path | None:
+    """Returns where `image_root` has unpacked a bundle's image, for a process whose parent has compared it."""
+    image = read_image(bundle)
+    return cache_folder() / "images" / image.digest / FILES_FOLDER if image else None
+
+
+def unpacked(bundle: Path, digest: str, folders: ImageFolders) -> Path:
     """Returns the folder of an image's files: there whole or not at all, each layer compared with its digest."""
-    target = images / digest
-    if target.is_dir():
-        return target
-    images.mkdir(parents=True, exist_ok=True)
-    with (
-        room_in(images),
-        tempfile.TemporaryDirectory(prefix=".unpack-", dir=images, ignore_cleanup_errors=True) as folder,
-        opened_blobs(bundle / LAYOUT) as blobs,
-    ):
-        root, manifest = Path(folder) / "root", blobs.blob({"digest": f"sha256:{digest}"})
-        root.mkdir()
-        left = _UNPACKED_BYTES
+    target = folders.images / digest
+    if root := sealed_tree(target):
+        return root
+    for folder in folders:
+        folder.mkdir(parents=True, exist_ok=True)
+    with new_tree(target, ".unpack-") as root, opened_blobs(bundle / LAYOUT) as blobs:
+        manifest, left = blobs.blob({"digest": f"sha256:{digest}"}), _UNPACKED_BYTES
         diff_ids = blobs.blob(manifest["config"])["rootfs"]["diff_ids"]
         for each, diff_id in zip(manifest["layers"], diff_ids, strict=True):
             with blobs.open(blob_name(each["digest"])) as file:
-                left -= apply_layer(file, root, str(diff_id), left)
+                left -= apply_layer(file, root, str(diff_id), left, folders.files)
         _name_hosts(root)
         os.sync()  # its name stands for whole files, also after the power fails
-        settle_folder(root, target)
-    return target
+    return target / FILES_FOLDER
+
+
+_SEAL = "seal"
+
+
+@contextmanager
+def new_tree(target: Path, mark: str) -> Generator[Path]:
+    """Makes a folder of files in the ``with`` block, and then seals it: it is there whole or not at all.
+
+    Args:
+        target: Where it is to lie; what lies there and is not what its seal says is put away.
+        mark: How the names of half-made ones begin.
+    """
+    home = target.parent
+    with room_in(home), tempfile.TemporaryDirectory(prefix=mark, dir=home, ignore_cleanup_errors=True) as folder:
+        made = Path(folder) / "made"
+        (made / FILES_FOLDER).mkdir(parents=True)
+        yield made / FILES_FOLDER
+        (made / _SEAL).write_text(_seal(made / FILES_FOLDER))
+        if os.path.lexists(target) and not sealed_tree(target):
+            away = target.with_name(f".{uuid4().hex}.tmp")
+            target.rename(away)
+            _remove(away)
+        try:
+            made.rename(target)
+        except OSError:
+            if not sealed_tree(target):  # else another process was first
+                raise
+
+
+def sealed_tree(target: Path) -> Path | None:
+    """Returns the folder of files that `new_tree` made; None if it is not there, or was changed."""
+    try:
+        intact = (target / _SEAL).read_text() == _seal(target / FILES_FOLDER)
+    except (OSError, ValueError):
+        return None
+    return target / FILES_FOLDER if intact else None
+
+
+def _seal(top: Path) -> str:
+    """Returns what a folder is known by that holds the same files as when it was made; nothing in them is read."""
+    found, left = hashlib.sha256(), [str(top)]
+    while left:
+        path = left.pop()
+        state = os.lstat(path)
+        if stat.S_ISDIR(state.st_mode):
+            with os.scandir(path) as entries:
+                left += sorted(each.path for each in entries)
+            told = ""
+        elif stat.S_ISLNK(state.st_mode):
+            told = f"-> {os.readlink(path)}"  # noqa: PTH115 - of thousands of files
+        else:
+            told = f"{state.st_mode:o} {state.st_size} {state.st_mtime_ns}"
+        found.update(os.fsencode(f"{path[len(str(top)) :]}\0{told}\0"))
+    return found.hexdigest()
 
 
 def _name_hosts(root: Path) -> None:
@@ -181,20 +260,12 @@ def _name_hosts(root: Path) -> None:
         (folder / name).write_text(text)
 
 
-def settle_folder(temporary: Path, target: Path) -> None:
-    """Gives a folder that is whole its name, unless another process was first."""
-    try:
-        temporary.rename(target)
-    except OSError:
-        if not target.is_dir():  # else another process was first
-            raise
-
-
 _HIDES, _HIDES_ALL, _HIDES_NOTHING = ".wh.", ".wh..wh..opq", ".wh..wh."
 _LINKS = 40
+_LAST_S = 0xFFFFFFFF
 
 
-def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int) -> int:
+def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int, shared: Path | None = None) -> int:
     """Applies a layer to the folder of an image, and returns how many bytes it has unpacked.
 
     Nothing is written outside the folder, whatever names and links the layer and those below it have: each part of a
@@ -206,6 +277,7 @@ def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int) -> i
         root: The folder, which nobody else writes to.
         diff_id: The digest that the tar must have.
         most_bytes: How long it may be.
+        shared: Folder of the files that images share; None for none.
 
     Raises:
         BundleRefused: It is changed, is packed by something else, is too long, or leads out of the image.
@@ -225,7 +297,7 @@ def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int) -> i
             # Else it keeps them, with all that their headers say.
             layer.file.members = []  # pyright: ignore[reportAttributeAccessIssue]
             try:
-                _apply(layer.file, member, root, own)
+                _apply(layer.file, member, root, own, shared)
             except (OSError, ValueError) as exc:  # such as a file's name that is a folder's as well
                 if isinstance(exc, OSError) and exc.errno in OF_THE_DISK:
                     raise
@@ -248,7 +320,7 @@ def _require_layer(tar: IO[bytes], diff_id: str, most_bytes: int) -> int:
     return size
 
 
-def _apply(tar: tarfile.TarFile, member: tarfile.TarInfo, root: Path, own: set[Path]) -> None:
+def _apply(tar: tarfile.TarFile, member: tarfile.TarInfo, root: Path, own: set[Path], shared: Path | None) -> None:
     """Applies an entry of a layer; ``own`` are the paths that this layer made, which it does not hide itself."""
     parts = [part for part in member.name.split("/") if part not in ("", ".")]
     if ".." in parts:
@@ -267,6 +339,8 @@ def _apply(tar: tarfile.TarFile, member: tarfile.TarInfo, root: Path, own: set[P
             _remove(folder / hidden)
     else:
         _place(tar, member, path, root)
+        if shared and member.isreg():
+            _share(path, shared)
         while path not in own and path != root:
             own.add(path)
             path = path.parent
@@ -300,6 +374,32 @@ def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path, root: Path
         with path.open("xb") as sink:
             shutil.copyfileobj(body, sink, BLOCK_BYTES) if body else None
         path.chmod(0o755 if member.mode & 0o111 else 0o644)
+        # Python compiles a module anew that is not as old as its compiled one says.
+        time_s = int(min(max(member.mtime, 0), _LAST_S))
+        os.utime(path, (time_s, time_s))
+
+
+def _share(path: Path, shared: Path) -> None:
+    """Makes a file one with that of another image that has its content, rights and time."""
+    state, digest = path.lstat(), digest_of(path)
+    known, spare = shared / f"{digest}-{state.st_mode:o}-{state.st_mtime_ns}", path.with_name(f".{uuid4().hex}")
+    with suppress(OSError):  # it spares room, and no more: a disk may have no links, or no more of this file
+        if _is_still(known, state, digest):
+            os.link(known, spare)
+            spare.replace(path)
+        else:
+            known.unlink(missing_ok=True)
+            os.link(path, known)
+
+
+def _is_still(known: Path, state: os.stat_result, digest: str) -> bool:
+    """Returns whether a shared file is what its name says."""
+    try:
+        found = known.lstat()
+        same = (found.st_mode, found.st_mtime_ns) == (state.st_mode, state.st_mtime_ns)
+        return same and digest_of(known) == digest
+    except OSError:
+        return False
 
 
 def inside(root: Path, name: str) -> Path:

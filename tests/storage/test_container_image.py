@@ -1,6 +1,8 @@
 """An image becomes a bundle whose digest stands for every byte of it; what is no image is refused with a reason."""
 
+import io
 import json
+import tarfile
 from pathlib import Path
 
 import pytest
@@ -67,6 +69,75 @@ def test_an_archive_that_is_written_anew_is_another_bundle(tmp_path: Path) -> No
     assert image_bundle("app.tar", tmp_path) == first
     docker_archive(tmp_path / "app.tar", [_LAYER, layer(file("more"))], _CONFIG)
     assert read_image(image_bundle("app.tar", tmp_path)) != read_image(first)
+
+
+@pytest.mark.parametrize("change", ["content", "more", "link", "rights", "whole"])
+def test_unpacked_files_that_were_changed_are_unpacked_anew(change: str, tmp_path: Path) -> None:
+    """The attack: what lies in the cache is written to, as whoever has this account can."""
+    docker_archive(tmp_path / "app.tar", [_LAYER, layer(link("app/l", "ros.yaml"))], _CONFIG)
+    bundle = image_bundle("app.tar", tmp_path)
+    root = image_root(bundle)
+    assert root is not None
+    before, script = _tree(root), root / "enter.sh"
+    if change == "content":
+        script.write_bytes(script.read_bytes().replace(b"exec", b"stop"))
+    elif change == "more":
+        (root / "app/sitecustomize.py").write_text("evil")
+    elif change == "link":
+        (root / "app/l").unlink()
+        (root / "app/l").symlink_to("/etc/shadow")
+    elif change == "rights":
+        (root / "app/ros.yaml").chmod(0o644)
+    else:
+        root.rename(tmp_path / "elsewhere")
+        root.symlink_to(tmp_path / "elsewhere")
+    assert image_root(bundle) == root
+    assert (_tree(root), root.is_symlink(), str((root / "app/l").readlink())) == (before, False, "ros.yaml")
+    assert sorted(path.name[:6] for path in (tmp_path / "cache/images").iterdir()) == sorted(
+        ["bundle", root.parent.name[:6]]
+    )
+
+
+def test_a_layer_that_was_changed_in_the_cache_is_copied_anew(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    bundle = image_bundle("app.tar", tmp_path)
+    before = _tree(bundle)
+    (blob,) = [path for path in (bundle / "image/blobs/sha256").iterdir() if path.stat().st_size == len(_LAYER)]
+    blob.write_bytes(_LAYER.replace(b"exec", b"stop"))
+    assert image_bundle("app.tar", tmp_path) == bundle
+    assert _tree(bundle) == before
+
+
+def test_images_share_the_files_that_are_alike(tmp_path: Path) -> None:
+    upper = [layer(file("app/run", name)) for name in (b"first", b"other")]
+    roots = list[Path]()
+    for number, each in enumerate(upper):
+        docker_archive(tmp_path / f"{number}.tar", [_LAYER, each])
+        root = image_root(image_bundle(f"{number}.tar", tmp_path))
+        assert root is not None
+        roots.append(root)
+    assert [root.joinpath("enter.sh").stat().st_nlink for root in roots] == [3, 3]  # and one in image-files
+    assert [root.joinpath("app/run").stat().st_nlink for root in roots] == [2, 2]
+    script = roots[0] / "enter.sh"
+    script.write_bytes(b"changed in both")
+    docker_archive(tmp_path / "2.tar", [_LAYER, layer(file("app/more"))])
+    third = image_root(image_bundle("2.tar", tmp_path))
+    assert third is not None  # what is shared is compared before it is
+    assert (third / "enter.sh").read_bytes() == b"#!/bin/sh\nexec $@\n"
+
+
+def test_files_are_as_old_as_their_layer_says(tmp_path: Path) -> None:
+    made = io.BytesIO()
+    with tarfile.open(fileobj=made, mode="w") as tar:
+        for name, time_s in (("old.py", 1_000_000_000), ("odd", -7), ("far", 1 << 40)):
+            member = tarfile.TarInfo(name)
+            member.mtime = time_s
+            tar.addfile(member)
+    docker_archive(tmp_path / "app.tar", [made.getvalue()])
+    root = image_root(image_bundle("app.tar", tmp_path))
+    assert root is not None
+    found = [int((root / name).stat().st_mtime) for name in ("old.py", "odd", "far")]
+    assert found[:2] == [1_000_000_000, 0]
 
 
 def test_the_robot_may_lie_beside_an_image(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from pydantic import ValidationError
 from specs.base import Spec
 from tasks.deploy.fleet.states import Desired, Reported
 from tasks.storage.base.local_files import make_folder, settle_names, whole_file
-from tasks.storage.image_files import image_root
+from tasks.storage.image_files import ImageFolders, image_root
 
 _LOG = logging.getLogger(__name__)
 LOCK = "agent.lock"
@@ -64,10 +64,11 @@ class Disk:
         self.versions = root / "versions"
         self.archives = root / "archives"
         self.images = root / "images"
+        self.image_files = root / "image-files"
         self.downloads = root / "downloads"
         self.logs = root / "logs"
         self.current = root / "current"
-        for folder in (self.versions, self.archives, self.images, self.downloads, self.logs):
+        for folder in (self.versions, self.archives, self.images, self.image_files, self.downloads, self.logs):
             make_folder(folder)
 
     def load(self) -> RobotState:
@@ -131,7 +132,7 @@ class Disk:
             BundleRefused: Its layers are not those that it names, or cannot be unpacked.
             StoreFull: The disk is full.
         """
-        return image_root(self.version(digest), self.images / digest)
+        return image_root(self.version(digest), ImageFolders(self.images / digest, self.image_files))
 
     def switch(self, digest: str | None) -> None:
         """Makes `current` show an installed bundle, or go away."""
@@ -149,6 +150,9 @@ class Disk:
                 discard(path)
         for path in self.images.glob("*/.*"):  # half-unpacked when this robot lost its power
             discard(path)
+        for path in self.image_files.iterdir():
+            if path.lstat().st_nlink == 1:  # of no image any more
+                path.unlink()
         for path in self.downloads.iterdir():
             if path.suffix != _PARTIAL:
                 path.unlink(missing_ok=True)

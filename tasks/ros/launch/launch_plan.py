@@ -23,7 +23,7 @@ from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused, LaunchRefused
 from specs.launched_file import bundle_files, workspace_variables
 from tasks.ros.launch.packages import RosInstallation, bundle_packages, make_gazebo_packages, ros_installation
-from tasks.storage.image_files import image_command, image_root, inside, read_image
+from tasks.storage.image_files import image_command, inside, read_image
 
 
 class NodePlan(NamedTuple):
@@ -119,13 +119,9 @@ class ImageLaunch(NamedTuple):
     words: tuple[str, ...]
 
     @classmethod
-    def of(cls, source: "LaunchSource") -> Self | None:
-        """Returns what is run of a bundle that is an image; None for another bundle.
-
-        Raises:
-            BundleRefused: The image cannot be unpacked.
-        """
-        image, root = read_image(source.bundle), image_root(source.bundle)
+    def of(cls, source: "LaunchSource", root: Path | None) -> Self | None:
+        """Returns what is run of a bundle whose image is unpacked there; None for a bundle that is no image."""
+        image = read_image(source.bundle)
         if image is None or root is None:
             return None
         return cls(root, image, image.words(source.package, source.launch_file, source.command))

@@ -44,6 +44,7 @@ from tasks.ros.process.application_processes import ApplicationProcesses, Proces
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
 from tasks.ros.process.network import EpisodeNetworks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
+from tasks.storage.image_files import image_place
 
 # Time 0 means "not known yet" to ROS 1.
 BEGINS_NS = 1_000_000_000
@@ -94,7 +95,7 @@ class Ros1Lockstep:
         self._now_ns, self._step, self._closed = BEGINS_NS, 0, False
         self._due_ns, self._warm = math.inf, False
         self._modules: Path | None = None
-        self._image = ImageLaunch.of(launch.source)
+        self._image = ImageLaunch.of(launch.source, image_place(launch.source.bundle))
         self._gazebo: dict[int, GazeboServices] = {}
         self.placed: dict[int, tuple[float, float, float]] = {}
 

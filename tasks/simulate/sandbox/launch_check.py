@@ -40,7 +40,7 @@ from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host.declaration import read_ros_robot
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement, require_confined
 from tasks.simulate.sandbox.process_environment import process_environment
-from tasks.storage.image_files import missing_program
+from tasks.storage.image_files import image_root, missing_program
 
 _MODULE = "tasks.simulate.sandbox.launch_check"
 _LIMIT_S = 90.0
@@ -107,7 +107,7 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
         environments: Environment variables of episodes.
         own: Whether the bundle is the user's own; where nothing shuts it in, no other one is read.
     """
-    if image := ImageLaunch.of(source):
+    if image := ImageLaunch.of(source, image_root(source.bundle)):
         report = _image_report(image)
     else:
         report = (_ros2_report if is_ros2(source.launch_file) else _ros1_report)(source, environments, own=own)

@@ -13,7 +13,6 @@ from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectToo
 from tasks.storage.base.local_files import whole_file
 from tasks.storage.base.store import UNBOUNDED, Entry, Store, StoredObject
 
-
 _BLOCK_BYTES = 1 << 20
 
 

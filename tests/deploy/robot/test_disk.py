@@ -53,14 +53,18 @@ def test_tidying_keeps_what_runs_what_comes_and_what_ran_before(tmp_path: Path) 
     assert list(disk.downloads.iterdir()) == []
 
 
-def test_what_is_half_unpacked_of_an_image_is_tidied_away(tmp_path: Path) -> None:
+def test_what_is_half_unpacked_or_unused_of_an_image_is_tidied_away(tmp_path: Path) -> None:
     disk = Disk(tmp_path)
     for name in (".unpack-12345678", "f" * 64):
         (disk.images / ("a" * 64) / name).mkdir(parents=True)
+    for name in ("used", "unused"):
+        (disk.image_files / name).touch()
+    (disk.images / ("a" * 64) / ("f" * 64) / "file").hardlink_to(disk.image_files / "used")
 
     disk.tidy(RobotState(target=_desired("a")))
 
     assert [path.name for path in (disk.images / ("a" * 64)).iterdir()] == ["f" * 64]
+    assert [path.name for path in disk.image_files.iterdir()] == ["used"]
 
 
 @pytest.mark.parametrize(

@@ -78,6 +78,7 @@ def test_the_table_names_what_the_command_looks_at() -> None:
         "trends",
         "lists",
         "images",
+        "image-files",
         "agents",
     }
 

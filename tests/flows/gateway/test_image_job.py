@@ -12,6 +12,7 @@ from specs.data.outcomes import OUTCOME
 from tasks.applications.registry import publish_bundle
 from tasks.ros.launch.packages import RosInstallation
 from tasks.storage.base.store import Store
+from tasks.storage.image_files import new_tree
 from tests.flows.gateway.asked import ROLE, Asked
 from tests.flows.gateway.test_image_calls import pushed, registry
 from tests.flows.gateway.test_worked_off import client, ended
@@ -67,7 +68,9 @@ def test_a_job_is_driven_by_the_command_of_an_image_of_a_registry(
     # In place of the image's files are this machine's, with the ROS that the image would have.
     (unpacked,) = [path for path in (cache / "images").iterdir() if len(path.name) == 64]
     shutil.rmtree(unpacked)
-    unpacked.symlink_to("/")
+    with new_tree(unpacked, ".unpack-") as files:
+        files.rmdir()
+        files.symlink_to("/")
 
     asked = Asked(file_store)
     publish_bundle(file_store, "simulation-application", "drills", ROOT / "examples/ros/drills")

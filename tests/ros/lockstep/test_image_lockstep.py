@@ -31,8 +31,8 @@ def image(packages: Path, ros: RosInstallation, tmp_path: Path, monkeypatch: pyt
     if shutil.which("bwrap") is None:
         (pytest.fail if os.environ.get("CI") else pytest.skip)("apt-get install bubblewrap")
     monkeypatch.setenv("SIMYARD_CACHE", str(tmp_path / "cache"))
-    (tmp_path / "cache/images").mkdir(parents=True)
-    (tmp_path / "cache/images" / _DIGEST).symlink_to("/")
+    (tmp_path / "cache/images" / _DIGEST).mkdir(parents=True)
+    (tmp_path / "cache/images" / _DIGEST / "files").symlink_to("/")
     own = ros.environment()
     environment = {**own, "ROS_PACKAGE_PATH": f"{packages}:{own['ROS_PACKAGE_PATH']}"}
     told = ContainerImage(digest=_DIGEST, architecture="X86_64", environment=environment, ros=1)
