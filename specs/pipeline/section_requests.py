@@ -206,7 +206,8 @@ def _faults(where: str, request: object) -> Iterator[Fault]:
         launch = part(uses[0], "launchConfig")
         if part(launch, "command") and field == "robotApplications":  # of a container image
             continue
+        other = "; of a container image a command will do" if field == "robotApplications" else ""
         for name, what in (("packageName", "folder in the bundle"), ("launchFile", "module in that folder")):
             if not part(launch, name):
                 path = f"{where}.{field}[0].launchConfig.{name}"
-                yield Fault(path=path, value="none", allowed=f"the {what} to launch")
+                yield Fault(path=path, value="none", allowed=f"the {what} to launch{other}")

@@ -122,6 +122,11 @@ def test_a_command_is_for_images_alone(tmp_path: Path) -> None:
     assert "roamer is no container image, which a command is for" in fault
 
 
+def test_an_image_of_which_nothing_is_said_needs_a_command(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)], {"Cmd": ["roslaunch"]})
+    assert all(fault.endswith("; of a container image a command will do") for fault in _faults(_document({}), tmp_path))
+
+
 def test_the_command_is_planned_and_the_digest_is_of_all_layers(tmp_path: Path, file_store: Store) -> None:
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
     digests = list[str]()
