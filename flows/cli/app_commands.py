@@ -78,7 +78,7 @@ def publish(
     if bundle and own:
         raise _refused("--architecture", bundle, "one bundle for all architectures, or one for each")
     if bundle or own:
-        folders = {each: _folder(source, kind, robot, each) for each, source in own.items()}
+        folders: dict[Architecture, Path] = {each: _folder(source, kind, robot, each) for each, source in own.items()}
         source = folders or _folder(bundle or "", kind, robot)
         publish_one = partial(publish_folders, opened, _kind(kind), name, source, current_revision=revision)
     else:

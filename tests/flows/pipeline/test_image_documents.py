@@ -1,7 +1,6 @@
 """Documents whose robot application is a container image: checked before anything runs, planned with its command."""
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -82,14 +81,14 @@ def test_an_image_without_the_program_is_refused(launch: object, why: str, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("launch", "field"),
-    [({"command": ["python3", "x"]}, ".command: 'python3 x'"), ({"launch_file": "run"}, ".launchFile: 'run'")],
+    ("command", "launch_file", "field"),
+    [(("python3", "x"), "", ".command: 'python3 x'"), (None, "run", ".launchFile: 'run'")],
 )
 def test_what_a_stored_image_lacks_is_named_as_of_one_of_the_document(
-    launch: dict[str, Any], field: str, tmp_path: Path
+    command: tuple[str, ...] | None, launch_file: str, field: str, tmp_path: Path
 ) -> None:
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
-    source = LaunchSource(image_bundle("app.tar", tmp_path), "app", **{"launch_file": "", **launch})
+    source = LaunchSource(image_bundle("app.tar", tmp_path), "app", launch_file, command)
     (fault,) = ros_launch_faults("launchConfig", source, check_launch_file(source, [{}], own=False))
     assert f"{fault.path}: {fault.value}: {fault.allowed}".startswith(f"launchConfig{field}: the image has no program")
 
