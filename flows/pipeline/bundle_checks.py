@@ -131,15 +131,18 @@ def _image_fault(path: str, application: str, files: Collection[str], *, robot: 
     return None if robot and ROBOT_XML in files else Fault(path=path, value=application, allowed=allowed)
 
 
+def _raise_all(faults: Iterable[Fault]) -> None:
+    if each := list(dict.fromkeys(faults)):
+        raise DocumentError(each)
+
+
 def check_driven_requests(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
     """Refuses requests that lack an application, or do not say what of it is launched.
 
     Raises:
         DocumentError: With a fault for each.
     """
-    faults = undriven_faults(spec.simulationBatch) if spec.simulationBatch else []
-    if faults:
-        raise DocumentError(faults)
+    _raise_all(undriven_faults(spec.simulationBatch) if spec.simulationBatch else [])
 
 
 def _own_launches(spec: PipelineSpec, base: Path) -> Iterator[tuple[_Launch, Path]]:
@@ -162,9 +165,7 @@ def check_launch_files(spec: PipelineSpec, base: Path) -> None:
         DocumentError: With a fault for each.
     """
     files_of, launches = cache(bundle_files), _own_launches(spec, base)
-    faults = [fault for launch, folder in launches if (fault := launch.fault(files_of(folder)))]
-    if faults:
-        raise DocumentError(list(dict.fromkeys(faults)))
+    _raise_all(fault for launch, folder in launches if (fault := launch.fault(files_of(folder))))
 
 
 def check_programs(spec: PipelineSpec, base: Path) -> None:
@@ -195,8 +196,7 @@ def check_programs(spec: PipelineSpec, base: Path) -> None:
             if path not in {fault.path for fault in outside} and (why := _own_fault(base, source, name, here=here)):
                 allowed = f"a file that can be started; {why}"
                 faults.append(Fault(path=path, value=repr(getattr(launch, field)), allowed=allowed))
-    if faults:
-        raise DocumentError(faults)
+    _raise_all(faults)
 
 
 def _own_fault(base: Path, source: str, name: str, *, here: bool) -> str:
@@ -220,8 +220,7 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
         words = image.words(launch.package, launch.file, command) if image else ()
         if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
             faults.append(_program_fault(launch.path, launch.file, command, why))
-    if faults:
-        raise DocumentError(list(dict.fromkeys(faults)))
+    _raise_all(faults)
 
 
 def _program_fault(path: str, launch_file: str, command: Sequence[str], why: str) -> Fault:
@@ -245,8 +244,7 @@ def check_modules(spec: PipelineSpec, base: Path) -> None:
         if launch.simulated and (folder / name).is_file() and (wrong := _no_python(folder / name)):
             allowed = f"a module in Python, and {name} is none: {wrong}"
             faults.append(Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=allowed))
-    if faults:
-        raise DocumentError(list(dict.fromkeys(faults)))
+    _raise_all(faults)
 
 
 def check_confinement(spec: PipelineSpec, base: Path) -> None:
@@ -284,9 +282,7 @@ def _require_confined(bundles: Iterable[tuple[str, Path]]) -> None:
     """Lets bundles pass, by their names; where workers elsewhere simulate, they are asked when it comes to that."""
     from tasks.simulate.sandbox.confinement import confinement_faults  # noqa: PLC0415 - as in own_ros_launches
 
-    faults = [] if chosen_workers() else confinement_faults(bundles)
-    if faults:
-        raise DocumentError(list(dict.fromkeys(faults)))
+    _raise_all([] if chosen_workers() else confinement_faults(bundles))
 
 
 def _no_python(module: Path) -> str:
@@ -357,8 +353,7 @@ def check_robot_files(spec: PipelineSpec, base: Path) -> None:
         except RobotRefused as refused:
             path = f"applications[{number}].source"
             faults += [Fault(path=path, value=source.source, allowed=why) for why in refusal_lines(str(refused))]
-    if faults:
-        raise DocumentError(faults)
+    _raise_all(faults)
 
 
 def check_policies(spec: PipelineSpec, base: Path) -> None:
@@ -379,8 +374,7 @@ def check_policies(spec: PipelineSpec, base: Path) -> None:
         if launch.simulated and launch.kind == "robot"
         if (refusal := _policy_refusal(folder, launch.package, launch.file))
     ]
-    if faults:
-        raise DocumentError(faults)
+    _raise_all(faults)
 
 
 def _policy_refusal(folder: Path, package: str, launch_file: str) -> str:
@@ -466,9 +460,7 @@ def _declared_metrics(bundles: Iterable[Path]) -> frozenset[str] | None:
 
 
 def _require_metrics(gate: Gate, known: frozenset[str] | None) -> None:
-    faults = metric_faults(gate, sorted(known)) if known is not None else []
-    if faults:
-        raise DocumentError(faults)
+    _raise_all(metric_faults(gate, sorted(known)) if known is not None else [])
 
 
 _MOST_ENVIRONMENTS = 16
