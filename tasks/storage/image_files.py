@@ -369,7 +369,9 @@ def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path, root: Path
                 f"a layer has {member.name[:200]!r}, a link to {member.linkname[:200]!r}: no file of it"
             )
         os.link(first, path)
-    elif member.isreg() and not member.issparse():
+    elif member.issparse():  # it may say that it is longer than any disk
+        raise BundleRefused(f"a layer has {member.name[:200]!r}, a sparse file: pack it without --sparse")
+    elif member.isreg():
         body = tar.extractfile(member)
         with path.open("xb") as sink:
             shutil.copyfileobj(body, sink, BLOCK_BYTES) if body else None

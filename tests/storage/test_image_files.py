@@ -8,6 +8,7 @@ import os
 import shutil
 import stat
 import subprocess
+import tarfile
 import tracemalloc
 from pathlib import Path
 
@@ -136,6 +137,16 @@ def test_a_layer_is_compared_with_its_digest_before_anything_is_written(tmp_path
 def test_a_layer_that_cannot_be_read_is_refused(body: bytes, why: str, tmp_path: Path) -> None:
     with pytest.raises(BundleRefused, match=why):
         apply_layer(io.BytesIO(body), tmp_path, "", 1 << 20)
+
+
+def test_a_sparse_file_is_refused_and_not_left_out(tmp_path: Path) -> None:
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w") as tar:
+        member = tarfile.TarInfo("app/data")
+        member.pax_headers = {"GNU.sparse.map": "0,1", "GNU.sparse.size": str(1 << 50)}
+        tar.addfile(member)
+    with pytest.raises(BundleRefused, match="'app/data', a sparse file"):
+        _applied(tmp_path / "root", buffer.getvalue())
 
 
 def test_what_headers_say_is_not_kept(tmp_path: Path) -> None:
