@@ -114,6 +114,28 @@ class DepthCameraDeclaration(CameraDeclaration):
     edge_share: Share = 0.1
 
 
+class ImuDeclaration(Spec):
+    """An inertial measurement unit, which reads once a control step.
+
+    Attributes:
+        x_m, y_m, z_m: Where it is mounted, from the base's own origin: ahead, to the left, up.
+        yaw_rad: How it is turned, counter-clockwise.
+        gyro_sigma_rad_s, force_sigma_m_s2: Standard deviation of a reading of a turn rate, and of specific force.
+        gyro_walk_rad_s, force_walk_m_s2: Of how far zeros have walked after a second.
+        scale_share: Of an axis's scale, drawn once an episode.
+    """
+
+    x_m: Place = 0.0
+    y_m: Place = 0.0
+    z_m: Place = 0.0
+    yaw_rad: Place = 0.0
+    gyro_sigma_rad_s: Length = 0.0
+    gyro_walk_rad_s: Length = 0.0
+    force_sigma_m_s2: Length = 0.0
+    force_walk_m_s2: Length = 0.0
+    scale_share: Share = 0.0
+
+
 class SensorDeclarations(Spec):
     """The sensors of a robot whose controller is no Python; None for one that it has not."""
 
@@ -121,6 +143,7 @@ class SensorDeclarations(Spec):
     odometry: OdometryDeclaration | None = None
     bumper: BumperDeclaration | None = None
     depth_camera: DepthCameraDeclaration | None = None
+    imu: ImuDeclaration | None = None
 
 
 ROS_FILE = "ros.yaml"
@@ -317,6 +340,8 @@ PolicyField = Literal[
     "bumper",
     "time_s",
     "depth_m",
+    "turn_rad_s",
+    "force_m_s2",
     "qpos",
     "qvel",
 ]

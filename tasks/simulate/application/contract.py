@@ -54,6 +54,17 @@ class Joints(NamedTuple):
     qvel: Float[jax.Array, "speeds"]
 
 
+class FreeJoints(Joints):
+    """The same of a robot whose base has a free joint, whose coordinates and speeds come first."""
+
+    __slots__ = ()
+
+
+def joints_kind(*, free: bool) -> type[Joints]:
+    """Returns what holds the joints of a robot whose base has a free joint, or has not."""
+    return FreeJoints if free else Joints
+
+
 class Observation(NamedTuple):
     """What the robot senses at a control step.
 
@@ -68,6 +79,8 @@ class Observation(NamedTuple):
         bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
         joints: All that moves, of a robot with more than a planar base; None for one without.
         depth_m: The depth camera's last picture that is there, from its upper left corner; None for a robot without.
+        turn_rad_s, force_m_s2: What an IMU reads, along its own axes: turn rates, and specific force, which is 9.81
+            upwards at rest; None for a robot without.
     """
 
     time_s: Float[jax.Array, ""]
@@ -80,13 +93,15 @@ class Observation(NamedTuple):
     bumper: Bool[jax.Array, "sectors"]
     joints: Joints | None = None
     depth_m: Float[jax.Array, "height width"] | None = None
+    turn_rad_s: Float[jax.Array, "3"] | None = None
+    force_m_s2: Float[jax.Array, "3"] | None = None
 
 
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
     Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``,
-    ``bumper``, ``depth_camera``.
+    ``bumper``, ``depth_camera``, ``imu``.
     """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:

@@ -320,12 +320,16 @@ def part_numbers(policy: Policy, shown: PolicyInput, robot: RobotNumbers | None)
     return None if None in counts else sum(count or 0 for count in counts)
 
 
+_OF_IMU = ("turn_rad_s", "force_m_s2")
+
+
 def _sizes(policy: Policy, robot: RobotNumbers | None) -> dict[str, int | None]:
     return {
         **_FIXED_SIZES,
         "ranges_m": policy.lidar.rays if policy.lidar else 0,
         "bumper": policy.bumper.sectors if policy.bumper else 0,
         "depth_m": policy.depth_camera.rows * policy.depth_camera.columns if policy.depth_camera else 0,
+        **dict.fromkeys(_OF_IMU, 3 if policy.imu else 0),
         "qpos": robot.qpos if robot else None,
         "qvel": robot.qvel if robot else None,
     }
@@ -388,7 +392,7 @@ def _name_faults(what: str, used: Sequence[str | None], there: Mapping[str, Netw
 
 
 def _part_faults(policy: Policy, number: int, shown: PolicyInput, robot: RobotNumbers | None) -> Iterator[str]:
-    sensors = {"ranges_m": "lidar", "bumper": "bumper", "depth_m": "depth_camera"}
+    sensors = {"ranges_m": "lidar", "bumper": "bumper", "depth_m": "depth_camera"} | dict.fromkeys(_OF_IMU, "imu")
     sizes = _sizes(policy, robot)
     for place, part in enumerate(shown.parts):
         if sizes[part.field] == 0:

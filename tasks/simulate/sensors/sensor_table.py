@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, cast
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
+from tasks.simulate.sensors.imu import IMU, Imu
 from tasks.simulate.sensors.lidar import LIDAR, Lidar
 from tasks.simulate.sensors.odometry import ODOMETRY, Odometry
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Sensor, Situation
@@ -27,9 +28,10 @@ class Sensors(NamedTuple):
     odometry: Odometry | None
     bumper: Bumper
     depth_camera: DepthCamera | None = None
+    imu: Imu | None = None
 
 
-SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA)
+SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA, IMU)
 
 
 def sensors_of(controller: object) -> Sensors:

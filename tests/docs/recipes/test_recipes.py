@@ -292,14 +292,12 @@ def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine
         "from tasks.simulate.sensors.lidar import",
         "from tasks.simulate.sensors.gyroscope import GYROSCOPE, Gyroscope\n",
     )
-    last = "    depth_camera: DepthCamera | None = None\n"
+    last = "    imu: Imu | None = None\n"
     tree.replace(table, last, f"{last}    gyroscope: Gyroscope = Gyroscope(0)\n")
-    tree.replace(table, "BUMPER, DEPTH_CAMERA)", "BUMPER, DEPTH_CAMERA, GYROSCOPE)")
-    tree.replace(
-        "tasks/simulate/application/contract.py",
-        ' "height width"] | None = None\n\n\nclass C',
-        ' "height width"] | None = None\n    gyroscope_rad_s: Float[jax.Array, "axes"] | None = None\n\n\nclass C',
-    )
+    tree.replace(table, "DEPTH_CAMERA, IMU)", "DEPTH_CAMERA, IMU, GYROSCOPE)")
+    field = '    force_m_s2: Float[jax.Array, "3"] | None = None\n'
+    own = field.replace("force_m_s2", "gyroscope_rad_s").replace('"3"', '"axes"')
+    tree.replace("tasks/simulate/application/contract.py", f"{field}\n\nclass C", f"{field}{own}\n\nclass C")
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
     controller = tree.root / "bundle/faulty/pushing.py"
     text = controller.read_text().replace("    lidar = Lidar()\n", "    lidar = Lidar()\n    gyroscope = Lidar()\n", 1)

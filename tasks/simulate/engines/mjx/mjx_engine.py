@@ -19,7 +19,7 @@ from jax.custom_batching import custom_vmap
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jaxtyping import Bool, Float
 
-from tasks.simulate.application.contract import Body, Joints, Motion, Work
+from tasks.simulate.application.contract import Body, Joints, Motion, Work, joints_kind
 from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
 from tasks.simulate.engines.mjx.mjx_robot import (
     RobotModel,
@@ -262,7 +262,8 @@ def mjx_mechanics(path: Path) -> Mechanics:
 
 def first_body(robot: RobotModel, start: Float[jax.Array, "3"]) -> Body:
     """Returns a robot at rest at its start."""
-    joints = Joints(coordinates_at(robot.base, jnp.asarray(robot.rest), start, jnp), jnp.zeros(robot.host.nv))
+    qpos = coordinates_at(robot.base, jnp.asarray(robot.rest), start, jnp)
+    joints = joints_kind(free=robot.base.free)(qpos, jnp.zeros(robot.host.nv))
     return _body(robot, joints, jnp.asarray(robot.rest_act), jnp.zeros(robot.host.nv))
 
 
@@ -357,7 +358,7 @@ def _data(data: mjx.Data, before: Body, control: Control) -> mjx.Data:
 
 
 def _after(robot: RobotModel, data: mjx.Data) -> Body:
-    return _body(robot, Joints(data.qpos, data.qvel), data.act, data.qacc_warmstart)
+    return _body(robot, joints_kind(free=robot.base.free)(data.qpos, data.qvel), data.act, data.qacc_warmstart)
 
 
 def _body(robot: RobotModel, joints: Joints, act: jax.Array, warmstart: jax.Array) -> Body:

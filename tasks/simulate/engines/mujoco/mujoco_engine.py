@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Float32
 
 from specs.data.world import World
 from specs.field_types import EngineName
-from tasks.simulate.application.contract import Body, Joints, Motion, Observation, Work
+from tasks.simulate.application.contract import Body, Motion, Observation, Work, joints_kind
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.mujoco.world_stepper import HostBody, HostRobot, HostWork, Stepper, host_robot, world_models
@@ -110,7 +110,7 @@ class HostProgram:
     def body(self) -> Body:
         """Returns a robot at rest, to check applications with."""
         stepper = Stepper(self.robot, [self.robot.alone], np.zeros((1, 3)), 1)
-        return _body(jax.tree.map(lambda array: array[0], stepper.body()))
+        return _body(self.robot, jax.tree.map(lambda array: array[0], stepper.body()))
 
     def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "HostRun":
         """Returns episodes ready to run."""
@@ -137,7 +137,7 @@ class HostRun:
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
-        return self.program.begin(self.inputs, _body(self.stepper.body()))
+        return self.program.begin(self.inputs, _body(self.program.robot, self.stepper.body()))
 
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
@@ -175,7 +175,7 @@ class HostRun:
         def pick(new: jax.Array, old: jax.Array) -> jax.Array:
             return jnp.where(chosen.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
-        return state._replace(body=jax.tree.map(pick, _body(self.stepper.body()), state.body))
+        return state._replace(body=jax.tree.map(pick, _body(self.program.robot, self.stepper.body()), state.body))
 
     def _settled(
         self, state: LaneState, decided: Decided, driven: jax.Array
@@ -281,7 +281,8 @@ def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work]:
     model, articulated = robot.alone, robot.base.articulated
     sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1]
     pose, velocity, act, *joints, impulse, push, energy = jnp.split(row, np.cumsum(sizes)[:-1])
-    body = Body(pose, velocity, act, jnp.zeros(0), Joints(*joints) if articulated else None)
+    kind = joints_kind(free=robot.base.free)
+    body = Body(pose, velocity, act, jnp.zeros(0), kind(*joints) if articulated else None)
     return body, Work(impulse[0], push, energy[0])
 
 
@@ -298,8 +299,8 @@ def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarr
     )
 
 
-def _body(host: HostBody) -> Body:
-    joints = None if host.joints is None else Joints(*_arrays(host.joints))
+def _body(robot: HostRobot, host: HostBody) -> Body:
+    joints = None if host.joints is None else joints_kind(free=robot.base.free)(*_arrays(host.joints))
     pose, velocity, act, warmstart = _arrays((*host[:3], np.zeros((*host.qpos.shape[:-1], 0), np.float32)))
     return Body(pose, velocity, act, warmstart, joints)
 

@@ -9,7 +9,13 @@ import jax.numpy as jnp
 from tasks.simulate.application.contract import FloorMap, Observation
 
 
+class Imu:
+    """As a robot has it that declares no errors: a unit on the base's own origin."""
+
+
 class Swinging:
+    imu = Imu()
+
     def __init__(self, actuators: int) -> None:
         self._actuators = actuators
 
@@ -18,7 +24,8 @@ class Swinging:
 
     def step(self, state: tuple[()], observation: Observation) -> tuple[tuple[()], jax.Array]:
         assert observation.joints is not None  # what swings has joints
-        turn = observation.joints.qpos[-1] + observation.joints.qvel[-1]
+        assert observation.turn_rad_s is not None
+        turn = observation.joints.qpos[-1] + observation.joints.qvel[-1] + observation.turn_rad_s[0]
         phase = 6.0 * observation.time_s + jnp.arange(self._actuators) + 0.01 * turn
         return state, 0.3 * jnp.sin(phase)
 
