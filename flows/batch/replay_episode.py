@@ -17,7 +17,14 @@ from specs.field_types import BAG_ENDINGS, BagFormat, OutputLocation
 from tasks.applications.registry import unpack
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import replay_svg
-from tasks.results.playback.playback import ColumnDeviation, Playback, Sight, recording_deviations, row_deviations
+from tasks.results.playback.playback import (
+    ColumnDeviation,
+    DepthFilm,
+    Playback,
+    Sight,
+    recording_deviations,
+    row_deviations,
+)
 from tasks.results.playback.replay_formats import is_installed, require_extra
 from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, changed_tables, recorded_samples, stored_rows
@@ -124,6 +131,7 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
         ranges_m=steps["ranges_m"],
         impulse_ns=steps["impulse_ns"],
         shape=robot_shape(robot / "robot.xml"),
+        depth=DepthFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
     )
 
 

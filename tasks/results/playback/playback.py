@@ -13,6 +13,7 @@ import pyarrow as pa
 from jaxtyping import Bool, Float, Int
 
 from specs.base import Spec
+from specs.bundle_files import DepthCameraDeclaration
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.data.robot_shape import RobotPart
 from tasks.results.tables.episode_tables import failures_table, results_table
@@ -36,6 +37,20 @@ class Sight:
 
 
 @dataclass(frozen=True)
+class DepthFilm:
+    """What a depth camera saw.
+
+    Attributes:
+        t_s: When pictures were taken: some of all.
+        depth_m: Of each pixel; the camera's range where it sees nothing.
+    """
+
+    camera: DepthCameraDeclaration
+    t_s: Float[np.ndarray, "pictures"]
+    depth_m: Float[np.ndarray, "pictures rows columns"]
+
+
+@dataclass(frozen=True)
 class Playback:
     """An episode, sampled at the beginning of each control step, and in the state in which it ended.
 
@@ -53,6 +68,7 @@ class Playback:
         acted: Whether a scan was seen and a control decided: not where the episode ended.
         impulse_ns: What contacts pushed the robot with until the next sample.
         shape: What the robot looks like, the lowest part first; without any it is drawn as a disc.
+        depth: What its depth camera saw; None for a robot without.
     """
 
     job: str
@@ -71,6 +87,7 @@ class Playback:
     ranges_m: Float[np.ndarray, "samples rays"]
     impulse_ns: Float[np.ndarray, "samples"]
     shape: tuple[RobotPart, ...] = ()
+    depth: DepthFilm | None = None
 
     @property
     def duration_s(self) -> float:

@@ -4,9 +4,12 @@ Foxglove knows a schema by its name (docs.foxglove.dev, message schemas); other 
 the fields that are written here. Times are simulated ones from 0. Needs the extra ``mcap``.
 """
 
+import base64
+import heapq
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from operator import itemgetter
 from pathlib import Path
 from typing import cast
 
@@ -17,9 +20,9 @@ from scipy.spatial import ConvexHull
 
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World
-from tasks.results.playback.playback import Playback
+from tasks.results.playback.playback import DepthFilm, Playback
 
-WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
+WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME, CAMERA_FRAME = "world", "robot", "lidar", "camera"
 Message = dict[str, JsonValue]
 _ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
@@ -273,6 +276,26 @@ SCHEMAS: Mapping[str, Schema] = {
         ranges=_list(_NUMBER),
         intensities=_list(_NUMBER),
     ),
+    "foxglove.RawImage": _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        width=_WHOLE,
+        height=_WHOLE,
+        encoding=_TEXT,
+        step=_WHOLE,
+        data={"type": "string", "contentEncoding": "base64"},
+    ),
+    "foxglove.CameraCalibration": _object(
+        timestamp=_TIME,
+        frame_id=_TEXT,
+        width=_WHOLE,
+        height=_WHOLE,
+        distortion_model=_TEXT,
+        D=_list(_NUMBER),
+        K=_list(_NUMBER),
+        R=_list(_NUMBER),
+        P=_list(_NUMBER),
+    ),
     "foxglove.SceneUpdate": _object(deletions=_list(_object()), entities=_list(_ENTITY)),
     STEP: _object(
         timestamp=_TIME,
@@ -293,6 +316,8 @@ TOPICS = {
     "/step": STEP,
 }
 """The schema of each topic."""
+CAMERA_TOPICS = {"/depth": "foxglove.RawImage", "/depth/calibration": "foxglove.CameraCalibration"}
+"""The same of a robot with a depth camera."""
 
 
 def write_mcap(path: Path, world: World, playback: Playback) -> None:
@@ -306,9 +331,11 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="simyard")
-        channels = {topic: _channel(writer, topic, schema) for topic, schema in TOPICS.items()}
+        topics = TOPICS | (CAMERA_TOPICS if playback.depth else {})
+        channels = {topic: _channel(writer, topic, schema) for topic, schema in topics.items()}
         writer.add_metadata("simyard", {"job": playback.job, "world": world.name, "ending": playback.ending})
-        for number, (time_s, topic, message) in enumerate(_messages(world, playback)):
+        messages = heapq.merge(_messages(world, playback), _camera_messages(playback.depth), key=itemgetter(0))
+        for number, (time_s, topic, message) in enumerate(messages):
             at_ns = nanoseconds_of(time_s)
             body = json.dumps(message, separators=(",", ":")).encode()
             writer.add_message(channels[topic], log_time=at_ns, publish_time=at_ns, data=body, sequence=number)
@@ -338,6 +365,49 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
             if playback.ranges_m.shape[1]:
                 yield time_s, "/scan", _scan(playback, sample, time_s)
             yield time_s, "/step", _step(playback, sample, time_s)
+
+
+def _camera_messages(film: DepthFilm | None) -> Iterator[tuple[float, str, Message]]:
+    """Yields where the camera is, how it projects, and what it saw: in its optical frame, ahead along z (REP 103)."""
+    if film is None:
+        return
+    camera = film.camera
+    half_rad = camera.yaw_rad / 2, camera.pitch_rad / 2
+    (cos_y, cos_p), (sin_y, sin_p) = map(math.cos, half_rad), map(math.sin, half_rad)
+    w, x, y, z = cos_y * cos_p, -sin_y * sin_p, cos_y * sin_p, sin_y * cos_p
+    optical: Message = {
+        "x": (-w + x - y - z) / 2,
+        "y": (w + x + y - z) / 2,
+        "z": (-w + x + y + z) / 2,
+        "w": (w + x - y + z) / 2,
+    }
+    at = _frame(0.0, ROBOT_FRAME, CAMERA_FRAME, (camera.x_m, camera.y_m, camera.z_m), 0.0)
+    at["rotation"] = optical
+    yield 0.0, "/tf", at
+    focal_px = camera.columns / 2 / math.tan(camera.fov_rad / 2)
+    across, down = camera.columns / 2, camera.rows / 2
+    size: Message = {"frame_id": CAMERA_FRAME, "width": camera.columns, "height": camera.rows}
+    calibration: Message = {
+        **size,
+        "timestamp": time_of(0.0),
+        "distortion_model": "",
+        "D": [],
+        "K": [focal_px, 0.0, across, 0.0, focal_px, down, 0.0, 0.0, 1.0],
+        "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        "P": [focal_px, 0.0, across, 0.0, 0.0, focal_px, down, 0.0, 0.0, 0.0, 1.0, 0.0],
+    }
+    yield 0.0, "/depth/calibration", calibration
+    for time_s, depth_m in zip(film.t_s.tolist(), film.depth_m, strict=True):
+        # What is farther, or not there, is 0, as ROS has it of millimetres (REP 118).
+        shown_mm = np.where(depth_m < camera.range_m, np.minimum(np.round(1000.0 * depth_m), 65535), 0).astype("<u2")
+        picture: Message = {
+            **size,
+            "timestamp": time_of(time_s),
+            "encoding": "16UC1",
+            "step": 2 * camera.columns,
+            "data": base64.b64encode(shown_mm.tobytes()).decode(),
+        }
+        yield time_s, "/depth", picture
 
 
 def _frame(time_s: float, parent: str, child: str, place_m: tuple[float, float, float], yaw_rad: float) -> Message:

@@ -203,14 +203,14 @@ def _place_all(
         numbers, texts = split_environment(request.environment)
         environment = {**texts, **{name: _on_device(value.hex()) for name, value in numbers.items()}}
         try:
-            lidar = program.applications.episode_sensors(environment).lidar
+            sensors = program.applications.episode_sensors(environment)
             scenario = program.applications.placing_scenario(environment)
             arrays = world_arrays[request.world]
             placement = place(scenario, request, worlds[request.world], arrays, program.hull)
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
         else:
-            placed.append(Lane(request, arrays, placement, lidar=lidar))
+            placed.append(Lane(request, arrays, placement, lidar=sensors.lidar, camera=sensors.depth_camera))
         yield
     return placed, rows
 

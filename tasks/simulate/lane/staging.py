@@ -21,6 +21,7 @@ from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensors.depth_camera import DepthCamera
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensors.sensor import seed_words
 
@@ -34,7 +35,7 @@ class Lane(NamedTuple):
 
     Attributes:
         shortest_path_m: None where there is none, or where it was not measured yet.
-        lidar: The robot's in this episode.
+        lidar, camera: The robot's in this episode.
     """
 
     request: EpisodeRequest
@@ -42,6 +43,7 @@ class Lane(NamedTuple):
     placement: Placement
     shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
+    camera: DepthCamera | None = None
 
 
 def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: WorldArrays, hull: Hull) -> Placement:

@@ -2,21 +2,28 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypedDict, runtime_checkable
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float32, Float64, Int
 
+from specs.bundle_files import DepthCameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest, failed_result
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
+from tasks.simulate.lane.staging import Lane
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
+from tasks.simulate.sensors.depth_camera import pictures_again
 from tasks.simulate.sensors.lidar import ray_angles
+from tasks.simulate.sensors.sensor import seed_words
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
+# Of a camera's pictures, a person sees so many a second, and a file holds no more than that.
+_PICTURES_HZ, _PICTURES_BYTES = 5.0, 64 << 20
 
 
 @runtime_checkable
@@ -81,7 +88,8 @@ def drive_replay(
     if not ready.lanes:
         return ReplayResult(row)
     traffic = host.traffic if isinstance(host, _Talks) else None
-    return ReplayResult(row, _setting(ready), _only(steps), _only(samples), traffic)
+    each_step = _only(steps)
+    return ReplayResult(row, _setting(ready, each_step), each_step, _only(samples), traffic)
 
 
 def _only(recorder: Recorder) -> Columns:
@@ -89,7 +97,7 @@ def _only(recorder: Recorder) -> Columns:
     return part
 
 
-def _setting(ready: ReadyChunk) -> Setting:
+def _setting(ready: ReadyChunk, steps: Columns) -> Setting:
     (lane,) = ready.lanes
     lidar, hull = lane.lidar, ready.program.hull
     return Setting(
@@ -101,4 +109,26 @@ def _setting(ready: ReadyChunk) -> Setting:
         lidar_height_m=lidar.height_m,
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
+        camera=None if lane.camera is None else DepthCameraDeclaration(**lane.camera._asdict()),
+        **_pictures(lane, np.asarray(steps["pose"], np.float32)),
     )
+
+
+class _Pictures(TypedDict):
+    """Of a setting."""
+
+    pictured_s: Float64[np.ndarray, "pictures"]
+    pictures_m: Float32[np.ndarray, "pictures rows columns"]
+
+
+def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
+    """Returns some of an episode's pictures, taken again from where the robot was: a few a second, of no great size."""
+    camera = lane.camera
+    if camera is None or lane.arrays.scene is None:
+        return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
+    most = max(1, _PICTURES_BYTES // (4 * camera.rows * camera.columns))
+    apart = max(-(-round(_EVERY_STEP_HZ / _PICTURES_HZ) // camera.stride), -(-len(poses) // (most * camera.stride)))
+    taken = np.arange(0, len(poses), apart * camera.stride, dtype=np.int32)
+    seed = jnp.asarray(seed_words(lane.request.seed))
+    found = pictures_again(camera, lane.arrays.scene, seed, jnp.asarray(poses[taken]), jnp.asarray(taken))
+    return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))

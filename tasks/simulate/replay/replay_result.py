@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float32, Float64
 
+from specs.bundle_files import DepthCameraDeclaration
 from specs.data.episode import EpisodeResult
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.lane.recording import Columns
@@ -26,6 +27,8 @@ class Setting(NamedTuple):
         lidar_height_m: Of the lidar's plane.
         range_m: What the lidar reports where nothing is nearer.
         angles_rad: The rays' directions in the lidar's frame.
+        camera: The depth camera; None for a robot without.
+        pictured_s, pictures_m: When it took pictures, some of all, and what it saw.
     """
 
     goals_m: Float64[np.ndarray, "goals 2"]
@@ -36,6 +39,9 @@ class Setting(NamedTuple):
     lidar_height_m: float
     range_m: float
     angles_rad: Float32[np.ndarray, "rays"]
+    camera: DepthCameraDeclaration | None
+    pictured_s: Float64[np.ndarray, "pictures"]
+    pictures_m: Float32[np.ndarray, "pictures rows columns"]
 
 
 class ReplayResult(NamedTuple):
@@ -72,11 +78,12 @@ def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
         mount=setting.mount,
         lidar_height_m=setting.lidar_height_m,
         range_m=setting.range_m,
+        camera=setting.camera,
         columns=names,
         topics=topics,
     )
     columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
-    return said, [setting.goals_m, setting.angles_rad, *columns, *log]
+    return said, [setting.goals_m, setting.angles_rad, setting.pictured_s, setting.pictures_m, *columns, *log]
 
 
 def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int) -> ReplayResult:
@@ -87,7 +94,7 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int)
     if again.topics is not None:
         arrays, log = arrays[:-LOG_ARRAYS], arrays[-LOG_ARRAYS:]
         traffic = log_of(again.topics, log, steps)
-    goals_m, angles_rad, *columns = arrays
+    goals_m, angles_rad, pictured_s, pictures_m, *columns = arrays
     count = len(again.columns)
     setting = Setting(
         goals_m=goals_m,
@@ -98,6 +105,9 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int)
         lidar_height_m=again.lidar_height_m,
         range_m=again.range_m,
         angles_rad=angles_rad,
+        camera=again.camera,
+        pictured_s=pictured_s,
+        pictures_m=pictures_m,
     )
     each_step, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
     return ReplayResult(again.row, setting, each_step, samples, traffic)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, JsonValue, TypeAdapter
 
 from specs.base import Spec
-from specs.bundle_files import Topic
+from specs.bundle_files import DepthCameraDeclaration, Topic
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult
 from specs.errors import SimyardError
 from specs.field_types import TagMap
@@ -383,8 +383,8 @@ class Replayed(Spec):
     """An episode that was driven again.
 
     Attributes:
-        arrived_m, radius_m, heights_m, mount, lidar_height_m, range_m: Its setting, whose arrays follow; None for an
-            episode that could not start.
+        arrived_m, radius_m, heights_m, mount, lidar_height_m, range_m, camera: Its setting, whose arrays follow; None
+            for an episode that could not start.
         columns: Names of the samples' arrays, which follow: those of each step, then those of the recording.
         topics: Of what its ROS nodes heard and said, whose arrays follow at the end; None where there were none.
     """
@@ -398,6 +398,7 @@ class Replayed(Spec):
     mount: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lidar_height_m: float = 0.0
     range_m: float = 0.0
+    camera: DepthCameraDeclaration | None = None
     columns: tuple[str, ...] = ()
     topics: tuple[SentTopic, ...] | None = None
 

@@ -13,6 +13,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
+from tasks.simulate.application.contract import Body
+from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
 from tasks.simulate.sensors.sensor import (
     Drive,
@@ -150,6 +152,10 @@ def _camera(view: View) -> Callable[[_Shot], Float[Array, "slots rows columns"]]
             return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
 
         every = jax.tree.map(repeated, shots, mapped[0])
+        if device_kind() == "gpu":  # which has room for all lanes at once, and waits between one and the next
+            fresh = jax.vmap(functools.partial(_picture, view))(every)
+            taken = every.pictures.at[jnp.arange(lanes), every.slot].set(fresh)
+            return jnp.where(every.due[:, None, None, None], taken, every.pictures), True
         order = jnp.nonzero(every.due, size=lanes, fill_value=0)[0]
 
         def take_one(place: Array, pictures: Array) -> Array:
@@ -176,12 +182,16 @@ def _feel(shared: DepthCamera | None, own: DepthCamera | None, pictures: Memory,
 
 
 def _taken(shared: DepthCamera, own: DepthCamera, pictures: Memory, now: Situation) -> Memory:
+    return _camera(shared.view)(_shot(shared, own, pictures, now))
+
+
+def _shot(shared: DepthCamera, own: DepthCamera, pictures: Array, now: Situation) -> _Shot:
     if now.scene is None:
         raise ValueError("no scene was staged for a robot with a depth camera")
     pose, stride = now.body.qpos, shared.stride
     mount = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
     x, y, yaw = pose + rotate(mount, pose[2])
-    shot = _Shot(
+    return _Shot(
         due=now.step % stride == 0,
         slot=now.step // stride % shared.slots,
         pictures=pictures,
@@ -191,7 +201,28 @@ def _taken(shared: DepthCamera, own: DepthCamera, pictures: Memory, now: Situati
         seed=now.seed,
         step=now.step,
     )
-    return _camera(shared.view)(shot)
+
+
+@functools.partial(jax.jit, static_argnums=0)
+def pictures_again(
+    camera: DepthCamera, scene: DepthScene, seed: Seed, poses: Float[Array, "pictures 3"], steps: Int[Array, "pictures"]
+) -> Float[Array, "pictures rows columns"]:
+    """Returns the pictures that a robot's camera took, from where the robot was.
+
+    Args:
+        camera: The episode's, in plain numbers.
+        scene: Of its world.
+        seed: The episode's.
+        poses: Of the robot.
+        steps: At which control steps.
+    """
+
+    def again(at: tuple[Array, Array]) -> Picture:
+        none: Any = None
+        body = Body(at[0], none, none, none)
+        return _picture(camera.view, _shot(camera, camera, none, Situation(body, none, seed, at[1], scene)))
+
+    return jax.lax.map(again, (poses, steps))
 
 
 def _observe(shared: DepthCamera | None, _own: DepthCamera | None, pictures: Memory, now: Situation) -> Fields:

@@ -1,5 +1,6 @@
 """The MCAP file, read back by the library that is made for it."""
 
+import base64
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from specs.bundle_files import DepthCameraDeclaration
 from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
-from tasks.results.playback.replay_mcap import TOPICS, scene, write_mcap
+from tasks.results.playback.playback import DepthFilm
+from tasks.results.playback.replay_mcap import CAMERA_TOPICS, TOPICS, scene, write_mcap
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
 
@@ -52,6 +55,26 @@ def test_there_are_as_many_messages_as_samples(found: Found, file: Path):
     assert summary
     assert summary.statistics
     assert summary.statistics.message_count == sum(counts.values())
+
+
+def test_a_robot_with_a_depth_camera_shows_what_it_saw_where_it_saw_it(tmp_path: Path):
+    camera = DepthCameraDeclaration(columns=4, rows=2, range_m=6.0, x_m=0.2, z_m=0.4, rate_hz=5)
+    depth_m = np.array([[[1.0, 2.5, 6.0, 6.0]] * 2] * 3, np.float32)
+    film = DepthFilm(camera, np.array([0.0, 0.2, 0.4]), depth_m)
+    write_mcap(tmp_path / "seen.mcap", WORLD, replace(playback(), depth=film))
+    with (tmp_path / "seen.mcap").open("rb") as opened:
+        messages = [
+            (channel.topic, message.log_time, json.loads(message.data))
+            for _, channel, message in make_reader(opened, validate_crcs=True).iter_messages(log_time_order=False)
+        ]
+    assert [at_ns for _, at_ns, _ in messages] == sorted(at_ns for _, at_ns, _ in messages)
+    pictures = [(at_ns, body) for topic, at_ns, body in messages if topic == "/depth"]
+    assert [at_ns for at_ns, _ in pictures] == [0, 200_000_000, 400_000_000]
+    seen_mm = np.frombuffer(base64.b64decode(pictures[0][1]["data"]), "<u2").reshape(2, 4)
+    assert seen_mm.tolist() == [[1000, 2500, 0, 0]] * 2
+    (frame,) = [body for topic, _, body in messages if topic == "/tf" and body["child_frame_id"] == "camera"]
+    assert frame["rotation"] == {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
+    assert {topic for topic, _, _ in messages} == {*TOPICS, *CAMERA_TOPICS}
 
 
 def test_time_is_simulated_time(found: Found):

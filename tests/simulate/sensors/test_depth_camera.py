@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from tasks.simulate.application.contract import Body, Motion
 from tasks.simulate.geometry.depth_picture import depth_scene, pad_scenes
+from tasks.simulate.sensors import depth_camera
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera, noisy_depths
 from tasks.simulate.sensors.sensor import Drive, Situation, seed_words
 from tests.factories.simulations import cluttered
@@ -117,3 +118,12 @@ def test_a_lanes_pictures_are_the_same_bytes_alone_and_beside_others():
     together = driven(camera, MANY)
     assert driven(camera, 8, first=8).tobytes() == together[8:].tobytes()
     assert driven(camera, 1, first=5).tobytes() == together[5].tobytes()
+
+
+@pytest.mark.long
+def test_lanes_that_a_gpu_takes_at_once_see_the_same(monkeypatch: pytest.MonkeyPatch):
+    camera = CAMERA._replace(rate_hz=10.0, latency_steps=1)
+    monkeypatch.setattr(depth_camera, "device_kind", lambda: "gpu")
+    at_once = driven(camera, MANY)
+    monkeypatch.undo()
+    np.testing.assert_allclose(at_once, driven(camera, MANY), atol=1e-5)
