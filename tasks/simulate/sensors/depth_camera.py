@@ -254,7 +254,7 @@ DEPTH_CAMERA = Sensor(
         "pitch_rad": (-math.pi / 2, math.pi / 2),
         "yaw_rad": (-1e4, 1e4),
         "rate_hz": (0.0, 1e3),
-        "latency_steps": (0, 100),
+        "latency_steps": (0, 20),
         "dropout": (0.0, 1.0),
         "edge_dropout": (0.0, 1.0),
         "edge_share": (0.0, 1.0),

@@ -11,15 +11,20 @@ from tasks.simulate.replay.replay_drive import drive_replay
 from tasks.simulate.replay.replay_result import received_replay, replay_message
 from tests.factories.simulations import FOLDERS, pushing
 
-SEER = "5e" * 32
-MODULE = """
-import jax.numpy as jnp
-
-
+SEERS = {"jax": "5e" * 32, "plain": "5f" * 32}
+CAMERA = """
 class Camera:
     columns, rows, fov_rad, range_m, z_m = 12, 8, 1.2, 6.0, 0.3
     x_m, yaw_rad, rate_hz = 0.1, 0.2, 10.0
     sigma_m_per_m2, dropout = 0.01, 0.1
+
+
+def controller(environment):
+    return Seer()
+"""
+MODULES = {
+    "jax": """
+import jax.numpy as jnp
 
 
 class Seer:
@@ -29,24 +34,37 @@ class Seer:
         return ()
 
     def step(self, state, observation):
-        seen = observation.depth_m[3, jnp.array([2, 5, 9])]
-        return state, jnp.where(jnp.array([True, False, False]), 0.25 * seen, seen)
+        return state, observation.depth_m[3, jnp.array([2, 5, 9])] * jnp.array([0.25, 1.0, 1.0])
+""",
+    "plain": """
+import numpy as np
+
+jax = False
 
 
-def controller(environment):
-    return Seer()
-"""
+class Seer:
+    depth_camera = Camera()
+
+    def reset(self, floor, goals_m):
+        pass
+
+    def step(self, observation):
+        assert type(observation.depth_m) is np.ndarray
+        return observation.depth_m[3, [2, 5, 9]] * np.array([0.25, 1.0, 1.0], np.float32)
+""",
+}
 
 
 @pytest.mark.long
-def test_a_replay_takes_the_pictures_that_the_robot_saw(pens: dict[str, World], tmp_path: Path):
+@pytest.mark.parametrize("kind", SEERS)
+def test_a_replay_takes_the_pictures_that_the_robot_saw(kind: str, pens: dict[str, World], tmp_path: Path):
     drawn = pushing(0, world="hand/pen-0", seed=3, duration_s=3.0)
     (tmp_path / "seer").mkdir()
-    (tmp_path / "seer/seer.py").write_text(MODULE)
+    (tmp_path / "seer/seer.py").write_text(CAMERA + MODULES[kind])
     (tmp_path / "robot.xml").write_text((FOLDERS[drawn.robot.digest] / "robot.xml").read_text())
-    robot = drawn.robot.model_copy(update={"digest": SEER, "package": "seer", "launch_file": "seer"})
+    robot = drawn.robot.model_copy(update={"digest": SEERS[kind], "package": "seer", "launch_file": "seer"})
     request = drawn.model_copy(update={"robot": robot})
-    again = drive_replay(request, pens, {**FOLDERS, SEER: tmp_path}, lanes=8, engine="planar", rate_hz=4.0)
+    again = drive_replay(request, pens, {**FOLDERS, SEERS[kind]: tmp_path}, lanes=8, engine="planar", rate_hz=4.0)
     said, arrays = replay_message(again)
     sent = received_replay(said, tuple(arrays), 1000)
     assert sent.setting is not None

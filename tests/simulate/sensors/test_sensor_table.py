@@ -2,14 +2,17 @@
 
 from collections.abc import Callable, Mapping
 from types import SimpleNamespace
+from typing import Any, get_args
 
 import jax.numpy as jnp
 import pytest
 
+from specs.bundle_files import SensorDeclarations
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.sensors.bumper import Bumper
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensors.odometry import Odometry
+from tasks.simulate.sensors.sensor import Sensor
 from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors, require_shared
 
 Declared = Mapping[str, object]
@@ -96,6 +99,14 @@ def test_what_decides_shapes_must_be_the_same_in_a_program(other: Sensors, name:
 def test_noise_may_differ_between_the_episodes_of_a_program():
     one, other = (Sensors(Lidar(16, 8.0, 0.2, sigma_m=sigma), None, Bumper(0)) for sigma in (0.0, 0.1))
     require_shared(one, other)
+
+
+@pytest.mark.parametrize("sensor", SENSORS, ids=lambda sensor: sensor.name)
+def test_a_file_declares_a_sensor_as_a_controller_does(sensor: Sensor[Any]):
+    form, _ = get_args(SensorDeclarations.model_fields[sensor.name].annotation)
+    assert set(form.model_fields) == set(sensor.kind._fields)
+    made = read_sensors(lambda _: SimpleNamespace(**{sensor.name: form()}), {})
+    assert getattr(made, sensor.name) == sensor.kind(**form().model_dump())
 
 
 def test_every_sensor_has_its_place_and_noises_of_its_own():
