@@ -91,7 +91,7 @@ class CameraDeclaration(Spec):
     pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
     yaw_rad: Place = 0.0
     rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
-    latency_steps: Annotated[int, Field(ge=0, le=100)] = 0
+    latency_steps: Annotated[int, Field(ge=0, le=20)] = 0
 
 
 class DepthCameraDeclaration(CameraDeclaration):
@@ -136,6 +136,31 @@ class ImuDeclaration(Spec):
     scale_share: Share = 0.0
 
 
+class RangeFindersDeclaration(Spec):
+    """Range finders, ultrasonic or infrared: each tells how near the nearest thing is in its cone, the floor apart.
+
+    Attributes:
+        finders: How many.
+        range_m: What one tells if nothing is nearer.
+        z_m: Their height above the floor.
+        cone_rad: From one edge of a cone to the other.
+        first_rad, apart_rad: Where the first one looks, counter-clockwise from ahead, and from one to the next.
+        out_m: How far from the robot's axis they are mounted, each in the direction in which it looks.
+        sigma_m: Standard deviation of a distance.
+        dropout: Probability that one tells ``range_m`` although something is nearer.
+    """
+
+    finders: Annotated[int, Field(ge=1, le=64)] = 1
+    range_m: Annotated[float, Field(ge=0.01, le=1e4)] = 4.0
+    z_m: Length = 0.2
+    cone_rad: Annotated[float, Field(ge=0.01, le=2.0)] = 0.5
+    first_rad: Place = 0.0
+    apart_rad: Place = 0.0
+    out_m: Place = 0.0
+    sigma_m: Length = 0.0
+    dropout: Share = 0.0
+
+
 class SensorDeclarations(Spec):
     """The sensors of a robot whose controller is no Python; None for one that it has not."""
 
@@ -144,6 +169,7 @@ class SensorDeclarations(Spec):
     bumper: BumperDeclaration | None = None
     depth_camera: DepthCameraDeclaration | None = None
     imu: ImuDeclaration | None = None
+    range_finders: RangeFindersDeclaration | None = None
 
 
 ROS_FILE = "ros.yaml"
@@ -342,6 +368,7 @@ PolicyField = Literal[
     "depth_m",
     "turn_rad_s",
     "force_m_s2",
+    "finder_m",
     "qpos",
     "qvel",
 ]

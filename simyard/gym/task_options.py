@@ -40,7 +40,7 @@ class TaskOptions(TypedDict, total=False):
         robot: A shipped robot's name, or the folder of a bundle with a ``robot.xml``; ``courier``.
         launch: ``<package>/<launch file>`` of the application in it that declares the robot's sensors.
         sensors: The sensors themselves, as ``{"lidar": {"rays": 32, ...}, "odometry": {...}, "bumper": {...},
-            "depth_camera": {...}, "imu": {...}}``.
+            "depth_camera": {...}, "imu": {...}, "range_finders": {...}}``.
         scenario: A shipped scenario's name, or the folder of a bundle; ``delivery``.
         scenario_launch: ``<package>/<launch file>`` in it.
         environment: Environment variables of both, such as ``{"GOALS": "1"}``.

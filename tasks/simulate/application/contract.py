@@ -81,6 +81,7 @@ class Observation(NamedTuple):
         depth_m: The depth camera's last picture that is there, from its upper left corner; None for a robot without.
         turn_rad_s, force_m_s2: What an IMU reads, along its own axes: turn rates, and specific force, which is 9.81
             upwards at rest; None for a robot without.
+        finder_m: How near the nearest thing is for each range finder; None for a robot without.
     """
 
     time_s: Float[jax.Array, ""]
@@ -95,13 +96,15 @@ class Observation(NamedTuple):
     depth_m: Float[jax.Array, "height width"] | None = None
     turn_rad_s: Float[jax.Array, "3"] | None = None
     force_m_s2: Float[jax.Array, "3"] | None = None
+    finder_m: Float[jax.Array, "finders"] | None = None
 
 
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
     Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``,
-    ``bumper``, ``depth_camera``, ``imu``.
+    ``bumper``, ``depth_camera``, ``imu``,
+    ``range_finders``.
     """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:

@@ -102,7 +102,7 @@ def placing(
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     yield
     applications = program.applications
-    world_arrays = arrays_of_worlds(used, program.hull, applications.lidar.height_m, scenes=applications.has_camera)
+    world_arrays = arrays_of_worlds(used, program.hull, applications.lidar.height_m, scenes=applications.looks)
     yield
     placed, rows = yield from _place_all(program, requests, used, world_arrays)
     return PlacedChunk(program, alike(placed), rows, used)

@@ -129,7 +129,7 @@ Cut = tuple[Float[Array, "#rows columns"], Float[Array, "#rows columns"]]
 _TOGETHER = 4
 
 
-def depth_picture(scene: DepthScene, eye: Eye, view: View) -> Picture:
+def depth_picture(scene: DepthScene, eye: Eye, view: View, *, floor: bool = True) -> Picture:
     """Returns the depth of each pixel, the upper left one first: how far along the camera's axis what it sees lies.
 
     What a camera is inside of it does not see.
@@ -138,13 +138,14 @@ def depth_picture(scene: DepthScene, eye: Eye, view: View) -> Picture:
         scene: Of the world.
         eye: Where the camera is: (x m, y m, z m, yaw rad).
         view: Its picture.
+        floor: Whether it sees floor and ceiling.
     """
     rays = rays_of(view)
     cos, sin = jnp.cos(eye[3]), jnp.sin(eye[3])
     x, y = cos * rays.ahead - sin * rays.left, sin * rays.ahead + cos * rays.left
     per_up = 1.0 / np.where(np.abs(rays.up) > 1e-9, rays.up, np.float32(1e-9))
     nearest = jnp.full((view.rows, view.columns), view.range_m, eye.dtype)
-    for plane_m in (0.0, scene.ceiling_m[0]):
+    for plane_m in (0.0, scene.ceiling_m[0]) if floor else ():
         away = jnp.broadcast_to((plane_m - eye[2]) * per_up, nearest.shape)
         nearest = jnp.where((away > 0.0) & (away < nearest), away, nearest)
 

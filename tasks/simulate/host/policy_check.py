@@ -329,6 +329,7 @@ def _sizes(policy: Policy, robot: RobotNumbers | None) -> dict[str, int | None]:
         "ranges_m": policy.lidar.rays if policy.lidar else 0,
         "bumper": policy.bumper.sectors if policy.bumper else 0,
         "depth_m": policy.depth_camera.rows * policy.depth_camera.columns if policy.depth_camera else 0,
+        "finder_m": policy.range_finders.finders if policy.range_finders else 0,
         **dict.fromkeys(_OF_IMU, 3 if policy.imu else 0),
         "qpos": robot.qpos if robot else None,
         "qvel": robot.qvel if robot else None,
@@ -392,7 +393,12 @@ def _name_faults(what: str, used: Sequence[str | None], there: Mapping[str, Netw
 
 
 def _part_faults(policy: Policy, number: int, shown: PolicyInput, robot: RobotNumbers | None) -> Iterator[str]:
-    sensors = {"ranges_m": "lidar", "bumper": "bumper", "depth_m": "depth_camera"} | dict.fromkeys(_OF_IMU, "imu")
+    sensors = {
+        "ranges_m": "lidar",
+        "bumper": "bumper",
+        "depth_m": "depth_camera",
+        "finder_m": "range_finders",
+    } | dict.fromkeys(_OF_IMU, "imu")
     sizes = _sizes(policy, robot)
     for place, part in enumerate(shown.parts):
         if sizes[part.field] == 0:

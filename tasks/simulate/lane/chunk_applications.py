@@ -140,9 +140,9 @@ class Applications:
         return self.sensors.lidar
 
     @property
-    def has_camera(self) -> bool:
-        """Returns whether the robot takes pictures, so that what can be seen of its worlds is staged."""
-        return self.sensors.depth_camera is not None
+    def looks(self) -> bool:
+        """Returns whether the robot looks at all heights, so that what can be seen of its worlds is staged."""
+        return self.sensors.depth_camera is not None or self.sensors.range_finders.finders > 0
 
     def lane_sensors(self, numbers: Numbers) -> Sensors:
         """Returns the sensors for one lane's numeric variables; their numbers may be traced."""

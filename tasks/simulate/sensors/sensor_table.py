@@ -15,6 +15,7 @@ from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
 from tasks.simulate.sensors.imu import IMU, Imu
 from tasks.simulate.sensors.lidar import LIDAR, Lidar
 from tasks.simulate.sensors.odometry import ODOMETRY, Odometry
+from tasks.simulate.sensors.range_finders import NO_RANGE_FINDERS, RANGE_FINDERS, RangeFinders
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Sensor, Situation
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
@@ -29,9 +30,10 @@ class Sensors(NamedTuple):
     bumper: Bumper
     depth_camera: DepthCamera | None = None
     imu: Imu | None = None
+    range_finders: RangeFinders = NO_RANGE_FINDERS
 
 
-SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA, IMU)
+SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA, IMU, RANGE_FINDERS)
 
 
 def sensors_of(controller: object) -> Sensors:

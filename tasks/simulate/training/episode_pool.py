@@ -189,7 +189,7 @@ def stage_pool(
         BundleCrash: The scenario finds a start and goals for none of them, or gives arrays of other shapes in some.
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
-    world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m, scenes=applications.has_camera)
+    world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m, scenes=applications.looks)
     lanes = _placed(applications, hull, requests, used, world_arrays)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)

@@ -176,6 +176,8 @@ def _all_bounds(sensors: Sensors, joints: Joints | None, episodes: EpisodeBounds
     }
     if camera := sensors.depth_camera:
         known["depth_m"] = _between(0.0, camera.range_m, camera.rows, camera.columns)
+    if sensors.range_finders.finders:
+        known["finder_m"] = _between(0.0, sensors.range_finders.range_m, sensors.range_finders.finders)
     for name in ("turn_rad_s", "force_m_s2") if sensors.imu else ():
         known[name] = _between(-UNBOUNDED, UNBOUNDED, 3)
     for name in _JOINT_FIELDS if joints is not None else ():

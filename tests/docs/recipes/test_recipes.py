@@ -292,11 +292,11 @@ def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine
         "from tasks.simulate.sensors.lidar import",
         "from tasks.simulate.sensors.gyroscope import GYROSCOPE, Gyroscope\n",
     )
-    last = "    imu: Imu | None = None\n"
+    last = "    range_finders: RangeFinders = NO_RANGE_FINDERS\n"
     tree.replace(table, last, f"{last}    gyroscope: Gyroscope = Gyroscope(0)\n")
-    tree.replace(table, "DEPTH_CAMERA, IMU)", "DEPTH_CAMERA, IMU, GYROSCOPE)")
-    field = '    force_m_s2: Float[jax.Array, "3"] | None = None\n'
-    own = field.replace("force_m_s2", "gyroscope_rad_s").replace('"3"', '"axes"')
+    tree.replace(table, "IMU, RANGE_FINDERS)", "IMU, RANGE_FINDERS, GYROSCOPE)")
+    field = '    finder_m: Float[jax.Array, "finders"] | None = None\n'
+    own = field.replace("finder_m", "gyroscope_rad_s").replace('"finders"', '"axes"')
     tree.replace("tasks/simulate/application/contract.py", f"{field}\n\nclass C", f"{field}{own}\n\nclass C")
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
     controller = tree.root / "bundle/faulty/pushing.py"

@@ -58,7 +58,14 @@ def state(pose: tuple[float, float, float], believed: tuple[float, float, float]
     at, thought = jnp.array(pose), None if believed is None else jnp.array(believed)
     return LaneState(
         body=Body(at, jnp.array([0.5, 0.0, 0.1]), jnp.zeros(0), jnp.zeros(3)),
-        sensed={"lidar": (), "odometry": thought, "bumper": jnp.zeros(0, bool), "depth_camera": None, "imu": None},
+        sensed={
+            "lidar": (),
+            "odometry": thought,
+            "bumper": jnp.zeros(0, bool),
+            "depth_camera": None,
+            "imu": None,
+            "range_finders": (),
+        },
         controller=(),
         scenario=(),
         metrics={},
