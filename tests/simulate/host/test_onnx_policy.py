@@ -90,6 +90,17 @@ def test_a_chunk_in_parts_has_the_same_rows(rows: list[EpisodeResult], folder: P
 
 
 @pytest.mark.long
+def test_a_network_that_sees_drives_the_same_alone_and_among_others(tmp_path: Path, pens: dict[str, World]):
+    camera = "depth_camera: {columns: 6, rows: 4, rate_hz: 10, sigma_m_per_m2: 0.01}\n"
+    declared = f"{camera}inputs: [{{parts: [{{field: depth_m, scale: 0.1}}]}}]\n"
+    seer = bundle(tmp_path, network(weights((24, 16, 2)), ("lanes", 24)), declared)
+    rows = run(seer, pens, [request(k) for k in range(3)], 8)
+    assert {(row.status, row.failure_reason) for row in rows} == {("Completed", "")}
+    assert len({row.path_length_m for row in rows}) == 3
+    assert run(seer, pens, [request(2)], 8) == [rows[2]]
+
+
+@pytest.mark.long
 def test_what_is_kept_drives_the_robot(tmp_path: Path, pens: dict[str, World]):
     rows = run(bundle(tmp_path, recurrent(), KEPT), pens, [request(0, 1.0), request(1, 2.0)], 8)
     # The network asks for 0.01 of the 3 rad/s more at each step, which the motor follows a little later.
