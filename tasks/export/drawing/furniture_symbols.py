@@ -87,8 +87,13 @@ def piece_box(piece: Furniture, sheet: PageScale) -> PageBox:
 
 
 def in_words(model_type: str) -> str:
-    """Returns one of what a type of model names: ``Washing machine and dryer`` for ``WashingMachinesAndDryers``."""
-    words = re.sub(r"(?<=[a-z])(?=[A-Z])|[_\s]+", " ", model_type).split()
+    """Returns one of what a type of model names: ``Washing machine and dryer`` for ``WashingMachinesAndDryers``.
+
+    What somebody called a model of a world of his own is no plural.
+    """
+    if "_" in model_type:
+        return " ".join(model_type.replace("_", " ").split())
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])|\s+", " ", model_type).split()
     return " ".join([*(_singular(word) for word in words[:1]), *(_singular(word).lower() for word in words[1:])])
 
 

@@ -36,6 +36,7 @@ def labels(*pieces: Furniture, occupied: tuple[PageBox, ...] = ()) -> list[ET.El
         ("MediaStorage", "Media storage"),
         ("DishWashers", "Dish washer"),
         ("EndAndSideTables", "End and side table"),
+        ("aws_shelves_01", "aws shelves 01"),
     ],
 )
 def test_a_type_is_said_in_words(model_type: str, words: str):
