@@ -19,7 +19,7 @@ from pydantic import JsonValue
 from scipy.spatial import ConvexHull
 
 from specs.data.robot_shape import RobotPart
-from specs.data.world import Color, Solid, World
+from specs.data.world import Color, Solid, World, corners_m
 from tasks.results.playback.playback import DepthFilm, Playback
 
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME, CAMERA_FRAME = "world", "robot", "lidar", "camera"
@@ -29,6 +29,7 @@ _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
 _KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+_DRAWN = (("box", "cubes"), ("cylinder", "cylinders"), ("prism", "triangles"))
 _LINE_STRIP = 0
 
 
@@ -88,24 +89,31 @@ def _furnished(world: World) -> list[Message]:
     """Returns an entity for the walls and one for each piece, so that each can be hidden by itself."""
     walls = (*world.walls, *(door.leaf for door in world.doors))
     named = [("walls", walls), *((piece.name, piece.solids) for piece in world.furniture)]
-    return [
-        _entity(
-            name,
-            cubes=[_solid(each) for each in parts if each.shape == "box"],
-            cylinders=[_solid(each) for each in parts if each.shape == "cylinder"],
-        )
-        for name, parts in named
-    ]
+    return [_entity(name, WORLD_FRAME, **_shapes(parts)) for name, parts in named]
+
+
+def _shapes(solids: Sequence[Solid]) -> dict[str, list[Message]]:
+    return {kind: [_solid(each) for each in solids if each.shape == shape] for shape, kind in _DRAWN}
 
 
 def _solid(solid: Solid) -> Message:
     half_x, half_y, half_z = solid.half_extents_m
+    if solid.shape == "prism":
+        ends = (solid.center_m[2] - half_z, solid.center_m[2] + half_z)
+        return _hull([(x, y, z) for x, y in corners_m(solid) for z in ends], pose(0.0, 0.0), _color(solid.color))
     shape: Message = {
         "pose": pose(*solid.center_m, solid.yaw_rad),
         "size": vector(2 * half_x, 2 * half_y, 2 * half_z),
         "color": _color(solid.color),
     }
     return shape if solid.shape == "box" else {**shape, **_STRAIGHT}
+
+
+def _hull(points_m: Sequence[tuple[float, float, float]], at: Message, color: Message) -> Message:
+    """Returns the triangles around points, which are seen from a pose."""
+    corners = cast("JsonValue", ConvexHull(np.array(points_m)).simplices.ravel().tolist())
+    points = cast("JsonValue", [vector(*point) for point in points_m])
+    return {"pose": at, "points": points, "color": color, "colors": [], "indices": corners}
 
 
 def _floors(world: World) -> Message:
@@ -179,9 +187,7 @@ def _part(part: RobotPart) -> Iterator[tuple[str, Message]]:
     at: Message = {"position": vector(*part.position_m), "orientation": turn}
     color, (first, second, third) = _color(part.color[:3], part.color[3]), part.size
     if part.kind == "mesh":
-        corners = cast("JsonValue", ConvexHull(np.array(part.vertices_m)).simplices.ravel().tolist())
-        points = cast("JsonValue", [vector(*point) for point in part.vertices_m])
-        yield "triangles", {"pose": at, "points": points, "color": color, "colors": [], "indices": corners}
+        yield "triangles", _hull(part.vertices_m, at, color)
     elif part.kind == "box":
         yield "cubes", {"pose": at, "size": vector(2 * first, 2 * second, 2 * third), "color": color}
     elif part.kind in {"sphere", "ellipsoid"}:

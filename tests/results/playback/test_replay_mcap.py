@@ -15,6 +15,7 @@ from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
 from tasks.results.playback.playback import DepthFilm
 from tasks.results.playback.replay_mcap import CAMERA_TOPICS, TOPICS, scene, write_mcap
+from tests.factories.own_worlds import WEDGE, piece, wedge
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
 
@@ -123,6 +124,15 @@ def test_the_scene_has_every_solid_and_the_robot(found: Found):
     assert len(entities["goals"]["cylinders"]) == 2
 
 
+def test_a_prism_is_drawn_by_the_triangles_around_its_corners():
+    own = WORLD.model_copy(update={"furniture": (piece("rack", wedge("rack", (1.0, 2.0), low_m=0.5)),)})
+    entities: Any = scene(own, playback())["entities"]
+    (rack,) = next(entity["triangles"] for entity in entities if entity["id"] == "rack")
+    assert {(at["x"], at["y"]) for at in rack["points"]} == {(1.0 + x, 2.0 + y) for x, y in WEDGE}
+    assert {at["z"] for at in rack["points"]} == {0.5, 1.5}
+    assert len(rack["indices"]) == 3 * 12
+
+
 def test_a_robot_whose_parts_are_known_is_drawn_by_them():
     lying = {"position_m": (0.1, 0.0, 0.2), "turn": (0.5**0.5, 0.0, 0.5**0.5, 0.0), "color": (1.0, 0.0, 0.0, 0.5)}
     sizes = {
@@ -136,8 +146,8 @@ def test_a_robot_whose_parts_are_known_is_drawn_by_them():
         for kind, size in sizes.items()
     ]
     corners = ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.1))
-    wedge = parts[0].model_copy(update={"kind": "mesh", "vertices_m": corners})
-    entities: Any = scene(WORLD, replace(playback(), shape=(*parts, wedge)))["entities"]
+    solid = parts[0].model_copy(update={"kind": "mesh", "vertices_m": corners})
+    entities: Any = scene(WORLD, replace(playback(), shape=(*parts, solid)))["entities"]
     robot = next(entity for entity in entities if entity["id"] == "robot")
     assert robot["frame_id"] == "robot"
     assert [len(robot[kind]) for kind in ("cubes", "spheres", "cylinders", "triangles")] == [1, 3, 2, 1]
