@@ -116,7 +116,8 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
         certificate=_UNMEASURED,
         source=source,
     )
-    grid = own_floor(world)
+    bare = own_floor(world.model_copy(update={"furniture": ()}))
+    grid = bare.with_solids([solid for piece in furniture for solid in piece.solids])
     routes, lost = _kept_routes(grid, scene.routes, described.file)
     start = _checked_start(grid, asked, described.file) if asked else _find_start(grid, described.file)
     zones, shut = _kept_zones(grid, scene.zones, start, described.file)
@@ -128,8 +129,8 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
     )
     lights = scene.lights or (Light(position_m=(start.x_m, start.y_m, rounded(ceiling_m - _LIGHT_BELOW_M))),)
     update: dict[str, object] = {"start": start, "report": report, "lights": lights, "routes": routes or None}
-    update["zones"] = zones or found_rooms(world, start) or None
-    return measured(world.model_copy(update=update))
+    update["zones"] = zones or found_rooms(bare, start) or None
+    return measured(world.model_copy(update=update), floor=grid)
 
 
 def _is_wall(piece: Furniture) -> bool:

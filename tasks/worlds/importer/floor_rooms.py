@@ -13,10 +13,10 @@ from jaxtyping import Bool, Int
 from scipy import ndimage
 from shapely import Polygon
 
-from specs.data.world import MOST_ZONE_CORNERS, FloorZone, Start, World
+from specs.data.world import MOST_ZONE_CORNERS, FloorZone, Start
 from tasks.worlds.geometry import CELL_M, connected, label_parts, rounded
 from tasks.worlds.importer.mesh_sections import merged
-from tasks.worlds.importer.own_floor import cell_at, own_floor
+from tasks.worlds.importer.own_floor import cell_at
 from tasks.worlds.survey import ExactGrid
 
 DOOR_M = 1.1
@@ -28,13 +28,12 @@ _PASSABLE_M = 0.05
 _STRAIGHTENED_M = 0.1
 
 
-def found_rooms(world: World, start: Start) -> tuple[FloorZone, ...]:
-    """Returns the rooms between a world's walls that can be told apart; none where there are not two.
+def found_rooms(grid: ExactGrid, start: Start) -> tuple[FloorZone, ...]:
+    """Returns the rooms that can be told apart on a floor with walls alone; none where there are not two.
 
     A floor that leads out of the building is no room, and neither is what has no room for a person to lie down. Where
     that leaves less than ``_CLEAR_SHARE`` of the floor inside, the walls part it otherwise than in rooms.
     """
-    grid = own_floor(world.model_copy(update={"furniture": (), "doors": ()}))
     cell = cell_at(grid, (start.x_m, start.y_m))
     if cell is None:
         return ()

@@ -59,7 +59,7 @@ def largest_radius_m(grid: ExactGrid, start: Start) -> float:
     return _RADII_M[low] if low >= 0 else 0.0
 
 
-def measured(world: World, guaranteed_robot_radius_m: float = 0.0) -> World:
+def measured(world: World, guaranteed_robot_radius_m: float = 0.0, floor: ExactGrid | None = None) -> World:
     """Returns a world of one's own with its map and its certificate, whatever these were.
 
     A certificate has no wishes, which nobody had. Its figures are those of the whole floor: there may be no rooms.
@@ -67,8 +67,9 @@ def measured(world: World, guaranteed_robot_radius_m: float = 0.0) -> World:
     Args:
         world: Imported, and maybe changed.
         guaranteed_robot_radius_m: Radius of the robot that the world was made passable for; 0 for none.
+        floor: Of this world, where somebody has measured it.
     """
-    grid, start = own_floor(world), start_pose(world)
+    grid, start = floor or own_floor(world), start_pose(world)
     radius_m = rounded(largest_radius_m(grid, start))
     cell = cell_at(grid, (start.x_m, start.y_m))
     certificate = Certificate(

@@ -3,8 +3,9 @@
 import pytest
 import shapely
 
-from specs.data.world import Rectangle, Start
+from specs.data.world import FloorZone, Rectangle, Start, World
 from tasks.worlds.importer.floor_rooms import found_rooms
+from tasks.worlds.importer.own_floor import own_floor
 from tests.factories.own_worlds import block, walled_hall
 from tests.factories.worlds import apartment
 
@@ -12,8 +13,12 @@ HOME = apartment()
 HERE = Start(x_m=11.0, y_m=6.0)
 
 
+def rooms(world: World, start: Start) -> tuple[FloorZone, ...]:
+    return found_rooms(own_floor(world.model_copy(update={"furniture": (), "doors": ()})), start)
+
+
 def test_rooms_are_what_doors_part():
-    found = found_rooms(HOME, Start(x_m=0.0, y_m=0.0))
+    found = rooms(HOME, Start(x_m=0.0, y_m=0.0))
     outlines = [shapely.Polygon(zone.outline_m) for zone in found]
     shares: list[float] = []
     for room in HOME.rooms:
@@ -24,8 +29,8 @@ def test_rooms_are_what_doors_part():
 
 
 def test_an_open_floor_has_none():
-    assert found_rooms(walled_hall((6.0, 4.0)), HERE) == ()
-    assert found_rooms(walled_hall((6.0, 4.0), inner=[block("counter", (13.0, 6.0), (0.2, 2.0))]), HERE) == ()
+    assert rooms(walled_hall((6.0, 4.0)), HERE) == ()
+    assert rooms(walled_hall((6.0, 4.0), inner=[block("counter", (13.0, 6.0), (0.2, 2.0))]), HERE) == ()
 
 
 @pytest.mark.parametrize("start", [HERE, Start(x_m=-50.0, y_m=0.0)])
@@ -39,5 +44,5 @@ def test_what_leads_out_of_the_building_is_no_room(start: Start):
     )
     open_to_it = tuple(wall for wall in world.walls if wall.name != "west")
     outside = world.model_copy(update={"footprint": wider, "walls": open_to_it})
-    assert len(found_rooms(world, HERE)) == 2
-    assert found_rooms(outside, start) == ()
+    assert len(rooms(world, HERE)) == 2
+    assert rooms(outside, start) == ()
