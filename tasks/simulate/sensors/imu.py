@@ -53,7 +53,7 @@ class ImuMemory(NamedTuple):
 
 
 class _Base(NamedTuple):
-    """How a robot's base moves: its orientation as a quaternion, along the world's axes its speed, and turn rates."""
+    """How a base moves: its orientation as a quaternion, its speed along the world's axes, its turns along its own."""
 
     quaternion: Float[Array, "4"]
     speed_m_s: Vector
@@ -63,7 +63,7 @@ class _Base(NamedTuple):
 def _base(body: Body) -> _Base:
     if isinstance(body.joints, FreeJoints):
         qpos, qvel = body.joints.qpos, body.joints.qvel
-        return _Base(qpos[3:7], qvel[:3], _turned(qpos[3:7], qvel[3:6]))
+        return _Base(qpos[3:7], qvel[:3], qvel[3:6])
     half_rad, zero = body.qpos[2] / 2, jnp.zeros((), body.qpos.dtype)
     upright = jnp.stack([jnp.cos(half_rad), zero, zero, jnp.sin(half_rad)])
     return _Base(upright, jnp.append(body.qvel[:2], zero), jnp.stack([zero, zero, body.qvel[2]]))
@@ -90,7 +90,7 @@ def true_readings(imu: Imu, before: Body, after: Body) -> Readings:
     mount = jnp.stack([jnp.asarray(value, after.qpos.dtype) for value in (imu.x_m, imu.y_m, imu.z_m)])
 
     def speed(base: _Base) -> Vector:
-        return base.speed_m_s + jnp.cross(base.turn_rad_s, _turned(base.quaternion, mount))
+        return base.speed_m_s + _turned(base.quaternion, jnp.cross(base.turn_rad_s, mount))
 
     up = jnp.zeros(3, after.qpos.dtype).at[2].set(_GRAVITY_M_S2)
     force = (speed(last) - speed(first)) / CONTROL_S + up
@@ -98,8 +98,7 @@ def true_readings(imu: Imu, before: Body, after: Body) -> Readings:
     alike = jnp.where(jnp.sum(first.quaternion * last.quaternion) < 0.0, -1.0, 1.0)
     middle = first.quaternion + alike * last.quaternion
     middle = middle / jnp.sqrt(jnp.sum(middle**2))
-    seen = (_turned(last.quaternion, last.turn_rad_s, back=True), _turned(middle, force, back=True))
-    return jnp.concatenate([_mounted(imu, each) for each in seen])
+    return jnp.concatenate([_mounted(imu, each) for each in (last.turn_rad_s, _turned(middle, force, back=True))])
 
 
 def _mounted(imu: Imu, vector: Vector) -> Vector:
