@@ -114,6 +114,27 @@ class DepthCameraDeclaration(CameraDeclaration):
     edge_share: Share = 0.1
 
 
+class ColorCameraDeclaration(CameraDeclaration):
+    """A colour camera, and the light that it sees by; without any spread all episodes have the same light.
+
+    Attributes:
+        light_spread: The lamp of an episode is brighter or darker than usual by up to this share.
+        tint_spread: So is each of its three colours, on its own.
+        light_tilt_rad: How far from upright it shines at most, in any direction; 0 for the usual direction.
+        exposure_spread: A picture is brighter or darker by up to this share.
+        blur_px: Standard deviation of the blur.
+        noise: Standard deviation of each channel of a pixel, as a share of white.
+    """
+
+    range_m: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
+    light_spread: Share = 0.0
+    tint_spread: Share = 0.0
+    light_tilt_rad: Annotated[float, Field(ge=0.0, le=1.5)] = 0.0
+    exposure_spread: Share = 0.0
+    blur_px: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
+    noise: Share = 0.0
+
+
 class ImuDeclaration(Spec):
     """An inertial measurement unit, which reads once a control step.
 
@@ -369,6 +390,7 @@ PolicyField = Literal[
     "turn_rad_s",
     "force_m_s2",
     "finder_m",
+    "color",
     "qpos",
     "qvel",
 ]
@@ -468,11 +490,13 @@ class Policy(SensorDeclarations):
     """A network that drives a robot, and the robot's sensors.
 
     Attributes:
+        color_camera: What the host draws for it; None for a robot without.
         inputs: What the network is shown.
         states: What it keeps.
         output: What its answer means.
     """
 
+    color_camera: ColorCameraDeclaration | None = None
     inputs: Annotated[tuple[PolicyInput, ...], Field(min_length=1, max_length=64)]
     states: Annotated[tuple[PolicyState, ...], Field(max_length=64)] = ()
     output: PolicyOutput = ActionOutput()

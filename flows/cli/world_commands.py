@@ -27,8 +27,9 @@ from specs.data.world import ROBOT_RADIUS_M
 from tasks.documents.template_source import find_template
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.export.picture.contact_sheet import contact_sheet_svg
-from tasks.export.picture.renderer import NO_GL, render_png, render_sheet_png
+from tasks.export.picture.renderer import render_png, render_sheet_png
 from tasks.export.step import draw_imported
+from tasks.render.gl_process import NO_GL
 from tasks.storage.base.keys import contact_sheet_key
 from tasks.storage.store_url import open_existing_store, open_store
 from tasks.storage.worlds import read_world

@@ -15,8 +15,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from specs.data.world import Color, Finish, Solid, World
-from tasks.export.surface.sheets import finish_key, prism_mesh, sheets, triangles_of, window_parts
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import finish_key, prism_mesh, sheets, triangles_of, window_parts
+from tasks.render.textures import texture_of
 
 CYLINDER_SIDES = 32
 _ROOT = "world"

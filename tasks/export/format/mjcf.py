@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from specs.data.world import Door, Finish, Rectangle, Room, Solid, World, solids
-from tasks.export.surface.sheets import (
+from tasks.render.sheets import (
     FLOOR_PREFIX,
     SKIN_LIFT_M,
     WALLS_PREFIX,
@@ -26,7 +26,7 @@ from tasks.export.surface.sheets import (
     wall_panels,
     window_parts,
 )
-from tasks.export.surface.textures import texture_of
+from tasks.render.textures import texture_of
 
 # Groups 0 to 2 are drawn by default: the walls and the ceiling can be switched off one by one.
 GROUND_GROUP, WALL_GROUP, FURNITURE_GROUP, CEILING_GROUP = 0, 1, 2, 3

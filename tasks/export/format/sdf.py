@@ -23,8 +23,8 @@ from xml.etree import ElementTree as ET
 from specs.base import canonical_json
 from specs.data.world import Color, Door, Finish, Furniture, Solid, World
 from specs.robomaker.world_jobs import world_description
-from tasks.export.surface.sheets import Covering, finish_key, sheets, window_parts
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import Covering, finish_key, sheets, window_parts
+from tasks.render.textures import texture_of
 
 MATERIALS_FILE = "finishes.mtl"
 

@@ -13,8 +13,8 @@ import math
 from pxr import Gf, Kind, Sdf, Tf, Usd, UsdGeom, UsdLux, UsdPhysics, UsdShade, Vt
 
 from specs.data.world import Color, Door, Finish, Solid, World
-from tasks.export.surface.sheets import Covering, finish_key, prism_mesh, sheets, window_parts
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import Covering, finish_key, prism_mesh, sheets, window_parts
+from tasks.render.textures import texture_of
 
 USD_FILE = "world.usda"
 TEXTURE_FOLDER = "textures"

@@ -2,7 +2,7 @@
 
 Run as ``python -m tasks.export.picture.render_process worlds|film WIDTH HEIGHT SAMPLES``.
 
-MUJOCO_GL says which GL it takes. It says READY when that works, and then answers each line of its standard input, a
+MUJOCO_GL says which GL it takes. It says so when that works, and then answers each line of its standard input, a
 caption and a world as JSON, with the pixels of its picture: rows from the top, three bytes each. A process of its own,
 because a GL that does not work may end the interpreter (docs/reference/rendering.md, section 1).
 
@@ -26,8 +26,9 @@ from jaxtyping import Float, Float64
 
 from specs.data.world import Color, Solid, Window, World, below_heads
 from tasks.export.format.mjcf import world_spec
-from tasks.export.picture.renderer import CAPTION_LINE, READY, REQUEST, FilmScene, Pixels
-from tasks.export.surface.sheets import WINDOW_PREFIX
+from tasks.export.picture.renderer import CAPTION_LINE, REQUEST, FilmScene, Pixels
+from tasks.render.camera_renderer import say_ready
+from tasks.render.sheets import WINDOW_PREFIX
 
 CUT_COLOR: Color = (0.93, 0.92, 0.90)
 _SMALLEST_M = 0.005
@@ -152,15 +153,6 @@ def render_worlds(width: int, height: int, samples: int, worlds: BinaryIO, pictu
         picture = render(world, width, height - len(below), samples)
         pictures.write(np.concatenate([picture, below]).tobytes())
         pictures.flush()
-
-
-def gl_that_works(width: int, height: int) -> mujoco.GLContext:
-    """Returns a GL context, which is current, once something was drawn with it."""
-    context = mujoco.GLContext(width, height)
-    context.make_current()
-    # Some libraries only warn where there is no GL; drawing does not.
-    mujoco.MjrContext(mujoco.MjSpec().compile(), mujoco.mjtFontScale.mjFONTSCALE_100).free()
-    return context
 
 
 def render(world: World, width: int, height: int, samples: int) -> Pixels:
@@ -391,9 +383,7 @@ def main() -> None:
     """Draws what the command line asks for, from standard input to standard output."""
     what, *numbers = sys.argv[1:]
     width, height, samples = map(int, numbers)
-    context = gl_that_works(width, height)
-    sys.stdout.buffer.write(READY)
-    sys.stdout.buffer.flush()
+    context = say_ready(width, height)
     if what == "film":
         film(width, height, samples, sys.stdin.buffer, sys.stdout.buffer)
     else:

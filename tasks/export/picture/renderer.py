@@ -3,15 +3,9 @@
 A process of its own draws: ``render_process``.
 """
 
-import os
-import subprocess
-import sys
-import tempfile
-import threading
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from itertools import islice
-from typing import BinaryIO
 
 import numpy as np
 from jaxtyping import UInt8
@@ -20,27 +14,19 @@ from pydantic import TypeAdapter
 from specs.base import Spec
 from specs.data.robot_shape import RobotPart
 from specs.data.world import World
-from specs.errors import SimyardError
 from tasks.export.drawing.building_plan import floor_m2
 from tasks.export.picture.contact_sheet import MOST_WORLDS, wishes_kept
-from tasks.export.surface.textures import encode_rgb
+from tasks.render.gl_process import gl_process
+from tasks.render.textures import encode_rgb
 
-NO_GL = "no 3-D picture: no GL is there (Debian: apt-get install libosmesa6, or libegl1 with a GPU)"
-READY = b"GL\n"
-"""What the process says when its GL works."""
+_PROGRAM = "tasks.export.picture.render_process"
 Pixels = UInt8[np.ndarray, "rows columns 3"]
 Render = Callable[[World, Sequence[str]], Pixels]
 """Takes a world and the lines of a caption, each of which takes CAPTION_LINE rows of the picture that it returns."""
-Ask = Callable[[str, bytes, int], bytes]
-"""Takes what is drawn, for a complaint, a line without its end, and how many bytes the answer has."""
 CHANNELS = 3
 REQUEST: TypeAdapter[tuple[tuple[str, ...], World]] = TypeAdapter(tuple[tuple[str, ...], World])
 CAPTION_LINE = 26
-_GL = "MUJOCO_GL"
-_BACKENDS = ("egl", "osmesa")
 _SAMPLES = 40
-# A renderer that hangs is ended. One that works starts in seconds; a large picture on a slow machine takes a minute.
-_START_S, _ANSWER_S = 120.0, 1200.0
 
 
 @contextmanager
@@ -52,32 +38,14 @@ def open_renderer(width: int, height: int, samples: int = _SAMPLES) -> Generator
         height: Rows of a picture.
         samples: Renderings that a picture is the mean of; shadows have about half as many steps.
     """
-    with start_renderer(["worlds", str(width), str(height), str(samples)]) as ask:
-        if ask is None:
-            yield None
-            return
-        yield lambda world, caption: pixels_of(
-            ask(world.name, REQUEST.dump_json((tuple(caption), world)), width * height * CHANNELS), width, height
-        )
-
-
-@contextmanager
-def start_renderer(arguments: Sequence[str]) -> Generator[Ask | None, None, None]:
-    """Yields a function that asks a process of its own, which draws with a GL; None where no GL is.
-
-    Args:
-        arguments: Its command line.
-    """
-    with tempfile.TemporaryFile() as complaints:
-        process = _start_process(arguments, complaints)
+    with gl_process(_PROGRAM, ["worlds", str(width), str(height), str(samples)]) as process:
         if process is None:
             yield None
             return
-        try:
-            yield lambda what, question, length: _answer(process, what, question, length, complaints)
-        finally:
-            process.kill()
-            process.communicate()
+        size = (width, height)
+        yield lambda world, caption: pixels_of(
+            process.ask(world.name, REQUEST.dump_json((tuple(caption), world)), width * height * CHANNELS), *size
+        )
 
 
 def pixels_of(answer: bytes, width: int, height: int) -> Pixels:
@@ -89,78 +57,6 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
     """Returns a picture of the world, cut open, as a PNG file; None where no GL is."""
     with open_renderer(width, height) as render:
         return None if render is None else encode_rgb(render(world, ()))
-
-
-def _start_process(arguments: Sequence[str], complaints: BinaryIO) -> subprocess.Popen[bytes] | None:
-    """Returns the process, ready to draw with the first GL that works: MUJOCO_GL's, else any.
-
-    Raises:
-        SimyardError: It says nothing and does not end.
-    """
-    wanted = os.environ.get(_GL)
-    for backend in (wanted,) if wanted else _BACKENDS:
-        process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
-            [sys.executable, "-m", "tasks.export.picture.render_process", *arguments],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=complaints,
-            env={**os.environ, _GL: backend},
-        )
-        try:
-            ready = _ask(process, b"", len(READY), _START_S) == READY
-        except TimeoutError as exc:
-            process.communicate()
-            raise SimyardError(f"the renderer hangs at its start with {_GL}={backend}: {exc}; set another") from exc
-        if ready:
-            return process
-        process.communicate()
-    return None
-
-
-def _answer(process: subprocess.Popen[bytes], what: str, question: bytes, length: int, complaints: BinaryIO) -> bytes:
-    """Returns the answer of the process to a line.
-
-    Raises:
-        RuntimeError: It ended, which a GL that works is no reason for.
-        SimyardError: It does not answer.
-    """
-    try:
-        answer = _ask(process, question + b"\n", length, _ANSWER_S)
-    except TimeoutError as exc:
-        raise SimyardError(f"rendering {what} failed: {exc}") from exc
-    if len(answer) < length:
-        complaints.seek(0)
-        raise RuntimeError(f"rendering {what} failed: {complaints.read().decode(errors='replace')[-2000:]}")
-    return answer
-
-
-def _ask(process: subprocess.Popen[bytes], question: bytes, length: int, limit_s: float) -> bytes:
-    """Returns the answer, shorter than ``length`` when the process has ended.
-
-    Raises:
-        TimeoutError: It took longer than the limit, and was ended.
-    """
-    if process.stdin is None or process.stdout is None:
-        return b""
-    expired = threading.Event()
-
-    def end() -> None:
-        expired.set()
-        process.kill()
-
-    watchdog = threading.Timer(limit_s, end)
-    watchdog.start()
-    try:
-        process.stdin.write(question)
-        process.stdin.flush()
-        answer = process.stdout.read(length)
-    except BrokenPipeError:
-        answer = b""
-    finally:
-        watchdog.cancel()
-    if len(answer) < length and expired.is_set():
-        raise TimeoutError(f"no answer within {limit_s:g} s")
-    return answer
 
 
 Shoot = Callable[[float, float, float], Pixels]
@@ -198,13 +94,13 @@ def open_film(
         height: Rows of a picture.
         samples: Renderings that what stands still is the mean of.
     """
-    with start_renderer(["film", str(width), str(height), str(samples)]) as ask:
-        if ask is None:
+    with gl_process(_PROGRAM, ["film", str(width), str(height), str(samples)]) as process:
+        if process is None:
             yield None
             return
-        ask(scene.world.name, scene.model_dump_json().encode(), 1)
+        process.ask(scene.world.name, scene.model_dump_json().encode(), 1)
         yield lambda x, y, yaw: pixels_of(
-            ask(scene.world.name, f"{x!r} {y!r} {yaw!r}".encode(), width * height * CHANNELS), width, height
+            process.ask(scene.world.name, f"{x!r} {y!r} {yaw!r}".encode(), width * height * CHANNELS), width, height
         )
 
 

@@ -10,8 +10,8 @@ from PIL import Image
 
 from specs.data.world import World, solids
 from tasks.export.format.glb import glb
-from tasks.export.surface.sheets import sheets
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import sheets
+from tasks.render.textures import texture_of
 from tests.export.validators import gltf_errors
 from tests.export.variants import DOOR, HINGE_M, with_door, with_windows
 from tests.factories.worlds import apartment

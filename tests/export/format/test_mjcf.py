@@ -22,8 +22,8 @@ from tasks.export.format.mjcf import (
     mjcf_files,
     world_spec,
 )
-from tasks.export.surface.sheets import FLOOR_PREFIX, SKIN_LIFT_M, WALLS_PREFIX
-from tasks.export.surface.textures import draw_texture
+from tasks.render.sheets import FLOOR_PREFIX, SKIN_LIFT_M, WALLS_PREFIX
+from tasks.render.textures import draw_texture
 from tests.export.variants import DOOR, HINGE_M, LEAF_LENGTH_M, LEAF_THICKNESS_M, with_door, with_windows
 from tests.factories.worlds import apartment
 

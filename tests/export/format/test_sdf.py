@@ -11,8 +11,8 @@ from jaxtyping import Float64
 from specs.data.world import Door, World, solids
 from tasks.export.format.ros_packages import package_files
 from tasks.export.format.sdf import MODELS_PACKAGE, WORLDS_PACKAGE, numbers_text, obj, sdf_files, sdf_name
-from tasks.export.surface.sheets import FLOOR_PREFIX, Covering, sheets
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import FLOOR_PREFIX, Covering, sheets
+from tasks.render.textures import texture_of
 from tests.export.validators import sdf_says
 from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.factories.worlds import apartment

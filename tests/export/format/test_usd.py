@@ -10,8 +10,8 @@ from pxr import Gf, Usd, UsdGeom, UsdPhysics, UsdShade, UsdUtils
 
 from specs.data.world import Door, World, solids
 from tasks.export.format.usd import USD_FILE, usd_files
-from tasks.export.surface.sheets import sheets
-from tasks.export.surface.textures import texture_of
+from tasks.render.sheets import sheets
+from tasks.render.textures import texture_of
 from tests.export.variants import DOOR, HINGE_M, other_hand, with_door, with_windows
 from tests.factories.worlds import apartment
 

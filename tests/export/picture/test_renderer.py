@@ -9,7 +9,6 @@ import pytest
 
 from specs.data.world import Finish, World
 from specs.errors import SimyardError
-from tasks.export.picture import renderer
 from tasks.export.picture.renderer import (
     CAPTION_LINE,
     FilmScene,
@@ -21,6 +20,7 @@ from tasks.export.picture.renderer import (
     render_png,
     render_sheet_png,
 )
+from tasks.render import gl_process
 from tests.export.png_reader import decoded
 from tests.factories.playbacks import DECK, WHEEL
 from tests.factories.worlds import apartment
@@ -126,7 +126,7 @@ def test_a_renderer_that_hangs_is_ended_with_the_reason(
     silent.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(silent))
     monkeypatch.setenv("MUJOCO_GL", "osmesa")
-    monkeypatch.setattr(renderer, limit, 0.2)
+    monkeypatch.setattr(gl_process, limit, 0.2)
     with pytest.raises(SimyardError, match=rf"{why}.*no answer within 0\.2 s"):
         render_png(apartment(), 80, 60)
 

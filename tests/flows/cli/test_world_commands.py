@@ -19,7 +19,8 @@ from specs.robomaker.world_jobs import CreateWorldGenerationJobRequest
 from specs.template.body import TemplateBody
 from specs.template.interior import ModelType
 from tasks.documents.template_source import find_template
-from tasks.export.picture.renderer import NO_GL, open_renderer
+from tasks.export.picture.renderer import open_renderer
+from tasks.render.gl_process import NO_GL
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, submit
 from tasks.storage.store_url import open_store

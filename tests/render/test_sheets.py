@@ -3,7 +3,7 @@
 import pytest
 
 from specs.data.world import Rectangle, World
-from tasks.export.surface.sheets import Panel, sides, wall_panels, windows_of
+from tasks.render.sheets import Panel, sides, wall_panels, windows_of
 from tests.export.variants import NORTH_WINDOW, WEST_WINDOW, with_windows
 from tests.factories.worlds import CEILING_M, apartment
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from specs.data.world import Color, Finish, Pattern
-from tasks.export.surface.textures import TILINGS, encode_indexed, encode_rgb, texture_of
+from tasks.render.textures import TILINGS, encode_indexed, encode_rgb, texture_of
 from tests.export.png_reader import decoded
 
 PATTERNS: tuple[Pattern, ...] = get_args(Pattern)

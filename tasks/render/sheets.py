@@ -14,7 +14,7 @@ from jaxtyping import Float64, Int64
 
 from specs.base import digest
 from specs.data.world import Color, Finish, Rectangle, Room, Solid, Window, World
-from tasks.export.surface.textures import texture_of
+from tasks.render.textures import texture_of
 
 SKIN_LIFT_M = 0.001
 _TOLERANCE_M = 0.002
