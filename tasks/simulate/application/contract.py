@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Float64, Int
+from jaxtyping import Bool, Float, Float32, Float64, Int, UInt8
 
 from specs.data.outcomes import REASON_CODES, OutcomeReason
 from specs.data.world import World
@@ -82,6 +82,7 @@ class Observation(NamedTuple):
         turn_rad_s, force_m_s2: What an IMU reads, along its own axes: turn rates, and specific force, which is 9.81
             upwards at rest; None for a robot without.
         finder_m: How near the nearest thing is for each range finder; None for a robot without.
+        color: What a colour camera sees, for controllers that run on the host; None for a robot without.
     """
 
     time_s: Float[jax.Array, ""]
@@ -97,6 +98,7 @@ class Observation(NamedTuple):
     turn_rad_s: Float[jax.Array, "3"] | None = None
     force_m_s2: Float[jax.Array, "3"] | None = None
     finder_m: Float[jax.Array, "finders"] | None = None
+    color: UInt8[np.ndarray, "height width 3"] | None = None
 
 
 class Controller(Protocol):

@@ -38,7 +38,13 @@ from tasks.simulate.engines.program import (
 )
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, one_lane, unflatten_state
-from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart, placed_poses
+from tasks.simulate.host.controllers import (
+    HostApplication,
+    HostControllers,
+    HostStart,
+    asked_controls,
+    placed_poses,
+)
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import (
     Decision,
@@ -166,6 +172,7 @@ class StepwiseRun:
         self.host, self._actuators = host, actuators
         self._calls, self._transfer = calls, LaneTransfer(mesh)
         self._inputs: Any = inputs  # packed, once it has begun
+        self._poses = np.asarray(inputs.start)
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -186,12 +193,14 @@ class StepwiseRun:
             observed, done = self._columns.observed(self._rows), self._columns.done(self._rows)
             if steps and done.all():
                 break
-            controls = self.host.controls(observed, ~done)
+            controls = asked_controls(self.host, observed, ~done, lambda: self._poses)
             if (poses := placed_poses(self.host, lanes)) is not None:
                 packed = self._calls.place(packed, self._transfer.put(poses))
             packed, after = self._calls.step(self._inputs, packed, self._transfer.put(controls))
             self._rows = self._fetched(after)
-            _keep(record, steps, observed, controls, self._rows[:, -_RECORDED:])
+            recorded = self._rows[:, -_RECORDED:]
+            self._poses = recorded[:, :3]
+            _keep(record, steps, observed, controls, recorded)
             steps += 1
         return self._calls.unpack(packed), jax.tree.map(lambda array: array[:, :steps], record)
 
@@ -319,13 +328,13 @@ class CompiledProgram:
         self,
         inputs: LaneInputs,
         lanes: Sequence[Lane],
-        worlds: Mapping[str, World],  # noqa: ARG002 - all that is needed of them is in the inputs
+        worlds: Mapping[str, World],
     ) -> "CompiledRun | StepwiseRun":
         """Returns episodes ready to run."""
         put = put_lanes(self.mesh, inputs)
         if self.host is None:
             return CompiledRun(self, put)
-        start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors)
+        start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors, worlds)
         return StepwiseRun(self.stepwise, self.mesh, put, self.host.start(start), self.actuators)
 
 

@@ -17,14 +17,16 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
+from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import ApplicationLaunch
+from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, load_factory
 from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.host.declaration import ControllerKind
 from tasks.simulate.host.ros_judge import Judgement
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
-from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors
+from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_color_camera, read_sensors
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
 # Floats and integers: what a person writes in Python for a number.
@@ -94,6 +96,34 @@ class PlacesRobots(Protocol):
         ...
 
 
+@runtime_checkable
+class SeesWorlds(Protocol):
+    """Controllers of robots with colour cameras: the host draws what these see."""
+
+    def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
+        """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
+        ...
+
+
+def asked_controls(
+    host: HostControllers,
+    observed: Observation,
+    moving: Bool[np.ndarray, "lanes"],
+    poses: Callable[[], np.ndarray],
+) -> Float32[np.ndarray, "lanes nu"]:
+    """Returns each moving lane's control, as ``HostControllers.controls``.
+
+    Args:
+        host: The controllers.
+        observed: Of all lanes, lanes first, in NumPy.
+        moving: Lanes that are not done.
+        poses: Returns where the robots truly are, (lanes, 3); only asked for cameras.
+    """
+    if isinstance(host, SeesWorlds):
+        host.see(poses())
+    return host.controls(observed, moving)
+
+
 def placed_poses(host: HostControllers, lanes: int) -> Float32[np.ndarray, "lanes 3"] | None:
     """Returns where robots are set before the control step to come, not a number for the others; None for nobody."""
     if not isinstance(host, PlacesRobots) or not host.placed:
@@ -112,12 +142,14 @@ class HostStart(NamedTuple):
         width: Lanes of the program; those beyond the episodes never move.
         actuators: How many numbers a control has.
         sensors: The program's.
+        worlds: Those of the lanes, by name, for what the host draws.
     """
 
     lanes: Sequence[Lane]
     width: int
     actuators: int
     sensors: Sensors
+    worlds: Mapping[str, World] = {}
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +228,7 @@ def plain_application(bundle: HostBundle) -> HostApplication:
         BundleCrash: The module does not import, or has no ``controller``.
     """
     make = load_factory(bundle.folder, bundle.launch, "controller", _ROBOT)
-    return HostApplication("plain", make, lambda start: PlainControllers(make, start))
+    return HostApplication("plain", make, lambda start: with_color(PlainControllers(make, start), make, start))
 
 
 class PlainControllers:
@@ -273,8 +305,12 @@ def batched_application(bundle: HostBundle) -> HostApplication:
         BundleCrash: The module does not import.
     """
     make = load_factory(bundle.folder, bundle.launch, "controllers", _ROBOT)
+
+    def declare(environment: Mapping[str, object]) -> object:
+        return make([environment])
+
     return HostApplication(
-        "batched", lambda environment: make([environment]), lambda start: BatchedControllers(make, start)
+        "batched", declare, lambda start: with_color(BatchedControllers(make, start), declare, start)
     )
 
 
@@ -336,6 +372,29 @@ class BatchedControllers:
 def _variables(lane: Lane) -> dict[str, str | float]:
     numbers, texts = split_environment(lane.request.environment)
     return {**texts, **numbers}
+
+
+def with_color(
+    controllers: HostControllers, declare: Callable[[Mapping[str, object]], object], start: HostStart
+) -> HostControllers:
+    """Returns controllers that are shown what their robots' colour cameras see, if these have any.
+
+    Args:
+        controllers: Of plain Python.
+        declare: Returns an object that has an episode's camera as an attribute.
+        start: What they began with.
+    """
+    found: list[ColorCameraDeclaration | BundleCrash | None] = []
+    for lane in start.lanes:
+        try:
+            found.append(read_color_camera(declare, _variables(lane)))
+        except BundleCrash as crash:
+            found.append(crash)
+    if not any(isinstance(each, ColorCameraDeclaration) for each in found):
+        return controllers
+    from tasks.simulate.host.color_cameras import SeeingControllers
+
+    return SeeingControllers(controllers, found, start)
 
 
 def _onnx(bundle: HostBundle) -> HostApplication:

@@ -243,9 +243,14 @@ def onnx_application(bundle: "HostBundle") -> "HostApplication":
         checked = check_policy(bundle.folder, name, ranges.numbers)
     except RobotRefused as refused:
         raise BundleCrash(_ROBOT, f"{bundle.launch.name}: {refused}") from refused
-    from tasks.simulate.host.controllers import HostApplication  # noqa: PLC0415 - it imports JAX
+    from tasks.simulate.host.controllers import HostApplication, with_color  # noqa: PLC0415 - it imports JAX
 
-    return HostApplication("onnx", lambda _: checked.policy, lambda start: OnnxPolicies(checked, ranges, start))
+    def declare(_: object) -> object:
+        return checked.policy
+
+    return HostApplication(
+        "onnx", declare, lambda start: with_color(OnnxPolicies(checked, ranges, start), declare, start)
+    )
 
 
 class OnnxPolicies:

@@ -331,6 +331,7 @@ def _sizes(policy: Policy, robot: RobotNumbers | None) -> dict[str, int | None]:
         "depth_m": policy.depth_camera.rows * policy.depth_camera.columns if policy.depth_camera else 0,
         "finder_m": policy.range_finders.finders if policy.range_finders else 0,
         **dict.fromkeys(_OF_IMU, 3 if policy.imu else 0),
+        "color": 3 * policy.color_camera.rows * policy.color_camera.columns if policy.color_camera else 0,
         "qpos": robot.qpos if robot else None,
         "qvel": robot.qvel if robot else None,
     }
@@ -398,6 +399,7 @@ def _part_faults(policy: Policy, number: int, shown: PolicyInput, robot: RobotNu
         "bumper": "bumper",
         "depth_m": "depth_camera",
         "finder_m": "range_finders",
+        "color": "color_camera",
     } | dict.fromkeys(_OF_IMU, "imu")
     sizes = _sizes(policy, robot)
     for place, part in enumerate(shown.parts):

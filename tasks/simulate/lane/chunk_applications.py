@@ -15,7 +15,14 @@ from jaxtyping import Float
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, function_place
 from tasks.simulate.application.contract import Controller, FloorMap, Joints, Observation, Scenario, State, Truth
 from tasks.simulate.sensors.lidar import Lidar
-from tasks.simulate.sensors.sensor_table import Sensors, blank_fields, read_sensors, require_shared, sensors_of
+from tasks.simulate.sensors.sensor_table import (
+    COLOR_CAMERA,
+    Sensors,
+    blank_fields,
+    read_sensors,
+    require_shared,
+    sensors_of,
+)
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
 _SCENARIO: CrashCode = "SimulationApplicationCrash"
@@ -211,6 +218,12 @@ def check_robot(
         return controller.step(state, observation)
 
     controller = call_bundle(_ROBOT, "controller(environment)", applications.controller, numbers)
+    if getattr(controller, COLOR_CAMERA, None) is not None:
+        raise BundleCrash(
+            _ROBOT,
+            f"controller.{COLOR_CAMERA}: pictures in colour are drawn on the host, and this controller is compiled: "
+            "let its module say jax = False, or declare a depth_camera",
+        )
     before = call_bundle(_ROBOT, "controller.init", jax.eval_shape, begin)
     after = robot_output(call_bundle(_ROBOT, "controller.step", jax.eval_shape, advance, before), nu, controller.step)
     require_same_form(_ROBOT, "controller", before, after, controller.step)

@@ -9,6 +9,9 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
+from pydantic import ValidationError
+
+from specs.bundle_files import ColorCameraDeclaration
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
@@ -60,6 +63,37 @@ def read_sensors(make_controller: Callable[..., object], environment: Mapping[st
     if faults:
         raise BundleCrash(_ROBOT, "; ".join(faults))
     return Sensors(*(_plain(sensor, declared) for sensor, declared in zip(SENSORS, found, strict=True)))
+
+
+COLOR_CAMERA = "color_camera"
+
+
+def read_color_camera(
+    make_controller: Callable[..., object], environment: Mapping[str, object]
+) -> ColorCameraDeclaration | None:
+    """Returns a robot's colour camera in plain numbers; None for a robot without.
+
+    It is no sensor of the table: the host draws what it sees, for controllers that run there.
+
+    Raises:
+        BundleCrash: It declares what cannot be; tells of all faults at once.
+    """
+    made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    given = call_bundle(_ROBOT, f"the controller's {COLOR_CAMERA}", _declared_color, made)
+    try:
+        return None if given is None else ColorCameraDeclaration.model_validate(given)
+    except ValidationError as exc:
+        faults = [f"{COLOR_CAMERA}.{each['loc'][0]}: {each['input']!r}: {each['msg']}" for each in exc.errors()]
+        raise BundleCrash(_ROBOT, "; ".join(f"controller.{fault}" for fault in faults)) from exc
+
+
+def _declared_color(made: object) -> dict[str, int | float] | None:
+    declared = getattr(made, COLOR_CAMERA, None)
+    fields = ColorCameraDeclaration.model_fields.items()
+    if declared is None:
+        return None
+    given = {name: (getattr(declared, name), field.annotation) for name, field in fields if hasattr(declared, name)}
+    return {name: int(value) if kind is int else float(value) for name, (value, kind) in given.items()}
 
 
 def require_shared(program: Sensors, episode: Sensors) -> None:

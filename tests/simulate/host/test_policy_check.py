@@ -43,6 +43,9 @@ def test_an_input_may_be_a_picture(tmp_path: Path):
     assert checked(tmp_path, made, declared).input_shapes == ((1, 4, 6),)
     with pytest.raises(RobotRefused, match="depth_m: declare the robot's depth_camera"):
         checked(tmp_path / "without", made, "inputs: [{parts: [{field: depth_m}]}]\n")
+    declared = "color_camera: {columns: 6, rows: 4}\ninputs: [{parts: [{field: color, scale: 0.004}]}]\n"
+    made = model([helper.make_node("Relu", ["o"], ["a"])], {"o": ("n", 4, 6, 3)}, {"a": ("n", 2)})
+    assert checked(tmp_path / "color", made, declared).input_shapes == ((4, 6, 3),)
 
 
 @pytest.mark.parametrize(

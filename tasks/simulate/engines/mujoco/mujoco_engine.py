@@ -37,7 +37,13 @@ from tasks.simulate.engines.program import (
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, unflatten_state
 from tasks.simulate.geometry.hull_distance import hull_distance_m
-from tasks.simulate.host.controllers import HostApplication, HostControllers, HostStart, placed_poses
+from tasks.simulate.host.controllers import (
+    HostApplication,
+    HostControllers,
+    HostStart,
+    asked_controls,
+    placed_poses,
+)
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import (
     Decision,
@@ -120,7 +126,8 @@ class HostProgram:
         stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
         controllers = None
         if self.host is not None:
-            controllers = self.host.start(HostStart(lanes, self.lanes, self.actuators, self.applications.sensors))
+            start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors, worlds)
+            controllers = self.host.start(start)
         return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers, LaneTransfer(self.mesh))
 
 
@@ -164,7 +171,7 @@ class HostRun:
             decided = self.program.decide(self.inputs, state)
             return decided, self._fetched(decided[1])
         observed = jax.tree.map(np.asarray, self.program.sense(self.inputs, state))
-        controls = self.host.controls(observed, moving)
+        controls = asked_controls(self.host, observed, moving, lambda: np.asarray(state.body.qpos))
         return ({}, self.transfer.put(controls), self.transfer.put(observed.ranges_m)), controls
 
     def _placed(self, state: LaneState, poses: Float32[np.ndarray, "lanes 3"]) -> LaneState:
