@@ -8,6 +8,7 @@ for every byte of the image, and whoever signs or compares bundles signs and com
 
 import hashlib
 import json
+import os
 import posixpath
 import shutil
 import subprocess
@@ -29,6 +30,7 @@ from tasks.storage.image_files import (
     ImageFolders,
     blob_name,
     inside,
+    merge_file,
     new_tree,
     opened_blobs,
     require_digest,
@@ -210,6 +212,8 @@ def _copy_layer(blobs: ImageBlobs, name: str, digest: str, layout: Path, left: i
             found.update(block)
             sink.write(block)
     require_digest(blobs.where, found.hexdigest(), digest)
+    os.utime(target, (0, 0))  # as in every other image that has it
+    merge_file(target, ImageFolders.of_cache().files)
     return size
 
 

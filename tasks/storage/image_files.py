@@ -340,7 +340,7 @@ def _apply(tar: tarfile.TarFile, member: tarfile.TarInfo, root: Path, own: set[P
     else:
         _place(tar, member, path, root)
         if shared and member.isreg():
-            _share(path, shared)
+            merge_file(path, shared)
         while path not in own and path != root:
             own.add(path)
             path = path.parent
@@ -381,8 +381,13 @@ def _place(tar: tarfile.TarFile, member: tarfile.TarInfo, path: Path, root: Path
         os.utime(path, (time_s, time_s))
 
 
-def _share(path: Path, shared: Path) -> None:
-    """Makes a file one with that of another image that has its content, rights and time."""
+def merge_file(path: Path, shared: Path) -> None:
+    """Makes a file one with that of another image that has its content, rights and time.
+
+    Args:
+        path: The file.
+        shared: Folder of the files that images share.
+    """
     state, digest = path.lstat(), digest_of(path)
     known, spare = shared / f"{digest}-{state.st_mode:o}-{state.st_mtime_ns}", path.with_name(f".{uuid4().hex}")
     with suppress(OSError):  # it spares room, and no more: a disk may have no links, or no more of this file

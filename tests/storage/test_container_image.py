@@ -1,5 +1,6 @@
 """An image becomes a bundle whose digest stands for every byte of it; what is no image is refused with a reason."""
 
+import hashlib
 import io
 import json
 import tarfile
@@ -108,7 +109,7 @@ def test_a_layer_that_was_changed_in_the_cache_is_copied_anew(tmp_path: Path) ->
     assert _tree(bundle) == before
 
 
-def test_images_share_the_files_that_are_alike(tmp_path: Path) -> None:
+def test_images_share_the_layers_and_files_that_are_alike(tmp_path: Path) -> None:
     upper = [layer(file("app/run", name)) for name in (b"first", b"other")]
     roots = list[Path]()
     for number, each in enumerate(upper):
@@ -116,7 +117,9 @@ def test_images_share_the_files_that_are_alike(tmp_path: Path) -> None:
         root = image_root(image_bundle(f"{number}.tar", tmp_path))
         assert root is not None
         roots.append(root)
-    assert [root.joinpath("enter.sh").stat().st_nlink for root in roots] == [3, 3]  # and one in image-files
+    layers = (tmp_path / "cache/images").glob(f"bundle-*/files/image/blobs/sha256/{hashlib.sha256(_LAYER).hexdigest()}")
+    assert [path.stat().st_nlink for path in layers] == [3, 3]  # and one in image-files
+    assert [root.joinpath("enter.sh").stat().st_nlink for root in roots] == [3, 3]
     assert [root.joinpath("app/run").stat().st_nlink for root in roots] == [2, 2]
     script = roots[0] / "enter.sh"
     script.write_bytes(b"changed in both")
