@@ -355,6 +355,10 @@ class Graph:
         """Returns why the episode cannot go on, for a person; empty while it can."""
         return self._events.failure
 
+    def take_asked(self) -> set[tuple[str, str]]:
+        """Returns which nodes looked for a service since the last call, and of which node."""
+        return self._master.take_asked()
+
     @property
     def outgoing(self) -> dict[str, list[Subscriber]]:
         """Returns who is connected to the robot's topics."""

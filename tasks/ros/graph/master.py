@@ -398,6 +398,12 @@ class Master:
     ) -> None:
         self._uri, self._tables, self._parameters, self._calls = uri, tables, parameters, calls
         self._publishers_changed, self._robot = publishers_changed, robot
+        self._asked = set[tuple[str, str]]()
+
+    def take_asked(self) -> set[tuple[str, str]]:
+        """Returns who asked for a service since the last call, and which node has it: it is called next."""
+        asked, self._asked = self._asked, set()
+        return asked
 
     def methods(self) -> Mapping[str, Method]:
         """Returns the API by its methods' names."""
@@ -461,8 +467,10 @@ class Master:
     def _unregister_service(self, caller: str, service: str, service_uri: str) -> Outcome:
         return _removed(caller, service, removed=self._tables.withdraw(service, caller, service_uri))
 
-    def _look_up_service(self, _: str, service: str) -> Outcome:
+    def _look_up_service(self, caller: str, service: str) -> Outcome:
         found = self._tables.services.get(service)
+        if found is not None:
+            self._asked.add((caller, found.node))
         return (-1, f"nobody provides {service}", "") if found is None else (1, found.node, found.uri)
 
     def _look_up_node(self, _: str, name: str) -> Outcome:

@@ -194,7 +194,7 @@ class ExchangeTotals(NamedTuple):
 
     Attributes:
         commands: Twists that came.
-        late: Stages in which the lane did not come to rest in time.
+        late: Stages in which the lane did not come to rest in time, or two processes told a third one something.
         stray: Commands, and places to set the robot to, that came after the lane was taken for quiet.
     """
 

@@ -41,6 +41,7 @@ from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
 from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
 from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
+from tasks.ros.process.contention import ConnectionWatch
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
 from tasks.ros.process.network import EpisodeNetworks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
@@ -163,7 +164,8 @@ class Ros1Lockstep:
         self._warm = True  # where a robot is set before is where the first step begins
         for lane in lanes:
             if not lane.failure:  # its totals say why it failed
-                lane.command, lane.commands, lane.late, lane.stray = TwistCommand(), 0, 0, 0
+                lane.command = TwistCommand()
+                lane.commands = lane.late = lane.stray = lane.unordered = 0
         if self._launch.simulation is None:  # whoever judges may move the robot otherwise, or wait longer
             self._due_ns = self._now_ns + self._first_command_s * 1e9
         self._check_commanded(lanes)
@@ -268,8 +270,10 @@ class Ros1Lockstep:
             network.close()
             raise
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
-        detector = IdleDetector(ApplicationProcesses(home, self._tracker, self._limits), graph, self._patience.nap_s)
-        lane = self._lanes[number] = RosLane(detector, network, self._pump, latched)
+        application = ApplicationProcesses(home, self._tracker, self._limits)
+        detector = IdleDetector(application, graph, self._patience.nap_s)
+        contended = ConnectionWatch(application, network, graph.take_asked).contended
+        lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, contended)
         simulation = self._launch.simulation
         try:
             for name, value in {**plan.parameters, "/use_sim_time": True}.items():

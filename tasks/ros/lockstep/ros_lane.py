@@ -114,6 +114,7 @@ class RosLane:
         network: Its own.
         pump: Serves its graph.
         latched: Topics whose last message is kept for those who come.
+        contended: Returns whether two processes told a third one something since the last call.
 
     Attributes:
         graph: Its own.
@@ -123,21 +124,27 @@ class RosLane:
         commanded_ns: Simulated time when it came.
         goal: The goal that its nodes know.
         commands, late, stray: See ``ExchangeTotals``.
+        unordered: Messages within which two processes told a third one something.
         begun_s: When it was sent something last.
         look_s: When to look at it next.
         nap_s: How long to wait after a look that found it awake.
     """
 
     def __init__(
-        self, detector: IdleDetector, network: EpisodeNetwork, pump: EventPump, latched: frozenset[str]
+        self,
+        detector: IdleDetector,
+        network: EpisodeNetwork,
+        pump: EventPump,
+        latched: frozenset[str],
+        contended: Callable[[], bool] = bool,
     ) -> None:
         self.detector, self.network = detector, network
         self.graph, self.application = detector.graph, detector.application
         self.failure, self.command, self.commanded_ns = "", TwistCommand(), -math.inf
         self.goal: tuple[float, float] | None = None
-        self.commands = self.late = self.stray = 0
+        self.commands = self.late = self.stray = self.unordered = 0
         self.begun_s = self.look_s = self.nap_s = 0.0
-        self._pump, self._latched = pump, latched
+        self._pump, self._latched, self._contended = pump, latched, contended
         self._changes, self._had_source, self._sources = -1, False, 0
         self._topics: deque[tuple[str, Writer]] = deque()
         self._frame, self._to = b"", deque[TopicListener]()
@@ -177,7 +184,8 @@ class RosLane:
         return True
 
     def note_rest(self) -> None:
-        """Notes how long the application took to deal with what was sent last."""
+        """Notes how long the application took to deal with what was sent last, and whether that had one order."""
+        self.unordered += self._contended()
         took_s = self.detector.rest_s - self.begun_s
         usual_s = self._usual_s.get(self._topic, took_s)
         self._usual_s[self._topic] = _REMEMBERED * usual_s + (1.0 - _REMEMBERED) * took_s
@@ -236,4 +244,4 @@ class RosLane:
 
     def tally(self) -> ExchangeTotals:
         """Returns how the exchange went."""
-        return ExchangeTotals(self.commands, self.late, self.stray)
+        return ExchangeTotals(self.commands, self.late + self.unordered, self.stray)

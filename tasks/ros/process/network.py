@@ -7,16 +7,18 @@ episodes.
 
 Its program is text here, because it runs in a bare Python that has none of Simyard's modules, which starts in no time
 and takes little memory. The word ``new`` makes a network and answers its handle; ``socket K`` answers a socket in the
-Kth.
+Kth, and ``diag K`` one that tells of its connections (sock_diag(7)).
 """
 
 import array
 import errno
+import functools
 import os
 import socket
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -73,10 +75,10 @@ def serve():
             loopback_up()
             networks.append(os.open("/proc/self/ns/net", os.O_RDONLY))
             answer("network", networks[-1])
-        elif word == "socket":
+        elif word in ("socket", "diag"):
             do(libc.setns(networks[int(number)], NEW_NET))
-            with socket.socket() as made:
-                answer("socket", made.fileno())
+            with socket.socket(*(16, 3, 4) if word == "diag" else ()) as made:
+                answer(word, made.fileno())
         else:
             return
 
@@ -105,6 +107,11 @@ shutil.rmtree(root, ignore_errors=True)
 
 
 _ANSWER_S = 20.0
+_SOCK_DIAG = 4
+
+
+def _new_diag() -> socket.socket:
+    return socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _SOCK_DIAG)
 
 
 class EpisodeNetwork:
@@ -115,12 +122,25 @@ class EpisodeNetwork:
         prefix: What stands before the command of a program that is to run in it.
     """
 
-    def __init__(self, new_socket: Callable[[], socket.socket], prefix: tuple[str, ...], handle: int = -1) -> None:
+    def __init__(
+        self,
+        new_socket: Callable[[], socket.socket],
+        prefix: tuple[str, ...],
+        handle: int = -1,
+        new_diag: Callable[[], socket.socket] = _new_diag,
+    ) -> None:
         self.new_socket, self.prefix = new_socket, prefix
-        self._handle = handle
+        self._handle, self._new_diag = handle, new_diag
+
+    @cached_property
+    def diag(self) -> socket.socket:
+        """Returns what tells of the connections in it."""
+        return self._new_diag()
 
     def close(self) -> None:
         """Gives the network up; it is gone with the last process in it."""
+        if "diag" in self.__dict__:
+            self.diag.close()
         if self._handle >= 0:
             os.close(self._handle)
             self._handle = -1
@@ -169,7 +189,8 @@ class EpisodeNetworks:
         if handle < 0:
             return EpisodeNetwork(socket.socket, ())
         number, self._count = self._count, self._count + 1
-        return EpisodeNetwork(lambda: self._socket(number), self._prefix(handle), handle)
+        new_socket, new_diag = (functools.partial(self._socket, word, number) for word in ("socket", "diag"))
+        return EpisodeNetwork(new_socket, self._prefix(handle), handle, new_diag)
 
     def close(self) -> None:
         """Ends the keeper; what it ends before is what the episodes left."""
@@ -181,8 +202,8 @@ class EpisodeNetworks:
         user, network = f"--user=/proc/{keeper}/ns/user", f"--net=/proc/{own}/fd/{handle}"
         return ("nsenter", user, network, "--preserve-credentials", "--")
 
-    def _socket(self, number: int) -> socket.socket:
-        answer, handle = self._ask(f"socket {number}")
+    def _socket(self, word: str, number: int) -> socket.socket:
+        answer, handle = self._ask(f"{word} {number}")
         if handle < 0:
             raise OSError(errno.EMFILE, f"no socket in an episode's network: {answer}")
         return socket.socket(fileno=handle)

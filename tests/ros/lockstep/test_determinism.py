@@ -1,16 +1,20 @@
 """The same episode, whoever runs beside it: the same commands, byte for byte."""
 
+import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.step_driver import LockstepPatience
-from tests.ros.lockstep.room import drive
+from tests.ros.lockstep.room import Driven, drive
+from tests.ros.random_graph import Part, part, random_graph
 
 # Three times the default: beside other work several threads wait for a core one after the other, and only the longest
 # wait is not counted. That no stage is late is asserted all the same.
 PATIENCE = LockstepPatience(stage_s=6.0)
+STEPS = 15
 APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late", "chain", "hands"]
 
 
@@ -40,6 +44,46 @@ def test_a_node_that_begins_to_poll_in_its_episode_has_the_same_commands_in_two_
     assert together.failures == alone.failures == {}
     assert set(together.digests) == set(alone.digests)
     assert all(tally.late == tally.stray == 0 for tally in (*together.tallies, *alone.tallies))
+
+
+def drive_graph(courier: Path, home: Path, graph: Mapping[str, Part], lanes: int) -> Driven:
+    nodes = "".join(
+        f"<node pkg='courier' type='part.py' name='{name}'>"
+        f"<param name='does' type='str' value='{json.dumps(does)}'/></node>"
+        for name, does in graph.items()
+    )
+    (courier / "courier/launch/graph.launch").write_text(f"<launch>{nodes}</launch>")
+    return drive(Launch(courier, "courier", "graph.launch", home, [{}] * lanes), range(lanes), STEPS, patience=PATIENCE)
+
+
+@pytest.mark.long
+def test_a_random_graph_gives_the_same_commands_alone_and_among_two(courier: Path, home: Path) -> None:
+    alone, both = (drive_graph(courier, home, random_graph(115), lanes) for lanes in (1, 2))
+    assert alone.failures == both.failures == {}
+    assert alone.digests[0] == both.digests[0]
+    assert all(tally.late == tally.stray == 0 < tally.commands for tally in (*alone.tallies, *both.tallies))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kept", [False, True])
+def test_nodes_that_ask_one_at_once_are_counted_as_late(courier: Path, home: Path, *, kept: bool) -> None:
+    """Their commands differ from run to run, and so a column has to say it."""
+    asks = part(reads="hop", writes="cmd_vel", asks="count", threads=kept)
+    graph = {"first": part(reads="scan", writes="hop"), "left": asks, "right": asks, "answers": part(answers="count")}
+    found = drive_graph(courier, home, graph, 1)
+    assert (found.failures, found.tallies[0].late, found.tallies[0].stray) == ({}, STEPS, 0)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_random_graphs_give_the_same_commands_in_any_number_of_lanes_beside_burners(
+    courier: Path, home: Path, seed: int, burners: None
+) -> None:
+    runs = [drive_graph(courier, home, random_graph(seed), lanes) for lanes in (1, 4, 8) for _ in range(3)]
+    assert all(run.failures == {} for run in runs)
+    assert {run.digests[0] for run in runs} == {runs[0].digests[0]}
+    assert all(tally.late == tally.stray == 0 for run in runs for tally in run.tallies)
 
 
 @pytest.mark.soak

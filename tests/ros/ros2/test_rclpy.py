@@ -1,7 +1,6 @@
 """Nodes of ROS 2's own rclpy, on its default middleware, in lock-step with their episodes."""
 
 import json
-import random
 import shutil
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.simulate.sandbox.launch_check import check_launch_file
 from tests.repository import ROOT
+from tests.ros.random_graph import random_graph
 from tests.ros.ros2.players import CONTROL_S, Run, make_base
 
 _ROAMER, _TRIALS = ROOT / "examples/ros/roamer2", ROOT / "tests/data/rclpy/trials"
@@ -54,26 +54,8 @@ def test_the_same_row_comes_again_alone_and_among_four(tmp_path: Path, nodes: st
     assert not [each for each in set(_SHARED.iterdir()) - before if "fastdds" in each.name or "fastrtps" in each.name]
 
 
-def _random_graph(seed: int) -> dict[str, dict[str, object]]:
-    """Returns a tree of nodes: each reads the scan or what one before it writes, and may ask a node of its own.
-
-    A node that reads of two others in one control step would get it in the order that they end in, as on a robot.
-    """
-    draw, graph = random.Random(seed), dict[str, dict[str, object]]()  # noqa: S311 - no secret
-    count = draw.randint(1, 3)
-    for k in range(count):
-        reads = draw.choice(["scan", *(f"hop{j}" for j in range(k))])
-        own = {"threads": draw.random() < 0.5, "sleep_s": draw.choice([0.0, 0.01, 0.03]), "answers": "", "asks": ""}
-        graph[f"n{k}"] = {**own, "reads": reads, "writes": f"hop{k}", "timer_s": draw.choice([0.0, 0.1, 0.15])}
-        if draw.random() < 0.5:
-            graph[f"n{k}"]["asks"] = f"count{k}"
-            graph[f"a{k}"] = {**own, "reads": "", "timer_s": 0.0, "answers": f"count{k}"}
-    graph[f"n{count - 1}"]["writes"] = "cmd_vel"
-    return graph
-
-
 def _drive_graph(folder: Path, seed: int, lanes: int) -> Run:
-    graph = _random_graph(seed)
+    graph = random_graph(seed)
     nodes = " ".join(f"part:{name}" for name in graph)
     return drive(folder, _TRIALS, "trials.launch.py", nodes, lanes, graph=json.dumps(graph))
 
