@@ -4,7 +4,7 @@ Lock-step sends one message to one process. What its nodes then say to each othe
 order, until two of them speak to a third one: which is heard first is the machine's affair. The kernel counts the bytes
 of each connection, so that this is seen, and nothing that the nodes do is changed by it.
 
-Sources: sock_diag(7); Linux's ``tcp_info`` (include/uapi/linux/tcp.h); ROS's "TCPROS": who listens is told first.
+Sources: sock_diag(7); Linux, include/uapi/linux/tcp.h; ROS's "TCPROS": who listens is told first.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ _ANSWER_BYTES = 1 << 18
 _HEAD, _DUMP, _BY_FAMILY, _DONE, _ERROR = struct.Struct("=IHHII"), 0x301, 20, 3, 2
 _QUESTION = struct.Struct("=BBBBI48x")
 _LISTENS, _STATES, _INFO, _WANTED = 10, sum(1 << state for state in (1, 4, 5, 8, 10)), 2, 1 << 1
-# Within an answer: its state, its ports, its inode; in tcp_info: bytes that came, and that were sent.
+# Within an answer: its state, its ports, its inode; within what it says of TCP: bytes that came, and that were sent.
 _STATE_AT, _PORTS, _PORTS_AT, _INODE_AT, _ATTRIBUTES_AT = 17, struct.Struct(">HH"), 20, 84, 88
 _COUNTS, _COUNTS_AT = struct.Struct("=Q64xQ"), 128
 

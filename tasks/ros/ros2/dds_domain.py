@@ -185,7 +185,7 @@ def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain
         middleware: What their nodes speak.
 
     Raises:
-        ValueError: More episodes than there are domains, or than get free in half an hour.
+        OSError: More episodes than there are domains, or than get free in half an hour: fewer may fit (``NO_ROOM``).
     """
     ends_s = time.monotonic() + (_WAIT_S if count <= len(DOMAINS) else 0.0)
     while True:
@@ -195,9 +195,10 @@ def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain
         for each in found:
             each.close()
         if time.monotonic() >= ends_s:
-            raise ValueError(
+            raise OSError(
+                errno.EAGAIN,
                 f"{count} episodes at once, and {len(found)} of DDS's {len(DOMAINS)} domains for ROS 2 are free here: "
-                "simulate fewer lanes in a chunk"
+                "simulate fewer lanes in a chunk",
             )
         time.sleep(_AGAIN_S)
 

@@ -46,7 +46,7 @@ _PROFILES = {
     "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Profile(depth=1, latched=True),
 }
-_STATIC = "/tf_static"
+_STATIC, _LATCHED = "/tf_static", Profile(latched=True)
 _FAULT_CHARACTERS = 500
 
 
@@ -114,7 +114,8 @@ class Ros2Node:
         self._commands = [self._node.subscription(interface.command, kind, DEFAULT) for kind in COMMANDS]
         self._services = self._offered() if interface.services else []
         self._recorded = {
-            topic: (kind, self._node.subscription(topic, kind, DEFAULT)) for topic, kind in interface.recorded.items()
+            topic: (kind, [self._node.subscription(topic, kind, profile) for profile in (DEFAULT, _LATCHED)])
+            for topic, kind in interface.recorded.items()
         }
         self.navigation: NavigationClient | None = None
         if interface.navigates:
@@ -148,11 +149,13 @@ class Ros2Node:
 
     def heard(self) -> list[tuple[str, bytes]]:
         """Returns what nodes said on recorded topics since the last call, in ROS 1's form."""
-        return [
-            (topic, bytes(self._store.cdr_to_ros1(each, kind)))
-            for topic, (kind, reader) in self._recorded.items()
-            for each in reader.take()
-        ]
+        found: list[tuple[str, bytes]] = []
+        for topic, (kind, (plain, latched)) in self._recorded.items():
+            # The second one hears what was said before it came, but nobody who keeps nothing.
+            late, anew = latched.take(), plain.take()
+            heard = late if latched.writers == plain.writers else anew
+            found += [(topic, bytes(self._store.cdr_to_ros1(each, kind))) for each in heard]
+        return found
 
     def serve(self) -> int:
         """Answers calls of services, and takes answers of the action; returns how many there were."""

@@ -1,5 +1,6 @@
 """Launch files of ROS 2 where ROS 2 is not: what they start, and what is refused by its name."""
 
+import itertools
 import signal
 import stat
 import subprocess
@@ -253,6 +254,19 @@ def test_a_launch_file_in_xml_starts_what_the_same_in_python_does(bundle: Bundle
     assert values == {"/house/guest-right": {"ros__parameters": {"gain": 2.5, "frames.base": "7"}}}
     assert dict(node.environment) == {"MODE": "x"}
     assert sleep.command == ("sleep", "3")
+
+
+def test_of_parameters_in_xml_the_last_ones_count(bundle: Bundle) -> None:
+    own = bundle.package / "own.yaml"
+    own.write_text("/**: {ros__parameters: {gain: 2.0}}")
+    file, gain = f'<param from="{own}"/>', '<param name="gain" value="{}"/>'
+    parameters = f"{gain.format(1.0)}{file}{gain.format(3.0)}"
+    text = f'<launch><node pkg="robot" exec="driver" name="a">{parameters}</node></launch>'
+    (bundle.package / "launch/robot.launch.xml").write_text(text)
+    (node,) = bundle.resolve("robot.launch.xml").nodes
+    files = [Path(each) for before, each in itertools.pairwise(node.command) if before == "--params-file"]
+    read = [next(iter(yaml.safe_load(each.read_text()).values())) for each in files]
+    assert [each["ros__parameters"]["gain"] for each in read] == [1.0, 2.0, 3.0]
 
 
 @pytest.mark.parametrize(

@@ -19,9 +19,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tasks.ros.message.ros_messages import REQUEST_BYTES
+from tasks.ros.process.lane_limits import NO_ROOM
 from tasks.ros.ros2 import dds_domain
 from tasks.ros.ros2.dds_domain import EpisodeDomain, episode_domains
-from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, dds_qos, structure
+from tasks.ros.ros2.dds_node import DEFAULT, MAP, DdsNode, dds_qos, structure
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
 from tasks.ros.ros2.ros2_node import (
     STAMPED,
@@ -127,6 +128,24 @@ def test_the_graph_is_told_of_the_node_with_its_readers_and_writers(domain: Epis
     node.close()
 
 
+def test_what_is_kept_for_who_comes_later_is_recorded_though_it_was_said_before(
+    domain: EpisodeDomain, job: JobRequests
+) -> None:
+    mapper, said = DdsNode(domain, "mapper"), b"\x00\x01\x00\x00" + bytes(48)
+    kept, gone = (mapper.publisher(topic, TWIST, each) for topic, each in (("/kept", MAP), ("/gone", DEFAULT)))
+    kept.write(said)
+    gone.write(said)
+    first_port = 7400 + 250 * domain.number + 10
+    recorded = {"/kept": TWIST, "/gone": TWIST}
+    robot = Ros2Node(domain.link([f"127.0.0.1:{first_port}"]), RobotInterface({}, "/cmd_vel", recorded=recorded), job)
+    assert eventually(robot.heard) == [("/kept", said[4:])]
+    eventually(lambda: gone.readers)
+    gone.write(said)
+    assert eventually(robot.heard) == [("/gone", said[4:])]
+    robot.close()
+    mapper.close()
+
+
 def test_a_robot_that_is_closed_leaves_no_thread_and_no_port(domain: EpisodeDomain) -> None:
     threads, files = _threads(), open_files()
     robot = Ros2Node(domain, RobotInterface({"/clock": "rosgraph_msgs/msg/Clock"}, "/cmd_vel"), JobRequests())
@@ -169,8 +188,9 @@ def test_each_episode_has_a_domain_and_a_tag_of_its_own() -> None:
     found = episode_domains(30)
     try:
         assert len({each.number for each in found}) == len({each.tag for each in found}) == 30
-        with pytest.raises(ValueError, match="simulate fewer lanes"):
+        with pytest.raises(OSError, match="simulate fewer lanes") as told:
             episode_domains(103)
+        assert told.value.errno in NO_ROOM, "a chunk of fewer lanes is tried"
     finally:
         for each in found:
             each.close()

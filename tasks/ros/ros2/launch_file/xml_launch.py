@@ -4,6 +4,7 @@ Tags, attributes and substitutions as documented by ROS 2's packages launch_xml 
 refused by its name.
 """
 
+import itertools
 import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -133,10 +134,14 @@ def _needed(element: Element, name: str) -> str:
 
 
 def _parameters(element: Element) -> list[object]:
-    """Returns the parameters of a node: files, and values by name, one below another."""
-    files = [_text(each.attrib["from"]) for each in element.findall("param") if "from" in each.attrib]
-    values = {_needed(each, "name"): _value(each) for each in element.findall("param") if "from" not in each.attrib}
-    return [*files, *([values] if values else [])]
+    """Returns the parameters of a node, files and values by name: of two that say something, the later one counts."""
+    found = list[object]()
+    for is_file, those in itertools.groupby(element.findall("param"), lambda each: "from" in each.attrib):
+        if is_file:
+            found += [_text(each.attrib["from"]) for each in those]
+        else:
+            found.append({_needed(each, "name"): _value(each) for each in those})
+    return found
 
 
 def _value(element: Element) -> object:
