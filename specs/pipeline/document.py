@@ -209,7 +209,8 @@ def _unknown_names(data: object, imported: Sequence[object]) -> Iterator[Finding
     for loc, name in _named_worlds(data):
         known = each_one if loc[-1] == "world" else each_one | varied.keys()
         if "/" not in name and not name.startswith("arn:") and name not in known:
-            yield Finding(loc, name, allowed)
+            listed = name == "all" and loc[-1] != "world"
+            yield Finding(loc, name, "all without a list around it: worlds: all" if listed else allowed)
 
 
 def _named_worlds(data: object) -> Iterator[tuple[Location, str]]:

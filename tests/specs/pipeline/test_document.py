@@ -250,6 +250,12 @@ def test_a_name_that_no_imported_world_has_is_refused_wherever_it_stands():
     ]
 
 
+def test_all_in_a_list_is_refused_with_how_it_is_written():
+    export = {"outputLocation": PLACE, "worlds": ["all"]}
+    told = [("worldExport.worlds.0", "all without a list around it: worlds: all")]
+    assert faults(worlds=[OWN], worldExport=export) == told
+
+
 def test_one_imported_world_says_nothing_of_worlds_like_it():
     gate = {"successRate": {"atLeast": 0.9, "over": "worlds"}}
     assert [place for place, _ in faults(worlds=[OWN], simulationBatch=BATCH, gate=gate)] == ["gate.successRate.over"]
