@@ -5,7 +5,7 @@ set -euo pipefail
 here="$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
 root="$(cd "$here/../../.." && pwd)"
 "$root/examples/ros/make_wheels.sh" "$1"
-[ -e "$1/share/nav2_msgs/package.xml" ] && exit 0
+[ -e "$1/.nav2_msgs" ] && exit 0 # made to the end: what was interrupted is made again
 prefix="$(cd "$1" && pwd)"
 "$root/.venv/bin/uv" pip install --quiet --python "$prefix/bin/python3" --requirement "$here/generators.txt"
 # The wheels' configurations name folders of the machine that they were made on.
@@ -19,3 +19,4 @@ export LD_LIBRARY_PATH="$prefix/lib" PYTHONPATH="$modules"
 cmake -S "$here/nav2_msgs" -B "$prefix/nav2_msgs" -DCMAKE_INSTALL_PREFIX="$prefix" -DPython3_EXECUTABLE="$prefix/bin/python3"
 cmake --build "$prefix/nav2_msgs" --parallel 2
 cmake --install "$prefix/nav2_msgs"
+touch "$prefix/.nav2_msgs"
