@@ -295,9 +295,9 @@ def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine
     last = "    range_finders: RangeFinders = NO_RANGE_FINDERS\n"
     tree.replace(table, last, f"{last}    gyroscope: Gyroscope = Gyroscope(0)\n")
     tree.replace(table, "IMU, RANGE_FINDERS)", "IMU, RANGE_FINDERS, GYROSCOPE)")
-    field = '    finder_m: Float[jax.Array, "finders"] | None = None\n'
-    own = field.replace("finder_m", "gyroscope_rad_s").replace('"finders"', '"axes"')
-    tree.replace("tasks/simulate/application/contract.py", f"{field}\n\nclass C", f"{field}{own}\n\nclass C")
+    after = "\n\n\nclass Controller(Protocol):"
+    field = '    gyroscope_rad_s: Float[jax.Array, "axes"] | None = None'
+    tree.replace("tasks/simulate/application/contract.py", after, f"\n{field}{after}")
     shutil.copytree(ROOT / "tests/simulate/bundles/faulty", tree.root / "bundle")
     controller = tree.root / "bundle/faulty/pushing.py"
     text = controller.read_text().replace("    lidar = Lidar()\n", "    lidar = Lidar()\n    gyroscope = Lidar()\n", 1)
