@@ -138,6 +138,9 @@ class CameraRenderer:
             eye.orthographic, eye.frustum_center = 0, 0.0
             eye.frustum_width, eye.frustum_bottom, eye.frustum_top = half_width_m, -half_height_m, half_height_m
             eye.frustum_near, eye.frustum_far = _NEAR_M, max(self._camera.range_m, 2 * _NEAR_M)
+        # Surfaces seen from behind are most of the work, and hidden, unless the camera is in a solid.
+        corner_m = math.hypot(_NEAR_M, half_width_m, half_height_m)
+        scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE] = not self._made.hulls.hold(pose.position_m, corner_m)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         mujoco.mjr_render(self._area, scene, self._context)
 

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64, Int64
 
-from specs.data.world import Color, Rectangle, Solid, World, corners_m, solids
+from specs.data.world import MOST_CORNERS, Color, Rectangle, Solid, World, corners_m, solids
 from tasks.render.sheets import Covering, finish_key, sheets, window_parts
 from tasks.render.textures import texture_of
 
@@ -23,7 +23,7 @@ NOTHING = -1
 """What a segmentation has where a camera sees no solid."""
 
 # A cylinder is a prism that is at most so far within the circle or beyond it.
-_ROUND_M = 0.0002
+_ROUND_M = 0.0004
 _FLOOR_COLOR: Color = (0.55, 0.53, 0.50)
 _CEILING_COLOR: Color = (0.95, 0.95, 0.95)
 _AROUND_M = 100.0  # of floor: what is seen through a gap in the outer walls
@@ -38,12 +38,37 @@ class CameraScene(NamedTuple):
         names: Of the solids that a segmentation numbers, from 0: the world's, then floor and ceiling.
         colored: Geoms of a colour picture.
         numbered: The geom of depth and segmentation, whose colours are numbers from 1.
+        hulls: Of the solids.
     """
 
     model: mujoco.MjModel
     names: tuple[str, ...]
     colored: tuple[int, ...]
     numbered: int
+    hulls: "Hulls"
+
+
+class Hulls(NamedTuple):
+    """Convex outlines around solids, as sides that point outwards, and their heights; sides of no length fill up."""
+
+    normals: Float64[np.ndarray, "solids sides 2"]
+    offsets_m: Float64[np.ndarray, "solids sides"]
+    low_m: Float64[np.ndarray, "solids"]
+    high_m: Float64[np.ndarray, "solids"]
+
+    def hold(self, place_m: Float64[np.ndarray, "3"], margin_m: float) -> bool:
+        """Returns whether a place is in one of them, or so near to it."""
+        beside = (self.normals @ place_m[:2] <= self.offsets_m + margin_m).all(axis=1)
+        return bool((beside & (self.low_m - margin_m <= place_m[2]) & (place_m[2] <= self.high_m + margin_m)).any())
+
+
+def _hulls(seen: Sequence[Solid]) -> Hulls:
+    outlines = np.array([(corners := corners_m(each)) + corners[-1:] * (MOST_CORNERS - len(corners)) for each in seen])
+    along = np.roll(outlines, -1, axis=1) - outlines
+    lengths = np.maximum(np.linalg.norm(along, axis=2), 1e-9)
+    normals = np.stack([along[..., 1], -along[..., 0]], axis=2) / lengths[..., None]
+    low_m, high_m = np.array([_heights_m(each) for each in seen]).T
+    return Hulls(normals, (normals * outlines).sum(axis=2), low_m, high_m)
 
 
 class _Mesh(NamedTuple):
@@ -73,9 +98,8 @@ def camera_scene(world: World, width: int, height: int) -> CameraScene:
     for number, same in enumerate(textured):
         _add_textured(spec, f"covering-{number}", same)
     _add_dotted(spec, "numbers", meshes, _as_colors(np.arange(1, len(seen) + 1)), emission=1.0)
-    return CameraScene(
-        spec.compile(), tuple(solid.name for solid in seen), tuple(range(1 + len(textured))), 1 + len(textured)
-    )
+    names, numbered = tuple(solid.name for solid in seen), 1 + len(textured)
+    return CameraScene(spec.compile(), names, tuple(range(numbered)), numbered, _hulls(seen))
 
 
 def numbers_of(pixels: np.ndarray) -> np.ndarray:

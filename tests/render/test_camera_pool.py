@@ -179,6 +179,14 @@ def test_a_process_that_was_killed_is_started_again_and_draws_the_same(cameras: 
     np.testing.assert_array_equal(cameras.color(shots), before)
 
 
+def test_from_within_a_solid_its_inside_is_seen(cameras: CameraPool):
+    cameras.add("low", furnished(), CAMERA.model_copy(update={"z_m": 0.2}))
+    depth_m, numbers = cameras.depth_and_solids([Shot("low", -0.95, 0.6, 0.3)])
+    names = [*(solid.name for solid in solids(furnished())), "floor", "ceiling"]
+    assert {names[number] for number in np.unique(numbers)} <= {"round", "floor"}
+    assert depth_m.max() < 0.7
+
+
 def test_a_box_has_its_colour(cameras: CameraPool):
     shots = [Shot("plain", -0.4, 0.3, 0.0)]
     _, numbers = cameras.depth_and_solids(shots)
