@@ -134,7 +134,7 @@ def test_a_simulation_application_judges_its_job_for_python_too(ros: RosInstalla
     document = {
         "name": "judged",
         "applications": [{"name": "judge", "kind": "simulation", "source": "judge"}],
-        "simulationBatch": {"createSimulationJobRequests": [request], "recordings": {"episodes": "all"}},
+        "simulationBatch": {"createSimulationJobRequests": [request], "audit": {"lanes": 0}},
         "gate": {"successRate": {"atLeast": 0.01}},
     }
     run = simyard.run(document, base=tmp_path, store=tmp_path / "s", direct=True)
@@ -142,7 +142,6 @@ def test_a_simulation_application_judges_its_job_for_python_too(ros: RosInstalla
     (row,) = simyard.results(run).table.to_pylist()
     assert (row["outcome"], row["world"].rpartition("/")[2], row["rooms_total"]) == ("Passed", "judge", 0)
     assert dict(row["metrics"])["distance"] > 0.3
-    assert simyard.replay(run, 0).same
 
 
 def test_a_stage_that_fails_is_an_exception(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
