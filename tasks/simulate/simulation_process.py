@@ -149,9 +149,11 @@ class Service:
         except MemoryError as exc:
             self.say(NoMemory(text=str(exc)[-TEXT_CHARACTERS:]))
         except Exception as exc:  # noqa: BLE001 - whoever asks raises it
-            lack = "RESOURCE_EXHAUSTED" in str(exc)  # XLA's status for an allocation that failed
-            text = (str(exc) if lack else traceback.format_exc())[-TEXT_CHARACTERS:]
-            self.say(NoMemory(text=text) if lack else Defect(text=text))
+            if "RESOURCE_EXHAUSTED" in str(exc):  # XLA's status for an allocation that failed
+                self.say(NoMemory(text=str(exc)[-TEXT_CHARACTERS:]))
+            else:
+                reason = f"{type(exc).__name__}: {exc}"[:TEXT_CHARACTERS]
+                self.say(Defect(reason=reason, text=traceback.format_exc()[-TEXT_CHARACTERS:]))
         finally:
             self._asked = False
 

@@ -16,7 +16,8 @@ from tasks.simulate.audit.audit_report import AuditDrives
 from tasks.simulate.chunk import chunk_simulation
 from tasks.simulate.plan.chunks import Chunk
 from tasks.simulate.sandbox.process_environment import process_environment
-from tasks.simulate.sandbox.protocol import QUESTION, AuditWork, LanesWork, SentWorlds, receive
+from tasks.simulate.sandbox.protocol import QUESTION, AuditWork, Defect, LanesWork, SentWorlds, receive
+from tasks.simulate.sandbox.simulator import SimulatorDefect
 from tasks.simulate.simulation_process import Service
 from tests.factories.simulations import delivery
 
@@ -64,6 +65,21 @@ def test_a_lack_of_memory_a_crash_and_a_defect_are_different_answers(
         document = receive(ours, QUESTION).document
     assert document["kind"] == kind
     assert said in str(document)
+
+
+def test_a_defect_is_the_exception_and_not_what_jax_adds_to_each(monkeypatch: pytest.MonkeyPatch):
+    def fails(*_: object, **__: object) -> None:
+        error = ImportError("Please install 'flatbuffers'")
+        error.add_note("For simplicity, JAX has removed its internal frames from the traceback.")
+        raise error
+
+    monkeypatch.setattr(audit_drive, "drive_audit", fails)
+    ours, theirs = socket.socketpair()
+    with ours, theirs:
+        Service(theirs).answer(WORK)
+        defect = Defect.model_validate(receive(ours, QUESTION).document)
+    assert str(SimulatorDefect(defect)) == "ImportError: Please install 'flatbuffers'"
+    assert "For simplicity" in defect.text
 
 
 @pytest.mark.parametrize(("episodes", "ahead", "refilled"), [(1, 0, False), (2, 0, False), (3, 0, True), (1, 1, True)])

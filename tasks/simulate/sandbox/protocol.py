@@ -422,10 +422,12 @@ class Defect(Spec):
     """Something else went wrong: a defect of Simyard's, which no application caused.
 
     Attributes:
-        text: The exception with its traceback.
+        reason: The exception alone, such as ``ImportError: no module``.
+        text: The same with its traceback and its notes, of which JAX adds one to each.
     """
 
     kind: Literal["defect"] = "defect"
+    reason: str
     text: str
 
 

@@ -384,7 +384,7 @@ class Simulator:
             for each in answer.timings:
                 note_timing(each)
         if isinstance(answer, Defect):
-            raise SimulatorDefect(answer.text)
+            raise SimulatorDefect(answer)
         return answer, message
 
     def _ended(self) -> SimulatorEnded:
@@ -417,9 +417,9 @@ class SimulatorNotStarted(SimyardError):  # noqa: N818 - a state
 class SimulatorDefect(RuntimeError):  # noqa: N818 - what it is
     """The process met an exception that no application caused: a defect of Simyard's, with its traceback as a note."""
 
-    def __init__(self, text: str) -> None:
-        super().__init__(text.strip().rpartition("\n")[2])
-        self.add_note(text)
+    def __init__(self, defect: Defect) -> None:
+        super().__init__(defect.reason)
+        self.add_note(defect.text)
 
 
 def _started(
