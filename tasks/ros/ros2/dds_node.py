@@ -32,7 +32,6 @@ from rosbags.serde import SerdeError
 
 from tasks.ros.ros2.dds_domain import DomainPlace
 from tasks.ros.ros2.interface_types import (
-    DEFAULT_DISTRIBUTION,
     dds_type_name,
     reply_name,
     request_name,
@@ -40,6 +39,7 @@ from tasks.ros.ros2.interface_types import (
     type_store,
     user_data,
 )
+from tasks.ros.ros2.ros2_installation import DEFAULT_DISTRIBUTION
 
 _BASE: Mapping[str, Any] = {
     "bool": bool,

@@ -14,18 +14,11 @@ from rosbags.interfaces.typing import Basename, FieldDesc, Typesdict
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-DEFAULT_DISTRIBUTION = "jazzy"
-_STORES = {
-    "humble": Stores.ROS2_HUMBLE,
-    "iron": Stores.ROS2_IRON,
-    "jazzy": Stores.ROS2_JAZZY,
-    "kilted": Stores.ROS2_KILTED,
-}
-DISTRIBUTIONS = tuple(_STORES)
+from tasks.ros.ros2.ros2_installation import DEFAULT_DISTRIBUTION
+
 _WITHOUT_HASHES = ("humble",)
 _ROBOMAKER = "robomaker_simulation_msgs"
 TAG, ADD_TAGS, CANCEL = f"{_ROBOMAKER}/msg/Tag", f"{_ROBOMAKER}/srv/AddTags", f"{_ROBOMAKER}/srv/Cancel"
-ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 POSE, UUID = "geometry_msgs/msg/PoseStamped", "unique_identifier_msgs/msg/UUID"
 _TEXT: FieldDesc = (Nodetype.BASE, ("string", 0))
@@ -64,7 +57,7 @@ def navigation_types(distribution: str) -> Typesdict:
 @functools.cache
 def type_store(distribution: str = DEFAULT_DISTRIBUTION) -> Typestore:
     """Returns the definitions of a distribution's types, RoboMaker's services among them."""
-    store = get_typestore(_STORES[distribution])
+    store = get_typestore(Stores[f"ROS2_{distribution.upper()}"])
     # char of a .msg file is uint8 in the IDL that hashes are taken of; rosbags takes it for IDL's char.
     for kind, (constants, fields) in list(store.fielddefs.items()):
         store.fielddefs[kind] = (constants, [(name, _without_char(form)) for name, form in fields])

@@ -19,7 +19,10 @@ from typing import NamedTuple
 
 from specs.errors import LaunchRefused
 from tasks.ros.ros2.dds_domain import CYCLONE, FAST, MIDDLEWARES
-from tasks.ros.ros2.interface_types import ADD_TAGS_SERVICE, CANCEL_SERVICE, DEFAULT_DISTRIBUTION, DISTRIBUTIONS
+
+DISTRIBUTIONS, DEFAULT_DISTRIBUTION = ("humble", "iron", "jazzy", "kilted"), "jazzy"
+"""The releases whose types the robot knows, the oldest first, and what it takes one to be that says nothing."""
+ADD_TAGS_SERVICE, CANCEL_SERVICE = "/robomaker/job/add_tags", "/robomaker/job/cancel"
 
 _OPT, _INDEX = Path("/opt/ros"), "share/ament_index"
 _PYTHON = "/usr/bin/python3"

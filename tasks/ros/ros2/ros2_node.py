@@ -22,15 +22,9 @@ from tasks.ros.ros2.dds_node import (
     ServiceServer,
     Writer,
 )
-from tasks.ros.ros2.interface_types import (
-    ADD_TAGS,
-    ADD_TAGS_SERVICE,
-    CANCEL,
-    CANCEL_SERVICE,
-    DEFAULT_DISTRIBUTION,
-    type_store,
-)
+from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
 from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
+from tasks.ros.ros2.ros2_installation import ADD_TAGS_SERVICE, CANCEL_SERVICE, DEFAULT_DISTRIBUTION
 
 NODE_NAME = "simyard_robot"
 TWIST, STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"

@@ -5,7 +5,6 @@ import pytest
 from tasks.ros.ros2.interface_types import (
     ADD_TAGS,
     CANCEL,
-    DISTRIBUTIONS,
     NAVIGATE,
     dds_type_name,
     reply_name,
@@ -15,6 +14,7 @@ from tasks.ros.ros2.interface_types import (
     type_store,
     user_data,
 )
+from tasks.ros.ros2.ros2_installation import DISTRIBUTIONS
 
 # As ROS 2 Jazzy and Iron show them: rmw_zenoh's design document (String), `ros2 topic info --verbose` in tutorials
 # (Twist, JointState, OccupancyGrid), rosidl's generated sources (Gid, ParticipantEntitiesInfo), and type_hashes of
