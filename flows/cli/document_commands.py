@@ -14,6 +14,9 @@ from specs.data.run_report import PipelineReport
 from specs.errors import DocumentError, PipelineNotPassed, SimyardError
 
 if TYPE_CHECKING:
+    from pydantic import JsonValue
+
+    from specs.base import Fault
     from specs.pipeline.document import PipelineSpec
 
 Document = Annotated[Path, typer.Argument(help="The pipeline document, YAML or JSON.", show_default=False)]
@@ -56,6 +59,8 @@ def run(
             _show_next_steps(exc.report, store, console)
             raise typer.Exit(exit_code_of(exc)) from exc
         show_report(report, console)
+        if any(stage.name == "simulationBatch" for stage in report.stages):  # others have no episodes that failed
+            _show_next_steps(report, store, console)
 
 
 def _show_next_steps(report: PipelineReport, store: str | None, console: Console) -> None:
@@ -106,6 +111,7 @@ def validate(
     from tasks.documents.parse import parse
     from tasks.documents.pipeline_file import is_template, pipeline_of
     from tasks.documents.source_text import read_document
+    from tasks.results.gate.shipped_builds import check_variables
 
     data = read_document(file)
     if is_template(data):
@@ -117,15 +123,46 @@ def validate(
         for line in unused_sets(template):
             echo(f"no effect: {line}")
         return
-    spec = pipeline_of(data, file, file.parent)
+    folder, checks = file.resolve().parent, (check_variables, *_references_in(store))
+    try:
+        spec = pipeline_of(data, file, file.parent)
+    except DocumentError as exc:
+        raise DocumentError([*exc.faults, *_faults_of_the_rest(data, exc, file)], str(file)) from exc
     with _name_file(file):
-        drafted = with_drafts(spec, file.resolve().parent)
-        notes = check_own_bundles(drafted.spec, file.resolve().parent, _references_in(store))
+        drafted = with_drafts(spec, folder)
+        notes = check_own_bundles(drafted.spec, folder, checks)
     echo(f"{file}: {spec.name}: valid")
     for note in (*notes, *drafted.notes):
         echo(note)
     if not store and (left := unchecked_references(spec)):
         echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does, or --store")
+
+
+def _faults_of_the_rest(data: "JsonValue", wrong: DocumentError, file: Path) -> "Sequence[Fault]":
+    """Returns what is wrong with the bundles of a document that is wrong in itself, as far as it says which they are.
+
+    Looked at is the document less the values at fault, and less the sections that are not whole without them.
+    """
+    from flows.pipeline.bundle_checks import check_own_bundles
+    from flows.pipeline.robot_drafts import with_drafts
+    from tasks.documents.pipeline_file import pipeline_of, without
+
+    known, folder = tuple(fault.path for fault in wrong.faults), file.resolve().parent
+    rest, paths = data, {*known}
+    while paths:
+        rest = without(rest, paths)
+        try:
+            spec = pipeline_of(rest, file, file.parent)
+        except DocumentError as exc:
+            left = rest if isinstance(rest, dict) else {}
+            paths = {name for name in left if any(fault.path.startswith(name) for fault in exc.faults)}
+            continue
+        try:
+            check_own_bundles(with_drafts(spec, folder).spec, folder)
+        except DocumentError as exc:
+            return [fault for fault in exc.faults if not fault.path.startswith(known)]
+        break
+    return ()
 
 
 def _references_in(store: str | None) -> "Sequence[Callable[[PipelineSpec, Path], object]]":

@@ -259,7 +259,8 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         found = replace(found, batch=plan, compared_with=compared or "")
     if (deployment := spec.deployment) and not faults:
         tested = tested_bundles(found.batch, found.compared_with) if found.batch else None
-        version = faults.keep(lambda: _deployable_version(deployment, tested, store, find))
+        folder = _brought_from(spec, deployment)
+        version = faults.keep(lambda: _deployable_version(deployment, tested, store, find, folder))
         batch_judged, other = found.batch if spec.gate else None, found.compared_with
         ships = faults.keep(lambda: _shipment(deployment, version, batch_judged, other)) if version else None
         found = replace(found, deployed=version, ships=ships)
@@ -374,7 +375,16 @@ def _shipment(section: Deployment, version: Version, plan: BatchPlan | None, oth
     return judged_shipment(section, version, plan, candidates(plan, other)) if plan else shipment_of(section, version)
 
 
-def _deployable_version(section: Deployment, tested: dict[str, str] | None, store: Store, find: FindVersion) -> Version:
+def _brought_from(spec: PipelineSpec, section: Deployment) -> str:
+    """Returns the folder of the document's own bundle that a section deploys; empty if it deploys another one."""
+    use = section.deploymentApplicationConfigs[0]
+    name = reference_path(use.application) if use.applicationVersion in {None, LATEST} else ""
+    return next((each.source for each in spec.applications if (each.kind, each.name) == ("robot", name)), "")
+
+
+def _deployable_version(
+    section: Deployment, tested: dict[str, str] | None, store: Store, find: FindVersion, folder: str
+) -> Version:
     version = deployed_version(section, store, find, tested)
     fleet = section.fleet
     agents = fleet.localAgents if isinstance(fleet, LocalFleet) else 0
@@ -389,6 +399,7 @@ def _deployable_version(section: Deployment, tested: dict[str, str] | None, stor
         launch=launch,
         version=version,
         signer=signer,
+        source=folder,
     )
     if faults:
         raise DocumentError(faults)

@@ -205,6 +205,7 @@ def _shipped_lines(section: Deployment, ships: Shipment, batch: BatchPlan | None
     elif batch:
         yield from unjudged_parts(section, ships, batch)
     else:
+        yield "no episode of this document drives the version, and no gate asks"
         yield from unjudged_lines(ships, ())
 
 

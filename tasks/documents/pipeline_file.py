@@ -3,8 +3,9 @@
 RoboMaker's own requests are documents, too: what `aws robomaker ... --cli-input-json` was given runs as it stands.
 """
 
+import copy
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -28,6 +29,7 @@ _ONLY_ENTRY = f"{_SECTION}{_BATCH_KEY}[0]."
 _ANY_ENTRY = f"{_SECTION}{_BATCH_KEY}[*]."
 _NOT_IN_A_NAME = re.compile("[^a-zA-Z0-9_-]+")
 _LONGEST_NAME = 64
+_STEP = re.compile(r"[^.\[\]]+")
 _TEMPLATE_KEYS = ("templateBody", "Version", "Buildings", "Floors", "Floorplan", "Interior", "Rooms")
 _BARE_REQUESTS = {
     "deploymentApplicationConfigs": "deployment",
@@ -123,6 +125,19 @@ def pipeline_of(data: JsonValue, source: Path, folder: Path) -> PipelineSpec:
     if beside:
         raise DocumentError(beside, str(source))
     return spec
+
+
+def without(data: JsonValue, paths: Iterable[str]) -> JsonValue:
+    """Returns a document without the keys at some places, as faults name them; items of lists stay where they are."""
+    trimmed = copy.deepcopy(data)
+    for *above, key in filter(None, map(_STEP.findall, paths)):
+        inside: JsonValue = trimmed
+        for step in above:
+            found = items(inside)[int(step) : int(step) + 1] if step.isdigit() else [part(inside, step)]
+            inside = cast("JsonValue", found[0] if found else None)
+        if isinstance(inside, dict):
+            inside.pop(key, None)
+    return trimmed
 
 
 def is_template(data: JsonValue) -> bool:

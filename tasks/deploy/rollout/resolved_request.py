@@ -113,6 +113,7 @@ def preflight(
     launch: DeploymentLaunchConfig,
     version: Version,
     signer: Signer | None = None,
+    source: str = "",
 ) -> list[Fault]:
     """Returns the faults of a pipeline's deployment that can be found before the pipeline begins.
 
@@ -123,6 +124,7 @@ def preflight(
         launch: What is run on a robot.
         version: What is deployed.
         signer: Whose keys must vouch that robots which the run does not make belong to the fleet; None for nobody's.
+        source: The folder that the bundle was just made of, for messages; empty if the store alone has it.
     """
     path = f"{_SECTION_PATH}.launchConfig"
     robots: list[Architecture] = [robot.architecture for robot in _known_members(store, fleet)]
@@ -138,7 +140,7 @@ def preflight(
         *(
             fault
             for digest, built in builds or [(version.digest, asked)]
-            for fault in _file_faults(store, launch, digest, built, here=local_agents > 0)
+            for fault in _file_faults(store, launch, digest, built, here=local_agents > 0, source=source)
         ),
         *launch_environment.variable_faults(launch.environmentVariables or {}, f"{path}.environmentVariables"),
     ]
@@ -205,7 +207,13 @@ def _known_members(store: Store, reference: str) -> list[RobotRecord]:
 
 
 def _file_faults(
-    store: Store, launch: DeploymentLaunchConfig, digest: str, robots: Collection[Architecture], *, here: bool
+    store: Store,
+    launch: DeploymentLaunchConfig,
+    digest: str,
+    robots: Collection[Architecture],
+    *,
+    here: bool,
+    source: str,
 ) -> Iterator[Fault]:
     """Yields what is wrong with the files that robots of some architectures launch of a bundle.
 
@@ -215,6 +223,7 @@ def _file_faults(
         digest: Of the bundle.
         robots: Their architectures.
         here: Whether they are on this machine, which then has to have what scripts need.
+        source: The folder that it was just made of, if any, before the names of files.
     """
     path = f"{_SECTION_PATH}.launchConfig"
     outside = {fault.path for fault in outside_package(launch, path)}
@@ -230,7 +239,8 @@ def _file_faults(
         place = f"{path}.{field}"
         if place in outside or (field, of_ros) == ("launchFile", True):
             continue
-        why = program_fault(name, heads.get(name), robots, executable=found.get(name, False), here=here)
+        shown = f"{source}/{name}" if source else name
+        why = program_fault(shown, heads.get(name), robots, executable=found.get(name, False), here=here)
         if why:
             yield Fault(path=place, value=repr(getattr(launch, field)), allowed=f"a file that can be started; {why}")
 

@@ -11,11 +11,14 @@ why.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 from pydantic import Field
 
 from specs.base import Fault, Spec
+from specs.errors import DocumentError
 from specs.field_types import Architecture
+from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import Deployment, UntestedBuild
 from specs.robomaker.bundle import Version
 
@@ -199,6 +202,32 @@ def variable_faults(
             if name not in differing
         ),
     ]
+
+
+def check_variables(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
+    """Refuses variables of a deployment that no request of the document drives, as far as no store is needed for it.
+
+    Where a request drives another application than the deployed one, only its bundle's digest tells whether it is
+    another one, which a plan knows.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    batch, section = spec.simulationBatch, spec.deployment
+    if not (spec.gate and batch and section):
+        return
+    use = section.deploymentApplicationConfigs[0]
+    driven: list[Driven] = []
+    for request in batch.createSimulationJobRequests:
+        robot = next(iter(request.robotApplications or ()), None)
+        if robot is None or (robot.application, robot.applicationVersion) != (use.application, use.applicationVersion):
+            return
+        uses = [*(request.simulationApplications or ()), robot]
+        own = {name: value for each in uses for name, value in (each.launchConfig.environmentVariables or {}).items()}
+        driven.append({**{name: (value,) for name, value in own.items()}, **batch.matrix.environmentVariables})
+    given = use.launchConfig.environmentVariables or {}
+    if faults := variable_faults(given, [driven], section.untestedVariables or {}):
+        raise DocumentError(faults)
 
 
 def differing_names(given: Mapping[str, str], driven: Iterable[Sequence[Driven]]) -> list[str]:

@@ -1,5 +1,6 @@
 """What `simyard validate` can know without a store of what a document launches."""
 
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -124,6 +125,24 @@ def test_references_are_looked_up_in_a_store_that_is_named(tmp_path: Path, file_
     assert isinstance(found.exception, DocumentError)
     assert "worlds: 'g/w': not in the store" in str(found.exception)
     assert file_store.keys("") == ["store.json"]
+
+
+def test_a_document_that_is_wrong_in_itself_is_told_with_what_is_wrong_in_its_bundles(tmp_path: Path):
+    deployment = {"fleet": "team", "deploymentApplicationConfigs": [_use("mine", "courier", "run.sh")]}
+    robot = _use("mine", "courier", "go_to_goal")
+    document = _spec(tmp_path, robot, deployment=deployment).model_dump(mode="json", exclude_none=True)
+    (tmp_path / "mine/courier/run.sh").chmod(0o644)
+    document["deployment"]["robots"] = 3  # which is left out to look at the rest
+    document["simulationBatch"]["createSimulationJobRequests"][0]["maxJobDurationInSeconds"] = "long"  # the section is
+    (tmp_path / "document.json").write_text(json.dumps(document))
+    found = CliRunner().invoke(app, ["validate", str(tmp_path / "document.json")])
+    assert isinstance(found.exception, DocumentError)
+    assert [fault.path for fault in found.exception.faults] == [
+        "simulationBatch.createSimulationJobRequests[0].maxJobDurationInSeconds",
+        "deployment.robots",
+        "deployment.deploymentApplicationConfigs[0].launchConfig.launchFile",
+    ]
+    assert "chmod +x mine/courier/run.sh" in str(found.exception)
 
 
 def test_what_is_there_is_not_refused(tmp_path: Path):

@@ -1,5 +1,6 @@
 """What a document refers to: found before anything runs, and the same thing in every stage."""
 
+import re
 import shutil
 from contextlib import nullcontext
 from pathlib import Path
@@ -19,10 +20,11 @@ from specs.robomaker.bundle import ApplicationKind, Version
 from tasks.applications.bucket_sources import create_application, create_version
 from tasks.applications.registry import applications, pack, publish_bundle, resolve
 from tasks.deploy.fleet.fleet_registry import create_fleet, create_robot, register_robot
-from tasks.results.gate.shipped_builds import Shipment
+from tasks.results.gate.shipped_builds import Shipment, check_variables
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import output_location
 from tasks.simulate.sandbox import confinement
+from tasks.storage.backends.overlay import OverlayStore
 from tasks.storage.base.keys import bundle_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -504,13 +506,19 @@ def test_an_architecture_that_the_version_lacks_is_a_fault(file_store: Store, bu
 @pytest.mark.parametrize("given", [{"MAX_SPEED": "9"}, {}])
 def test_a_variable_that_differs_is_refused_before_anything_runs(file_store: Store, given: dict[str, str]):
     publish_bundle(file_store, "robot-application", "mine", ROOT / "applications/courier")
-    (path,) = _refused(_document(_driven_request(MAX_SPEED="0.5"), variables=given), file_store)
+    spec = _document(_driven_request(MAX_SPEED="0.5"), variables=given)
+    (path,) = _refused(spec, file_store)
     assert path.endswith(f"{VARIABLES}.MAX_SPEED")
+    with pytest.raises(
+        DocumentError, match=rf"{re.escape(path)}: .*: a value that simulationBatch drives: '0\.5'; or "
+    ):
+        check_variables(spec, BASE)  # for which no store is needed
 
 
 def test_the_scenarios_variables_count_because_the_controller_gets_them(file_store: Store):
     publish_bundle(file_store, "robot-application", "mine", ROOT / "applications/courier")
     request = _driven_request(scenarios={"MAX_SPEED": "0.5"})
+    check_variables(_document(request, variables={"MAX_SPEED": "0.5"}), BASE)
     (path,) = _refused(_document(request, variables={"MAX_SPEED": "9"}), file_store)
     assert path.endswith(f"{VARIABLES}.MAX_SPEED")
     assert _ships(_document(request, variables={"MAX_SPEED": "0.5"}), file_store).variables == {"MAX_SPEED": "0.5"}
@@ -522,7 +530,9 @@ def test_the_values_of_the_matrix_are_those_that_may_ship(file_store: Store):
     assert spec.simulationBatch
     matrix = spec.simulationBatch.matrix.model_copy(update={"environmentVariables": {"MAX_SPEED": ("0.4", "0.6")}})
     batch = spec.simulationBatch.model_copy(update={"matrix": matrix})
-    assert _ships(spec.model_copy(update={"simulationBatch": batch}), file_store).variables == {"MAX_SPEED": "0.6"}
+    swept = spec.model_copy(update={"simulationBatch": batch})
+    assert _ships(swept, file_store).variables == {"MAX_SPEED": "0.6"}
+    check_variables(swept, BASE)
 
 
 def test_a_variable_that_is_named_ships_and_is_told_without_its_value(file_store: Store):
@@ -533,6 +543,23 @@ def test_a_variable_that_is_named_ships_and_is_told_without_its_value(file_store
     told = "\n".join(plan_lines(spec, BASE, file_store))
     assert "variable TOKEN: NOT AS SIMULATED; the document says why: the launch script sends heartbeats" in told
     assert "s3cret" not in told
+
+
+def test_a_bundle_that_is_only_deployed_is_named_from_the_documents_folder_and_planned_as_not_simulated(
+    file_store: Store, tmp_path: Path
+):
+    start = tmp_path / "robots/hauler/nav/start"
+    start.parent.mkdir(parents=True)
+    start.write_text("#!/bin/sh\nexec sleep 1000\n")
+    launch = {"application": "hauler", "launchConfig": {"packageName": "nav", "launchFile": "start"}}
+    deployment = {"fleet": {"name": "team", "localAgents": 1}, "deploymentApplicationConfigs": [launch]}
+    own = [{"name": "hauler", "source": "robots/hauler"}]
+    spec = PipelineSpec.model_validate({"name": "n", "applications": own, "deployment": deployment})
+    with pytest.raises(DocumentError, match="start is not executable: chmod \\+x robots/hauler/nav/start"):
+        resolve_references(spec, OverlayStore(file_store), tmp_path)
+    start.chmod(0o755)
+    told = list(plan_lines(spec, tmp_path, file_store))
+    assert any("no episode of this document drives the version, and no gate asks" in line for line in told)
 
 
 def test_folders_of_data_sources_are_no_variables_that_robots_could_get(file_store: Store):
