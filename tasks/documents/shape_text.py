@@ -155,12 +155,16 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
     here = known_place(model, place[:-1])
     meant = same_word(key, known) or _containing(key, known)
     elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), here)
+    meant = meant or same_word(key.removesuffix("s"), known) or same_word(f"{key}s", known)
     if not (meant or elsewhere):
         meant = nearest_name(key, known)
     if not (meant or elsewhere):
-        near = nearest_name(key, key_places(model), _NEARLY_THE_SAME)
-        elsewhere = _belongs(key_places(model).get(near, ()), here)
-    hint = f'did you mean "{meant}"? ' if meant else f"{elsewhere}; " if elsewhere else ""
+        near = key_places(model).get(nearest_name(key, key_places(model), _NEARLY_THE_SAME), ())
+        # Another section's key is meant only by its whole name.
+        elsewhere = _belongs(tuple(place for place in near if place.keys[:1] == here[:1] or not here), here)
+    hints = [f'did you mean "{meant}"? '] if meant else []
+    hints += [f"{'or ' if meant else ''}{elsewhere}; "] if elsewhere else []
+    hint = "".join(hints)
     if not hint and here and len(known) == 1:
         models = models_at(model, place[:-1])
         return f"the only known key is {known[0]}; write {_key_of(place[:-1])}: {object_sample(models[0])}"

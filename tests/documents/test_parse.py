@@ -53,6 +53,15 @@ def test_an_unknown_key_is_told_with_the_known_one_that_is_meant():
     }
 
 
+def test_a_key_in_another_number_is_meant_before_one_of_another_section():
+    generation = {"worldGeneration": {**GENERATION, "seeds": 3}}
+    assert faults(pipeline(**generation))["worldGeneration.seeds"][1].startswith(
+        'did you mean "seed"? or it belongs in simulationBatch.matrix, '
+    )
+    fleet = {"fleet": {"name": "couriers", "robots": 3}, "deploymentApplicationConfigs": []}
+    assert faults(pipeline(deployment=fleet))["deployment.fleet.robots"][1] == "known keys are name, localAgents"
+
+
 def test_the_value_of_an_unknown_key_is_not_repeated():
     assert "hunter2" not in str(faults(pipeline(awsSecretAccessKey="hunter2")))
 
