@@ -1,5 +1,6 @@
 """The commands `simyard report`, `gate` and `trend`, which look at batches that have ended."""
 
+import subprocess
 from collections.abc import Generator
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -41,10 +42,23 @@ def report(
     echo(place.url)
     if place.notice:
         echo(place.notice, err=True)
-    if show:
-        typer.launch(local_copy(place).as_uri())
+    if show and not _opened(page := local_copy(place)):
+        echo(f"no browser opens on this machine: open {page} in one elsewhere", err=True)
 
 
+def _opened(page: Path) -> bool:
+    """Returns whether a browser has opened a page; what the program that looks for one prints is not shown."""
+    command, nowhere = ["xdg-open", page.as_uri()], subprocess.DEVNULL
+    try:
+        opener = subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=nowhere, start_new_session=True)  # noqa: S603 - the user's own
+        return opener.wait(_OPENS_IN_S) == 0
+    except FileNotFoundError:
+        return False
+    except subprocess.TimeoutExpired:  # it is the browser itself, and stays until it is closed
+        return True
+
+
+_OPENS_IN_S = 10.0
 _STYLES = {"PASS": "bold green", "FAIL": "bold red", "INCONCLUSIVE": "bold yellow"}
 
 

@@ -268,7 +268,7 @@ _INDEX = "index"
 
 
 def next_steps(report: PipelineReport, store: Store) -> list[str]:
-    """Returns a line for each command that tells more about a run that did not pass; none for one that passed.
+    """Returns a line for each command that tells more about a run that did not pass, or about an episode that did not.
 
     Args:
         report: Of the run.
@@ -277,9 +277,7 @@ def next_steps(report: PipelineReport, store: Store) -> list[str]:
     Raises:
         StoreError: The store fails.
     """
-    if report.passed:
-        return []
-    steps = [*_of_batch(report, store)] if report.verdict not in (None, "PASS") else []
+    steps = [*_of_batch(report, store)] if report.passed or report.verdict not in (None, "PASS") else []
     if report.shipped is False:
         steps += _of_deployment(report, store)
     option = store_option(store.url)
@@ -314,9 +312,10 @@ def _needed(evidence: Evidence) -> Iterator[str]:
 
 def _of_batch(report: PipelineReport, store: Store) -> Iterator[tuple[str, str]]:
     stage = _stage_named(report, "simulationBatch")
-    if stage is None:
+    if stage is None or not stage.arn:
         return
-    yield "look at the report", f"simyard report {stage.arn} --open"
+    if not report.passed:
+        yield "look at the report", f"simyard report {stage.arn} --open"
     record = read(store, KIND, resource_name(stage.arn))
     try:
         failed = stored_rows(store, recorded_location(record), record.id, FAILURES_FILE, columns=[_INDEX])

@@ -108,12 +108,23 @@ def list_(
     if as_json:
         for line in lines:
             echo_json(line)
-    else:
+    elif rows:
         show_rows(_with_columns(opened, kind, rows), TerminalConsole())
+    else:
+        echo(_nothing_found(kind, filters or []), err=True)
     if token:
         echo(f"the next page: --next-token {token}", err=True)
     for note in kind_notes(opened, kind):
         echo(note, err=True)
+
+
+def _nothing_found(kind: str, filters: list[str]) -> str:
+    """Returns that there is nothing to list; of jobs that failed, where those are that ended and did not pass."""
+    said = f"there are no {kind}{' that fit the filter' if filters else ''}"
+    if kind == KINDS["simulation-job"].plural and "status=Failed" in filters:
+        why = "a job that drove its episode to the end is Completed, passed or not, and Failed is one that crashed"
+        return f"{said}: {why}; simyard report BATCH shows the episodes that did not pass"
+    return said
 
 
 def _with_columns(store: "Store", kind: str, rows: list[dict[str, JsonValue]]) -> list[dict[str, JsonValue]]:

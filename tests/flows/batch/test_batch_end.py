@@ -1,5 +1,6 @@
 """Bags lie beside recordings: of the episodes that are recorded, in the formats that are asked for, none of others."""
 
+import os
 import re
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -385,15 +386,28 @@ def test_a_world_that_changed_since_the_batch_is_not_drawn(file_store: Store, ca
     assert "world g/w2 is left out of the report" in caplog.text
 
 
-def test_the_command_prints_where_the_page_is_and_opens_it(file_store: Store, monkeypatch: pytest.MonkeyPatch):
-    opened: list[str] = []
-    monkeypatch.setattr(typer, "launch", opened.append)
+@pytest.mark.parametrize("browser", [True, False])
+def test_the_command_prints_where_the_page_is_and_opens_it_or_says_that_nothing_here_does(
+    file_store: Store,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    *,
+    browser: bool,
+):
+    opener = tmp_path / "xdg-open"
+    opener.write_text(f"#!/bin/sh\necho $1 > {tmp_path}/opened\necho no method >&2\nexit {0 if browser else 3}\n")
+    opener.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     app = typer.Typer()
     app.command()(report)
     record = closed(file_store)
     done = CliRunner().invoke(app, [record.arn, "--open", "--store", file_store.url])
-    assert done.output.strip() == record.detail["report_url"]
-    assert opened == [record.detail["report_url"]]
+    url = str(record.detail["report_url"])
+    assert (done.exit_code, done.stdout.strip(), (tmp_path / "opened").read_text().strip()) == (0, url, url)
+    path = url.removeprefix("file://")
+    said = "" if browser else f"no browser opens on this machine: open {path} in one elsewhere"
+    assert (done.stderr.strip(), capfd.readouterr().err) == (said, "")
 
 
 @pytest.mark.parametrize("name", ["results", "failures"])

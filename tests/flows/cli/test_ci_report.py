@@ -208,8 +208,16 @@ def test_after_inconclusive_it_is_told_how_many_episodes_would_do(
     assert next_steps(report, file_store)[0] == told
 
 
-def test_a_run_that_passed_needs_no_next_step(file_store: Store):
-    assert next_steps(_report(verdict="PASS"), file_store) == []
+def test_after_a_pass_the_first_failed_episode_alone_is_named(file_store: Store, tmp_path: Path):
+    robot, scenario = courier(file_store, tmp_path, "one"), delivery(file_store, tmp_path)
+    batch = ended(file_store, robot, scenario=scenario, simulate=mixed)
+    (line,) = next_steps(_report(_stage("simulationBatch", batch), verdict="PASS"), file_store)
+    assert line.startswith(f"the first that failed  simyard replay {batch.arn.replace('-batch:', ':')}/1 --store")
+
+
+def test_a_run_in_which_all_passed_needs_no_next_step(file_store: Store, tmp_path: Path):
+    batch = ended(file_store, courier(file_store, tmp_path, "one"), scenario=delivery(file_store, tmp_path))
+    assert next_steps(_report(_stage("simulationBatch", batch), verdict="PASS"), file_store) == []
 
 
 def test_after_a_failed_roll_out_the_fleet_can_be_watched(file_store: Store):

@@ -27,6 +27,15 @@ def robots(file_store: Store) -> Store:
     return file_store
 
 
+def test_where_nothing_is_listed_it_is_said_and_where_episodes_that_did_not_pass_are(file_store: Store):
+    told = listing(file_store, "worlds")
+    assert (told.stdout, told.stderr) == ("", "there are no worlds\n")
+    told = listing(file_store, "simulation-jobs", "--filter", "status=Failed")
+    assert told.stdout == ""
+    assert told.stderr.startswith("there are no simulation-jobs that fit the filter: ")
+    assert "simyard report BATCH shows the episodes that did not pass" in told.stderr
+
+
 def test_pages_of_robots_follow_one_another_and_hold_each_once(robots: Store):
     names: list[str] = []
     token: list[str] = []
