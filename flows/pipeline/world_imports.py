@@ -263,7 +263,7 @@ def imported_summary(name: str, worlds: Sequence[World]) -> str:
     return (
         f"{name} from {first.source.file}: {len(worlds):,} variants, {min(counts):,} to {max(counts):,} solids, "
         f"{first.report.exact:,} of {first.report.parts:,} parts exact, made for a robot of "
-        f"{first.certificate.guaranteed_robot_radius_m:g} m radius; one of up to {radius_m:g} m gets about in each"
+        f"{first.certificate.guaranteed_robot_radius_m:g} m radius; one of up to {radius_m:g} m {_REACHES} in each"
     )
 
 
@@ -277,10 +277,12 @@ def import_summary(world: World) -> str:
     said = [f"{world.name} from {source.file}: {size}"]
     said += [f"{count} {kind}" for kind, count in became.items() if count]
     radius_m = world.certificate.reachable_robot_radius_m
-    said.append(f"a robot of up to {radius_m:g} m radius gets about" if radius_m else "no robot gets about")
+    said.append(f"a robot of up to {radius_m:g} m radius {_REACHES}" if radius_m else f"no robot {_REACHES}")
     return ", ".join(said)
 
 
+# As `tasks.worlds.importer.own_floor` counts it.
+_REACHES = "reaches 95 % of the floor that it fits on"
 _BECAME = ("approximated", "dropped", "unresolved")
 
 
