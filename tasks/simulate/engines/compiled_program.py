@@ -38,6 +38,7 @@ from tasks.simulate.engines.program import (
 )
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, one_lane, unflatten_state
+from tasks.simulate.geometry.lidar_scan import LidarOutlines, within_range
 from tasks.simulate.host.controllers import (
     HostApplication,
     HostControllers,
@@ -415,6 +416,14 @@ def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneIn
     return flatten_state(strong_types(begin_lane(applications, inputs, mechanics.first_body(inputs.start))))
 
 
+def _near(
+    mechanics: Mechanics, applications: Applications, inputs: LaneInputs, body: Body
+) -> tuple[Any, LidarOutlines]:
+    """Returns what a lane looks at in a slice: obstacles to touch, and outlines to see."""
+    outlines = within_range(inputs.lidar_outlines, body.qpos[:2], applications.lidar.range_m)
+    return mechanics.near(inputs, body), outlines
+
+
 def _advance_slice(
     mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
 ) -> tuple[LaneState, StepRecord]:
@@ -423,7 +432,8 @@ def _advance_slice(
 
     def run(lanes: LaneState) -> tuple[LaneState, StepRecord]:
         lanes = unflatten_state(applications, one_lane(inputs), lanes)
-        around = inputs._replace(near=jax.vmap(mechanics.near)(inputs, lanes.body))
+        near, seen = jax.vmap(functools.partial(_near, mechanics, applications))(inputs, lanes.body)
+        around = inputs._replace(near=near, lidar_outlines=seen)
         lanes, records = jax.lax.scan(lambda s, _: control_step(around, s), lanes, None, length=SLICE_STEPS)
         return flatten_state(lanes), jax.tree.map(lambda array: jnp.swapaxes(array, 0, 1), records)
 

@@ -1,8 +1,9 @@
 """The scan of a planar lidar: exact intersections of rays with outlines, all lanes at once.
 
 The outlines of a world in the lidar's plane are sorted by what a ray costs: upright boxes, turned boxes, circles,
-prisms. Rays lie in the last axis, so vector units work on neighbouring rays of one lane and every outline is read once.
-How many outlines are looked at is decided while running, by the fullest world among the lanes: padding costs nothing.
+prisms of few corners and of more. Rays lie in the last axis, so vector units work on neighbouring rays of one lane and
+every outline is read once. How many outlines are looked at is decided while running, by the lane that has most of them
+within its range: neither padding nor the far end of a hospital costs anything.
 """
 
 import functools
@@ -20,10 +21,10 @@ from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size,
 # A box counts as upright when its corners lie this near to those of the upright one: no ray can tell.
 _UPRIGHT_M = 1e-6
 # Unused places cost memory and no time, so one size fits nearly all worlds; beyond it sizes double.
-_LEAST = (256, 64, 64, 64)
-# A ray costs what the edges do that it is compared with, so prisms with no more than so many are looked at first.
-_SIDES = (4, 6)
-_NONE = 2**30
+_LEAST = (256, 64, 64, 64, 64, 64)
+# A ray costs what the edges do that it is compared with: prisms are kept by the most that they may have.
+_SIDES = (4, 6, MOST_CORNERS)
+_PRISMS = len(_LEAST) - len(_SIDES)
 _SPECK_M = 0.05
 _FAR_M = (PARKING_M, PARKING_M)
 # Specks, and what is on the inner side of no half-plane.
@@ -31,8 +32,24 @@ _UNUSED = (
     (*_FAR_M, _SPECK_M, _SPECK_M),
     (*_FAR_M, _SPECK_M, _SPECK_M, 1.0, 0.0),
     (*_FAR_M, _SPECK_M),
-    (*_FAR_M, *(0.0, 0.0, -1.0) * MOST_CORNERS),
+    *((*_FAR_M, *(0.0, 0.0, -1.0) * sides) for sides in _SIDES),
 )
+# A slice looks at what is within range of a lidar that has gone no farther than this since it began.
+_ROAM_M = 1.0
+# For what single precision rounds of distances, and of coordinates.
+_LEAST_M, _OF_COORDINATES = 1e-3, 4e-6
+
+
+class WithinRange(NamedTuple):
+    """How many outlines of each kind, the first ones, can be within range of a lidar that is about a point.
+
+    Attributes:
+        center_m: The point (x, y).
+        counts: Of each kind.
+    """
+
+    center_m: Float[jax.Array, "2"]
+    counts: Int[jax.Array, "6"]
 
 
 class LidarOutlines(NamedTuple):
@@ -42,17 +59,25 @@ class LidarOutlines(NamedTuple):
         upright: Boxes along the axes (x, y, half x, half y).
         turned: Other boxes (x, y, half x, half y, cos yaw, sin yaw).
         circles: (x, y, radius).
-        prisms: (x, y, half-planes): eight (outward normal x, y, how far out from the middle), those with few edges
-            first; empty where no world of the chunk has any.
-        counts: How many of each there are; what follows them is padding. Then, for each of ``_SIDES``, how many prisms
-            come before the first one with more edges; very many if there is none.
+        quads, hexagons, octagons: Prisms of at most 4, 6 and 8 edges (x, y, half-planes): each outward normal (x, y),
+            and how far out from the middle; empty where no world of the chunk has any.
+        counts: How many of each there are; what follows them is padding.
+        within: How many of each are near for some control steps; None if nobody looked.
     """
 
     upright: Float[jax.Array, "upright 4"]
     turned: Float[jax.Array, "turned 6"]
     circles: Float[jax.Array, "circles 3"]
-    prisms: Float[jax.Array, "prisms 26"]
+    quads: Float[jax.Array, "quads 14"]
+    hexagons: Float[jax.Array, "hexagons 20"]
+    octagons: Float[jax.Array, "octagons 26"]
     counts: Int[jax.Array, "6"]
+    within: WithinRange | None = None
+
+    @property
+    def kinds(self) -> tuple[jax.Array, ...]:
+        """The outlines, kind by kind."""
+        return (self.upright, self.turned, self.circles, self.quads, self.hexagons, self.octagons)
 
 
 class HostLidarOutlines(NamedTuple):
@@ -61,8 +86,15 @@ class HostLidarOutlines(NamedTuple):
     upright: Float32[np.ndarray, "upright 4"]
     turned: Float32[np.ndarray, "turned 6"]
     circles: Float32[np.ndarray, "circles 3"]
-    prisms: Float32[np.ndarray, "prisms 26"]
+    quads: Float32[np.ndarray, "quads 14"]
+    hexagons: Float32[np.ndarray, "hexagons 20"]
+    octagons: Float32[np.ndarray, "octagons 26"]
     counts: Int32[np.ndarray, "6"]
+
+    @property
+    def prisms(self) -> Float32[np.ndarray, "prisms 2"]:
+        """The middles (x, y) of all prisms, and of what fills them up."""
+        return np.concatenate([kind[:, :2] for kind in self[_PRISMS:-1]])
 
 
 def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
@@ -76,21 +108,23 @@ def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
     straight = np.hstack([boxes[:, :2], half_along])[upright]
     turned = np.hstack([boxes[:, :2], half, turn])[~upright]
     circles = seen.cylinders[:, [0, 1, 3]]
-    sides = edge_counts(seen.prisms)
-    planes = half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)
-    prisms = np.hstack([seen.prisms[:, :2], planes])[np.argsort(sides, kind="stable")]
-    kinds = [each.astype(np.float32) for each in (straight, turned, circles, prisms)]
-    before = [int((sides <= most).sum()) if (sides > most).any() else _NONE for most in _SIDES]
-    return HostLidarOutlines(*kinds, counts=np.array([*map(len, kinds), *before], np.int32))
+    group = np.searchsorted(_SIDES, edge_counts(seen.prisms))
+    prisms = np.hstack([seen.prisms[:, :2], half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)])
+    groups = [prisms[group == place, : 2 + 3 * sides] for place, sides in enumerate(_SIDES)]
+    kinds = [each.astype(np.float32) for each in (straight, turned, circles, *groups)]
+    return HostLidarOutlines(*kinds, counts=np.array([*map(len, kinds)], np.int32))
 
 
 def pad_lidar_outlines(worlds: Iterable[HostLidarOutlines]) -> list[HostLidarOutlines]:
-    """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes."""
+    """Returns the worlds' outlines with parked specks added, so that all have the same, bucketed sizes.
+
+    There are no places for prisms if no world has one.
+    """
     given = list(worlds)
     # By what the arrays hold, not by how many outlines there are: some may be filled up already.
     most = [max((len(each[kind]) for each in given), default=0) for kind in range(len(_LEAST))]
     sizes = [bucket_size(count, least) for count, least in zip(most, _LEAST, strict=True)]
-    sizes[-1] = sizes[-1] if most[-1] else 0
+    sizes[_PRISMS:] = sizes[_PRISMS:] if any(most[_PRISMS:]) else [0] * len(_SIDES)
     return [
         HostLidarOutlines(
             *(filled_rows(*kind) for kind in zip(each[:-1], sizes, _UNUSED, strict=True)), counts=each.counts
@@ -104,6 +138,44 @@ def filled_rows(
 ) -> Float32[np.ndarray, "size columns"]:
     """Returns so many shapes: the given ones, then the same one again and again, which nobody sees."""
     return np.concatenate([shapes, np.tile(np.array(unused, np.float32), (size - len(shapes), 1))])
+
+
+def within_range(seen: LidarOutlines, center_m: Float[Array, "2"], range_m: float) -> LidarOutlines:
+    """Returns outlines in another order: those first that a lidar sees before it is a metre from a point.
+
+    Where the least places hold all outlines, they are as they were: a lidar sees most of so small a world.
+
+    Args:
+        seen: What crosses the lidar's plane, in one world.
+        center_m: The point (x, y).
+        range_m: The lidar's.
+    """
+    if all(len(kind) <= least for kind, least in zip(seen.kinds, _LEAST, strict=True)):
+        return seen
+    reach_m = range_m + _ROAM_M + _LEAST_M
+    ordered: list[Array] = []
+    counts: list[Array] = []
+    for place, (kind, count) in enumerate(zip(seen.kinds, seen.counts, strict=True)):
+        places = jnp.arange(len(kind), dtype=jnp.int32)
+        rounded_m = _OF_COORDINATES * (jnp.abs(kind[:, :2]).sum(axis=1) + jnp.abs(center_m).sum())
+        near = (_apart_m(place, kind, center_m) <= reach_m + rounded_m) & (places < count)
+        rank = jnp.cumsum(near, dtype=jnp.int32)
+        target = jnp.where(near, rank - 1, rank[-1:] + places - rank)
+        ordered.append(jnp.zeros_like(kind).at[target].set(kind, unique_indices=True))
+        counts.append(rank.max(initial=0))
+    return LidarOutlines(*ordered, counts=seen.counts, within=WithinRange(center_m, jnp.stack(counts)))
+
+
+def _apart_m(
+    place: int, kind: Float[Array, "outlines columns"], center_m: Float[Array, "2"]
+) -> Float[Array, "outlines"]:
+    """Returns how far a point is at least from each outline of a kind."""
+    dx, dy = kind[:, 0] - center_m[0], kind[:, 1] - center_m[1]
+    if place >= _PRISMS:
+        beyond = [-(kind[:, k] * dx + kind[:, k + 1] * dy + kind[:, k + 2]) for k in range(2, kind.shape[1], 3)]
+        return functools.reduce(jnp.maximum, beyond)
+    around_m = kind[:, 2] if kind.shape[1] == 3 else jnp.sqrt(kind[:, 2] ** 2 + kind[:, 3] ** 2)
+    return jnp.sqrt(dx**2 + dy**2) - around_m
 
 
 # A direction's part below this would divide by zero; raising it turns a ray by far less than a beam's width.
@@ -136,7 +208,7 @@ def scan_ranges(
 def _scan_lane(
     seen: LidarOutlines, pose: Float[Array, "3"], rays: Float[Array, "2 rays"], range_m: Float[Array, ""]
 ) -> Float[Array, "rays"]:
-    return _scan_lanes(LidarOutlines(*(each[None] for each in seen)), pose[None], rays, range_m)[0]
+    return _scan_lanes(jax.tree.map(lambda each: each[None], seen), pose[None], rays, range_m)[0]
 
 
 @_scan_lane.def_vmap
@@ -153,7 +225,7 @@ def _scan_mapped(  # noqa: PLR0917 - JAX's own form
     def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
         return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
 
-    each_seen = LidarOutlines(*map(repeated, seen, mapped[0]))
+    each_seen = jax.tree.map(repeated, seen, mapped[0])
     return _scan_lanes(each_seen, repeated(pose, mapped[1]), rays, range_m), True
 
 
@@ -186,10 +258,10 @@ def _scan_lanes(
         entry = along - jnp.sqrt(jnp.where(half_chord_2 > 0.0, half_chord_2, 0.0))
         return _nearer(nearest, entry, half_chord_2 > 0.0)
 
-    def past_prism(sides: int, nearest: Rays, prism: Outlines) -> Rays:
+    def past_prism(nearest: Rays, prism: Outlines) -> Rays:
         dx, dy = prism[:, 0:1] - x, prism[:, 1:2] - y
         entry, leave = jnp.full_like(nearest, -jnp.inf), jnp.full_like(nearest, jnp.inf)
-        for column in range(2, 2 + 3 * sides, 3):
+        for column in range(2, prism.shape[1], 3):
             normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
             facing = normal_x * ray_x + normal_y * ray_y
             meets = (normal_x * dx + normal_y * dy + out) * inverse(facing)
@@ -198,56 +270,48 @@ def _scan_lanes(
         return _nearer(nearest, entry, entry <= leave)
 
     nearest = jnp.full(ray_x.shape, range_m)
-    most = jnp.max(seen.counts, axis=0)
+    most = jnp.max(_looked_at(seen, pose), axis=0)
     nearest = _past_all(past_upright, nearest, seen.upright, most[0])
     nearest = _past_all(past_turned, nearest, seen.turned, most[1])
     nearest = _past_all(past_circle, nearest, seen.circles, most[2])
-    if not seen.prisms.shape[1]:
+    if not seen.quads.shape[1]:
         return nearest
-    # The lane whose prisms have more edges decides; with more than there are, some edges are looked at again.
-    before = jnp.min(seen.counts[:, len(_LEAST) :], axis=0)
-    first = jnp.zeros_like(most[3])
-    for sides, end in zip((*_SIDES, MOST_CORNERS), (*before, most[3]), strict=True):
-        whole = _whole(end, most[3])
-        past = functools.partial(past_prism, sides)
-        nearest = _past_all(past, nearest, seen.prisms, whole, first=first, together=_PRISMS_TOGETHER)
-        first = whole
+    for prisms, count in zip(seen.kinds[_PRISMS:], most[_PRISMS:], strict=True):
+        nearest = _past_all(past_prism, nearest, prisms, count, together=_PRISMS_TOGETHER)
     return nearest
 
 
-def _whole(end: Array, most: Array) -> Array:
-    """Returns an end of prisms that are looked at together: all of them, or the last one before that divides them."""
-    return jnp.where(end < most, end // _PRISMS_TOGETHER * _PRISMS_TOGETHER, most)
+def _looked_at(seen: LidarOutlines, pose: Float[Array, "lanes 3"]) -> Int[Array, "lanes 6"]:
+    """Returns how many outlines of each kind each lane must look at: all, once its lidar has left what was near."""
+    if seen.within is None:
+        return seen.counts
+    gone_m = jnp.sum((pose[:, :2] - seen.within.center_m) ** 2, axis=1, keepdims=True)
+    return jnp.where(gone_m <= _ROAM_M**2, seen.within.counts, seen.counts)
 
 
 def _past_all(
     past: Callable[[Rays, Outlines], Rays],
     nearest: Rays,
     outlines: Float[Array, "lanes outlines columns"],
-    end: Array,
+    count: Array,
     *,
-    first: Array | int = 0,
     together: int = _TOGETHER,
 ) -> Rays:
-    """Returns the ranges after outlines, some at a time: sizes are multiples of that.
+    """Returns the ranges after the first outlines, some at a time: sizes are multiples of that.
 
     Args:
         past: Returns the ranges after one more outline of each lane.
         nearest: The ranges before.
         outlines: Of all lanes.
-        end: The place after the last one.
-        first: The place of the first one, a multiple of how many are looked at at a time, or the end.
-        together: So many.
+        count: How many at least.
+        together: So many at a time.
     """
 
     def past_some(block: Array, nearest: Rays) -> Rays:
         some = jax.lax.dynamic_slice_in_dim(outlines, block * together, together, axis=1)
         return functools.reduce(past, (some[:, k] for k in range(together)), nearest)
 
-    def blocks(place: Array | int) -> Array | int:
-        return (place + together - 1) // together
-
-    return jax.lax.fori_loop(blocks(first), blocks(end), past_some, nearest)
+    return jax.lax.fori_loop(0, (count + together - 1) // together, past_some, nearest)
 
 
 def _past_slabs(nearest: Rays, middle: tuple[Rays, Rays], reach: tuple[Rays, Rays]) -> Rays:

@@ -17,6 +17,7 @@ from tasks.simulate.geometry.lidar_scan import (
     lidar_outlines,
     pad_lidar_outlines,
     scan_ranges,
+    within_range,
 )
 from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, edge_counts, obstacles
 from tasks.simulate.sensors.lidar import Lidar, ray_angles
@@ -29,7 +30,6 @@ def box(x: float, half_x: float, half_y: float, yaw_rad: float) -> tuple[float, 
     return (x, 0.0, 0.5, half_x, half_y, 0.5, np.cos(yaw_rad), np.sin(yaw_rad))
 
 
-NONE = 2**30
 NO_PRISMS = np.zeros((0, 20), np.float32)
 
 
@@ -44,12 +44,12 @@ def seen(*boxes: tuple[float, ...]) -> Obstacles:
 def test_a_quarter_turn_leaves_a_box_upright(yaw_rad: float, half: tuple[float, float]):
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, yaw_rad)))
     np.testing.assert_allclose(found.upright, np.array([(1.0, 0.0, *half)]), atol=1e-6)
-    assert found.counts.tolist() == [1, 0, 1, 0, NONE, NONE]
+    assert found.counts.tolist() == [1, 0, 1, 0, 0, 0]
 
 
 def test_a_little_turn_does_not():
     found = lidar_outlines(seen(box(1.0, 0.4, 0.1, 1e-4), box(2.0, 0.4, 0.1, np.pi / 2 + 1e-4)))
-    assert found.counts.tolist() == [0, 2, 1, 0, NONE, NONE]
+    assert found.counts.tolist() == [0, 2, 1, 0, 0, 0]
     np.testing.assert_allclose(found.turned[0], (1.0, 0.0, 0.4, 0.1, 1.0, 1e-4), atol=1e-6)
 
 
@@ -60,7 +60,7 @@ def test_circles_keep_place_and_radius():
 def test_worlds_are_padded_to_the_same_sizes_with_what_nobody_sees():
     one, two = lidar_outlines(seen(box(1.0, 0.4, 0.1, 0.0))), lidar_outlines(seen(*[box(1.0, 0.4, 0.1, 0.3)] * 65))
     first, second = pad_lidar_outlines([one, two])
-    assert [len(each) for each in first[:4]] == [len(each) for each in second[:4]] == [256, 128, 64, 0]
+    assert [len(each) for each in first[:6]] == [len(each) for each in second[:6]] == [256, 128, 64, 0, 0, 0]
     np.testing.assert_array_equal(first.upright[:1], one.upright)
     assert (first.upright[1:, :2] == PARKING_M).all()
     assert (first.turned[:, 4] == 1.0).all()
@@ -70,7 +70,7 @@ WORLD = pen(6.0, 1)
 
 
 def on_device(seen: HostLidarOutlines) -> LidarOutlines:
-    return LidarOutlines(*map(jnp.asarray, seen))
+    return LidarOutlines(*map(jnp.asarray, seen), within=None)
 
 
 SEEN = on_device(pad_lidar_outlines([lidar_outlines(obstacles(WORLD, 0.199, 0.201))])[0])
@@ -80,6 +80,7 @@ _TURNS = [np.array([0.0, 0.0, turn]) for turn in (-2e-5, 0.0, 2e-5)]
 LIDAR = Lidar(rays=32, range_m=10.0, height_m=0.2)
 ANGLES = ray_angles(LIDAR)
 SCAN = jax.jit(lambda pose: scan_ranges(SEEN, pose, ANGLES, LIDAR.range_m))
+SCAN_ONE = jax.jit(lambda seen, pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m))
 SCAN_LANES = jax.jit(jax.vmap(lambda seen, pose: scan_ranges(seen, pose, ANGLES, LIDAR.range_m)))
 
 
@@ -119,7 +120,7 @@ def test_a_box_written_as_a_prism_looks_the_same():
         on_device(pad_lidar_outlines([lidar_outlines(obstacles(world, 0.199, 0.201))])[0])
         for world in (cluttered(2), with_prisms(cluttered(2)))
     )
-    assert prisms.counts.tolist() == [0, 0, int(boxes.counts[2]), int(boxes.counts[:2].sum()), NONE, NONE]
+    assert prisms.counts.tolist() == [0, 0, int(boxes.counts[2]), int(boxes.counts[:2].sum()), 0, 0]
     rng = np.random.default_rng(3)
     poses = np.column_stack([rng.uniform(-0.7, 0.7, (200, 2)), rng.uniform(-np.pi, np.pi, 200)]).astype(np.float32)
     ours, theirs = (np.asarray(SCAN_LANES(each, poses)) for each in (many(boxes), many(prisms)))
@@ -130,7 +131,7 @@ def test_a_box_written_as_a_prism_looks_the_same():
 
 
 def many(seen: LidarOutlines) -> LidarOutlines:
-    return LidarOutlines(*(jnp.broadcast_to(each, (200, *each.shape)) for each in seen))
+    return jax.tree.map(lambda each: jnp.broadcast_to(each, (200, *each.shape)), seen)
 
 
 def of_corners(*counts: int) -> HostLidarOutlines:
@@ -149,17 +150,11 @@ def regular(corners: int) -> np.ndarray:
     return 0.4 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
 
-@pytest.mark.parametrize(
-    ("counts", "first"),
-    [((8, 4, 6, 3, 5, 7), (2, 4)), ((4, 3), (NONE, NONE)), ((8, 4), (1, 1)), ((5, 6, 4), (1, NONE))],
-)
-def test_prisms_with_few_edges_come_first(counts: tuple[int, ...], first: tuple[int, int]):
-    found = of_corners(*counts)
-    assert found.counts.tolist() == [0, 0, 0, len(counts), *first]
-    planes = found.prisms[:, 2:].reshape(-1, 8, 3)
-    assert [len(np.unique(each, axis=0)) for each in planes] == sorted(counts)
-    for each, edges in zip(planes, sorted(counts), strict=True):
-        assert len(np.unique(each[:edges], axis=0)) == edges
+def test_prisms_are_kept_by_the_most_edges_that_they_may_have():
+    found = of_corners(8, 4, 6, 3, 5, 7)
+    assert found.counts.tolist() == [0, 0, 0, 2, 2, 2]
+    kept = [len(np.unique(row[2:].reshape(-1, 3), axis=0)) for kind in found[3:6] for row in kind]
+    assert kept == [4, 3, 6, 5, 8, 7]
 
 
 def test_a_lane_sees_its_prisms_in_the_same_bits_whatever_edges_the_others_have():
@@ -176,8 +171,28 @@ def test_a_lane_sees_its_prisms_in_the_same_bits_whatever_edges_the_others_have(
     np.testing.assert_array_equal(together, alone)
 
 
+def test_a_lidar_sees_the_same_in_the_same_bits_of_what_is_near():
+    """Also where it is not in the slice any more for which that was picked out: it looks at everything then."""
+    rng = np.random.default_rng(5)
+    rows = [prism(x, y, convex(rng, 0.5)) for x, y in rng.uniform(-30.0, 30.0, (600, 2))]
+    boxes = [(x, y, 0.5, 0.3, 0.2, 0.5, np.cos(turn), np.sin(turn)) for x, y, turn in rng.uniform(-30.0, 30.0, (90, 3))]
+    world = Obstacles(*(np.array(kind, np.float32) for kind in (boxes, [(7.0, 8.0, 0.5, 0.3, 0.5)], rows)))
+    every = on_device(pad_lidar_outlines([lidar_outlines(world)])[0])
+    near = within_range(every, jnp.array([3.0, -2.0]), LIDAR.range_m)
+    assert near.within is not None
+    assert 0 < near.within.counts.sum() < 0.3 * every.counts.sum()
+    poses = jnp.array([[3.0, -2.0, 0.3], [3.6, -2.7, 2.0], [-20.0, 21.0, 1.0], [4.0, -2.0, -1.0]])
+    ours, theirs = (np.asarray([SCAN_ONE(seen, pose) for pose in poses]) for seen in (near, every))
+    assert ((theirs < LIDAR.range_m).mean(axis=1) > 0.1).all()
+    np.testing.assert_array_equal(ours, theirs)
+
+
+def test_a_small_world_is_looked_at_as_it_lies():
+    assert within_range(SEEN, jnp.zeros(2), 0.1) is SEEN
+
+
 def stacked(seen: list[HostLidarOutlines]) -> LidarOutlines:
-    return LidarOutlines(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)))
+    return LidarOutlines(*(jnp.asarray(np.stack(each)) for each in zip(*seen, strict=True)), within=None)
 
 
 @pytest.mark.long
@@ -189,13 +204,15 @@ def test_rays_meet_ten_thousand_prisms_where_their_edges_are():
         [prism(x, y, corners) for (x, y), corners in zip(rng.uniform(-2.0, 2.0, (10_000, 2)), outlines, strict=True)],
         np.float32,
     )
-    rows = rows[np.argsort(edge_counts(rows), kind="stable")]  # as the lidar sorts them
+    rows = rows[np.argsort(np.searchsorted((4, 6, 8), edge_counts(rows)), kind="stable")]  # as the lidar sorts them
     seen = lidar_outlines(Obstacles(np.zeros((0, 8), np.float32), np.zeros((0, 5), np.float32), rows))
-    lone = LidarOutlines(
-        *(jnp.zeros((10_000, 8, width)) for width in (4, 6, 3)),
-        prisms=jnp.asarray(np.repeat(seen.prisms[:, None], 8, axis=1)),
-        counts=jnp.tile(jnp.array([0, 0, 0, 1, 0, 0]), (10_000, 1)),
-    )
+    # Each alone in its world, in the kind that is its own.
+    places = np.split(np.arange(10_000), np.cumsum(seen.counts[3:5]))
+    lone = [np.zeros((10_000, 8, kind.shape[1]), np.float32) for kind in seen[:6]]
+    counts = np.zeros((10_000, 6), np.int32)
+    for place, (rows_of_kind, kind) in enumerate(zip(places, seen[3:6], strict=True), 3):
+        lone[place][rows_of_kind], counts[rows_of_kind, place] = kind[:, None], 1
+    lone = LidarOutlines(*map(jnp.asarray, (*lone, counts)), within=None)
     poses = rng.uniform(-2.0, 2.0, (10_000, 3)).astype(np.float32)
     ranges = np.asarray(SCAN_LANES(lone, poses))
     corners = rows[:, None, :2].astype(np.float64) + rows[:, 4:].reshape(-1, 8, 2)

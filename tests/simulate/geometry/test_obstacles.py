@@ -59,7 +59,9 @@ def test_another_world_does_not_change_the_shapes():
 
 
 NOTHING = LidarOutlines(
-    jnp.zeros((8, 4)), jnp.zeros((8, 6)), jnp.zeros((8, 3)), jnp.zeros((0, 26)), jnp.zeros(6, jnp.int32)
+    *(jnp.zeros((8, columns)) for columns in (4, 6, 3)),
+    *(jnp.zeros((0, columns)) for columns in (14, 20, 26)),
+    counts=jnp.zeros(6, jnp.int32),
 )
 
 

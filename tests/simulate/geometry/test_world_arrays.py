@@ -55,7 +55,7 @@ def test_worlds_without_prisms_are_filled_up_alone():
     both = arrays_of_worlds({"plain": plain, "wedged": wedged}, HULL, SEEN_AT_M)
     assert [counts(each) for each in (both["plain"], staged(plain))] == [counts(alone)] * 2
     assert len(both["wedged"].contact_obstacles.prisms) == 32
-    assert len(both["wedged"].lidar_outlines.prisms) == 64
+    assert len(both["wedged"].lidar_outlines.prisms) == 3 * 64
 
 
 def test_nothing_is_free_outside_the_apartment():

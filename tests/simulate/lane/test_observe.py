@@ -26,8 +26,8 @@ SEEN = LidarOutlines(
     WALL,
     jnp.zeros((8, 6)).at[:, :2].set(1000.0),
     jnp.zeros((8, 3)).at[:, :2].set(1000.0),
-    jnp.zeros((0, 26)),
-    jnp.array([1, 0, 0, 0, 0, 0]),
+    *(jnp.zeros((0, columns)) for columns in (14, 20, 26)),
+    counts=jnp.array([1, 0, 0, 0, 0, 0]),
 )
 
 

@@ -102,13 +102,8 @@ def neighbours(obstacles: LaneObstacles, center_m: Float[Array, "2"], count: int
     fits = (apart_m <= limits_m[:, None]).sum(axis=1, dtype=jnp.int32) <= slots
     chosen = jnp.argmax(fits)
     places = _first(apart_m <= limits_m[chosen], slots)
-    return Neighbours(
-        center_m=center_m,
-        radius_m=jnp.where(fits.any(), radii_m[chosen], -1.0),
-        columns=jnp.concatenate(_columns(obstacles), axis=1)[:, places],
-        **_kinds(obstacles, places),
-        used=places < total,
-    )
+    radius_m = jnp.where(fits.any(), radii_m[chosen], -1.0)
+    return Neighbours(center_m, radius_m, *_picked(obstacles, places), used=places < total)
 
 
 def nearest(obstacles: LaneObstacles, center_m: Float[Array, "2"], count: int, near: Neighbours | None) -> Nearest:
@@ -160,6 +155,11 @@ def _of_lane(count: int) -> Callable[..., Nearest]:
 
 def _of_all(count: int, obstacles: LaneObstacles, center_m: Float[Array, "2"]) -> Nearest:
     places = _smallest(_apart_m(obstacles, center_m), count, _total(obstacles), None)
+    return _picked(obstacles, places)
+
+
+def _picked(obstacles: LaneObstacles, places: Int[Array, "places"]) -> Nearest:
+    """Returns the obstacles at places; of a world's many, the columns of few are made."""
     firsts = np.cumsum([0, *map(len, obstacles)])
     chosen = [
         kind[jnp.clip(places - int(first), 0, len(kind) - 1)] if len(kind) else kind
