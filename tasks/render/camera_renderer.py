@@ -212,10 +212,8 @@ def _blurred(pixels: Float[np.ndarray, "rows columns 3"], sigma_px: float) -> Fl
     weights = np.exp(-0.5 * (steps / sigma_px) ** 2)
     weights = (weights / weights.sum()).astype(np.float32)
     for axis in (0, 1):
-        width = tuple((reach, reach) if each == axis else (0, 0) for each in range(3))
-        wide = np.pad(pixels, width, mode="edge")
-        length = pixels.shape[axis]
-        pixels = np.zeros_like(pixels)
-        for at, weight in enumerate(weights):
-            pixels += weight * np.take(wide, range(at, at + length), axis)
+        taken, places = pixels, np.arange(pixels.shape[axis])
+        pixels = np.zeros_like(taken)
+        for step, weight in zip(steps, weights, strict=True):
+            pixels += weight * np.take(taken, np.clip(places + step, 0, len(places) - 1), axis)
     return pixels
