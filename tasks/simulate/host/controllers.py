@@ -390,7 +390,8 @@ def with_color(
             found.append(read_color_camera(declare, _variables(lane)))
         except BundleCrash as crash:
             found.append(crash)
-    if all(each is None for each in found):
+    # A controller that raises in one lane takes no cameras away from the others, which have none.
+    if None in found and not any(isinstance(each, ColorCameraDeclaration) for each in found):
         return controllers
     from tasks.simulate.host.color_cameras import SeeingControllers
 
