@@ -111,12 +111,15 @@ def run_under_prefect(spec: PipelineSpec, base: Path, store_url: str) -> Pipelin
     _prepare(spec)
     if _is_in_flow_run():
         return _flow_report(spec, base, store_url)
-    _refuse_faults(spec, base, store_url)
-    with shared_server() as server:
-        from flows.prefect.flow_calls import call_flow_at
+    from flows.pipeline.world_imports import sources_read_once
 
-        with call_flow_at(server):
-            return _flow_report(spec, base, store_url)
+    with sources_read_once():
+        _refuse_faults(spec, base, store_url)
+        with shared_server() as server:
+            from flows.prefect.flow_calls import call_flow_at
+
+            with call_flow_at(server):
+                return _flow_report(spec, base, store_url)
 
 
 def _prepare(spec: PipelineSpec) -> None:

@@ -101,7 +101,7 @@ def start_gl_process(
     for backend in (wanted,) if wanted else _BACKENDS:
         complaints = tempfile.TemporaryFile()  # noqa: SIM115 - the process's, until that is closed
         process = subprocess.Popen(  # noqa: S603 - our own module, and numbers
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],  # -P: a folder tasks where a user stands is not ours
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=complaints,

@@ -106,7 +106,7 @@ def test_only_what_an_extra_is_for_needs_it(bare: dict[str, str]):
 
 @pytest.mark.long
 @pytest.mark.integration
-def test_a_document_is_planned_and_run_and_looked_at(bare: dict[str, str], tmp_path: Path):
+def test_a_document_is_checked_planned_and_run(bare: dict[str, str], tmp_path: Path):
     bare["SIMYARD_CACHE"] = own_cache(tmp_path / "cache")
     store = ("--store", (tmp_path / "store").as_uri())
     document = small_document(worldExport=None, deployment=None)

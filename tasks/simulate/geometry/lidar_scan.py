@@ -8,7 +8,7 @@ within its range: neither padding nor the far end of a hospital costs anything.
 
 import functools
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -221,12 +221,27 @@ def _scan_mapped(  # noqa: PLR0917 - JAX's own form
     range_m: Array,
 ) -> tuple[Rays, bool]:
     """Returns the ranges of all lanes. Mapped one by one, each would have a loop of its own length."""
+    each_seen, poses = lanes_in_front(lanes, (seen, pose), (mapped[0], mapped[1]))
+    return _scan_lanes(each_seen, poses, rays, range_m), True
+
+
+# Any tree of arrays.
+Given = TypeVar("Given")
+
+
+def lanes_in_front(lanes: int, given: Given, mapped: object) -> Given:
+    """Returns arrays with an axis of lanes in front: what JAX maps has one, and all lanes share the others.
+
+    Args:
+        lanes: How many.
+        given: What a function that is mapped whole (``custom_vmap``) gets.
+        mapped: Which of it have the axis.
+    """
 
     def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
-        return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
+        return array if is_mapped else jnp.broadcast_to(array, (lanes, *jnp.shape(array)))
 
-    each_seen = jax.tree.map(repeated, seen, mapped[0])
-    return _scan_lanes(each_seen, repeated(pose, mapped[1]), rays, range_m), True
+    return jax.tree.map(repeated, given, mapped)
 
 
 def _scan_lanes(

@@ -16,6 +16,7 @@ from specs.data.episode import CONTROL_HZ
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
+from tasks.simulate.geometry.lidar_scan import lanes_in_front
 from tasks.simulate.sensors.sensor import (
     Drive,
     Fields,
@@ -154,10 +155,7 @@ def _camera(view: View) -> Callable[[_Shot], Float[Array, "slots rows columns"]]
     # Mapped as any function, each lane would take a picture at each control step, whichever is due.
     @take.def_vmap
     def _(lanes: int, mapped: Sequence[_Shot], shots: _Shot) -> tuple[Array, bool]:
-        def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
-            return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
-
-        every = jax.tree.map(repeated, shots, mapped[0])
+        every = lanes_in_front(lanes, shots, mapped[0])
         if device_kind() == "gpu":  # which has room for all lanes at once, and waits between one and the next
             fresh = jax.vmap(functools.partial(_picture, view))(every)
             taken = every.pictures.at[jnp.arange(lanes), every.slot].set(fresh)

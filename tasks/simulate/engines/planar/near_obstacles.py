@@ -29,6 +29,7 @@ from tasks.simulate.geometry.hull_distance import (
     to_obstacles_m,
     to_outlines_m,
 )
+from tasks.simulate.geometry.lidar_scan import lanes_in_front
 
 _NEVER = 2**31 - 1
 # A disc is as large as the slots allow: the first is what a courier drives in a slice.
@@ -144,10 +145,7 @@ def _of_lane(count: int) -> Callable[..., Nearest]:
 
     @one.def_vmap
     def _(lanes: int, mapped: Sequence[Any], *given: Any) -> tuple[Nearest, Nearest]:  # noqa: ANN401 - JAX's own form
-        def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
-            return array if is_mapped else jnp.broadcast_to(array, (lanes, *array.shape))
-
-        found = of_lanes(*jax.tree.map(repeated, given, tuple(mapped)))
+        found = of_lanes(*lanes_in_front(lanes, given, tuple(mapped)))
         return found, jax.tree.map(lambda _: True, found)
 
     return one
@@ -320,10 +318,7 @@ def among_fewest(work: Callable[[int, Tree], Tree], counts: Sequence[int]) -> Ca
 
     @one.def_vmap
     def _(lanes: int, mapped: Sequence[Any], *given: Any) -> tuple[Tree, Tree]:  # noqa: ANN401 - JAX's own form
-        def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
-            return array if is_mapped else jnp.broadcast_to(array, (lanes, *jnp.shape(array)))
-
-        found = of_lanes(*jax.tree.map(repeated, given, tuple(mapped)))
+        found = of_lanes(*lanes_in_front(lanes, given, tuple(mapped)))
         return found, jax.tree.map(lambda _: True, found)
 
     return one
