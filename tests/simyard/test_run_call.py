@@ -16,12 +16,16 @@ from prefect import flow
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 
 import simyard
+from flows.pipeline import world_imports
+from flows.pipeline.world_imports import ImportedWorld, import_world
 from simyard import run_call as server_module
 from simyard.answer.run_answers import Run
 from specs.errors import DocumentError, StageFailed
+from specs.pipeline.world_sections import WorldImport
 from tasks.storage.jobs.records import read
 from tasks.storage.store_url import open_store
 from tests.factories.gateway.answering_server import NOBODY
+from tests.factories.ros_maps import write_map
 from tests.repository import ROOT
 
 DOCUMENT = ROOT / "examples/worlds-only.yaml"
@@ -55,6 +59,23 @@ def ran(store: Path) -> Run:
 def test_a_script_gets_a_run_and_its_console_stays_quiet(here: Path, capfd: pytest.CaptureFixture[str]):
     ran(here)
     assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.integration
+@pytest.mark.long
+def test_a_building_is_read_once(here: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_map(tmp_path, ("#" * 40, *("#" + "." * 38 + "#",) * 40, "#" * 40))
+    read_files: list[Path] = []
+
+    def noted(asked: WorldImport, base: Path, path: str = "") -> ImportedWorld:
+        read_files.append(base / asked.source)
+        return import_world(asked, base, path)
+
+    monkeypatch.setattr(world_imports, "import_world", noted)
+    source = tmp_path / "map.yaml"
+    document = {"name": "own", "worlds": [{"name": "hall", "source": str(source), "start": [2.0, 3.0, 0.0]}]}
+    assert simyard.run(document, store=here).passed
+    assert read_files == [source]
 
 
 @pytest.mark.integration
