@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
 from specs.data.world import MOST_CORNERS
@@ -238,7 +239,7 @@ def lanes_in_front(lanes: int, given: Given, mapped: object) -> Given:
         mapped: Which of it have the axis.
     """
 
-    def repeated(array: Array, is_mapped: bool) -> Array:  # noqa: FBT001 - JAX's own form
+    def repeated(array: ArrayLike, is_mapped: bool) -> ArrayLike:  # noqa: FBT001 - JAX's own form
         return array if is_mapped else jnp.broadcast_to(array, (lanes, *jnp.shape(array)))
 
     return jax.tree.map(repeated, given, mapped)
