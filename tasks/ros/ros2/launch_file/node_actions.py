@@ -146,7 +146,7 @@ def parameter_file(context: LaunchContext, node: str, values: Mapping[str, Any])
 
 
 def parameter_arguments(context: LaunchContext, node: str, parameters: Iterable[object]) -> tuple[list[str], list[str]]:
-    """Returns the arguments of parameters, those for all nodes first, so that its own win; and files that are absent."""
+    """Returns the arguments of parameters, those for all nodes first, so that its own win; and absent files."""
     arguments, absent = list[str](), list[str]()
     for each in context.launch_configurations.get("global_params", ()):
         arguments += ["--params-file", each] if isinstance(each, str) else ["-p", f"{each[0]}:={_inline(each[1])}"]
