@@ -183,6 +183,10 @@ class DdsGraph:
         """Returns what nodes said on recorded topics since the last call, in ROS 1's form."""
         return [] if self._closed else self._robot.heard()
 
+    def contended(self) -> bool:
+        """Returns whether two processes told a third one something since the last call."""
+        return not self._closed and self._robot.contended()
+
     @property
     def cancelled(self) -> bool:
         """Returns whether the application called ``/robomaker/job/cancel``."""
@@ -226,6 +230,8 @@ class DdsGraph:
         found += [f"{link.name} {why}" for link in links if (why := self._robot.missing(link))]
         if not found and not self._robot.settled():
             found.append("its processes look for each other")
+        if not found and (topic := self._robot.overhears()):
+            found.append(f"the robot does not overhear {topic} yet")
         refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
         if refused:
             command = self._interface.command
@@ -326,7 +332,8 @@ class Ros2Lockstep(Ros1Lockstep):
         self._graphs = {**self._graphs, number: graph}
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
-        lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
+        network = EpisodeNetwork(socket.socket, ())
+        lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, graph.contended)
         simulation, domain_own = self._launch.simulation, domain.environment(home, installation.fast_dds)
         if self._image:
             self._enter(lane, plan, {**self._launch.environment[number], **domain_own})
