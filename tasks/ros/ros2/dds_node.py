@@ -30,6 +30,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
 from rosbags.serde import SerdeError
 
+from tasks.ros.ros2.datagrams import udp_sockets
 from tasks.ros.ros2.dds_domain import DomainPlace
 from tasks.ros.ros2.interface_types import (
     dds_type_name,
@@ -390,14 +391,15 @@ class DdsNode:
     Attributes:
         participant: DDS's.
         threads: Those of this process that receive and send for the domain.
+        sockets: Inodes of what it receives with; other processes' that were made at the same time may be among them.
     """
 
     def __init__(self, place: DomainPlace, name: str, distribution: str = DEFAULT_DISTRIBUTION) -> None:
         self.name, self.distribution = name, distribution
-        before = _threads()
+        before, sockets = _threads(), udp_sockets().keys()
         self._domain = Domain(place.number, place.uri)
         self.participant = DomainParticipant(place.number, Qos(Policy.Userdata(b"enclave=/;")))
-        self.threads = _threads() - before
+        self.threads, self.sockets = _threads() - before, udp_sockets().keys() - sockets
         self._writers: list[Writer] = []
         self._readers: list[Reader] = []
         self._told: Writer | None = None

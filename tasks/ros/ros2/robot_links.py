@@ -28,7 +28,8 @@ from cyclonedds.builtin import (
 )
 from cyclonedds.core import Policy
 
-from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain
+from tasks.ros.ros2.datagrams import UdpSocket
+from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, domain_of
 from tasks.ros.ros2.dds_node import ENTITIES, KIND, TOPIC, DdsNode, ToldNodes, told_nodes
 from tasks.ros.ros2.interface_types import dds_type_name, ros_type_name, topic_name
 from tasks.ros.ros2.ros2_node import COMMANDS, JobRequests, Matches, RobotInterface, Ros2Node, robot_profile
@@ -111,6 +112,15 @@ class RobotLinks:
     def threads(self) -> frozenset[int]:
         """Returns the threads of this process that receive and send for the robot."""
         return self._watch.threads.union(*(node.threads for node in self._nodes()))
+
+    def dropped(self, lost: Mapping[int, UdpSocket]) -> int:
+        """Returns how many of some datagrams that sockets dropped, by inode, were meant for this episode.
+
+        Its nodes' sockets have its domain's ports, its robot's have any.
+        """
+        own = frozenset[int]().union(*(node.sockets for node in self._nodes()))
+        whose = ((inode in own, domain_of(each.port), each.dropped) for inode, each in lost.items())
+        return sum(count for ours, domain, count in whose if domain == self._domain.number or (ours and domain is None))
 
     def find(self) -> None:
         """Looks who has come and gone, links who has nodes, and notes who is connected."""
