@@ -381,7 +381,7 @@ class Ros2Lockstep(Ros1Lockstep):
         self._drops = self._drops or DropWatch()
         if lost := self._drops.look():
             for number, graph in self._graphs.items():
-                self._lanes[number].unordered += graph.dropped(lost)
+                self._lanes[number].unordered += graph.dropped(lost) if sensed[number] is not None else 0
         return commands
 
     @property
