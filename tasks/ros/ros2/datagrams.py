@@ -2,7 +2,7 @@
 
 What is reliable is sent again; what is best effort is lost, and nobody is told.
 
-Sources: Linux, net/ipv4/udp.c, ``udp4_format_sock``, for the columns.
+Sources: Linux, net/ipv4/udp.c, for the columns of ``/proc/net/udp``.
 """
 
 from pathlib import Path
