@@ -29,7 +29,7 @@ class Navigator(Node):
     def __init__(self):
         super().__init__("bt_navigator")
         self.grid, self.pose, self.way = None, (0.0, 0.0, 0.0), []
-        self.handle = self.done = None
+        self.driven = self.done = None
         self.rejected = 0
         self.command = self.create_publisher(Twist, "cmd_vel", 10)
         self.costmap = self.create_publisher(OccupancyGrid, "global_costmap/costmap", LATCHED)
@@ -60,7 +60,7 @@ class Navigator(Node):
             return
         self.now_s = odometry.header.stamp.sec + odometry.header.stamp.nanosec * 1e-9
         self.begun_s = self.now_s if self.begun_s is None else self.begun_s
-        if not self.way or self.handle.is_cancel_requested or self.now_s - self.begun_s > GIVES_UP_S:
+        if not self.way or self.driven.is_cancel_requested or self.now_s - self.begun_s > GIVES_UP_S:
             self.command.publish(Twist())
             done, self.done = self.done, None
             done.set_result(not self.way)
@@ -68,8 +68,8 @@ class Navigator(Node):
         self.drive()
         feedback = NavigateToPose.Feedback()
         points = [self.pose[:2], *self.way]
-        feedback.distance_remaining = sum(math.dist(*pair) for pair in itertools.pairwise(points))
-        self.handle.publish_feedback(feedback)
+        feedback.distance_remaining = math.fsum(math.dist(*pair) for pair in itertools.pairwise(points))
+        self.driven.publish_feedback(feedback)
 
     def drive(self):
         x, y, yaw = self.pose
@@ -86,7 +86,7 @@ class Navigator(Node):
     async def navigate(self, handle):
         goal = handle.request.pose.pose.position
         self.way = [(goal.x, goal.y)] if self.grid is None else way_on(self.grid, self.pose[:2], (goal.x, goal.y))
-        self.handle, result, self.begun_s = handle, NavigateToPose.Result(), None
+        self.driven, result, self.begun_s = handle, NavigateToPose.Result(), None
         if self.way:
             self.done = Future()
             if await self.done:
