@@ -369,7 +369,7 @@ class Listener:
     def take(self) -> set[UUID]:
         """Returns the participants that have written since the last call."""
         taken = cast("Sequence[Any]", self._dds.take(_MANY))
-        handles = {each.sample_info.publication_handle for each in taken if isinstance(each, WireBytes)}
+        handles = {each.sample_info.publication_handle for each in taken if each.sample_info.valid_data}
         return {self._process(each) for each in handles}
 
     def _process(self, handle: int) -> UUID:
