@@ -507,6 +507,7 @@ def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str
     if report.gazebo:
         yield from _gazebo_lines(source, report.gazebo)
     yield from report.missing
+    yield from report.absent
     yield from report.python2
 
 

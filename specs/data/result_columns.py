@@ -228,7 +228,7 @@ _REACHABLE = "How many of the goals such a disc can get to; null where goals are
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
 _LATE = (
     "Stages of control steps at which a ROS application did not come to rest in time, or two of its processes told a "
-    "third one something; null for other robots."
+    "third one something; and datagrams to nodes of ROS 2 or their robot that were dropped; null for other robots."
 )
 _STRAY = (
     "Commands and places that a ROS application gave its robot after it was taken for quiet; null for other robots."

@@ -41,6 +41,7 @@ class NodePlan(NamedTuple):
         simulation: It is the simulation application's.
         test: rostest would start it.
         named: Whether it is one node, of that name; what runs in a container image may be any.
+        absent: Files of parameters that it is named and that are not there; ROS 2 starts it without.
     """
 
     name: str
@@ -55,6 +56,7 @@ class NodePlan(NamedTuple):
     simulation: bool = False
     test: bool = False
     named: bool = True
+    absent: tuple[str, ...] = ()
 
     @property
     def judges(self) -> bool:

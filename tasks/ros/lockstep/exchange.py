@@ -194,7 +194,8 @@ class ExchangeTotals(NamedTuple):
 
     Attributes:
         commands: Twists that came.
-        late: Stages in which the lane did not come to rest in time, or two processes told a third one something.
+        late: Stages in which the lane did not come to rest in time, or two processes told a third one something; and
+            datagrams to its nodes or its robot that the kernel dropped.
         stray: Commands, and places to set the robot to, that came after the lane was taken for quiet.
     """
 

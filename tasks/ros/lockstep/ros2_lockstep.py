@@ -14,7 +14,7 @@ from typing import NamedTuple
 from specs.errors import LaunchRefused
 from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
-from tasks.ros.lockstep.exchange import GoalEnd
+from tasks.ros.lockstep.exchange import GoalEnd, Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC, Moment
 from tasks.ros.lockstep.ros1_lockstep import BEGINS_NS, Ros1Lockstep
@@ -22,6 +22,7 @@ from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
+from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
 from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
 from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
 from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
@@ -183,6 +184,14 @@ class DdsGraph:
         """Returns what nodes said on recorded topics since the last call, in ROS 1's form."""
         return [] if self._closed else self._robot.heard()
 
+    def dropped(self, lost: Mapping[int, UdpSocket]) -> int:
+        """Returns how many of some datagrams that sockets dropped were meant for this episode."""
+        return 0 if self._closed else self._robot.dropped(lost)
+
+    def contended(self) -> bool:
+        """Returns whether two processes told a third one something since the last call."""
+        return not self._closed and self._robot.contended()
+
     @property
     def cancelled(self) -> bool:
         """Returns whether the application called ``/robomaker/job/cancel``."""
@@ -226,6 +235,8 @@ class DdsGraph:
         found += [f"{link.name} {why}" for link in links if (why := self._robot.missing(link))]
         if not found and not self._robot.settled():
             found.append("its processes look for each other")
+        if not found and (topic := self._robot.overhears()):
+            found.append(f"the robot does not overhear {topic} yet")
         refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
         if refused:
             command = self._interface.command
@@ -263,6 +274,7 @@ class Ros2Lockstep(Ros1Lockstep):
     _graphs: Mapping[int, DdsGraph] = MappingProxyType({})
     _asked_ns: Mapping[int, int] = MappingProxyType({})
     _of_nodes: dict[Path, Mapping[str, str]]
+    _drops: DropWatch | None = None
 
     @property
     def _first_command_s(self) -> float:
@@ -326,7 +338,8 @@ class Ros2Lockstep(Ros1Lockstep):
         self._graphs = {**self._graphs, number: graph}
         application = ApplicationProcesses(home, self._tracker, self._limits)
         detector = IdleDetector(application, graph, self._patience.nap_s)
-        lane = self._lanes[number] = RosLane(detector, EpisodeNetwork(socket.socket, ()), self._pump, latched)
+        network = EpisodeNetwork(socket.socket, ())
+        lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, graph.contended)
         simulation, domain_own = self._launch.simulation, domain.environment(home, installation.fast_dds)
         if self._image:
             self._enter(lane, plan, {**self._launch.environment[number], **domain_own})
@@ -361,6 +374,15 @@ class Ros2Lockstep(Ros1Lockstep):
     def _too_late(self, now_ns: int) -> bool:
         """Returns whether a goal that is rejected is not sent again."""
         return now_ns > BEGINS_NS + self._base.robot.first_command_s * 1e9
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
+        """Returns each lane's command for the control step to come; datagrams that were dropped in it count as late."""
+        commands = super().exchange(sensed)
+        self._drops = self._drops or DropWatch()
+        if lost := self._drops.look():
+            for number, graph in self._graphs.items():
+                self._lanes[number].unordered += graph.dropped(lost) if sensed[number] is not None else 0
+        return commands
 
     @property
     def goal_ends(self) -> Mapping[int, GoalEnd]:

@@ -124,7 +124,7 @@ class RosLane:
         commanded_ns: Simulated time when it came.
         goal: The goal that its nodes know.
         commands, late, stray: See ``ExchangeTotals``.
-        unordered: Messages within which two processes told a third one something.
+        unordered: Messages within which two processes told a third one something, and datagrams that were dropped.
         begun_s: When it was sent something last.
         look_s: When to look at it next.
         nap_s: How long to wait after a look that found it awake.

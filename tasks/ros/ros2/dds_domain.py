@@ -174,6 +174,12 @@ def fast_dds_profile(version: int) -> str:
     )
 
 
+def domain_of(port: int) -> int | None:
+    """Returns the domain whose participants receive at a port; None for any other port."""
+    number, place = divmod(port - _FIRST_PORT, _PORTS_A_DOMAIN)
+    return number if number in DOMAINS and place < _PORT_OF_FIRST + 2 * (_PARTICIPANTS + 1) else None
+
+
 def episode_domains(count: int, middleware: str = CYCLONE) -> list[EpisodeDomain]:
     """Returns a domain for each of so many episodes, which no other process of Simyard on this network has.
 

@@ -30,11 +30,14 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
 from rosbags.serde import SerdeError
 
+from tasks.ros.ros2.datagrams import udp_sockets
 from tasks.ros.ros2.dds_domain import DomainPlace
 from tasks.ros.ros2.interface_types import (
     dds_type_name,
+    is_service,
     reply_name,
     request_name,
+    ros_type_name,
     topic_name,
     type_store,
     user_data,
@@ -78,6 +81,15 @@ class WireBytes(IdlStruct):
         return cls(bytes(data))
 
 
+class _NoBytes(WireBytes):
+    """A sample of which only who said it counts."""
+
+    @classmethod
+    def deserialize(cls, data: bytes, has_header: object = True, use_version_2: object = None) -> "_NoBytes":  # noqa: ARG003, FBT002
+        """Returns a sample without the bytes."""
+        return cls(b"")
+
+
 @functools.cache
 def structure(kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: bool = False) -> type[IdlStruct]:
     """Returns a type that cyclonedds itself writes and reads.
@@ -89,9 +101,12 @@ def structure(kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: b
     """
     forms = type_store(distribution).fielddefs[kind][1] or _NO_FIELDS
     annotated = {name: _python_type(form, distribution) for name, form in forms}
-    typename = dds_type_name(kind).replace("::", ".")
+    return _structure(dds_type_name(kind), {**_SERVICE_HEADER, **annotated} if service else annotated)
+
+
+def _structure(dds_kind: str, fields: Mapping[str, Any]) -> type[IdlStruct]:
+    typename = dds_kind.replace("::", ".")
     name = typename.rpartition(".")[2]
-    fields = {**_SERVICE_HEADER, **annotated} if service else annotated
     body = {"__annotations__": fields, "__module__": __name__, "__qualname__": name}
     # The metaclass takes the type's name on the wire when the class is made.
     made = new_class(name, (IdlStruct,), {"typename": typename}, lambda space: space.update(body))
@@ -103,6 +118,20 @@ def wire_type(kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: b
     """Returns the same type, its samples as bytes."""
     whole = structure(kind, distribution, service=service)
     made = new_class(whole.__name__, (WireBytes,), {"typename": whole.__idl_typename__})
+    made.__idl__ = whole.__idl__
+    return cast("type[WireBytes]", made)
+
+
+@functools.cache
+def listened_type(dds_kind: str, distribution: str = DEFAULT_DISTRIBUTION, *, service: bool = False) -> type[WireBytes]:
+    """Returns a type by DDS's name of it, whether it is known or not; what its samples say is thrown away.
+
+    ROS 2's middlewares match types that say nothing of their fields by their names.
+    """
+    kind = ros_type_name(dds_kind)
+    known = kind in type_store(distribution).fielddefs
+    whole = structure(kind, distribution, service=service) if known else _structure(dds_kind, {"unknown": types.uint8})
+    made = new_class(whole.__name__, (_NoBytes,), {"typename": whole.__idl_typename__})
     made.__idl__ = whole.__idl__
     return cast("type[WireBytes]", made)
 
@@ -318,6 +347,39 @@ class Reader:
         return [each.cdr for each in taken if isinstance(each, WireBytes)]
 
 
+class Listener:
+    """A best-effort reader that tells who writes, and not what.
+
+    Attributes:
+        known: Whether the type is known.
+    """
+
+    def __init__(self, node: "DdsNode", dds_topic: str, dds_kind: str, *, service: bool) -> None:
+        self.known = ros_type_name(dds_kind) in type_store(node.distribution).fielddefs
+        made = listened_type(dds_kind, node.distribution, service=service)
+        qos = dds_qos(Profile(depth=_MANY, reliable=False), b"")
+        self._dds = DataReader(node.participant, Topic(node.participant, dds_topic, made), qos)
+        self._processes: dict[int, UUID] = {}
+
+    @property
+    def writers(self) -> int:
+        """Returns how many writers it has."""
+        return self._dds.get_subscription_matched_status().current_count
+
+    def take(self) -> set[UUID]:
+        """Returns the participants that have written since the last call."""
+        taken = cast("Sequence[Any]", self._dds.take(_MANY))
+        handles = {each.sample_info.publication_handle for each in taken if each.sample_info.valid_data}
+        return {self._process(each) for each in handles}
+
+    def _process(self, handle: int) -> UUID:
+        """Returns whose writer it is; one that has gone before it was looked at is somebody's own."""
+        if handle not in self._processes:
+            found: Any = self._dds.get_matched_publication_data(handle)
+            self._processes[handle] = UUID(int=handle % (1 << 128)) if found is None else found.participant_key
+        return self._processes[handle]
+
+
 class DdsNode:
     """A node, alone in its participant, as a process with one node of rclcpp or rclpy has it.
 
@@ -329,14 +391,15 @@ class DdsNode:
     Attributes:
         participant: DDS's.
         threads: Those of this process that receive and send for the domain.
+        sockets: Inodes of what it receives with; other processes' that were made at the same time may be among them.
     """
 
     def __init__(self, place: DomainPlace, name: str, distribution: str = DEFAULT_DISTRIBUTION) -> None:
         self.name, self.distribution = name, distribution
-        before = _threads()
+        before, sockets = _threads(), udp_sockets().keys()
         self._domain = Domain(place.number, place.uri)
         self.participant = DomainParticipant(place.number, Qos(Policy.Userdata(b"enclave=/;")))
-        self.threads = _threads() - before
+        self.threads, self.sockets = _threads() - before, udp_sockets().keys() - sockets
         self._writers: list[Writer] = []
         self._readers: list[Reader] = []
         self._told: Writer | None = None
@@ -360,6 +423,10 @@ class DdsNode:
         """Returns a reader of a DDS topic; ``own`` comes first in its USER_DATA."""
         self._readers.append(Reader(self, dds_topic, kind, profile, own, service=service))
         return self._readers[-1]
+
+    def listener(self, dds_topic: str, dds_kind: str, *, service: bool) -> Listener:
+        """Returns what tells who writes a DDS topic; ``service`` counts for a service's alone."""
+        return Listener(self, dds_topic, dds_kind, service=service and is_service(dds_topic))
 
     def announce(self) -> None:
         """Tells the graph of the node, its readers and its writers; to be called once, when they are made."""

@@ -89,6 +89,11 @@ def dds_type_name(kind: str) -> str:
     return f"{package}::{group}::dds_::{name}_"
 
 
+def ros_type_name(dds_kind: str) -> str:
+    """Returns a type's name on DDS as ROS 2 has it; the reverse of ``dds_type_name``."""
+    return dds_kind.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
+
+
 def topic_name(topic: str) -> str:
     """Returns a topic's name on DDS: ``rt/scan`` for ``/scan``."""
     return f"rt{topic}"
@@ -97,6 +102,11 @@ def topic_name(topic: str) -> str:
 def request_name(service: str) -> str:
     """Returns the DDS topic of a service's requests."""
     return f"rq{service}Request"
+
+
+def is_service(dds_topic: str) -> bool:
+    """Returns whether a DDS topic is one of a service's."""
+    return dds_topic.startswith(("rq/", "rr/"))
 
 
 def reply_name(service: str) -> str:

@@ -17,7 +17,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 from uuid import UUID
 
 from cyclonedds.builtin import (
@@ -28,10 +28,12 @@ from cyclonedds.builtin import (
 )
 from cyclonedds.core import Policy
 
-from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain
+from tasks.ros.ros2.datagrams import UdpSocket
+from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, domain_of
 from tasks.ros.ros2.dds_node import ENTITIES, KIND, TOPIC, DdsNode, ToldNodes, told_nodes
-from tasks.ros.ros2.interface_types import dds_type_name, topic_name
+from tasks.ros.ros2.interface_types import dds_type_name, ros_type_name, topic_name
 from tasks.ros.ros2.ros2_node import COMMANDS, JobRequests, Matches, RobotInterface, Ros2Node, robot_profile
+from tasks.ros.ros2.topic_watch import Endpoint, TopicWatch
 
 _MANY = 1024
 # What participants say of themselves: where they listen, as Cyclone DDS has it, and their process.
@@ -40,23 +42,6 @@ _NOBODY = Matches({}, 0)
 _OF_TOPICS = topic_name("")
 # How often Fast DDS asks whether others have heard of its readers and writers; its profiles cannot say otherwise.
 _ASKS_S = 1.0
-
-
-class Endpoint(NamedTuple):
-    """A reader or a writer of a process.
-
-    Attributes:
-        participant: The process's.
-        topic, kind: DDS's names of its topic and type.
-        reliable: Whether it asks that nothing be lost, or offers that.
-        latched: Whether it asks for what was sent before it came, or offers that.
-    """
-
-    participant: UUID
-    topic: str
-    kind: str
-    reliable: bool
-    latched: bool
 
 
 @dataclass
@@ -121,11 +106,21 @@ class RobotLinks:
         ]
         # Without a key: what one participant says must not take the place of what another one has said.
         self._told = self._observer.reader(TOPIC, KIND, ENTITIES._replace(depth=_MANY))
+        self._watch = TopicWatch(self._observer, headers=interface.services)
 
     @property
     def threads(self) -> frozenset[int]:
         """Returns the threads of this process that receive and send for the robot."""
-        return frozenset[int]().union(*(node.threads for node in self._nodes()))
+        return self._watch.threads.union(*(node.threads for node in self._nodes()))
+
+    def dropped(self, lost: Mapping[int, UdpSocket]) -> int:
+        """Returns how many of some datagrams that sockets dropped, by inode, were meant for this episode.
+
+        Its nodes' sockets have its domain's ports, its robot's have any.
+        """
+        own = frozenset[int]().union(*(node.sockets for node in self._nodes()))
+        whose = ((inode in own, domain_of(each.port), each.dropped) for inode, each in lost.items())
+        return sum(count for ours, domain, count in whose if domain == self._domain.number or (ours and domain is None))
 
     def find(self) -> None:
         """Looks who has come and gone, links who has nodes, and notes who is connected."""
@@ -140,6 +135,8 @@ class RobotLinks:
         counts = [_update(self._subscriptions, subscriptions), _update(self._publications, publications)]
         if came or any(counts):
             self._came_s = time.perf_counter()
+            self._watch.follow(*map(self._seen_of, (self._subscriptions, self._publications)))
+        self._watch.look()
         # What a participant says of its nodes may come before what says that it is there.
         for told in filter(None, (told_nodes(each, self._interface.distribution) for each in self._told.take())):
             self._nodes_told[told.participant] = told
@@ -232,10 +229,20 @@ class RobotLinks:
 
     def gaps(self) -> list[str]:
         """Returns what nodes say or wait for in vain, for a person: no other side, another type, less than is asked."""
-        wants = [each for each in self._subscriptions.values() if each.participant in self._seen]
-        gives = [each for each in self._publications.values() if each.participant in self._seen]
+        wants, gives = self._seen_of(self._subscriptions), self._seen_of(self._publications)
         found = [self._unheard(each, gives) for each in wants] + [self._untaken(each, wants) for each in gives]
         return sorted({each for each in found if each})
+
+    def _seen_of(self, endpoints: Mapping[UUID, Endpoint]) -> list[Endpoint]:
+        return [each for each in endpoints.values() if each.participant in self._seen]
+
+    def contended(self) -> bool:
+        """Returns whether two processes told a third one something since the last call."""
+        return self._watch.contended()
+
+    def overhears(self) -> str:
+        """Returns a topic on which processes tell each other something that is not overheard yet; empty for none."""
+        return "".join(self._watch.unheard()[:1])
 
     def _unheard(self, reader: Endpoint, gives: Sequence[Endpoint]) -> str:
         """Returns why a reader of a topic hears nothing; empty if it may."""
@@ -250,7 +257,7 @@ class RobotLinks:
         if not writers:
             return f"{begin}, which nobody publishes"
         if not alike:
-            return f"{begin} as {_shown(reader.kind)}, which is published as {_shown(writers[0].kind)}"
+            return f"{begin} as {ros_type_name(reader.kind)}, which is published as {ros_type_name(writers[0].kind)}"
         if reader.reliable and not any(each.reliable for each in alike):
             return f"{begin} reliably, which is published best effort"
         if reader.latched and not any(each.latched for each in alike):
@@ -260,7 +267,9 @@ class RobotLinks:
     def _untaken(self, writer: Endpoint, wants: Sequence[Endpoint]) -> str:
         """Returns why commands that a node writes drive nothing; empty of other topics, and if they may."""
         command, kinds = topic_name(self._interface.command), {dds_type_name(kind) for kind in COMMANDS}
-        begin = f"{self._whose(writer)} publishes {_shown(writer.kind)} on {writer.topic.removeprefix(_OF_TOPICS)}"
+        begin = (
+            f"{self._whose(writer)} publishes {ros_type_name(writer.kind)} on {writer.topic.removeprefix(_OF_TOPICS)}"
+        )
         if writer.topic == command:
             return "" if writer.kind in kinds else f"{begin}, where the robot takes {' and '.join(COMMANDS)}"
         heard = any(each.topic == writer.topic for each in wants)
@@ -277,15 +286,11 @@ class RobotLinks:
         for participant in list(self._seen):
             self._forget(participant)
         self.links = {}
+        self._watch.close()
         self._builtin.clear()
         self.__dict__.pop("_told", None)
         if "_observer" in self.__dict__:
             self.__dict__.pop("_observer").close()
-
-
-def _shown(kind: str) -> str:
-    """Returns DDS's name of a type as ROS 2 has it."""
-    return kind.replace("::dds_::", "::").replace("::", "/").removesuffix("_")
 
 
 def _taken(reader: BuiltinDataReader) -> Sequence[Any]:

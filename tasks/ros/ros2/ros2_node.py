@@ -1,7 +1,7 @@
 """The robot among an episode's nodes of ROS 2: publishes what it senses, takes commands, offers services."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import NamedTuple
@@ -174,6 +174,11 @@ class Ros2Node:
     def threads(self) -> frozenset[int]:
         """Returns the threads of this process that receive and send for the robot."""
         return self._node.threads
+
+    @property
+    def sockets(self) -> Set[int]:
+        """Returns inodes of what it receives with, and maybe of others that were made at the same time."""
+        return self._node.sockets
 
     def close(self) -> None:
         """Takes the robot out of its domain."""

@@ -193,9 +193,12 @@ def robot_base(robot: RosRobot, lidar: Lidar) -> RobotBase:
 
 
 def floor_plan(floor: HostMap) -> FloorMap:
-    """Returns a world's map as an occupancy grid has it, whose origin is the corner of its first cell."""
-    cells = np.where(floor.clearance_m > 0.0, _FREE, _OCCUPIED).astype(np.int8)
+    """Returns a world's map as an occupancy grid has it, whose origin is the corner of its first cell.
+
+    What reaches into the circle within a cell makes it occupied: by their middles alone, a chair's legs were on no map.
+    """
     half_m = float(floor.cell_m) / 2
+    cells = np.where(floor.clearance_m > half_m, _FREE, _OCCUPIED).astype(np.int8)
     x_m, y_m = (float(each) - half_m for each in floor.origin_m)
     return FloorMap(cells, (x_m, y_m), float(floor.cell_m))
 

@@ -77,6 +77,7 @@ class LaunchReport(Spec):
         unknown: Nodes that publish what nobody can read, such as those in C++.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
+        absent: Files of parameters that nodes are named and that are not there, of each node.
         python2: What its nodes' programs have of Python 2, with file and line.
         simulated_clock: Whether it asks nodes itself to go by ``/clock``, as a robot has none.
         unread: Why it was not read; or empty.
@@ -93,6 +94,7 @@ class LaunchReport(Spec):
     unknown: tuple[str, ...] = ()
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
     python2: tuple[str, ...] = ()
     simulated_clock: bool = False
     unread: str = ""
@@ -222,6 +224,7 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
         unknown=tuple(name for name, own in topics.items() if not own.known),
         refusals=(*refusals,),
         simulated_clock=clock,
+        absent=tuple(dict.fromkeys(each for node in nodes.values() for each in _absent(source.bundle, node))),
     )
     old = dict.fromkeys(each for node in every.values() for each in _python2(source.bundle, node))
     known = {"missing": (*messages,)} if messages else {}
@@ -251,6 +254,13 @@ def _unreadable(bundle: Path, node: NodePlan) -> Iterator[str]:
         path = Path(name)
         if flag == _PARAMETERS and path.is_relative_to(bundle) and (wrong := _parameters_fault(path)):
             yield f"{shown_node(node)}: {path.relative_to(bundle)}: {wrong}"
+
+
+def _absent(bundle: Path, node: NodePlan) -> Iterator[str]:
+    """Yields which files of parameters a node is started without, as ROS 2 does."""
+    for name in node.absent:
+        shown = name.removeprefix(f"{bundle}/")
+        yield f"{shown_node(node)}: its file of parameters {shown} is not there, and ROS 2 starts it without"
 
 
 def _parameters_fault(path: Path) -> str:

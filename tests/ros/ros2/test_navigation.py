@@ -1,9 +1,12 @@
 """Goals as actions of Nav2's NavigateToPose: what comes of them, of each lane, in lock-step."""
 
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from specs.bundle_files import RosRobot, RosTopics
@@ -65,3 +68,21 @@ def test_a_navigator_of_rclpy_gets_there_by_the_map_alone_and_among_four(tmp_pat
         assert float(np.linalg.norm(run.poses[0][:2] - _GOAL_M)) < 0.2
         digests.append(run.digests[0])
     assert digests[0] == digests[1]
+
+
+@pytest.mark.soak
+@pytest.mark.usefixtures("nav2_msgs")
+def test_a_document_whose_goals_are_actions_passes_its_gate(tmp_path: Path) -> None:
+    data, bundle = _NAVIGATOR.parent, tmp_path / "bundle"
+    shutil.copytree(_NAVIGATOR, bundle / "navigator")
+    shutil.copy(ROOT / "examples/ros/turtlebot3/robot.xml", bundle)
+    shutil.copy(data / "nav_ros.yaml", bundle / "ros.yaml")
+    shutil.copy(ROOT / "examples/templates/two-rooms.json", tmp_path)
+    shutil.copy(data / "nav.yaml", tmp_path)
+    store = (tmp_path / "store").as_uri()
+    command = [Path(sys.executable).with_name("simyard"), "run", "nav.yaml", "--direct", "--store", store]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = tmp_path.glob("store/buckets/results/nav/*/results.parquet")
+    rows = pq.read_table(path).to_pylist()
+    assert [(row["outcome"], row["late"], row["stray"]) for row in rows] == [("Passed", 0, 0)] * 4

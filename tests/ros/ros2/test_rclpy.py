@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.simulate.sandbox.launch_check import check_launch_file
 from tests.repository import ROOT
-from tests.ros.random_graph import random_graph
+from tests.ros.random_graph import Part, part, random_graph
 from tests.ros.ros2.players import CONTROL_S, Run, make_base
 
 _ROAMER, _TRIALS = ROOT / "examples/ros/roamer2", ROOT / "tests/data/rclpy/trials"
@@ -54,8 +55,7 @@ def test_the_same_row_comes_again_alone_and_among_four(tmp_path: Path, nodes: st
     assert not [each for each in set(_SHARED.iterdir()) - before if "fastdds" in each.name or "fastrtps" in each.name]
 
 
-def _drive_graph(folder: Path, seed: int, lanes: int) -> Run:
-    graph = random_graph(seed)
+def _drive_graph(folder: Path, graph: Mapping[str, Part], lanes: int) -> Run:
     nodes = " ".join(f"part:{name}" for name in graph)
     return drive(folder, _TRIALS, "trials.launch.py", nodes, lanes, graph=json.dumps(graph))
 
@@ -64,11 +64,21 @@ def _drive_graph(folder: Path, seed: int, lanes: int) -> Run:
 @pytest.mark.usefixtures("rclpy")
 @pytest.mark.parametrize("seed", [100, 101])
 def test_a_random_graph_gives_the_same_row_alone_and_among_two(tmp_path: Path, seed: int) -> None:
-    runs = [_drive_graph(tmp_path / str(k), seed, lanes) for k, lanes in enumerate((1, 2))]
+    runs = [_drive_graph(tmp_path / str(k), random_graph(seed), lanes) for k, lanes in enumerate((1, 2))]
     assert [run.failures for run in runs] == [{}, {}]
     assert runs[0].digests[0] == runs[1].digests[0]
     assert not any(each.late or each.stray for run in runs for each in run.tallies)
     assert any(each.ahead_m_s for each in runs[0].commands[0])
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclpy")
+def test_nodes_that_ask_one_at_once_are_counted_as_late(tmp_path: Path) -> None:
+    """Their commands differ from run to run, and so a column has to say it."""
+    asks = part(reads="hop", writes="cmd_vel", asks="count")
+    graph = {"first": part(reads="scan", writes="hop"), "left": asks, "right": asks, "answers": part(answers="count")}
+    run = _drive_graph(tmp_path / "run", graph, 1)
+    assert (run.failures, run.tallies[0].late, run.tallies[0].stray) == ({}, 30, 0)
 
 
 @pytest.mark.soak
@@ -76,7 +86,7 @@ def test_a_random_graph_gives_the_same_row_alone_and_among_two(tmp_path: Path, s
 @pytest.mark.usefixtures("rclpy", "burners")
 @pytest.mark.parametrize("seed", range(100, 120))
 def test_random_graphs_give_the_same_row_in_any_number_of_lanes_beside_burners(tmp_path: Path, seed: int) -> None:
-    runs = [_drive_graph(tmp_path / f"{lanes}-{k}", seed, lanes) for lanes in (1, 4, 8) for k in range(3)]
+    runs = [_drive_graph(tmp_path / f"{lanes}-{k}", random_graph(seed), lanes) for lanes in (1, 4, 8) for k in range(3)]
     assert all(run.failures == {} for run in runs)
     assert {run.digests[0] for run in runs} == {runs[0].digests[0]}
     assert not any(each.late or each.stray for run in runs for each in run.tallies)

@@ -12,6 +12,8 @@ from rosbags.typesys import Stores, get_typestore
 from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import Moment, SensorMessages
 from tasks.ros.lockstep.step_driver import LockstepPatience
+from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
+from tasks.ros.ros2.dds_domain import DOMAINS
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.players import CONTROL_S, ToyWorld, drive, make_base
 from tests.servers.eventually import eventually
@@ -48,6 +50,15 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError:
         return b""
+
+
+def test_datagrams_that_are_dropped_within_a_control_step_count_as_late(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lost = {number: UdpSocket(7411 + 250 * number, 2) for number in DOMAINS}
+    monkeypatch.setattr(DropWatch, "look", lambda _: lost)
+    run = drive(tmp_path, "avoider", steps=3)
+    assert (run.failures, run.tallies[0].late, run.tallies[0].stray) == ({}, 6, 0)
 
 
 def test_a_launch_file_that_is_refused_fails_its_lane_and_says_why(tmp_path: Path) -> None:

@@ -88,7 +88,7 @@ def test_what_is_no_such_folder_is_kept(tmp_path: Path):
 
 
 _FLOOR = HostMap(
-    clearance_m=np.array([[0.0, 0.2, 0.0], [0.0, 0.1, 0.0]], np.float32),
+    clearance_m=np.array([[0.0, 0.3, 0.0], [0.3, 0.2, 0.0]], np.float32),
     origin_m=np.array([1.0, 2.0], np.float32),
     cell_m=np.float32(0.5),  # pyright: ignore[reportArgumentType] - a scalar array
     bounds_m=np.zeros(4, np.float32),
@@ -193,14 +193,14 @@ def test_the_first_ray_and_the_step_to_the_next_are_told(tmp_path: Path):
     np.testing.assert_allclose((base.first_ray_rad, base.ray_step_rad), (-1.5, 1.0))
 
 
-def test_a_map_is_told_where_it_is_declared(tmp_path: Path):
+def test_a_map_is_told_where_it_is_declared_and_shows_what_reaches_into_a_cell(tmp_path: Path):
     lanes, locksteps = started(tmp_path, [""], declaration="lidar: {rays: 4}\ntopics: {floor_map: /map}")
     driven(lanes, 1, 0)
     begun = only(locksteps).begun
     assert begun is not None
     plan = begun[1][0]
     assert plan is not None
-    np.testing.assert_array_equal(plan.cells, [[100, 0, 100], [100, 0, 100]])
+    np.testing.assert_array_equal(plan.cells, [[100, 0, 100], [0, 100, 100]])
     assert (plan.origin_m, plan.cell_m) == ((0.75, 1.75), 0.5)
 
 

@@ -93,6 +93,15 @@ def test_a_file_of_parameters_that_no_node_can_read_is_named_with_its_line(tmp_p
     assert lost.startswith(f"/player (play avoider): play/tuning.yaml: {why}")
 
 
+def test_a_file_of_parameters_that_is_not_there_is_named_and_its_node_starts_without(tmp_path: Path):
+    bundle = make_bundle(tmp_path)
+    _edit(bundle, 'name="player"', f'name="player", parameters=["{bundle}/play/gone.yaml", {{"a": 1}}]')
+    found = report(bundle, "avoider")
+    assert (found.refusals, found.lost) == ((), ())
+    line = "/player (play avoider): its file of parameters play/gone.yaml is not there, and ROS 2 starts it without"
+    assert line in [*report_lines(LaunchSource(bundle, "play", "play.launch.py"), found)]
+
+
 @pytest.mark.parametrize(
     ("first", "why"),
     [

@@ -135,7 +135,7 @@ def _console_scripts(folder: Path) -> list[tuple[str, str, str]]:
 
 
 PROGRAM = r"""
-import json, os, sys, tempfile
+import json, logging, os, sys, tempfile
 request = json.load(sys.stdin)
 tempfile.tempdir = request["folder"]
 from launch import LaunchContext
@@ -143,9 +143,18 @@ from launch.actions import ExecuteLocal, ExecuteProcess, RegisterEventHandler, S
 from launch.launch_description_sources import AnyLaunchDescriptionSource
 import launch_ros.actions
 
-noted, before = [], dict(os.environ)
+noted, before, absent = [], dict(os.environ), []
 refused = (RegisterEventHandler, TimerAction, launch_ros.actions.LifecycleNode, launch_ros.actions.LoadComposableNodes,
            launch_ros.actions.ComposableNodeContainer)
+
+class Absent(logging.Handler):
+    # launch_ros warns of a file that is not there, and goes on without.
+    def emit(self, record):
+        said, mark = record.getMessage(), "Parameter file path is not a file: "
+        if said.startswith(mark):
+            absent.append(said[len(mark):])
+
+logging.getLogger("launch_ros.actions.node").addHandler(Absent())
 
 def note(self, context):
     self.prepare(context)
@@ -165,8 +174,9 @@ def note(self, context):
         "kind": os.path.basename(details.final_cmd[0]), "ros": ros, "command": command,
         "environment": sorted(changes.items()), "cwd": details.final_cwd or "",
         "required": isinstance(getattr(self, "_ExecuteLocal__on_exit", None), Shutdown),
-        "respawn": bool(getattr(self, "_ExecuteLocal__respawn", False)),
+        "respawn": bool(getattr(self, "_ExecuteLocal__respawn", False)), "absent": list(absent),
     })
+    absent.clear()
 
 ExecuteLocal.execute = note
 
@@ -362,6 +372,7 @@ def _node(answer: Mapping[str, Any]) -> NodePlan:
         cwd=str(answer["cwd"]),
         required=bool(answer["required"]),
         respawn=bool(answer["respawn"]),
+        absent=tuple(map(str, answer.get("absent", ()))),
     )
 
 

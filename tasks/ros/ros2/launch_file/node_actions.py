@@ -145,9 +145,9 @@ def parameter_file(context: LaunchContext, node: str, values: Mapping[str, Any])
     return str(path)
 
 
-def parameter_arguments(context: LaunchContext, node: str, parameters: Iterable[object]) -> list[str]:
-    """Returns the arguments of a node's parameters: those for all nodes first, so that its own win."""
-    arguments: list[str] = []
+def parameter_arguments(context: LaunchContext, node: str, parameters: Iterable[object]) -> tuple[list[str], list[str]]:
+    """Returns the arguments of parameters, those for all nodes first, so that its own win; and absent files."""
+    arguments, absent = list[str](), list[str]()
     for each in context.launch_configurations.get("global_params", ()):
         arguments += ["--params-file", each] if isinstance(each, str) else ["-p", f"{each[0]}:={_inline(each[1])}"]
     for each in parameters:
@@ -158,7 +158,9 @@ def parameter_arguments(context: LaunchContext, node: str, parameters: Iterable[
         # launch_ros warns of a file that is not there, and goes on without.
         if Path(path).is_file():
             arguments += ["--params-file", path]
-    return arguments
+        else:
+            absent.append(path)
+    return arguments, absent
 
 
 def _inline(value: object) -> str:
@@ -281,13 +283,15 @@ class Node(ExecuteProcess):
         command += ["-r", f"__node:={name}"] if name else []
         command += ["-r", f"__ns:={below}"] if below else []
         full = f"{below.rstrip('/')}/{name}" if name and below else "/**"
-        command += parameter_arguments(context, full, self._parameters)
+        given, absent = parameter_arguments(context, full, self._parameters)
+        command += given
         pairs = [*context.launch_configurations.get("ros_remaps", ())]
         pairs += [(text_of(context, one), text_of(context, other)) for one, other in self._remappings]
         for one, other in pairs:
             command += ["-r", f"{one}:={other}"]
         shown = f"{below.rstrip('/')}/{name or executable}"
-        self.note(context, command, environment, name=shown, package=package, kind=executable, ros=True)
+        what = {"name": shown, "package": package, "kind": executable, "ros": True, "absent": absent}
+        self.note(context, command, environment, **what)
 
 
 class PushRosNamespace(Action):

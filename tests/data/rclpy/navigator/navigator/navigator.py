@@ -1,6 +1,7 @@
 """Stands for Nav2's bt_navigator: offers NavigateToPose, finds a way on the map, and drives along it."""
 
 import heapq
+import itertools
 import math
 import os
 
@@ -15,16 +16,20 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
 
 NEAR_M, WAY_M, SPEED_M_S, TURN_RAD_S = 0.15, 0.12, 0.3, 1.5
-WIDE_M = float(os.environ.get("WIDE_M", "0.3"))
+# As a costmap of Nav2: no nearer to what is occupied than the hull, if there is another way, and rather this far away.
+HULL_M = float(os.environ.get("HULL_M", "0.14"))
+WIDE_M = float(os.environ.get("WIDE_M", "0.4"))
 GIVES_UP_S = float(os.environ.get("GIVES_UP_S", "inf"))
 REJECTS = int(os.environ.get("REJECTS", "0"))
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+STEPS = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]
 
 
 class Navigator(Node):
     def __init__(self):
         super().__init__("bt_navigator")
-        self.grid, self.pose, self.way, self.done = None, (0.0, 0.0, 0.0), [], None
+        self.grid, self.pose, self.way = None, (0.0, 0.0, 0.0), []
+        self.driven = self.done = None
         self.rejected = 0
         self.command = self.create_publisher(Twist, "cmd_vel", 10)
         self.costmap = self.create_publisher(OccupancyGrid, "global_costmap/costmap", LATCHED)
@@ -55,12 +60,16 @@ class Navigator(Node):
             return
         self.now_s = odometry.header.stamp.sec + odometry.header.stamp.nanosec * 1e-9
         self.begun_s = self.now_s if self.begun_s is None else self.begun_s
-        if not self.way or self.now_s - self.begun_s > GIVES_UP_S:
+        if not self.way or self.driven.is_cancel_requested or self.now_s - self.begun_s > GIVES_UP_S:
             self.command.publish(Twist())
             done, self.done = self.done, None
             done.set_result(not self.way)
             return
         self.drive()
+        feedback = NavigateToPose.Feedback()
+        points = [self.pose[:2], *self.way]
+        feedback.distance_remaining = math.fsum(math.dist(*pair) for pair in itertools.pairwise(points))
+        self.driven.publish_feedback(feedback)
 
     def drive(self):
         x, y, yaw = self.pose
@@ -77,56 +86,62 @@ class Navigator(Node):
     async def navigate(self, handle):
         goal = handle.request.pose.pose.position
         self.way = [(goal.x, goal.y)] if self.grid is None else way_on(self.grid, self.pose[:2], (goal.x, goal.y))
-        result, self.begun_s = NavigateToPose.Result(), None
+        self.driven, result, self.begun_s = handle, NavigateToPose.Result(), None
         if self.way:
             self.done = Future()
             if await self.done:
                 handle.succeed()
                 return result
+        if handle.is_cancel_requested:
+            handle.canceled()
+            return result
         result.error_code, result.error_msg = 9999, "gave up"
         handle.abort()
         return result
 
 
 def way_on(grid, start, goal):
-    """Returns points from start to goal over free cells that are far from others; none if there is no way."""
+    """Returns points from start to goal over cells that are not occupied; none if there is no way."""
     cell_m, x_m, y_m = grid.info.resolution, grid.info.origin.position.x, grid.info.origin.position.y
     begin, end = ((int((x - x_m) / cell_m), int((y - y_m) / cell_m)) for x, y in (start, goal))
-    cells = cells_between(begin, end, free_cells(grid) | {begin, end})
+    cells = cells_between(begin, end, costs_of(grid))
     between = [(x_m + (column + 0.5) * cell_m, y_m + (row + 0.5) * cell_m) for column, row in cells[1:-1]]
     return [*between, goal] if cells else []
 
 
-def free_cells(grid):
-    """Returns the cells, as column and row, that are far enough from all that is not free."""
-    columns, rows, wide = grid.info.width, grid.info.height, WIDE_M / grid.info.resolution
-    reach = range(-math.ceil(wide), math.ceil(wide) + 1)
-    disc = [(a, b) for a in reach for b in reach if math.hypot(a, b) <= wide]
-    blocked = {
-        (number % columns + a, number // columns + b)
-        for number, value in enumerate(grid.data)
-        if value
-        for a, b in disc
-    }
-    return {(column, row) for column in range(columns) for row in range(rows)} - blocked
+def costs_of(grid):
+    """Returns what a cell, as column and row, costs to cross: the more, the nearer it is to one that is occupied."""
+    columns, cell_m = grid.info.width, grid.info.resolution
+    cells = {(number % columns, number // columns): value for number, value in enumerate(grid.data)}
+    reach = range(-math.ceil(WIDE_M / cell_m), math.ceil(WIDE_M / cell_m) + 1)
+    near = [(cell_m * math.hypot(a, b), a, b) for a in reach for b in reach if cell_m * math.hypot(a, b) < WIDE_M]
+    costs = {cell: 1.0 for cell, value in cells.items() if not value}
+    # Of what is occupied the edge alone is near to anything.
+    edge = [(x, y) for (x, y), value in cells.items() if value and any((x + a, y + b) in costs for a, b in STEPS)]
+    for x, y in edge:
+        for away_m, a, b in near:
+            cost = 50.0 if away_m < HULL_M + cell_m / 2 else 1.0 + 3.0 * (1.0 - away_m / WIDE_M)
+            if cost > costs.get((x + a, y + b), math.inf):
+                costs[x + a, y + b] = cost
+    return costs
 
 
-def cells_between(begin, end, free):
-    """Returns the shortest way; none if there is no way."""
-    costs, before, heap = {begin: 0.0}, {}, [(0.0, begin)]
+def cells_between(begin, end, costs):
+    """Returns the cheapest way; none if there is no way."""
+    totals, before, heap = {begin: 0.0}, {}, [(0.0, begin)]
     while heap:
-        cost, here = heapq.heappop(heap)
+        total, here = heapq.heappop(heap)
         if here == end:
             break
-        if cost > costs[here]:
+        if total > totals[here]:
             continue
-        for a, b in [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)]:
+        for a, b in STEPS:
             there = here[0] + a, here[1] + b
-            total = cost + math.hypot(a, b)
-            if there in free and total < costs.get(there, math.inf):
-                costs[there], before[there] = total, here
-                heapq.heappush(heap, (total, there))
-    if end not in costs:
+            dearer = total + math.hypot(a, b) * (1.0 if there == end else costs.get(there, math.inf))
+            if dearer < totals.get(there, math.inf):
+                totals[there], before[there] = dearer, here
+                heapq.heappush(heap, (dearer, there))
+    if end not in totals:
         return []
     cells = [end]
     while cells[-1] != begin:
