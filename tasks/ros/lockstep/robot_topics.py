@@ -152,9 +152,9 @@ class SensorMessages:
             moment.sequence,
             moment.time,
             self._base.robot.frames.imu,
-            yaw_rad=float(sensed.pose[2]),
-            turn_rad_s=float(sensed.velocity[2]),
-            acceleration=sensed.acceleration,
+            ros_messages.Inertia(
+                (0.0, 0.0, float(sensed.velocity[2])), (*sensed.acceleration, 9.81), yaw_rad=float(sensed.pose[2])
+            ),
         )
 
     def _bumper(self, moment: Moment) -> bytes:
