@@ -15,6 +15,18 @@ from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 # for other steps.
 CONTROL_HZ, PHYSICS_HZ = 20, 200
 CONTROL_S = 1 / CONTROL_HZ
+
+
+def control_stride(rate_hz: float, control_s: float = CONTROL_S) -> int:
+    """Returns how many control steps lie between two readings of a sensor: its rate is made a whole fraction of theirs.
+
+    Args:
+        rate_hz: Readings in a simulated second; 0 for one each control step.
+        control_s: Simulated time of a control step.
+    """
+    return max(1, round(1.0 / (rate_hz * control_s))) if rate_hz > 0.0 else 1
+
+
 CANCELED = "Canceled"
 # Why a job is Canceled whose own application called /robomaker/job/cancel.
 WITHDRAWN = "its own application asked for the end of its job"

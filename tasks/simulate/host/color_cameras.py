@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
-from specs.data.episode import CONTROL_S
+from specs.data.episode import control_stride
 from specs.errors import SimyardError
 from tasks.render.camera_pool import CameraPool, Shot, open_cameras
 from tasks.simulate.application.bundle_code import BundleCrash
@@ -33,32 +33,24 @@ class _Taken(NamedTuple):
     pictures: Pictures
 
 
-class SeeingControllers:
-    """Controllers on the host, and what their robots' colour cameras show them.
+class LanePictures:
+    """What the colour cameras of a chunk's robots see, for whoever drives them.
 
     Attributes:
-        cancelled: As of the controllers, of which none asks for its end.
+        crashes: Why lanes can be shown nothing, by lane.
     """
 
-    cancelled: frozenset[int] = frozenset()
-
-    def __init__(
-        self,
-        controllers: HostControllers,
-        cameras: Sequence[ColorCameraDeclaration | BundleCrash | None],
-        start: HostStart,
-    ) -> None:
+    def __init__(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None], start: HostStart) -> None:
         """Begins with processes that draw, and ends lanes whose camera cannot be.
 
         Args:
-            controllers: Of plain Python.
             cameras: Each lane's, at least one.
-            start: What the controllers began with.
+            start: What the controllers begin with.
         """
-        self._controllers, self._start = controllers, start
+        self._start = start
         self._camera = next(each for each in cameras if isinstance(each, ColorCameraDeclaration))
-        self._stride = max(1, round(1.0 / (self._camera.rate_hz * CONTROL_S))) if self._camera.rate_hz else 1
-        self._crashes: dict[int, str] = {}
+        self._stride = control_stride(self._camera.rate_hz)
+        self.crashes: dict[int, str] = {}
         self._open, self._pool = ExitStack(), None
         self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
         self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
@@ -67,42 +59,38 @@ class SeeingControllers:
         self._taken = deque([_Taken(-1 - self._camera.latency_steps, blank)])
         self._begin(cameras)
 
-    @property
-    def crashes(self) -> Mapping[int, str]:
-        """Returns why controllers crashed, or could not be shown anything, by lane."""
-        return {**self._controllers.crashes, **self._crashes}
-
     def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
         """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
         self._poses = poses
 
-    def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
-        """Returns each moving lane's control, as ``HostControllers.controls``."""
-        able = moving.copy()
-        able[list(self._crashes)] = False
-        try:
-            shown = self._shown(able)
-        except SimyardError as exc:
-            self._crashes.update(dict.fromkeys(np.flatnonzero(able).tolist(), str(exc)))
-            return np.full((self._start.width, self._start.actuators), np.nan, np.float32)
-        controls = self._controllers.controls(observed._replace(color=shown), able)
-        controls[list(self._crashes)] = np.nan
-        return controls
+    def shown(self, moving: Bool[np.ndarray, "lanes"]) -> Pictures:
+        """Returns what robots are shown at this control step, and counts it; notes lanes for which nothing is drawn."""
+        able = self.able(moving)
+        step, self._step = self._step, self._step + 1
+        if step % self._stride == 0 and self._pool is not None:
+            try:
+                self._taken.append(_Taken(step, self._drawn(self._pool, able, step // self._stride)))
+            except SimyardError as exc:
+                self.crashes.update(dict.fromkeys(np.flatnonzero(able).tolist(), str(exc)))
+        while len(self._taken) > 1 and self._taken[1].step + self._camera.latency_steps <= step:
+            self._taken.popleft()
+        return self._taken[0].pictures
 
-    def measures(self, lane: int) -> Mapping[str, int]:
-        """Returns what the controllers measure."""
-        return self._controllers.measures(lane)
+    def able(self, moving: Bool[np.ndarray, "lanes"]) -> Bool[np.ndarray, "lanes"]:
+        """Returns which of some lanes can be shown pictures."""
+        able = moving.copy()
+        able[list(self.crashes)] = False
+        return able
 
     def close(self) -> None:
-        """Ends the controllers, and the processes that draw."""
-        self._controllers.close()
+        """Ends the processes that draw."""
         self._open.close()
 
     def _begin(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None]) -> None:
         try:
             self._pool = self._open.enter_context(open_cameras())
         except SimyardError as exc:
-            self._crashes.update(dict.fromkeys(range(len(cameras)), str(exc)))
+            self.crashes.update(dict.fromkeys(range(len(cameras)), str(exc)))
             return
         _logger.info("colour cameras are drawn by %s", self._pool.gl)
         for lane, camera, key in zip(self._start.lanes, cameras, self._keys, strict=True):
@@ -112,21 +100,12 @@ class SeeingControllers:
     def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
         """Returns the name of a lane's camera in its world; a lane whose camera cannot be crashes."""
         if isinstance(camera, BundleCrash):
-            self._crashes[lane] = camera.reason
+            self.crashes[lane] = camera.reason
         elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
-            self._crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
+            self.crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
         else:
             return f"{self._start.lanes[lane].request.world} {camera.model_dump_json()}"
         return ""
-
-    def _shown(self, able: Bool[np.ndarray, "lanes"]) -> Pictures:
-        """Returns what robots are shown at this control step; counts it."""
-        step, self._step = self._step, self._step + 1
-        if step % self._stride == 0 and self._pool is not None:
-            self._taken.append(_Taken(step, self._drawn(self._pool, able, step // self._stride)))
-        while len(self._taken) > 1 and self._taken[1].step + self._camera.latency_steps <= step:
-            self._taken.popleft()
-        return self._taken[0].pictures
 
     def _drawn(self, pool: CameraPool, able: Bool[np.ndarray, "lanes"], number: int) -> Pictures:
         """Returns pictures of the lanes that are able; of the others the last ones."""
@@ -141,3 +120,49 @@ class SeeingControllers:
     def _shot(self, lane: int, number: int) -> Shot:
         x_m, y_m, yaw_rad = self._poses[lane].tolist()
         return Shot(self._keys[lane], x_m, y_m, yaw_rad, self._start.lanes[lane].request.seed, number)
+
+
+class SeeingControllers:
+    """Controllers on the host, and what their robots' colour cameras show them.
+
+    Attributes:
+        cancelled: As of the controllers, of which none asks for its end.
+    """
+
+    cancelled: frozenset[int] = frozenset()
+
+    def __init__(self, controllers: HostControllers, pictures: LanePictures, start: HostStart) -> None:
+        """Begins.
+
+        Args:
+            controllers: Of plain Python.
+            pictures: What they are shown.
+            start: What they began with.
+        """
+        self._controllers, self._pictures = controllers, pictures
+        self._shape = (start.width, start.actuators)
+        self.see = pictures.see
+
+    @property
+    def crashes(self) -> Mapping[int, str]:
+        """Returns why controllers crashed, or could not be shown anything, by lane."""
+        return {**self._controllers.crashes, **self._pictures.crashes}
+
+    def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
+        """Returns each moving lane's control, as ``HostControllers.controls``."""
+        shown = self._pictures.shown(moving)
+        able = self._pictures.able(moving)
+        if moving.any() and not able.any():
+            return np.full(self._shape, np.nan, np.float32)
+        controls = self._controllers.controls(observed._replace(color=shown), able)
+        controls[list(self._pictures.crashes)] = np.nan
+        return controls
+
+    def measures(self, lane: int) -> Mapping[str, int]:
+        """Returns what the controllers measure."""
+        return self._controllers.measures(lane)
+
+    def close(self) -> None:
+        """Ends the controllers, and the processes that draw."""
+        self._controllers.close()
+        self._pictures.close()

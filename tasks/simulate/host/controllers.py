@@ -392,9 +392,9 @@ def with_color(
             found.append(crash)
     if not any(isinstance(each, ColorCameraDeclaration) for each in found):
         return controllers
-    from tasks.simulate.host.color_cameras import SeeingControllers
+    from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 
-    return SeeingControllers(controllers, found, start)
+    return SeeingControllers(controllers, LanePictures(found, start), start)
 
 
 def _onnx(bundle: HostBundle) -> HostApplication:

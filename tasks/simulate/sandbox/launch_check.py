@@ -112,11 +112,14 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
     else:
         report = (_ros2_report if is_ros2(source.launch_file) else _ros1_report)(source, environments, own=own)
     try:
-        topics = read_ros_robot(source.bundle).topics
+        robot = read_ros_robot(source.bundle)
     except RobotRefused as refused:
         return report.model_copy(update={"declaration": str(refused)})
-    robot = {topics.scan, topics.odometry, topics.joints, topics.imu, topics.bumper, topics.goal, topics.floor_map}
-    return report.model_copy(update={"gives": (*report.gives, *_OWN_TOPICS, *sorted(filter(None, robot)))})
+    # NumPy, which messages are made with, is loaded where a robot is read alone.
+    from tasks.ros.lockstep.robot_topics import published  # noqa: PLC0415
+
+    told = sorted(each.name for each in published(robot))
+    return report.model_copy(update={"gives": (*report.gives, *_OWN_TOPICS, *told)})
 
 
 def _image_report(image: ImageLaunch) -> LaunchReport:

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from specs.data.episode import CONTROL_S
+from specs.data.episode import control_stride
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
@@ -62,7 +62,7 @@ class DepthCamera(NamedTuple):
     @property
     def stride(self) -> int:
         """Returns how many control steps lie between two pictures."""
-        return max(1, round(1.0 / (self.rate_hz * CONTROL_S))) if self.rate_hz > 0.0 else 1
+        return control_stride(self.rate_hz)
 
     @property
     def slots(self) -> int:
