@@ -143,8 +143,27 @@ class JointPlaces:
         return JointStates(self.names, qpos[self._positions].astype(np.float64), qvel[self._speeds].astype(np.float64))
 
 
+class _Readings(dict[str, np.ndarray]):
+    """What a lane's declared sensors read; its picture in colour is drawn when a message is made of it."""
+
+    def __init__(self, given: Mapping[str, np.ndarray], lane: int, color: Callable[[], np.ndarray] | None) -> None:
+        super().__init__({name: array[lane] for name, array in given.items()})
+        self._lane, self._color = lane, color
+
+    def __missing__(self, name: str) -> np.ndarray:
+        if name != "color" or self._color is None:
+            raise KeyError(name)
+        return self._color()[self._lane]
+
+
 class LaneSenses:
-    """Turns the observations of all lanes into what each lane's nodes are told."""
+    """Turns the observations of all lanes into what each lane's nodes are told.
+
+    Attributes:
+        color: Returns what the colour cameras of all lanes see; None for robots without.
+    """
+
+    color: Callable[[], np.ndarray] | None = None
 
     def __init__(self, joints: JointPlaces) -> None:
         """Begins with robots that do not accelerate."""
@@ -175,7 +194,7 @@ class LaneSenses:
                 bumper=bumper[lane],
                 goal=goal_m[lane].astype(np.float64),
                 joints=self._joints.of(observed, lane),
-                readings={name: array[lane] for name, array in readings.items()},
+                readings=_Readings(readings, lane, self.color),
             )
             if wanted
             else None
@@ -455,14 +474,15 @@ class SeeingRosLanes(RosLanes):
     def __init__(self, setup: RosSetup, camera: ColorCameraDeclaration, start: HostStart) -> None:
         super().__init__(setup, start)
         self._pictures = LanePictures([camera] * len(start.lanes), start)
+        self._senses.color = self._pictures.shown
         self.see = self._pictures.see
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
         """Returns each moving lane's control; see ``RosLanes``."""
-        shown = self._pictures.shown(moving)
-        for lane, why in self._pictures.crashes.items():
-            self.crashes.setdefault(lane, self._reason(why))
-        return super().controls(observed._replace(color=shown), moving)
+        able = moving.copy()
+        able[[*self.crashes, *self._cancelled]] = False
+        self._pictures.take(able)
+        return super().controls(observed, moving)
 
     def close(self) -> None:
         """Ends all applications, and the processes that draw."""

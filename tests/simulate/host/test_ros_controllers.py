@@ -17,7 +17,7 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from specs.errors import StageFailed
 from tasks.render.camera_pool import Shot
-from tasks.ros.lockstep.exchange import Launch, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import Launch, RobotBase, Sensed, TwistCommand
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
@@ -218,27 +218,62 @@ class _Drawer:
 
     gl = "none"
 
+    def __init__(self) -> None:
+        self.drawn: list[int] = []
+
     def add(self, key: str, world: World, camera: object) -> None:
         pass
 
     def color(self, shots: Sequence[Shot]) -> np.ndarray:
+        self.drawn.append(shots[0].number)
         if shots[0].number == 2:
             raise StageFailed("InternalServiceError", "the GL is gone")
         return np.stack([np.full((2, 3, 3), shot.number + 1, np.uint8) for shot in shots])
 
 
-def test_nodes_see_colours_until_nothing_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(color_cameras, "open_cameras", lambda: nullcontext(_Drawer()))
-    declaration = "color_camera: {columns: 3, rows: 2, rate_hz: 10}\nlidar: {rays: 4}"
-    lanes, locksteps = started(tmp_path, ["", ""], declaration=declaration)
+class _Watching(FakeLockstep):
+    """Reads at each control step what lane 1 sees."""
+
+    def __init__(self, base: RobotBase, launch: Launch) -> None:
+        super().__init__(base, launch)
+        self.colors: list[int] = []
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
+        if sensed[1] is not None:
+            self.colors.append(int(sensed[1].readings["color"].max()))
+        return super().exchange(sensed)
+
+
+def seeing(folder: Path, make: LockstepMaker, monkeypatch: pytest.MonkeyPatch, steps: int) -> tuple[RosLanes, _Drawer]:
+    drawer = _Drawer()
+    monkeypatch.setattr(color_cameras, "open_cameras", lambda: nullcontext(drawer))
+    declaration = "color_camera: {columns: 3, rows: 2, rate_hz: 10, latency_steps: 1}\nlidar: {rays: 4}"
+    lanes, _ = started(folder, ["", ""], make, declaration)
     assert isinstance(lanes, SeesWorlds)
     lanes.see(np.zeros((_WIDTH, 3), np.float32))
-    driven(lanes, 4, 0, 1)
-    assert [int(sensed(only(locksteps), step).readings["color"].max()) for step in range(4)] == [1, 1, 2, 2]
+    driven(lanes, steps, 0, 1)
+    return lanes, drawer
+
+
+def test_nodes_see_colours_until_nothing_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made: list[_Watching] = []
+
+    def make(base: RobotBase, launch: Launch) -> _Watching:
+        made.append(_Watching(base, launch))
+        return made[-1]
+
+    lanes, drawer = seeing(tmp_path, make, monkeypatch, 5)
+    assert (made[0].colors, drawer.drawn) == ([0, 1, 1, 2, 2], [0, 1])
     assert np.isnan(driven(lanes, 1, 0, 1)[:2]).all()
     assert set(lanes.crashes.values()) == {"wheels: InternalServiceError: the GL is gone"}
     lanes.close()
-    assert only(locksteps).closed == 1
+    assert made[0].closed == 1
+
+
+def test_colours_that_no_node_asks_for_are_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    lanes, drawer = seeing(tmp_path, FakeLocksteps(), monkeypatch, 6)
+    assert (lanes.crashes, drawer.drawn) == ({}, [])
+    lanes.close()
 
 
 def test_the_first_ray_and_the_step_to_the_next_are_told(tmp_path: Path):
