@@ -80,8 +80,8 @@ class SensorMessages:
     def fixed(self, moment: Moment, floor: FloorMap | None) -> Mapping[str, bytes]:
         """Returns the messages that hold from the start: where sensors are mounted, the map."""
         robot = self._base.robot
-        frames, mounts = robot.frames, (mount for sensor in ROS_SENSORS for mount in sensor.mounts(robot))
-        each = [ros_messages.FrameTransform(frames.base, frame, pose) for frame, pose in mounts]
+        frames, mounts = robot.frames, dict(mount for sensor in ROS_SENSORS for mount in sensor.mounts(robot))
+        each = [ros_messages.FrameTransform(frames.base, frame, pose) for frame, pose in mounts.items()]
         if self._given:
             each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
         found = {STATIC: ros_messages.transforms(0, moment.time, each)}
