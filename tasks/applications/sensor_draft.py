@@ -236,7 +236,8 @@ def _add_imu(robot: RobotDescription, draft: SensorDraft) -> None:
     draft.taken.extend(each for each in (element, plugin) if each is not None)
     pose = sensor.pose if sensor else robot.links.get(link)
     inner = element.find("imu") if element is not None else None
-    name = shown(element if element is not None else own) if element is not None or own is not None else "imu"
+    written = element if element is not None else own
+    name = shown(written) if written is not None else "imu"
     declared: dict[str, Any] = {"heading": True, **dict(_rate(name, draft, element, own))}
     if pose is not None:
         x, y, z = (round(float(each), 4) for each in pose[:3, 3])

@@ -155,7 +155,9 @@ def _range_frames(robot: RosRobot) -> tuple[str, ...]:
 
 def _range_mounts(robot: RosRobot) -> Iterator[Mount]:
     finders = robot.range_finders
-    for number, frame in enumerate(_range_frames(robot) if finders else ()):
+    if finders is None:
+        return
+    for number, frame in enumerate(_range_frames(robot)):
         yaw_rad = finders.first_rad + number * finders.apart_rad
         yield frame, (finders.out_m * math.cos(yaw_rad), finders.out_m * math.sin(yaw_rad), yaw_rad, finders.z_m)
 

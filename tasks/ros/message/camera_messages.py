@@ -1,7 +1,7 @@
 """Messages of cameras, as bytes in ROS 1's form: pictures, how they project, and the points that depths show.
 
 They are in a camera's optical frame: z ahead, x to the right, y down (REP 103). Whole numbers of pixels are their
-middles, as ``image_geometry`` and OpenCV have it: so the middle of a picture is half a pixel before half its width.
+middles, as OpenCV and ROS have it: so the middle of a picture is half a pixel before half its width.
 """
 
 import math

@@ -139,7 +139,7 @@ CLOCK = Profile(depth=1, reliable=False)
 TRANSFORMS = Profile(depth=100)
 STATIC_TRANSFORMS = Profile(depth=1, latched=True)
 MAP = Profile(depth=1, latched=True)
-# Of as many samples as rmw_qos_profile_sensor_data, but none is lost.
+# As many samples as of ROS 2's sensor data, but none is lost.
 SENSOR_DATA = Profile(depth=5)
 SERVICES = Profile()
 ENTITIES = Profile(depth=1, latched=True, others=True)

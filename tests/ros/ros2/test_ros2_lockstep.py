@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import SensorMessages
+from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.data.ros2.avoidance import steer
 from tests.ros.ros2.players import CONTROL_S, ToyWorld, drive, make_base

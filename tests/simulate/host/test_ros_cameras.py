@@ -103,7 +103,7 @@ def test_camera_info_projects_the_corners_of_a_box_to_where_the_picture_has_them
     ends_px = np.array([columns.min(), rows.min(), columns.max(), rows.max()])
     assert np.abs(ends_px - outline.bounds).max() <= 1.0, "within a pixel"
     pixels = shapely.points(*np.meshgrid(np.arange(info.width), np.arange(info.height)))
-    clear = shapely.distance(outline.exterior, pixels) > EDGE_PX
+    clear = shapely.distance(shapely.boundary(outline), pixels) > EDGE_PX
     np.testing.assert_array_equal(shapely.contains(outline, pixels)[clear], found.shows_box[clear])
 
 
