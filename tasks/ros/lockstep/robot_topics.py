@@ -5,8 +5,16 @@ written follows from what is sensed. What nodes tell each other goes past it.
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
-from specs.bundle_files import RosRobot
+from specs.bundle_files import (
+    BumperDeclaration,
+    ColorCameraDeclaration,
+    RosDepthCamera,
+    RosLidar,
+    RosRangeFinders,
+    RosRobot,
+)
 from specs.data.episode import CONTROL_S
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.graph.topic import Topic
@@ -121,6 +129,25 @@ class SensorMessages:
 def published(robot: RosRobot) -> tuple[Topic, ...]:
     """Returns all topics of a robot, by what it declares."""
     return SensorMessages(RobotBase(robot, robot.lidar.rays if robot.lidar else 0, 0.0, 0.0, 0.0), CONTROL_S).topics
+
+
+_OPTIONAL = MappingProxyType(
+    {
+        "lidar": RosLidar(),
+        "bumper": BumperDeclaration(),
+        "depth_camera": RosDepthCamera(),
+        "color_camera": ColorCameraDeclaration(),
+        "range_finders": RosRangeFinders(),
+    }
+)
+
+
+def undeclared(robot: RosRobot) -> Mapping[str, str]:
+    """Returns topics that a robot lacks, and which field of ``ros.yaml`` declares the sensor that each tells of."""
+    lacks = {name: sensor for name, sensor in _OPTIONAL.items() if getattr(robot, name) is None}
+    has = {topic.name for topic in published(robot)}
+    each = ((name, published(robot.model_copy(update={name: sensor}))) for name, sensor in lacks.items())
+    return {topic.name: name for name, topics in each for topic in topics if topic.name not in has}
 
 
 class LockstepRecorder:

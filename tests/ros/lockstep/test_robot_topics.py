@@ -19,7 +19,7 @@ from specs.bundle_files import (
 )
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
-from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, SensorMessages
+from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, SensorMessages, undeclared
 from tasks.ros.lockstep.sensor_topics import Moment
 from tests.ros.bag.tracks import log, of_topic
 from tests.ros.message.message_store import round_trip
@@ -45,6 +45,11 @@ def test_what_a_robot_lacks_is_no_topic() -> None:
     assert found.order == ("/clock", "/tf")
     assert {topic.name for topic in found.topics} == {"/clock", "/tf", "/tf_static"}
     assert found.goal(MOMENT) is None
+
+
+def test_topics_of_sensors_that_a_robot_may_have_are_known_with_their_declaration() -> None:
+    found = undeclared(RosRobot(topics=RosTopics(color_image="/eye", bumper=None), depth_camera=RosDepthCamera()))
+    assert found == {"/eye": "color_camera", "/camera/color/camera_info": "color_camera", "/range": "range_finders"}
 
 
 def test_each_topic_has_a_message() -> None:
