@@ -15,16 +15,17 @@ from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 # for other steps.
 CONTROL_HZ, PHYSICS_HZ = 20, 200
 CONTROL_S = 1 / CONTROL_HZ
+_NEVER = 1 << 30  # control steps: a program counts them in 32 bits
 
 
 def control_stride(rate_hz: float, control_s: float = CONTROL_S) -> int:
-    """Returns how many control steps lie between two readings of a sensor: its rate is made a whole fraction of theirs.
+    """Returns how many control steps lie between two readings of a sensor: at most so many that an episode has but one.
 
     Args:
-        rate_hz: Readings in a simulated second; 0 for one each control step.
+        rate_hz: Readings in a simulated second, made a whole fraction of control steps; 0 for one each.
         control_s: Simulated time of a control step.
     """
-    return max(1, round(1.0 / (rate_hz * control_s))) if rate_hz > 0.0 else 1
+    return max(1, round(min(1.0 / control_s / rate_hz, _NEVER))) if rate_hz > 0.0 else 1
 
 
 CANCELED = "Canceled"
@@ -161,7 +162,8 @@ class EpisodeResult(Spec):
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
-        late: Stages of control steps at which a ROS application did not come to rest in time; None for other robots.
+        late: Stages of control steps at which a ROS application did not come to rest in time, or two of its processes
+            told a third one something; None for other robots.
         stray: Commands and places that a ROS application gave its robot after it was taken for quiet; None likewise.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.

@@ -53,11 +53,12 @@ class LanePictures:
         """Begins, and ends lanes whose camera cannot be.
 
         Args:
-            cameras: Each lane's, at least one.
+            cameras: Each lane's, or why it cannot be.
             start: What the controllers begin with.
         """
         self._start, self._cameras = start, cameras
-        self._camera = next(each for each in cameras if isinstance(each, ColorCameraDeclaration))
+        sound = (each for each in cameras if isinstance(each, ColorCameraDeclaration))
+        self._camera = next(sound, ColorCameraDeclaration())
         self._stride = control_stride(self._camera.rate_hz)
         self.crashes: dict[int, str] = {}
         self._open, self._pool = ExitStack(), None
@@ -120,7 +121,7 @@ class LanePictures:
 
     def _opened(self) -> CameraPool:
         if self._pool is None:
-            self._pool = self._open.enter_context(open_cameras())
+            self._pool = self._open.enter_context(open_cameras(sum(map(bool, self._keys))))
             _logger.info("colour cameras are drawn by %s", self._pool.gl)
             for lane, camera, key in zip(self._start.lanes, self._cameras, self._keys, strict=True):
                 if isinstance(camera, ColorCameraDeclaration) and key:
@@ -166,7 +167,7 @@ class SeeingControllers:
     @property
     def crashes(self) -> Mapping[int, str]:
         """Returns why controllers crashed, or could not be shown anything, by lane."""
-        return {**self._controllers.crashes, **self._pictures.crashes}
+        return {**self._pictures.crashes, **self._controllers.crashes}
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
         """Returns each moving lane's control, as ``HostControllers.controls``."""

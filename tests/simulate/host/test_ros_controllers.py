@@ -246,7 +246,7 @@ class _Watching(FakeLockstep):
 
 def seeing(folder: Path, make: LockstepMaker, monkeypatch: pytest.MonkeyPatch, steps: int) -> tuple[RosLanes, _Drawer]:
     drawer = _Drawer()
-    monkeypatch.setattr(color_cameras, "open_cameras", lambda: nullcontext(drawer))
+    monkeypatch.setattr(color_cameras, "open_cameras", lambda most: nullcontext(drawer) if most == 2 else None)
     declaration = "color_camera: {columns: 3, rows: 2, rate_hz: 10, latency_steps: 1}\nlidar: {rays: 4}"
     lanes, _ = started(folder, ["", ""], make, declaration)
     assert isinstance(lanes, SeesWorlds)
