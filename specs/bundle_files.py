@@ -223,6 +223,9 @@ class RosTopics(Spec):
         joints: Of a robot that is more than a planar base: sensor_msgs/JointState.
         imu: sensor_msgs/Imu.
         bumper: Which sectors touch: std_msgs/UInt8MultiArray, 1 for a sector that touches.
+        depth_image, depth_info, depth_points: The depth camera: sensor_msgs/Image, CameraInfo, PointCloud2.
+        color_image, color_info: The colour camera: sensor_msgs/Image, CameraInfo.
+        range_finders: sensor_msgs/Range; several have a topic each, with ``_0``, ``_1`` and so on behind this name.
         goal: The goal to go to now: geometry_msgs/PoseStamped, latched, when it changes.
         floor_map: The map of the world: nav_msgs/OccupancyGrid, latched.
         localized: Where it is on the map: geometry_msgs/PoseWithCovarianceStamped.
@@ -235,6 +238,12 @@ class RosTopics(Spec):
     joints: Topic | None = "/joint_states"
     imu: Topic | None = "/imu"
     bumper: Topic | None = "/bumper"
+    depth_image: Topic | None = "/camera/depth/image_raw"
+    depth_info: Topic | None = "/camera/depth/camera_info"
+    depth_points: Topic | None = "/camera/depth/points"
+    color_image: Topic | None = "/camera/color/image_raw"
+    color_info: Topic | None = "/camera/color/camera_info"
+    range_finders: Topic | None = "/range"
     goal: Topic | None = "/move_base_simple/goal"
     floor_map: Topic | None = None
     localized: Topic | None = None
@@ -261,6 +270,8 @@ class RosFrames(Spec):
         base: The robot's base.
         laser: The lidar, fixed to the base by ``/tf_static``.
         imu: The inertial sensor, fixed to the base likewise.
+        depth_camera, color_camera: The optical frames of cameras: z ahead, x to the right, y down (REP 103).
+        range_finders: Which look along x; several have ``_0``, ``_1`` and so on behind this name.
         floor_map: The map's; odometry counts from its origin.
     """
 
@@ -268,6 +279,9 @@ class RosFrames(Spec):
     base: Frame = "base_link"
     laser: Frame = "laser"
     imu: Frame = "imu_link"
+    depth_camera: Frame = "camera_depth_optical_frame"
+    color_camera: Frame = "camera_color_optical_frame"
+    range_finders: Frame = "range"
     floor_map: Frame = "map"
 
 
@@ -307,13 +321,66 @@ MessageType = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[A-Z][A-Za-z0-9]*$
 RosDrive = Annotated[DifferentialDrive | VelocityDrive, Field(discriminator="kind")]
 
 
+Rate = Annotated[float, Field(ge=0.0, le=1000.0)]
+
+
+class RosLidar(LidarDeclaration):
+    """A lidar of a ROS robot.
+
+    Attributes:
+        rate_hz: Scans in a simulated second, made a whole fraction of the control rate; 0 for one each control step.
+    """
+
+    rate_hz: Rate = 0.0
+
+
+class RosDepthCamera(DepthCameraDeclaration):
+    """A depth camera of a ROS robot.
+
+    Attributes:
+        encoding: Of its pictures: metres, +inf where nothing is seen, or millimetres, 0 there (REP 118).
+    """
+
+    encoding: Literal["32FC1", "16UC1"] = "32FC1"
+
+
+class RosImu(ImuDeclaration):
+    """An inertial measurement unit of a ROS robot.
+
+    Attributes:
+        rate_hz: Messages in a simulated second, as of the lidar.
+        heading: Whether it tells where it faces, too, as odometry has it; else its messages say that it does not know.
+    """
+
+    rate_hz: Rate = 0.0
+    heading: bool = False
+
+
+class RosRangeFinders(RangeFindersDeclaration):
+    """Range finders of a ROS robot.
+
+    Attributes:
+        rate_hz: Messages of each in a simulated second, as of the lidar.
+        radiation: What they send out.
+    """
+
+    rate_hz: Rate = 0.0
+    radiation: Literal["ultrasound", "infrared"] = "ultrasound"
+
+
+def numbered(name: str, count: int) -> tuple[str, ...]:
+    """Returns a name for each of some things: the only one has the name itself, several a number behind it."""
+    return (name,) if count == 1 else tuple(f"{name}_{number}" for number in range(count))
+
+
 class RosRobot(Spec):
     """A ROS robot's base, sensors, topics and frames.
 
     Attributes:
         lidar: None for a robot without.
         odometry: Errors of its wheels; None for none.
-        bumper: None for a robot without.
+        bumper, depth_camera, color_camera, range_finders: None for a robot without.
+        imu: Where it is and how it errs; None for one on the base that tells what is true.
         drive: How a Twist becomes controls; None for a planar base, where it follows from ``robot.xml``.
         command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
         ready_s: Wall time that the nodes may take to be ready.
@@ -326,9 +393,13 @@ class RosRobot(Spec):
 
     topics: RosTopics = RosTopics()
     frames: RosFrames = RosFrames()
-    lidar: LidarDeclaration | None = LidarDeclaration()
+    lidar: RosLidar | None = RosLidar()
     odometry: OdometryDeclaration | None = None
     bumper: BumperDeclaration | None = None
+    depth_camera: RosDepthCamera | None = None
+    color_camera: ColorCameraDeclaration | None = None
+    imu: RosImu | None = None
+    range_finders: RosRangeFinders | None = None
     drive: RosDrive | None = None
     command_timeout_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
@@ -338,9 +409,19 @@ class RosRobot(Spec):
     localization: Literal["given", "application"] = "given"
     record: Annotated[Mapping[Topic, MessageType], Field(max_length=32)] = {}
 
+    @property
+    def range_topics(self) -> tuple[str, ...]:
+        """Returns a topic for each range finder that one tells of."""
+        name, declared = self.topics.range_finders, self.range_finders
+        return numbered(name, declared.finders) if name and declared else ()
+
     @model_validator(mode="after")
     def _records_topics_of_nodes(self) -> Self:
-        own = OWN_TOPICS - {"/map"} | {topic for topic in self.topics.model_dump().values() if topic is not None}
+        named = {topic for field, topic in self.topics if topic is not None and field != "range_finders"}
+        for topic in self.range_topics:
+            if topic in named:
+                raise ValueError(f"topics: {topic} is a range finder's and another's: a topic has messages of one type")
+        own = OWN_TOPICS - {"/map"} | named | {*self.range_topics}
         for topic in self.record:
             if topic in own:
                 raise ValueError(f"record: {topic} is a topic of the robot, which each recording has: leave it out")

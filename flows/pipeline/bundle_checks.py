@@ -493,7 +493,8 @@ def topic_lines(reports: Sequence["LaunchReport"]) -> Iterator[str]:
     wants = dict.fromkeys(each for report in reports for each in report.wants)
     gives = [topic for report in reports for topic in report.gives]
     unknown = list(dict.fromkeys(node for report in reports for node in report.unknown))
-    yield from unpublished([*wants], gives, unknown)
+    declared_by = {topic: field for report in reports for topic, field in report.undeclared.items()}
+    yield from unpublished([*wants], gives, unknown, declared_by)
 
 
 def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:

@@ -15,6 +15,19 @@ from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
 # for other steps.
 CONTROL_HZ, PHYSICS_HZ = 20, 200
 CONTROL_S = 1 / CONTROL_HZ
+_NEVER = 1 << 30  # control steps: a program counts them in 32 bits
+
+
+def control_stride(rate_hz: float, control_s: float = CONTROL_S) -> int:
+    """Returns how many control steps lie between two readings of a sensor: at most so many that an episode has but one.
+
+    Args:
+        rate_hz: Readings in a simulated second, made a whole fraction of control steps; 0 for one each.
+        control_s: Simulated time of a control step.
+    """
+    return max(1, round(min(1.0 / control_s / rate_hz, _NEVER))) if rate_hz > 0.0 else 1
+
+
 CANCELED = "Canceled"
 # Why a job is Canceled whose own application called /robomaker/job/cancel.
 WITHDRAWN = "its own application asked for the end of its job"

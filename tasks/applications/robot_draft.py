@@ -36,6 +36,7 @@ from tasks.applications.robot_description import (
     read_description,
     said,
 )
+from tasks.applications.sensor_draft import SensorDraft, draft_sensors, library, plugin_topic, shown
 from tasks.ros.launch.packages import bundle_packages
 
 _GRAVITY = 9.81
@@ -114,18 +115,18 @@ def draft_robot(request: DraftRequest) -> RobotDraft:
 
 
 def _drive(robot: RobotDescription, findings: list[str]) -> _Drive:
-    plugin = next((each for each in robot.plugins if any(name in _library(each) for name in _DRIVES)), None)
+    plugin = next((each for each in robot.plugins if any(name in library(each) for name in _DRIVES)), None)
     if plugin is None:
-        have = ", ".join(map(_shown, robot.plugins)) or "none at all"
+        have = ", ".join(map(shown, robot.plugins)) or "none at all"
         raise LaunchRefused(
             f"no plugin of the robot's description drives a base (diff_drive, skid_steer_drive or planar_move; it has "
             f"{have}): write robot.xml yourself, as docs/guide/robots.md shows"
         )
-    if any(name in _library(plugin) for name in ("planar_move", "planar-move", "VelocityControl")):
+    if any(name in library(plugin) for name in ("planar_move", "planar-move", "VelocityControl")):
         return _Drive("planar", plugin)
-    if "skid_steer" in _library(plugin):
+    if "skid_steer" in library(plugin):
         findings.append(
-            f"{_shown(plugin)}: the draft does not slip when it turns; widen track_m until it turns as it does"
+            f"{shown(plugin)}: the draft does not slip when it turns; widen track_m until it turns as it does"
         )
     sides = [_wheels(robot, plugin, side) for side in ("left", "right")]
     wheels = [joint for side in sides for joint in side]
@@ -139,7 +140,7 @@ def _drive(robot: RobotDescription, findings: list[str]) -> _Drive:
     torque_nm = number(plugin, "wheelTorque", "torque", "max_wheel_torque")
     if track_m <= 0.0 or diameter_m <= 0.0:
         raise LaunchRefused(
-            f"{_shown(plugin)}: wheelSeparation {track_m:g} and wheelDiameter {diameter_m:g} are lengths above 0"
+            f"{shown(plugin)}: wheelSeparation {track_m:g} and wheelDiameter {diameter_m:g} are lengths above 0"
         )
     limits = [joint.limit_rad_s for joint in wheels if joint.limit_rad_s > 0.0]
     return _Drive(
@@ -156,15 +157,6 @@ def _wheels(robot: RobotDescription, plugin: Element, side: str) -> list[Joint]:
     """Returns the joints of the wheels of a side: ``leftJoint``, ``leftRearJoint``, ``left_joint`` and their like."""
     named = [(each.text or "").strip() for each in plugin if re.fullmatch(rf"{side}\w*[jJ]oint", each.tag)]
     return [robot.joints[name] for name in named if name in robot.joints]
-
-
-def _library(plugin: Element) -> str:
-    return f"{plugin.get('filename', '')} {plugin.get('name', '')}"
-
-
-def _shown(element: Element) -> str:
-    named = "".join(f" {name}={element.get(name)!r}" for name in ("name", "type", "filename") if element.get(name))
-    return f"<{element.tag}{named}>"[:160]
 
 
 # The body.
@@ -352,83 +344,24 @@ def _yaml(declared: dict[str, Any]) -> str:
 
 def _declaration(robot: RobotDescription, drive: _Drive, body: _Body, findings: list[str]) -> dict[str, Any]:
     """Returns what ``ros.yaml`` says; what it may not say is left at its default, and named."""
-    plugin = drive.plugin
-    topics: dict[str, Any] = {
-        "command": _topic(plugin, "/cmd_vel", "commandTopic", "command_topic", "topic", remapped="cmd_vel"),
-        "odometry": _topic(plugin, "/odom", "odometryTopic", "odometry_topic", "odom_topic", remapped="odom"),
-        "scan": None,
-        "imu": None,
-        "bumper": None,
+    plugin, sensors = drive.plugin, draft_sensors(robot, body.floor_m)
+    topics = {
+        "command": plugin_topic(plugin, "/cmd_vel", "commandTopic", "command_topic", "topic", remapped="cmd_vel"),
+        "odometry": plugin_topic(plugin, "/odom", "odometryTopic", "odometry_topic", "odom_topic", remapped="odom"),
+        **sensors.topics,
     }
     frames = {
         "odometry": said(plugin, "odometryFrame", "odometry_frame", "frame_id") or "odom",
         "base": said(plugin, "robotBaseFrame", "robot_base_frame", "child_frame_id") or robot.base,
+        **sensors.frames,
     }
-    lidars = [each for each in robot.sensors if _is_lidar(each)]
-    lidar = _lidar(lidars[0], topics, frames, body, findings) if lidars else None
-    findings += [f"{_shown(each.element)} of {each.link}: a second lidar is not taken" for each in lidars[1:]]
-    imu = next((each for each in robot.sensors if each.element.get("type") == "imu"), None)
-    imu_plugin = next((each for each in robot.plugins if "imu" in _library(each)), None)
-    if imu is not None or imu_plugin is not None:
-        own = imu_plugin if imu_plugin is not None else imu.element.find("plugin") if imu else None
-        topics["imu"] = _topic(own, "/imu", "topicName", "topic", remapped="~/out")
-        frames["imu"] = said(own, "frameName", "frame_name", "bodyName") or (imu.link if imu else "imu_link")
-        findings.append("the imu gives what is true: its noise and rate are not taken")
+    findings += sensors.findings
+    findings += _sensors_not_taken(robot, sensors)
     drives: dict[str, Any] = {"kind": "velocity", "sideways": "sideways"}
     if drive.kind == "differential":
         drives = {"kind": "differential", "left": "left", "right": "right", "track_m": round(drive.track_m, 6)}
-    declared = {"topics": topics, "frames": frames, "lidar": lidar, "drive": drives}
+    declared = {"topics": topics, "frames": frames, **sensors.sensors, "drive": drives}
     return _allowed(declared, findings)
-
-
-def _topic(plugin: Element | None, default: str, *names: str, remapped: str = "") -> str:
-    """Returns a topic's full name: a plugin's tag, or what ROS 2 remaps it to, below its namespace."""
-    space = said(plugin, "robotNamespace", "ros/namespace") if plugin is not None else ""
-    found = [
-        (each.text or "").split(":=")[1].strip()
-        for each in (plugin.iter("remapping") if plugin is not None else ())
-        if (each.text or "").strip().startswith(f"{remapped}:=")
-    ]
-    name = next(iter(found), "") or (said(plugin, *names) if plugin is not None else "") or default
-    return name if name.startswith("/") else f"/{space.strip('/')}/{name}".replace("//", "/")
-
-
-def _is_lidar(sensor: Sensor) -> bool:
-    return sensor.element.get("type") in {"ray", "gpu_ray", "lidar", "gpu_lidar"}
-
-
-def _lidar(
-    sensor: Sensor, topics: dict[str, Any], frames: dict[str, str], body: _Body, findings: list[str]
-) -> dict[str, Any]:
-    element = sensor.element
-    ray = next((found for name in ("ray", "lidar") if (found := element.find(name)) is not None), element)
-    across, reach = ray.find("scan/horizontal"), ray.find("range")
-    first, last = number(across, "min_angle", default=-math.pi), number(across, "max_angle", default=math.pi)
-    plugin = element.find("plugin")
-    topics["scan"] = _topic(plugin if plugin is not None else element, "/scan", "topicName", "topic", remapped="~/out")
-    frames["laser"] = said(plugin, "frameName", "frame_name") or said(element, "gz_frame_id") or sensor.link
-    x, y, z = sensor.pose[:3, 3]
-    fov = min(max(last - first, 1e-3), 2 * math.pi)
-    # A scan all around has no middle: its frame is turned as its link is.
-    middle = 0.0 if fov > 2 * math.pi - 0.1 else (first + last) / 2
-    yaw = math.atan2(sensor.pose[1, 0], sensor.pose[0, 0]) + middle
-    name = f"{_shown(element)} of {sensor.link}"
-    if number(ray.find("scan/vertical"), "samples", default=1.0) > 1:
-        findings.append(f"{name}: <vertical>: one plane is taken, at its height")
-    rate_hz = number(element, "update_rate")
-    if rate_hz:
-        findings.append(f"{name}: <update_rate> {rate_hz:g}: it scans at each control step")
-    return {
-        "rays": round(min(max(number(across, "samples", default=360.0), 1), 4096)),
-        "range_m": round(number(reach, "max", default=8.0), 4),
-        "height_m": round(max(0.0, float(z) - body.floor_m), 4),
-        "fov_rad": 2 * math.pi if fov > 2 * math.pi - 0.1 else round(fov, 5),
-        "x_m": round(float(x), 4),
-        "y_m": round(float(y), 4),
-        "yaw_rad": round(yaw, 5),
-        "sigma_m": round(abs(number(ray.find("noise"), "stddev")), 5),
-        "resolution_m": round(abs(number(reach, "resolution")), 5),
-    }
 
 
 def _allowed(declared: dict[str, Any], findings: list[str]) -> dict[str, Any]:
@@ -454,26 +387,33 @@ def _not_taken(robot: RobotDescription, drive: _Drive) -> Iterator[str]:
     plugin = drive.plugin
     for tag in ("wheelAcceleration", "max_wheel_acceleration", "max_linear_acceleration"):
         if number(plugin, tag):
-            yield f"{_shown(plugin)}: <{tag}> is not taken: the base is as quick as its torque and its grip"
+            yield f"{shown(plugin)}: <{tag}> is not taken: the base is as quick as its torque and its grip"
     if drive.kind == "differential" and robot.joints:
         yield f"joints do not move, and /joint_states lacks them: {', '.join(robot.joints)}"[:300]
     for each in robot.plugins:
-        if each is not plugin and "imu" not in _library(each):
-            yield f"{_shown(each)} is not taken: {_why(each)}"
+        if each is not plugin and "imu" not in library(each):
+            yield f"{shown(each)} is not taken: {_why(each)}"
+
+
+def _sensors_not_taken(robot: RobotDescription, draft: SensorDraft) -> Iterator[str]:
+    """Yields what sensors of a description are in no file."""
     for sensor in robot.sensors:
-        kind = sensor.element.get("type", "")
-        if not _is_lidar(sensor) and kind != "imu":
-            why = "cameras are not there" if "camera" in kind or kind == "depth" else "Simyard has no such sensor"
-            yield f"{_shown(sensor.element)} of {sensor.link} is not taken: {why}"
+        if sensor.element not in draft.taken:
+            why = "ros.yaml declares range_finders" if _tells_ranges(sensor) else "Simyard has no such sensor"
+            yield f"{shown(sensor.element)} of {sensor.link} is not taken: {why}"
+
+
+def _tells_ranges(sensor: Sensor) -> bool:
+    return sensor.element.get("type") == "sonar" or "ros_range" in library(sensor.element.find("plugin"))
 
 
 def _why(plugin: Element) -> str:
-    library = _library(plugin)
-    if "joint_state" in library:
+    name = library(plugin)
+    if "joint_state" in name:
         return "its joints do not move"
-    if "p3d" in library or "odometry-publisher" in library:
+    if "p3d" in name or "odometry-publisher" in name:
         return f"the true pose is on no topic of its own ({said(plugin, 'topicName', 'odom_topic') or 'odom'})"
-    if "bumper" in library or "contact" in library:
+    if "bumper" in name or "contact" in name:
         return "a bumper is declared in ros.yaml, with messages of its own"
     return "code of a simulator, which is not run here"
 

@@ -9,7 +9,7 @@ import pytest
 import shapely
 import trimesh
 
-from specs.bundle_files import DifferentialDrive, DraftRequest, RobotDraft, RosRobot, VelocityDrive
+from specs.bundle_files import DifferentialDrive, DraftRequest, RobotDraft, RosImu, RosRobot, VelocityDrive
 from specs.errors import LaunchRefused
 from tasks.applications.robot_draft import draft_robot
 from tasks.simulate.host.declaration import read_ros_robot
@@ -18,12 +18,10 @@ from tests.repository import ROOT
 
 ROVER = (ROOT / "examples/ros/gazebo/rover_sim/urdf/rover.urdf").read_text()
 _FINDINGS = (
-    "<sensor name='scanner' type='ray'> of laser: <update_rate> 5: it scans at each control step",
-    "the imu gives what is true: its noise and rate are not taken",
+    "<sensor name='eye' type='camera'> of eye: <update_rate> 30: it is 20",
     "joints do not move, and /joint_states lacks them: left_joint, right_joint",
     "<plugin name='truth' filename='libgazebo_ros_p3d.so'> is not taken: the true pose is on no topic of its own "
     "(truth)",
-    "<sensor name='eye' type='camera'> of eye is not taken: cameras are not there",
 )
 
 
@@ -63,6 +61,14 @@ def test_topics_frames_and_lidar_are_the_plugins(tmp_path: Path):
     assert found.lidar is not None
     assert (found.lidar.rays, found.lidar.range_m, found.lidar.sigma_m) == (360, 3.5, 0.01)
     assert (found.lidar.height_m, found.lidar.x_m, found.lidar.fov_rad) == (0.18, -0.03, 2 * math.pi)
+    assert found.lidar.rate_hz == 5.0
+    assert found.imu == RosImu(z_m=0.01, heading=True)
+    assert found.color_camera is not None
+    assert (found.color_camera.columns, found.color_camera.rows, found.topics.color_image) == (
+        320,
+        240,
+        "/camera/color/image_raw",
+    )
 
 
 def test_what_is_not_taken_is_named_with_its_tag(tmp_path: Path):
@@ -128,6 +134,77 @@ def test_a_holonomic_base_is_driven_sideways_too(tmp_path: Path):
     assert twist_map(tmp_path / "robot.xml", found.drive).controls(np.array([[0.1, 0.2, 0.3]]), np.zeros(1)).shape == (
         1,
         3,
+    )
+
+
+_MOVES = '<plugin name="m" filename="libgazebo_ros_planar_move.so"/>'
+
+
+def with_sensors(*sensors: str) -> str:
+    """Returns a robot whose sensors are on a link 0.1 m ahead, 0.5 m above its first one, turned down by 0.3."""
+    mast = (
+        '<link name="mast"/><joint name="up" type="fixed"><parent link="base"/><child link="mast"/>'
+        '<origin xyz="0.1 0 0.5" rpy="0 0.3 0"/></joint>'
+    )
+    return simple(_MOVES, more=f'{mast}<gazebo reference="mast">{"".join(sensors)}</gazebo>')
+
+
+def test_a_kinect_becomes_a_depth_and_a_colour_camera(tmp_path: Path):
+    kinect = (
+        '<sensor name="kinect" type="depth"><update_rate>10</update_rate><camera><horizontal_fov>1.05</horizontal_fov>'
+        "<image><width>1280</width><height>960</height></image><clip><near>0.1</near><far>9</far></clip></camera>"
+        '<plugin name="k" filename="libgazebo_ros_openni_kinect.so"><cameraName>front</cameraName>'
+        "<depthImageTopicName>depth/image_rect</depthImageTopicName><pointCloudTopicName>/cloud</pointCloudTopicName>"
+        "<pointCloudCutoffMax>4.5</pointCloudCutoffMax><frameName>front_optical</frameName></plugin></sensor>"
+    )
+    draft = drafted(with_sensors(kinect), tmp_path)
+    found = declared(draft, tmp_path)
+    depth, color = found.depth_camera, found.color_camera
+    assert depth is not None
+    assert color is not None
+    assert (depth.columns, depth.rows, depth.fov_rad, depth.rate_hz) == (640, 480, 1.05, 10.0)
+    assert (depth.range_m, color.range_m) == (4.5, 9.0)
+    assert (depth.x_m, depth.z_m, depth.pitch_rad) == (0.1, 0.6, 0.3), "the floor is 0.1 m below its first link"
+    assert (found.topics.depth_image, found.topics.depth_points) == ("/front/depth/image_rect", "/cloud")
+    assert (found.topics.color_image, found.topics.color_info) == ("/front/image_raw", "/front/camera_info")
+    assert (found.frames.depth_camera, found.frames.color_camera) == ("front_optical", "front_optical")
+    assert "<sensor name='kinect' type='depth'> of mast: <image> 1280 x 960: 640 x 480 are taken" in draft.findings
+
+
+def test_a_camera_of_gz_has_the_topics_that_it_bridges(tmp_path: Path):
+    noise = "<noise><stddev>0.01</stddev></noise>"
+    rgbd = f'<sensor name="eyes" type="rgbd_camera"><topic>eyes</topic><camera>{noise}</camera></sensor>'
+    draft = drafted(with_sensors(rgbd), tmp_path)
+    found = declared(draft, tmp_path)
+    assert (found.topics.color_image, found.topics.color_info) == ("/eyes/image", "/eyes/camera_info")
+    assert (found.topics.depth_image, found.topics.depth_info) == ("/eyes/depth_image", None)
+    assert found.topics.depth_points == "/eyes/points"
+    assert found.color_camera is not None
+    assert found.color_camera.noise == 0.01
+    assert any("<noise> is not taken" in each for each in draft.findings)
+
+
+def test_an_imu_errs_and_reads_as_often_as_it_says(tmp_path: Path):
+    imu = (
+        '<sensor name="imu" type="imu"><update_rate>10</update_rate><imu><angular_velocity><x><noise>'
+        "<stddev>0.002</stddev></noise></x></angular_velocity><linear_acceleration><x><noise><stddev>0.02</stddev></noise></x>"
+        '</linear_acceleration></imu><plugin name="i" filename="libgazebo_ros_imu_sensor.so"><ros>'
+        "<remapping>~/out:=imu/data</remapping></ros></plugin></sensor>"
+    )
+    found = declared(drafted(with_sensors(imu), tmp_path), tmp_path)
+    assert found.topics.imu == "/imu/data"
+    expected = RosImu(x_m=0.1, z_m=0.5, gyro_sigma_rad_s=0.002, force_sigma_m_s2=0.02, rate_hz=10.0, heading=True)
+    assert found.imu == expected
+
+
+def test_a_second_camera_and_a_range_finder_are_named(tmp_path: Path):
+    sonar = '<sensor name="sonar" type="ray"><plugin name="s" filename="libgazebo_ros_range.so"/></sensor>'
+    eyes = (f'<sensor name="{name}" type="camera"/>' for name in ("left", "right"))
+    draft = drafted(with_sensors(*eyes, sonar), tmp_path)
+    assert declared(draft, tmp_path).lidar is None
+    assert draft.findings == (
+        "<sensor name='right' type='camera'> of mast: a second color camera is not taken",
+        "<sensor name='sonar' type='ray'> of mast is not taken: ros.yaml declares range_finders",
     )
 
 

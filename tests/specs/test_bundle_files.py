@@ -7,7 +7,7 @@ from specs.bundle_files import OWN_TOPICS, RosRobot, RosTopics
 from tasks.ros.bag.track_log import track_channels
 from tests.ros.bag.tracks import with_twist
 
-FIELDS = ("command", "scan", "odometry", "joints", "imu", "bumper", "goal", "floor_map", "localized", "initial_pose")
+FIELDS = tuple(RosTopics.model_fields)
 
 
 @pytest.mark.parametrize("topic", sorted(OWN_TOPICS))

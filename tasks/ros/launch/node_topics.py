@@ -6,8 +6,9 @@ remaps and which namespace it starts a node in counts, as ROS resolves names (wi
 
 import ast
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import NamedTuple
 
 from specs.base import Spec
@@ -113,15 +114,23 @@ def _names(node: NodePlan) -> _Names:
     return names._replace(remapped={names.absolute(old): names.absolute(new) for old, new in pairs})
 
 
-def unpublished(wanted: Sequence[WantedTopic], given: Sequence[str], unknown: Sequence[str]) -> Iterator[str]:
+def unpublished(
+    wanted: Sequence[WantedTopic],
+    given: Sequence[str],
+    unknown: Sequence[str],
+    declared_by: Mapping[str, str] = MappingProxyType({}),
+) -> Iterator[str]:
     """Yields a sentence for each topic that a node wants and that nobody is known to publish.
 
     Args:
         wanted: What nodes subscribe to.
         given: Full names of what is published.
         unknown: Nodes whose programs could not be read.
+        declared_by: Topics that a robot would publish, and what in its ``ros.yaml`` would declare their sensor.
     """
     perhaps = f", unless {', '.join(unknown[:3])}{' or others' if len(unknown) > 3 else ''} does" if unknown else ""
     for each in wanted:
         if each.topic not in given:
-            yield f"{each.node} wants {each.topic}, which nobody publishes{perhaps}"
+            field = declared_by.get(each.topic)
+            hint = f": ros.yaml may declare {field}" if field else ""
+            yield f"{each.node} wants {each.topic}, which nobody publishes{perhaps}{hint}"

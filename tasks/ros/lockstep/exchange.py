@@ -4,6 +4,7 @@ import socket
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -119,6 +120,7 @@ class Sensed(NamedTuple):
         bumper: Which sectors touched.
         goal: The goal to go to now, (x m, y m), in the frame that the pose is in.
         joints: None for a planar base.
+        readings: Of sensors that not every robot has, by the names of the observation's fields.
     """
 
     pose: Float[np.ndarray, "3"]
@@ -128,6 +130,7 @@ class Sensed(NamedTuple):
     bumper: Bool[np.ndarray, "sectors"]
     goal: Float[np.ndarray, "2"]
     joints: JointStates | None = None
+    readings: Mapping[str, np.ndarray] = MappingProxyType({})
 
 
 class TwistCommand(NamedTuple):

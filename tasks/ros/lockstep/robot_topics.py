@@ -4,50 +4,37 @@ The recorder stands before any other lock-step, of ROS 1 or ROS 2, and writes ea
 written follows from what is sensed. What nodes tell each other goes past it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
-import numpy as np
-
+from specs.bundle_files import (
+    BumperDeclaration,
+    ColorCameraDeclaration,
+    RosDepthCamera,
+    RosLidar,
+    RosRangeFinders,
+    RosRobot,
+)
+from specs.data.episode import CONTROL_S
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.graph.topic import Topic
 from tasks.ros.lockstep.exchange import (
     ExchangeTotals,
     FloorMap,
     GoalEnd,
-    JointStates,
     Lockstep,
     RobotBase,
     Sensed,
     TwistCommand,
 )
+from tasks.ros.lockstep.sensor_topics import LARGE, ROS_SENSORS, Moment, SensorTopic
 from tasks.ros.message import ros_messages
-from tasks.ros.message.ros_messages import PlanarTwist, Stamp, stamp, twist
+from tasks.ros.message.ros_messages import PlanarTwist, twist
 
 CLOCK, TRANSFORMS, STATIC = "/clock", "/tf", "/tf_static"
 NAVIGATE = "/navigate_to_pose"
 """Stands among topics for the action of that name: a goal goes to the one node that offers it."""
 _POSE = "geometry_msgs/PoseWithCovarianceStamped"
-_NO_JOINTS = JointStates((), np.zeros(0), np.zeros(0))
-
-
-class Moment(NamedTuple):
-    """What a lane's robot senses at a control step.
-
-    Attributes:
-        sequence: Number of the step.
-        time_ns: Simulated time.
-        sensed: By the robot.
-    """
-
-    sequence: int
-    time_ns: int
-    sensed: Sensed
-
-    @property
-    def time(self) -> Stamp:
-        """Returns the simulated time as messages have it."""
-        return stamp(self.time_ns)
 
 
 class SensorMessages:
@@ -59,18 +46,14 @@ class SensorMessages:
 
     Attributes:
         topics: All that the robot publishes.
-        order: Those of each control step, in the order in which nodes get them: the clock, where the robot is, what it
+        order: Those of control steps, in the order in which nodes get them: the clock, where the robot is, what it
             feels, and last what it sees, which most nodes answer.
         commands: The topic that drives it.
     """
 
     def __init__(self, base: RobotBase, control_s: float) -> None:
-        self._base, self._control_s = base, control_s
+        self._base, self._control_ns = base, round(control_s * 1e9)
         names = base.robot.topics
-        self._writers: dict[str, Callable[[Moment], bytes]] = {
-            CLOCK: lambda moment: ros_messages.clock(moment.time),
-            TRANSFORMS: self._transforms,
-        }
         self.commands = Topic(names.command, "geometry_msgs/Twist")
         self._floor, acts = names.floor_map, base.robot.goals == "navigate_to_pose"
         self._goal = NAVIGATE if acts else names.goal
@@ -79,34 +62,34 @@ class SensorMessages:
         self._given = given and self._floor is not None
         self._goal_frame = frames.floor_map if (acts and self._floor is not None) or not given else frames.odometry
         self._initial_pose = names.initial_pose
-        kinds: list[tuple[str | None, str, Callable[[Moment], bytes]]] = [
-            (names.localized, _POSE, self._pose_on_map),
-            (names.odometry, "nav_msgs/Odometry", self._odometry),
-            (names.joints, "sensor_msgs/JointState", self._joints),
-            (names.imu, "sensor_msgs/Imu", self._imu),
-            (names.bumper if base.robot.bumper else None, "std_msgs/UInt8MultiArray", self._bumper),
-            (names.scan if base.rays else None, "sensor_msgs/LaserScan", self._scan),
+        own = [
+            SensorTopic(CLOCK, "rosgraph_msgs/Clock", lambda moment: ros_messages.clock(moment.time)),
+            SensorTopic(TRANSFORMS, "tf2_msgs/TFMessage", self._transforms),
+            SensorTopic(names.localized, _POSE, self._pose_on_map),
+            SensorTopic(names.odometry, "nav_msgs/Odometry", self._odometry),
+            *(each for sensor in ROS_SENSORS for each in sensor.topics(base, control_s)),
         ]
-        own = [(name, kind, writer) for name, kind, writer in kinds if name is not None]
-        self._writers.update((name, writer) for name, _, writer in own)
-        self.order = tuple(self._writers)
-        steady = [Topic(CLOCK, "rosgraph_msgs/Clock", latched=True), Topic(TRANSFORMS, "tf2_msgs/TFMessage")]
+        self._own = {each.name: each for each in own if each.name is not None}
+        self.order = tuple(self._own)
         latched = [(STATIC, "tf2_msgs/TFMessage"), (None if acts else names.goal, "geometry_msgs/PoseStamped")]
         latched += [(names.floor_map, "nav_msgs/OccupancyGrid"), (names.initial_pose, _POSE)]
         once = [Topic(name, kind, latched=True) for name, kind in latched if name is not None]
-        self.topics = (*steady, *(Topic(name, kind) for name, kind, _ in own), *once)
+        self.topics = (*(Topic(name, each.kind, latched=name == CLOCK) for name, each in self._own.items()), *once)
+
+    def due(self, moment: Moment) -> list[str]:
+        """Returns those of ``order`` that have a message in a control step: each sensor has its rate."""
+        return [name for name, each in self._own.items() if each.due(moment.step)]
 
     def write(self, topic: str, moment: Moment) -> bytes:
-        """Returns a message of one of ``order``."""
-        return self._writers[topic](moment)
+        """Returns a message of one of ``order``, with the time at which it was true."""
+        own = self._own[topic]
+        return own.write(moment._replace(time_ns=moment.time_ns - own.latency_steps * self._control_ns))
 
     def fixed(self, moment: Moment, floor: FloorMap | None) -> Mapping[str, bytes]:
         """Returns the messages that hold from the start: where sensors are mounted, the map."""
-        frames, lidar = self._base.robot.frames, self._base.robot.lidar
-        each = [ros_messages.FrameTransform(frames.base, frames.imu, (0.0, 0.0, 0.0))]
-        if lidar is not None:
-            where = (lidar.x_m, lidar.y_m, lidar.yaw_rad)
-            each.append(ros_messages.FrameTransform(frames.base, frames.laser, where))
+        robot = self._base.robot
+        frames, mounts = robot.frames, dict(mount for sensor in ROS_SENSORS for mount in sensor.mounts(robot))
+        each = [ros_messages.FrameTransform(frames.base, frame, pose) for frame, pose in mounts.items()]
         if self._given:
             each.append(ros_messages.FrameTransform(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0)))
         found = {STATIC: ros_messages.transforms(0, moment.time, each)}
@@ -142,40 +125,33 @@ class SensorMessages:
             moment.sequence, moment.time, sensed.pose, sensed.velocity, frame=frames.odometry, child=frames.base
         )
 
-    def _joints(self, moment: Moment) -> bytes:
-        joints = moment.sensed.joints or _NO_JOINTS
-        return ros_messages.joint_state(moment.sequence, moment.time, joints.names, joints.position, joints.speed)
 
-    def _imu(self, moment: Moment) -> bytes:
-        sensed = moment.sensed
-        return ros_messages.imu(
-            moment.sequence,
-            moment.time,
-            self._base.robot.frames.imu,
-            yaw_rad=float(sensed.pose[2]),
-            turn_rad_s=float(sensed.velocity[2]),
-            acceleration=sensed.acceleration,
-        )
+def published(robot: RosRobot) -> tuple[Topic, ...]:
+    """Returns all topics of a robot, by what it declares."""
+    return SensorMessages(RobotBase(robot, robot.lidar.rays if robot.lidar else 0, 0.0, 0.0, 0.0), CONTROL_S).topics
 
-    def _bumper(self, moment: Moment) -> bytes:
-        return ros_messages.bumper(moment.sensed.bumper)
 
-    def _scan(self, moment: Moment) -> bytes:
-        base = self._base
-        return ros_messages.laser_scan(
-            moment.sequence,
-            moment.time,
-            base.robot.frames.laser,
-            moment.sensed.ranges_m,
-            angle_min=base.first_ray_rad,
-            angle_increment=base.ray_step_rad,
-            range_max=base.range_m,
-            scan_s=self._control_s,
-        )
+_OPTIONAL = MappingProxyType(
+    {
+        "lidar": RosLidar(),
+        "bumper": BumperDeclaration(),
+        "depth_camera": RosDepthCamera(),
+        "color_camera": ColorCameraDeclaration(),
+        "range_finders": RosRangeFinders(),
+    }
+)
+
+
+def undeclared(robot: RosRobot) -> Mapping[str, str]:
+    """Returns topics that a robot lacks, and which field of ``ros.yaml`` declares the sensor that each tells of."""
+    lacks = {name: sensor for name, sensor in _OPTIONAL.items() if getattr(robot, name) is None}
+    has = {topic.name for topic in published(robot)}
+    each = ((name, published(robot.model_copy(update={name: sensor}))) for name, sensor in lacks.items())
+    return {topic.name: name for name, topics in each for topic in topics if topic.name not in has}
 
 
 class LockstepRecorder:
-    """The applications of all lanes, with a log of one lane; see ``Lockstep``.
+    """The applications of all lanes, with a log of one lane, without its pictures; see ``Lockstep``.
 
     Args:
         lockstep: Has the applications.
@@ -187,6 +163,7 @@ class LockstepRecorder:
     def __init__(self, lockstep: Lockstep, base: RobotBase, control_s: float, lane: int = 0) -> None:
         self._inner, self._lane, self._base = lockstep, lane, base
         self._messages = SensorMessages(base, control_s)
+        self._kinds = {topic.name: topic.kind for topic in self._messages.topics}
         self._control_ns = round(control_s * 1e9)
         self._entries: list[LogEntry] = []
         self._goal: tuple[float, float] | None = None
@@ -232,7 +209,7 @@ class LockstepRecorder:
         """Returns each lane's command for the control step to come, having kept what one lane's robot said."""
         own, before = sensed[self._lane], self._inner.tally(self._lane).commands
         if own is not None:
-            self._keep_sensed(Moment(self._step, FIRST_NS + self._step * self._control_ns, own))
+            self._keep_sensed(Moment(self._step, FIRST_NS + self._step * self._control_ns, own, self._step))
         commands = self._inner.exchange(sensed)
         if own is not None and self._inner.tally(self._lane).commands > before:
             at_ns, command = FIRST_NS + self._step * self._control_ns, commands[self._lane]
@@ -266,13 +243,16 @@ class LockstepRecorder:
     def log(self) -> MessageLog:
         """Returns what was kept, in times since the episode began; in a control step the last command."""
         recorded = (Topic(name, kind) for name, kind in self._base.robot.record.items())
-        topics = (*self._messages.topics, self._messages.commands, *recorded)
+        told = (each for each in self._messages.topics if each.kind not in LARGE)
+        topics = (*told, self._messages.commands, *recorded)
         # The clock is latched for nodes that come late; in a bag it is a topic like others.
         channels = tuple(Channel(each.name, each.kind, latched=each.latched and each.name != CLOCK) for each in topics)
         return MessageLog(channels, tuple(self._entries))
 
     def _keep_sensed(self, moment: Moment) -> None:
-        for topic in self._messages.order:
+        for topic in self._messages.due(moment):
+            if self._kinds[topic] in LARGE:
+                continue
             self._entries.append(LogEntry(moment.time_ns, topic, self._messages.write(topic, moment)))
         x_m, y_m = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if self._goal != (x_m, y_m) else None

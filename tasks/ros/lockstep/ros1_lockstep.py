@@ -36,8 +36,9 @@ from tasks.ros.lockstep.exchange import (
     TwistCommand,
 )
 from tasks.ros.lockstep.idle_detector import IdleDetector
-from tasks.ros.lockstep.robot_topics import CLOCK, Moment, SensorMessages
+from tasks.ros.lockstep.robot_topics import CLOCK, SensorMessages
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
+from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
 from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
@@ -179,7 +180,8 @@ class Ros1Lockstep:
             gazebo, own = self._gazebo.get(number), sensed[number]
             lane.stray += gazebo.placements() if gazebo else 0
             if own is not None and not lane.failure:
-                lane.plan(self._planned(number, lane, Moment(self._step, self._now_ns, own)))
+                moment = Moment(self._step, self._now_ns, own, self._step - _WARM_UP_STEPS)
+                lane.plan(self._planned(number, lane, moment))
         lanes = [lane for lane in moving.values() if not lane.failure]
         self._driver.run(lanes, self._now_ns)
         self._audit.run(lanes, self._step)
@@ -340,7 +342,8 @@ class Ros1Lockstep:
         if self._now_ns > BEGINS_NS:
             ticks = range(self._now_ns - self._control_ns + self._clock_ns, self._now_ns, self._clock_ns)
             planned += [(CLOCK, functools.partial(clock, stamp(tick_ns))) for tick_ns in ticks]
-        planned += [(topic, functools.partial(self._messages.write, topic, moment)) for topic in self._messages.order]
+        due = self._messages.due(moment)
+        planned += [(topic, functools.partial(self._messages.write, topic, moment)) for topic in due]
         if gazebo := self._gazebo.get(number):
             x, y, yaw = map(float, moment.sensed.pose)
             ahead, left, turn = map(float, moment.sensed.velocity)
@@ -350,7 +353,7 @@ class Ros1Lockstep:
         found = self._messages.goal(moment) if self._goal_due(number, lane, moment) else None
         if found is not None:
             lane.goal, (topic, data) = (x, y), found
-            planned.insert(len(planned) - len(self._messages.order) - bool(gazebo) + 1, (topic, lambda: data))
+            planned.insert(len(planned) - len(due) - bool(gazebo) + 1, (topic, lambda: data))
         return planned
 
     def _goal_due(self, number: int, lane: RosLane, moment: Moment) -> bool:  # noqa: ARG002 - as actions need

@@ -16,9 +16,10 @@ from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
 from tasks.ros.lockstep.exchange import GoalEnd, Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
-from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC, Moment
+from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC
 from tasks.ros.lockstep.ros1_lockstep import BEGINS_NS, Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
+from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch

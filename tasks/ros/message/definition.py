@@ -47,6 +47,13 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
         ),
         "robomaker_simulation_msgs/Tag": "string key\nstring value",
         "rosgraph_msgs/Clock": "time clock",
+        "sensor_msgs/CameraInfo": (
+            "Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] D\nfloat64[9] K\n"
+            "float64[9] R\nfloat64[12] P\nuint32 binning_x\nuint32 binning_y\nRegionOfInterest roi"
+        ),
+        "sensor_msgs/Image": (
+            "Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data"
+        ),
         "sensor_msgs/Imu": (
             "Header header\n"
             "geometry_msgs/Quaternion orientation\nfloat64[9] orientation_covariance\n"
@@ -59,6 +66,21 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
         "sensor_msgs/LaserScan": (
             "Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\nfloat32 time_increment\n"
             "float32 scan_time\nfloat32 range_min\nfloat32 range_max\nfloat32[] ranges\nfloat32[] intensities"
+        ),
+        "sensor_msgs/PointCloud2": (
+            "Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\nuint32 point_step\n"
+            "uint32 row_step\nuint8[] data\nbool is_dense"
+        ),
+        "sensor_msgs/PointField": (
+            "uint8 INT8=1\nuint8 UINT8=2\nuint8 INT16=3\nuint8 UINT16=4\nuint8 INT32=5\nuint8 UINT32=6\n"
+            "uint8 FLOAT32=7\nuint8 FLOAT64=8\nstring name\nuint32 offset\nuint8 datatype\nuint32 count"
+        ),
+        "sensor_msgs/Range": (
+            "uint8 ULTRASOUND=0\nuint8 INFRARED=1\nHeader header\nuint8 radiation_type\nfloat32 field_of_view\n"
+            "float32 min_range\nfloat32 max_range\nfloat32 range"
+        ),
+        "sensor_msgs/RegionOfInterest": (
+            "uint32 x_offset\nuint32 y_offset\nuint32 height\nuint32 width\nbool do_rectify"
         ),
         "std_msgs/Header": "uint32 seq\ntime stamp\nstring frame_id",
         "std_msgs/MultiArrayDimension": "string label\nuint32 size\nuint32 stride",

@@ -1,7 +1,8 @@
 """Messages that the robot sends and reads, as bytes, in ROS 1's form or in CDR (wiki.ros.org/msg).
 
 They tell where the robot is and what it shall do (clock, odometry, transforms, goal, map, command), what it senses
-(laser scan, inertia, joints, bumper), and what RoboMaker's services ask and answer (tags of a job, and its end).
+(laser scan, ranges, inertia, joints, bumper), and what RoboMaker's services ask and answer (tags of a job, and its
+end). Pictures are in ``camera_messages``.
 
 ROS 1 writes numbers little endian without padding, and the length of a text or list before it as an unsigned 32 bit
 number (wiki.ros.org/ROS/Technical%20Overview).
@@ -65,7 +66,7 @@ def yaw_quaternion(yaw_rad: float) -> tuple[float, float, float, float]:
 
 TWIST_BYTES = 48
 _CLOCK = struct.Struct("<II")
-_POSE = struct.Struct("<7d")
+_POSE, _PLACE_NUMBERS = struct.Struct("<7d"), 7
 _TWIST = struct.Struct("<6d")
 _COUNT = struct.Struct("<I")
 _GRID = struct.Struct("<IIfII7dI")
@@ -77,12 +78,13 @@ class FrameTransform(NamedTuple):
 
     Attributes:
         parent, child: Names of the frames.
-        pose: Of the child in the parent: (x m, y m, yaw rad).
+        pose: Of the child in the parent: (x m, y m, yaw rad), and its height (m) if that is not 0; or place and
+            quaternion: (x m, y m, z m, x, y, z, w).
     """
 
     parent: str
     child: str
-    pose: tuple[float, float, float]
+    pose: Sequence[float]
 
 
 class PlanarTwist(NamedTuple):
@@ -137,13 +139,21 @@ def transforms(sequence: int, time: Stamp, each: Sequence[FrameTransform | tuple
     Args:
         sequence: Of the message among those of its topic.
         time: When the transforms were true.
-        each: Where the frames are; behind a pose may stand its height (m).
+        each: Where the frames are, as ``FrameTransform`` has it.
     """
     parts = [_COUNT.pack(len(each))]
-    for parent, child, (x, y, yaw, *height) in each:
-        pose = _POSE.pack(float(x), float(y), float(sum(height)), *yaw_quaternion(float(yaw)))
-        parts += [header(sequence, time, parent), text_bytes(child), pose]
+    for parent, child, pose in each:
+        parts += [header(sequence, time, parent), text_bytes(child), _POSE.pack(*_place(pose))]
     return b"".join(parts)
+
+
+def _place(pose: Sequence[float]) -> tuple[float, ...]:
+    """Returns the seven numbers of a pose as ``FrameTransform`` has it."""
+    numbers = tuple(map(float, pose))
+    if len(numbers) == _PLACE_NUMBERS:
+        return numbers
+    x, y, yaw, *height = numbers
+    return x, y, sum(height, 0.0), *yaw_quaternion(yaw)
 
 
 def pose_stamped(sequence: int, time: Stamp, frame: str, pose: Sequence[float] | Float[np.ndarray, "3"]) -> bytes:
@@ -239,33 +249,65 @@ def laser_scan(
     return b"".join((header(sequence, time, frame), numbers, ranges.tobytes(), _NONE))
 
 
-def imu(
-    sequence: int,
-    time: Stamp,
-    frame: str,
-    *,
-    yaw_rad: float,
-    turn_rad_s: float,
-    acceleration: Sequence[float] | Float[np.ndarray, "2"],
-    gravity_m_s2: float = 9.81,
-) -> bytes:
-    """Returns a ``sensor_msgs/Imu`` of a robot on a level floor, without covariances.
+class Inertia(NamedTuple):
+    """What an inertial measurement unit tells, in its own frame.
+
+    Attributes:
+        turn_rad_s: How fast it turns about each axis.
+        force_m_s2: Acceleration minus gravity: at rest 9.81 upward.
+        yaw_rad: Where it faces; None if it does not know.
+        turn_sigma_rad_s, force_sigma_m_s2: Standard deviations; 0 for unknown.
+    """
+
+    turn_rad_s: Sequence[float] | Float[np.ndarray, "3"]
+    force_m_s2: Sequence[float] | Float[np.ndarray, "3"]
+    yaw_rad: float | None = None
+    turn_sigma_rad_s: float = 0.0
+    force_sigma_m_s2: float = 0.0
+
+
+def imu(sequence: int, time: Stamp, frame: str, felt: Inertia) -> bytes:
+    """Returns a ``sensor_msgs/Imu``; one that knows no orientation says so by its first covariance, -1.
 
     Args:
         sequence: Of the message among those of its topic.
         time: When the data were true.
         frame: The sensor's.
-        yaw_rad: Where it faces.
-        turn_rad_s: How fast it turns.
-        acceleration: In its own frame: (m/s2 ahead, m/s2 to the left).
-        gravity_m_s2: What a sensor at rest feels upward.
+        felt: What it tells.
     """
-    ahead, left = map(float, acceleration)
-    turning = (0.0, 0.0, float(turn_rad_s), *_NO_IMU_COVARIANCE)
-    pushed = (ahead, left, gravity_m_s2, *_NO_IMU_COVARIANCE)
-    return header(sequence, time, frame) + _IMU.pack(
-        *yaw_quaternion(float(yaw_rad)), *_NO_IMU_COVARIANCE, *turning, *pushed
-    )
+    unknown = felt.yaw_rad is None
+    facing = (*yaw_quaternion(felt.yaw_rad or 0.0), -1.0 if unknown else 0.0, *_NO_IMU_COVARIANCE[1:])
+    turning = (*map(float, felt.turn_rad_s), *_alike(felt.turn_sigma_rad_s))
+    pushed = (*map(float, felt.force_m_s2), *_alike(felt.force_sigma_m_s2))
+    return header(sequence, time, frame) + _IMU.pack(*facing, *turning, *pushed)
+
+
+def _alike(sigma: float) -> tuple[float, ...]:
+    """Returns the covariance of three numbers that err alike and apart."""
+    each = sigma**2
+    return each, 0.0, 0.0, 0.0, each, 0.0, 0.0, 0.0, each
+
+
+_RANGE = struct.Struct("<B4f")
+ULTRASOUND, INFRARED = 0, 1
+
+
+def range_reading(
+    sequence: int, time: Stamp, frame: str, range_m: float, *, radiation: int, cone_rad: float, range_max: float
+) -> bytes:
+    """Returns a ``sensor_msgs/Range``; one that hears nothing reads +inf, as REP 117 has it.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        frame: The sensor's: it looks along x.
+        range_m: How near the nearest thing is; ``range_max`` or more for nothing.
+        radiation: ``ULTRASOUND`` or ``INFRARED``.
+        cone_rad: From one edge of what it sees to the other.
+        range_max: How far it reaches (m).
+    """
+    told = math.inf if np.float32(range_m) >= np.float32(range_max) else range_m
+    return header(sequence, time, frame) + _RANGE.pack(radiation, cone_rad, 0.0, range_max, told)
 
 
 def joint_state(

@@ -168,6 +168,8 @@ CLOCK = Profile(depth=1, reliable=False)
 TRANSFORMS = Profile(depth=100)
 STATIC_TRANSFORMS = Profile(depth=1, latched=True)
 MAP = Profile(depth=1, latched=True)
+# As many samples as of ROS 2's sensor data, but none is lost.
+SENSOR_DATA = Profile(depth=5)
 SERVICES = Profile()
 ENTITIES = Profile(depth=1, latched=True, others=True)
 

@@ -21,6 +21,7 @@ _ROBOMAKER = "robomaker_simulation_msgs"
 TAG, ADD_TAGS, CANCEL = f"{_ROBOMAKER}/msg/Tag", f"{_ROBOMAKER}/srv/AddTags", f"{_ROBOMAKER}/srv/Cancel"
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 POSE, UUID = "geometry_msgs/msg/PoseStamped", "unique_identifier_msgs/msg/UUID"
+_RANGE = "sensor_msgs/msg/Range"
 _TEXT: FieldDesc = (Nodetype.BASE, ("string", 0))
 _ANSWER: list[tuple[str, FieldDesc]] = [("success", (Nodetype.BASE, ("bool", 0))), ("message", _TEXT)]
 
@@ -73,6 +74,12 @@ def type_store(distribution: str = DEFAULT_DISTRIBUTION) -> Typestore:
         }
     )
     return store
+
+
+def beyond_ros1(kind: str, distribution: str = DEFAULT_DISTRIBUTION) -> bytes:
+    """Returns what a message of a release of ROS 2 has behind the fields that it has in ROS 1, with 0 for unknown."""
+    has_variance = kind == _RANGE and type_store(distribution).fielddefs[kind][1][-1][0] == "variance"
+    return bytes(4) if has_variance else b""
 
 
 def _without_char(form: FieldDesc) -> FieldDesc:

@@ -15,6 +15,7 @@ from tasks.ros.ros2.dds_node import (
     DEFAULT,
     MAP,
     NO_MESSAGE,
+    SENSOR_DATA,
     STATIC_TRANSFORMS,
     TRANSFORMS,
     DdsNode,
@@ -22,7 +23,7 @@ from tasks.ros.ros2.dds_node import (
     ServiceServer,
     Writer,
 )
-from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, type_store
+from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, beyond_ros1, type_store
 from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
 from tasks.ros.ros2.ros2_installation import ADD_TAGS_SERVICE, CANCEL_SERVICE, DEFAULT_DISTRIBUTION
 
@@ -39,6 +40,7 @@ _PROFILES = {
     "nav_msgs/msg/OccupancyGrid": MAP,
     "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Profile(depth=1, latched=True),
+    **{f"sensor_msgs/msg/{name}": SENSOR_DATA for name in ("Image", "CameraInfo", "PointCloud2", "Range")},
 }
 _STATIC, _LATCHED = "/tf_static", Profile(latched=True)
 _FAULT_CHARACTERS = 500
@@ -103,6 +105,7 @@ class Ros2Node:
     def __init__(self, place: DomainPlace, interface: RobotInterface, job: JobRequests) -> None:
         self._job, self._topics = job, dict(interface.topics)
         self._store = type_store(interface.distribution)
+        self._beyond = {topic: beyond_ros1(kind, interface.distribution) for topic, kind in interface.topics.items()}
         self._node = DdsNode(place, NODE_NAME, interface.distribution)
         self._writers = {topic: self._publisher(topic, kind) for topic, kind in interface.topics.items()}
         self._commands = [self._node.subscription(interface.command, kind, DEFAULT) for kind in COMMANDS]
@@ -128,7 +131,7 @@ class Ros2Node:
 
     def send(self, topic: str, ros1: bytes) -> None:
         """Publishes a message, given in ROS 1's form."""
-        self._writers[topic].write(bytes(self._store.ros1_to_cdr(ros1, self._topics[topic])))
+        self._writers[topic].write(bytes(self._store.ros1_to_cdr(ros1 + self._beyond[topic], self._topics[topic])))
         self._sent.add(topic)
 
     def acknowledged(self) -> bool:

@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
+from specs.data.episode import control_stride
 from specs.errors import SimyardError
 from tasks.render.camera_pool import CameraPool, Shot, open_cameras
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host.controllers import HostControllers, HostStart
-from tasks.simulate.sensors.depth_camera import picture_stride
 
 _logger = logging.getLogger(__name__)
 Pictures = UInt8[np.ndarray, "lanes rows columns 3"]
@@ -27,10 +27,120 @@ _SHARED = ("columns", "rows", "rate_hz", "latency_steps")
 
 
 class _Taken(NamedTuple):
-    """Pictures of all lanes, and the control step at which they were taken."""
+    """Pictures of all lanes.
+
+    Attributes:
+        step: The control step at which they were taken.
+        number: Of the pictures; the first are 0.
+        poses: Where the robots were.
+        able: Lanes of which there are pictures.
+    """
 
     step: int
-    pictures: Pictures
+    number: int
+    poses: Float32[np.ndarray, "lanes 3"]
+    able: Bool[np.ndarray, "lanes"]
+
+
+class LanePictures:
+    """What the colour cameras of a chunk's robots see, for whoever drives them. Nothing is drawn that nobody asks for.
+
+    Attributes:
+        crashes: Why lanes can be shown nothing, by lane.
+    """
+
+    def __init__(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None], start: HostStart) -> None:
+        """Begins, and ends lanes whose camera cannot be.
+
+        Args:
+            cameras: Each lane's, or why it cannot be.
+            start: What the controllers begin with.
+        """
+        self._start, self._cameras = start, cameras
+        sound = (each for each in cameras if isinstance(each, ColorCameraDeclaration))
+        self._camera = next(sound, ColorCameraDeclaration())
+        self._stride = control_stride(self._camera.rate_hz)
+        self.crashes: dict[int, str] = {}
+        self._open, self._pool = ExitStack(), None
+        self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
+        self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
+        self._blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
+        self._blank.flags.writeable = False
+        self._taken = deque([_Taken(-1 - self._camera.latency_steps, -1, self._poses, np.zeros(start.width, np.bool_))])
+        self._drawn = {-1: self._blank}
+
+    def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
+        """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
+        self._poses = poses
+
+    def take(self, moving: Bool[np.ndarray, "lanes"]) -> None:
+        """Counts a control step, and notes what cameras see in it if a picture is due."""
+        step, self._step = self._step, self._step + 1
+        if step % self._stride == 0:
+            poses = self._poses.copy()  # they are drawn later, if somebody asks
+            self._taken.append(_Taken(step, step // self._stride, poses, self.able(moving)))
+        while len(self._taken) > 1 and self._taken[1].step + self._camera.latency_steps <= step:
+            self._drawn.pop(self._taken.popleft().number, None)
+
+    def shown(self) -> Pictures:
+        """Returns what robots are shown at this control step.
+
+        Raises:
+            SimyardError: Nothing can be drawn.
+        """
+        return self._pictures(self._taken[0])
+
+    def shown_at_once(self, moving: Bool[np.ndarray, "lanes"]) -> Pictures:
+        """Returns what robots are shown at a control step, and counts it; lanes for which nothing is drawn crash."""
+        self.take(moving)
+        try:
+            self._pictures(self._taken[-1])
+            return self.shown()
+        except SimyardError as exc:
+            self.crashes.update(dict.fromkeys(np.flatnonzero(self.able(moving)).tolist(), str(exc)))
+            return self._blank
+
+    def able(self, moving: Bool[np.ndarray, "lanes"]) -> Bool[np.ndarray, "lanes"]:
+        """Returns which of some lanes can be shown pictures."""
+        able = moving.copy()
+        able[list(self.crashes)] = False
+        return able
+
+    def close(self) -> None:
+        """Ends the processes that draw."""
+        self._open.close()
+
+    def _pictures(self, taken: _Taken) -> Pictures:
+        if taken.number not in self._drawn:
+            pictures, lanes = self._blank.copy(), np.flatnonzero(taken.able[: len(self._keys)]).tolist()
+            if lanes:
+                pictures[lanes] = self._opened().color([self._shot(lane, taken) for lane in lanes])
+            pictures.flags.writeable = False
+            self._drawn[taken.number] = pictures
+        return self._drawn[taken.number]
+
+    def _opened(self) -> CameraPool:
+        if self._pool is None:
+            self._pool = self._open.enter_context(open_cameras(sum(map(bool, self._keys))))
+            _logger.info("colour cameras are drawn by %s", self._pool.gl)
+            for lane, camera, key in zip(self._start.lanes, self._cameras, self._keys, strict=True):
+                if isinstance(camera, ColorCameraDeclaration) and key:
+                    self._pool.add(key, self._start.worlds[lane.request.world], camera)
+        return self._pool
+
+    def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
+        """Returns the name of a lane's camera in its world; a lane whose camera cannot be crashes."""
+        if isinstance(camera, BundleCrash):
+            self.crashes[lane] = camera.reason
+        elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
+            self.crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
+        else:
+            return f"{self._start.lanes[lane].request.world} {camera.model_dump_json()}"
+        return ""
+
+    def _shot(self, lane: int, taken: _Taken) -> Shot:
+        x_m, y_m, yaw_rad = taken.poses[lane].tolist()
+        return Shot(self._keys[lane], x_m, y_m, yaw_rad, self._start.lanes[lane].request.seed, taken.number)
 
 
 class SeeingControllers:
@@ -42,52 +152,31 @@ class SeeingControllers:
 
     cancelled: frozenset[int] = frozenset()
 
-    def __init__(
-        self,
-        controllers: HostControllers,
-        cameras: Sequence[ColorCameraDeclaration | BundleCrash | None],
-        start: HostStart,
-    ) -> None:
-        """Begins with processes that draw, and ends lanes whose camera cannot be.
+    def __init__(self, controllers: HostControllers, pictures: LanePictures, start: HostStart) -> None:
+        """Begins.
 
         Args:
             controllers: Of plain Python.
-            cameras: Each lane's, or why it cannot be.
-            start: What the controllers began with.
+            pictures: What they are shown.
+            start: What they began with.
         """
-        self._controllers, self._start = controllers, start
-        sound = (each for each in cameras if isinstance(each, ColorCameraDeclaration))
-        self._camera = next(sound, ColorCameraDeclaration())
-        self._stride = picture_stride(self._camera.rate_hz)
-        self._crashes: dict[int, str] = {}
-        self._open, self._pool = ExitStack(), None
-        self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
-        self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
-        blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
-        blank.flags.writeable = False
-        self._taken = deque([_Taken(-1 - self._camera.latency_steps, blank)])
-        self._begin(cameras)
+        self._controllers, self._pictures = controllers, pictures
+        self._shape = (start.width, start.actuators)
+        self.see = pictures.see
 
     @property
     def crashes(self) -> Mapping[int, str]:
         """Returns why controllers crashed, or could not be shown anything, by lane."""
-        return {**self._crashes, **self._controllers.crashes}
-
-    def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
-        """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
-        self._poses = poses
+        return {**self._pictures.crashes, **self._controllers.crashes}
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
         """Returns each moving lane's control, as ``HostControllers.controls``."""
-        able = moving.copy()
-        able[list(self._crashes)] = False
-        try:
-            shown = self._shown(able)
-        except SimyardError as exc:
-            self._crashes.update(dict.fromkeys(np.flatnonzero(able).tolist(), str(exc)))
-            return np.full((self._start.width, self._start.actuators), np.nan, np.float32)
+        shown = self._pictures.shown_at_once(moving)
+        able = self._pictures.able(moving)
+        if moving.any() and not able.any():
+            return np.full(self._shape, np.nan, np.float32)
         controls = self._controllers.controls(observed._replace(color=shown), able)
-        controls[list(self._crashes)] = np.nan
+        controls[list(self._pictures.crashes)] = np.nan
         return controls
 
     def measures(self, lane: int) -> Mapping[str, int]:
@@ -97,51 +186,4 @@ class SeeingControllers:
     def close(self) -> None:
         """Ends the controllers, and the processes that draw."""
         self._controllers.close()
-        self._open.close()
-
-    def _begin(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None]) -> None:
-        seeing = sum(map(bool, self._keys))
-        if not seeing:
-            return
-        try:
-            self._pool = self._open.enter_context(open_cameras(seeing))
-        except SimyardError as exc:
-            self._crashes.update(dict.fromkeys(range(len(cameras)), str(exc)))
-            return
-        _logger.info("colour cameras are drawn by %s", self._pool.gl)
-        for lane, camera, key in zip(self._start.lanes, cameras, self._keys, strict=True):
-            if key and isinstance(camera, ColorCameraDeclaration):
-                self._pool.add(key, self._start.worlds[lane.request.world], camera)
-
-    def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
-        """Returns the name of a lane's camera in its world; a lane whose camera cannot be crashes."""
-        if isinstance(camera, BundleCrash):
-            self._crashes[lane] = camera.reason
-        elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
-            self._crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
-        else:
-            return f"{self._start.lanes[lane].request.world} {camera.model_dump_json()}"
-        return ""
-
-    def _shown(self, able: Bool[np.ndarray, "lanes"]) -> Pictures:
-        """Returns what robots are shown at this control step; counts it."""
-        step, self._step = self._step, self._step + 1
-        if step % self._stride == 0 and self._pool is not None:
-            self._taken.append(_Taken(step, self._drawn(self._pool, able, step // self._stride)))
-        while len(self._taken) > 1 and self._taken[1].step + self._camera.latency_steps <= step:
-            self._taken.popleft()
-        return self._taken[0].pictures
-
-    def _drawn(self, pool: CameraPool, able: Bool[np.ndarray, "lanes"], number: int) -> Pictures:
-        """Returns pictures of the lanes that are able; of the others the last ones."""
-        lanes = np.flatnonzero(able[: len(self._keys)]).tolist()
-        pictures = self._taken[-1].pictures.copy()
-        if lanes:
-            shots = [self._shot(lane, number) for lane in lanes]
-            pictures[lanes] = pool.color(shots)
-        pictures.flags.writeable = False
-        return pictures
-
-    def _shot(self, lane: int, number: int) -> Shot:
-        x_m, y_m, yaw_rad = self._poses[lane].tolist()
-        return Shot(self._keys[lane], x_m, y_m, yaw_rad, self._start.lanes[lane].request.seed, number)
+        self._pictures.close()

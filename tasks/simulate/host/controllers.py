@@ -393,9 +393,9 @@ def with_color(
     # A controller that raises in one lane takes no cameras away from the others, which have none.
     if None in found and not any(isinstance(each, ColorCameraDeclaration) for each in found):
         return controllers
-    from tasks.simulate.host.color_cameras import SeeingControllers
+    from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 
-    return SeeingControllers(controllers, found, start)
+    return SeeingControllers(controllers, LanePictures(found, start), start)
 
 
 def _onnx(bundle: HostBundle) -> HostApplication:

@@ -21,7 +21,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from specs.bundle_files import ROS_FILE, BumperDeclaration, LidarDeclaration, OdometryDeclaration, RosRobot
+from specs.bundle_files import ROS_FILE, ColorCameraDeclaration, RosRobot
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from tasks.ros.bag.message_log import MessageLog
@@ -38,12 +38,14 @@ from tasks.ros.lockstep.exchange import (
     TwistCommand,
 )
 from tasks.ros.lockstep.robot_topics import LockstepRecorder
+from tasks.ros.lockstep.sensor_topics import READINGS
 from tasks.ros.process.lane_limits import NO_ROOM
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, timed_call
 from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import base_of, compile_robot
+from tasks.simulate.host.color_cameras import LanePictures
 from tasks.simulate.host.controllers import HostApplication, HostBundle, HostStart
 from tasks.simulate.host.declaration import ControllerKind, read_ros_robot
 from tasks.simulate.host.ros_judge import Judgement, judged_by
@@ -141,8 +143,27 @@ class JointPlaces:
         return JointStates(self.names, qpos[self._positions].astype(np.float64), qvel[self._speeds].astype(np.float64))
 
 
+class _Readings(dict[str, np.ndarray]):
+    """What a lane's declared sensors read; its picture in colour is drawn when a message is made of it."""
+
+    def __init__(self, given: Mapping[str, np.ndarray], lane: int, color: Callable[[], np.ndarray] | None) -> None:
+        super().__init__({name: array[lane] for name, array in given.items()})
+        self._lane, self._color = lane, color
+
+    def __missing__(self, name: str) -> np.ndarray:
+        if name != "color" or self._color is None:
+            raise KeyError(name)
+        return self._color()[self._lane]
+
+
 class LaneSenses:
-    """Turns the observations of all lanes into what each lane's nodes are told."""
+    """Turns the observations of all lanes into what each lane's nodes are told.
+
+    Attributes:
+        color: Returns what the colour cameras of all lanes see; None for robots without.
+    """
+
+    color: Callable[[], np.ndarray] | None = None
 
     def __init__(self, joints: JointPlaces) -> None:
         """Begins with robots that do not accelerate."""
@@ -162,6 +183,8 @@ class LaneSenses:
         self._before = velocity
         own, acceleration = _turned_back(velocity, pose[:, 2]), _turned_back(change, pose[:, 2])[:, :2] / CONTROL_S
         ranges_m, bumper, goal_m = (np.asarray(each) for each in (observed.ranges_m, observed.bumper, observed.goal_m))
+        given = ((name, getattr(observed, name)) for name in READINGS)
+        readings = {name: np.asarray(array) for name, array in given if array is not None}
         return [
             Sensed(
                 pose=pose[lane],
@@ -171,6 +194,7 @@ class LaneSenses:
                 bumper=bumper[lane],
                 goal=goal_m[lane].astype(np.float64),
                 joints=self._joints.of(observed, lane),
+                readings=_Readings(readings, lane, self.color),
             )
             if wanted
             else None
@@ -447,15 +471,31 @@ def _shown(command: TwistCommand) -> str:
     return f"linear.x {command.ahead_m_s}, linear.y {command.left_m_s}, angular.z {command.turn_rad_s}"
 
 
+class SeeingRosLanes(RosLanes):
+    """The applications of lanes whose robots have colour cameras: the host draws what these see."""
+
+    def __init__(self, setup: RosSetup, camera: ColorCameraDeclaration, start: HostStart) -> None:
+        super().__init__(setup, start)
+        self._pictures = LanePictures([camera] * len(start.lanes), start)
+        self._senses.color = self._pictures.shown
+        self.see = self._pictures.see
+
+    def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
+        """Returns each moving lane's control; see ``RosLanes``."""
+        able = moving.copy()
+        able[[*self.crashes, *self._cancelled]] = False
+        self._pictures.take(able)
+        return super().controls(observed, moving)
+
+    def close(self) -> None:
+        """Ends all applications, and the processes that draw."""
+        try:
+            super().close()
+        finally:
+            self._pictures.close()
+
+
 # What the robot has follows from ``ros.yaml`` and ``robot.xml`` at the bundle's root, before anything is started.
-class DeclaredSensors(NamedTuple):
-    """A ROS robot's sensors, as a controller object has them."""
-
-    lidar: LidarDeclaration | None
-    odometry: OdometryDeclaration | None
-    bumper: BumperDeclaration | None
-
-
 def ros_application(bundle: HostBundle, kind: ControllerKind, make: LockstepMaker) -> HostApplication:
     """Returns the application of a ROS launch file.
 
@@ -478,10 +518,14 @@ def ros_application(bundle: HostBundle, kind: ControllerKind, make: LockstepMake
         setup = setup._replace(robot=robot.model_copy(update={"topics": topics, "goals": "topic"}))
     sensors = declared_sensors(robot)
 
-    def declare(environment: Mapping[str, object]) -> DeclaredSensors:  # noqa: ARG001 - nodes read it, sensors do not
+    def declare(environment: Mapping[str, object]) -> RosRobot:  # noqa: ARG001 - nodes read it, sensors do not
         return sensors
 
-    return HostApplication(kind, declare, lambda start: RosLanes(setup, start))
+    def start(start: HostStart) -> RosLanes:
+        camera = sensors.color_camera
+        return RosLanes(setup, start) if camera is None else SeeingRosLanes(setup, camera, start)
+
+    return HostApplication(kind, declare, start)
 
 
 def _require_spoken(kind: ControllerKind, robot: RosRobot) -> None:
@@ -506,13 +550,18 @@ def _require_spoken(kind: ControllerKind, robot: RosRobot) -> None:
                 raise RobotRefused(f"{ROS_FILE}: record.{topic}: {name}: no type of ROS 2's common interfaces")
 
 
-def declared_sensors(robot: RosRobot) -> DeclaredSensors:
-    """Returns a robot's sensors, without those that no topic tells of."""
-    return DeclaredSensors(
-        lidar=robot.lidar if robot.topics.scan else None,
-        odometry=robot.odometry,
-        bumper=robot.bumper if robot.topics.bumper else None,
-    )
+def declared_sensors(robot: RosRobot) -> RosRobot:
+    """Returns a robot without the sensors that no topic tells of; it has the others as a controller object has them."""
+    topics = robot.topics
+    told = {
+        "lidar": topics.scan,
+        "bumper": topics.bumper,
+        "depth_camera": topics.depth_image or topics.depth_points,
+        "color_camera": topics.color_image,
+        "imu": topics.imu,
+        "range_finders": topics.range_finders,
+    }
+    return robot.model_copy(update={name: None for name, topic in told.items() if topic is None})
 
 
 def ros1_lockstep(base: RobotBase, launch: Launch) -> Lockstep:

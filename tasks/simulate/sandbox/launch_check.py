@@ -16,7 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import yaml
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from specs.base import Spec
 from specs.errors import LaunchRefused, StageFailed
@@ -74,6 +74,7 @@ class LaunchReport(Spec):
         gazebo: What it asks of Gazebo, with the first environment that it does so with.
         wants: Topics that its nodes subscribe to, as their programs say.
         gives: Topics that its nodes or its bundle's robot publish.
+        undeclared: Topics that the bundle's robot lacks, and what in ``ros.yaml`` would declare their sensor.
         unknown: Nodes that publish what nobody can read, such as those in C++.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
@@ -91,6 +92,7 @@ class LaunchReport(Spec):
     gazebo: GazeboLaunch | None = None
     wants: tuple[WantedTopic, ...] = ()
     gives: tuple[str, ...] = ()
+    undeclared: dict[str, str] = Field(default_factory=dict[str, str])
     unknown: tuple[str, ...] = ()
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
@@ -114,11 +116,16 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
     else:
         report = (_ros2_report if is_ros2(source.launch_file) else _ros1_report)(source, environments, own=own)
     try:
-        topics = read_ros_robot(source.bundle).topics
+        robot = read_ros_robot(source.bundle)
     except RobotRefused as refused:
         return report.model_copy(update={"declaration": str(refused)})
-    robot = {topics.scan, topics.odometry, topics.joints, topics.imu, topics.bumper, topics.goal, topics.floor_map}
-    return report.model_copy(update={"gives": (*report.gives, *_OWN_TOPICS, *sorted(filter(None, robot)))})
+    # NumPy, which messages are made with, is loaded where a robot is read alone.
+    from tasks.ros.lockstep.robot_topics import published, undeclared  # noqa: PLC0415
+
+    told = sorted(each.name for each in published(robot))
+    return report.model_copy(
+        update={"gives": (*report.gives, *_OWN_TOPICS, *told), "undeclared": dict(undeclared(robot))}
+    )
 
 
 def _image_report(image: ImageLaunch) -> LaunchReport:

@@ -8,10 +8,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from specs.bundle_files import RosFrames, RosRobot, RosTopics
 from tasks.deploy.step import agents_folder
 from tasks.ros.launch.robot_command import OWN_VARIABLES
+from tasks.ros.lockstep.robot_topics import published
 from tasks.storage.store_url import open_store
 from tests.repository import ROOT
 from tests.ros.ros2.conftest import wheels
@@ -42,6 +44,15 @@ def test_the_defaults_of_topics_and_frames_are_those_that_it_says():
         fields = declared.model_dump()
         assert [name for name in names if name != "null"] == [*fields]
         assert defaults == [value for value in fields.values() if value]
+
+
+def test_the_robot_that_sees_may_be_declared():
+    (text,) = re.findall(r"<!-- file: sensors/ros.yaml -->\n```yaml\n(.*?)```", PAGE, re.DOTALL)
+    robot = RosRobot.model_validate(yaml.safe_load(text))
+    assert robot.range_topics == ("/sonar_0", "/sonar_1", "/sonar_2")
+    assert {"/camera/depth/image_raw", "/camera/color/image_raw", "/sonar_2"} <= {
+        each.name for each in published(robot)
+    }
 
 
 def test_what_it_shows_of_the_example_is_the_example():

@@ -68,3 +68,10 @@ def test_topics_without_a_publisher_are_told_with_who_may_publish_them() -> None
     said = "/roam (roamer roam.py) wants /map, which nobody publishes"
     assert list(unpublished(wanted, ["/scan"], [])) == [said]
     assert list(unpublished(wanted, ["/scan"], ["/amcl (amcl amcl)"])) == [f"{said}, unless /amcl (amcl amcl) does"]
+
+
+def test_a_sensor_that_a_robot_may_have_is_named() -> None:
+    wanted = [WantedTopic(node="/see (courier see.py)", topic="/camera/depth/points")]
+    (line,) = unpublished(wanted, ["/scan"], [], {"/camera/depth/points": "depth_camera"})
+    said = "/see (courier see.py) wants /camera/depth/points, which nobody publishes"
+    assert line == f"{said}: ros.yaml may declare depth_camera"

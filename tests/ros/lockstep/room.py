@@ -13,6 +13,7 @@ from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sense
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
+from tests.ros.pictures import readings
 
 CONTROL_S = 0.05
 RAYS = 40
@@ -24,7 +25,8 @@ _ANGLES = -math.pi + 2 * math.pi / RAYS * np.arange(RAYS)
 class Room:
     """One robot in its room."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, robot: RosRobot = BASE.robot) -> None:
+        self._robot = robot
         self._x, self._y, self._yaw = 0.0, 0.0, float(np.random.default_rng(seed).uniform(-3.0, 3.0))
         self._command = TwistCommand()
 
@@ -35,7 +37,8 @@ class Room:
             x_m, y_m = (_HALF_M * np.sign(cos) - self._x) / cos, (_HALF_M * np.sign(sin) - self._y) / sin
         ranges_m = np.minimum(x_m, y_m).astype(np.float32)
         pose, velocity = np.array([self._x, self._y, self._yaw]), np.array(self._command)
-        return Sensed(pose, velocity, np.zeros(2), ranges_m, np.zeros(3, np.bool_), np.array([2.0, 1.0]))
+        more = readings(self._robot, ranges_m)
+        return Sensed(pose, velocity, np.zeros(2), ranges_m, np.zeros(3, np.bool_), np.array([2.0, 1.0]), None, more)
 
     def drive(self, command: TwistCommand) -> None:
         """Moves the robot for a control step."""
@@ -74,7 +77,7 @@ def drive(
     """Returns what became of one lane for each seed; lanes that failed stand still."""
     base = BASE._replace(robot=robot or BASE.robot)
     with Ros1Lockstep(launch, base, CONTROL_S, patience=patience, limits=limits) as lockstep:
-        rooms = [Room(seed) for seed in seeds]
+        rooms = [Room(seed, base.robot) for seed in seeds]
         traces = [hashlib.sha256() for _ in seeds]
         lockstep.begin([room.sense() for room in rooms], [None] * len(rooms))
         for _ in range(steps):

@@ -9,6 +9,7 @@ import pytest
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.ros.lockstep.room import Driven, drive
+from tests.ros.pictures import seeing
 from tests.ros.random_graph import Part, part, random_graph
 
 # Three times the default: beside other work several threads wait for a core one after the other, and only the longest
@@ -45,6 +46,21 @@ def test_a_node_that_begins_to_poll_in_its_episode_has_the_same_commands_in_two_
     assert together.failures == alone.failures == {}
     assert set(together.digests) == set(alone.digests)
     assert all(tally.late == tally.stray == 0 for tally in (*together.tallies, *alone.tallies))
+
+
+@pytest.mark.long
+def test_a_node_that_drives_by_pictures_has_the_same_commands_in_each_of_two_lanes_and_alone(
+    courier: Path, home: Path
+) -> None:
+    together, alone = (
+        drive(launch(courier, "see", home, lanes), [0] * lanes, 40, patience=PATIENCE, robot=seeing())
+        for lanes in (2, 1)
+    )
+    assert together.failures == alone.failures == {}
+    assert together.digests == alone.digests * 2
+    # A picture at each second step, each answered.
+    tallies = {(tally.commands, tally.late, tally.stray) for tally in (*together.tallies, *alone.tallies)}
+    assert tallies == {(20, 0, 0)}
 
 
 def drive_graph(courier: Path, home: Path, graph: Mapping[str, Part], lanes: int) -> Driven:

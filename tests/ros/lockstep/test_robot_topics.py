@@ -7,11 +7,22 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from specs.bundle_files import BumperDeclaration, LidarDeclaration, RosRobot, RosTopics
+from specs.bundle_files import (
+    BumperDeclaration,
+    ColorCameraDeclaration,
+    RosDepthCamera,
+    RosImu,
+    RosLidar,
+    RosRangeFinders,
+    RosRobot,
+    RosTopics,
+)
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
-from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, Moment, SensorMessages
+from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, SensorMessages, undeclared
+from tasks.ros.lockstep.sensor_topics import Moment
 from tests.ros.bag.tracks import log, of_topic
+from tests.ros.message.message_store import round_trip
 
 SENSED = Sensed(
     np.zeros(3), np.zeros(3), np.zeros(2), np.ones(4, np.float32), np.ones(3, np.bool_), np.array([1.0, 2.0])
@@ -34,6 +45,11 @@ def test_what_a_robot_lacks_is_no_topic() -> None:
     assert found.order == ("/clock", "/tf")
     assert {topic.name for topic in found.topics} == {"/clock", "/tf", "/tf_static"}
     assert found.goal(MOMENT) is None
+
+
+def test_topics_of_sensors_that_a_robot_may_have_are_known_with_their_declaration() -> None:
+    found = undeclared(RosRobot(topics=RosTopics(color_image="/eye", bumper=None), depth_camera=RosDepthCamera()))
+    assert found == {"/eye": "color_camera", "/camera/color/camera_info": "color_camera", "/range": "range_finders"}
 
 
 def test_each_topic_has_a_message() -> None:
@@ -72,8 +88,115 @@ def test_a_goal_for_an_action_is_on_the_map_and_on_no_topic() -> None:
 
 
 def test_the_lidar_is_where_it_is_mounted() -> None:
-    ahead = messages(RosRobot(lidar=LidarDeclaration(x_m=0.25))).fixed(MOMENT, None)["/tf_static"]
+    ahead = messages(RosRobot(lidar=RosLidar(x_m=0.25))).fixed(MOMENT, None)["/tf_static"]
     assert np.float64(0.25).tobytes() in ahead
+
+
+SEES = RosRobot(
+    lidar=RosLidar(rate_hz=5.0),
+    depth_camera=RosDepthCamera(
+        columns=4, rows=2, x_m=0.1, z_m=0.4, pitch_rad=0.3, rate_hz=10.0, latency_steps=1, encoding="16UC1"
+    ),
+    color_camera=ColorCameraDeclaration(columns=3, rows=2, rate_hz=4.0),
+    imu=RosImu(z_m=0.05, yaw_rad=0.5, gyro_sigma_rad_s=0.1, rate_hz=10.0),
+    range_finders=RosRangeFinders(finders=2, first_rad=0.5, apart_rad=-1.0, out_m=0.2, radiation="infrared"),
+)
+READINGS = {
+    "depth_m": np.full((2, 4), 1.5, np.float32),
+    "color": np.arange(18, dtype=np.uint8).reshape(2, 3, 3),
+    "turn_rad_s": np.array([0.1, 0.2, 0.3], np.float32),
+    "force_m_s2": np.array([0.0, 0.0, 9.8], np.float32),
+    "finder_m": np.array([1.0, 4.0], np.float32),
+}
+
+
+def at(step: int) -> Moment:
+    """Returns a moment of the episode; nodes warmed up for ten steps before."""
+    return Moment(step + 10, 1_500_000_000 + 50_000_000 * step, SENSED._replace(readings=READINGS), step)
+
+
+def test_each_sensor_has_its_rate_and_the_steps_between_are_without_it() -> None:
+    found = messages(SEES)
+    due = {
+        topic: [step for step in range(-2, 11) if topic in found.due(at(step))]
+        for topic in ("/odom", "/scan", "/imu", "/range_1", "/camera/depth/image_raw", "/camera/color/image_raw")
+    }
+    assert due["/odom"] == due["/range_1"] == [*range(-2, 11)]
+    assert (due["/scan"], due["/imu"]) == ([0, 4, 8], [-2, 0, 2, 4, 6, 8, 10])
+    assert due["/camera/color/image_raw"] == [0, 5, 10]
+    assert due["/camera/depth/image_raw"] == [1, 3, 5, 7, 9], "none before the first picture has arrived"
+
+
+def test_a_scan_says_how_long_it_is_until_the_next() -> None:
+    assert round_trip("sensor_msgs/LaserScan", messages(SEES).write("/scan", at(4))).scan_time == np.float32(0.2)
+
+
+def test_a_picture_has_the_time_at_which_it_was_taken_and_its_own_frame() -> None:
+    found = messages(SEES)
+    kinds = {topic.name: topic.kind for topic in found.topics}
+    for name in ("image_raw", "camera_info", "points"):
+        read = round_trip(kinds[f"/camera/depth/{name}"], found.write(f"/camera/depth/{name}", at(3)))
+        stamped = (read.header.stamp.nanosec, read.header.frame_id)
+        assert stamped == (600_000_000, "camera_depth_optical_frame"), "a step before 1.65 s"
+    depth = round_trip("sensor_msgs/Image", found.write("/camera/depth/image_raw", at(3)))
+    assert (depth.encoding, np.frombuffer(bytes(depth.data), "<u2").tolist()) == ("16UC1", [1500] * 8)
+    color = round_trip("sensor_msgs/Image", found.write("/camera/color/image_raw", at(5)))
+    assert (color.encoding, color.data.tolist(), color.header.frame_id) == (
+        "rgb8",
+        list(range(18)),
+        "camera_color_optical_frame",
+    )
+
+
+def test_a_declared_imu_says_what_it_measures_and_how_it_errs() -> None:
+    read = round_trip("sensor_msgs/Imu", messages(SEES).write("/imu", at(2)))
+    turn, force = read.angular_velocity, read.linear_acceleration
+    assert (turn.x, turn.z, force.z) == pytest.approx((0.1, 0.3, 9.8))
+    assert (read.orientation_covariance[0], read.angular_velocity_covariance[4]) == (-1.0, pytest.approx(0.01))
+    knows = SEES.model_copy(update={"imu": RosImu(yaw_rad=0.5, heading=True)})
+    read = round_trip("sensor_msgs/Imu", messages(knows).write("/imu", at(2)))
+    assert (read.orientation.z, read.orientation_covariance[0]) == (pytest.approx(math.sin(0.25)), 0.0)
+
+
+def test_each_range_finder_has_a_topic_and_the_only_one_no_number() -> None:
+    found = messages(SEES)
+    read = [round_trip("sensor_msgs/Range", found.write(topic, at(0))) for topic in ("/range_0", "/range_1")]
+    assert [(each.range, each.radiation_type, each.header.frame_id) for each in read] == [
+        (1.0, 1, "range_0"),
+        (math.inf, 1, "range_1"),
+    ]
+    alone = messages(RosRobot(range_finders=RosRangeFinders()))
+    assert "/range" in alone.order
+    with pytest.raises(ValueError, match="/range_1 is a range finder's and another's"):
+        RosRobot(range_finders=RosRangeFinders(finders=2), topics=RosTopics(scan="/range_1"))
+
+
+def test_frames_are_where_sensors_are_mounted() -> None:
+    read = round_trip("tf2_msgs/TFMessage", messages(SEES).fixed(at(0), None)["/tf_static"]).transforms
+    found = {each.child_frame_id: each.transform for each in read}
+    places = {name: (each.translation.x, each.translation.y, each.translation.z) for name, each in found.items()}
+    assert places == {
+        "imu_link": (0.0, 0.0, 0.05),
+        "range_0": pytest.approx((0.2 * math.cos(0.5), 0.2 * math.sin(0.5), 0.2)),
+        "range_1": pytest.approx((0.2 * math.cos(0.5), -0.2 * math.sin(0.5), 0.2)),
+        "laser": (0.0, 0.0, 0.0),
+        "camera_depth_optical_frame": (0.1, 0.0, 0.4),
+        "camera_color_optical_frame": (0.0, 0.0, 0.3),
+    }
+    level = found["camera_color_optical_frame"].rotation
+    assert (level.x, level.y, level.z, level.w) == (-0.5, 0.5, -0.5, 0.5)
+
+
+def test_a_recording_keeps_no_pictures() -> None:
+    traffic = LockstepRecorder(Answers(), RobotBase(SEES, 4, -math.pi, math.pi / 2, 8.0), 0.05)
+    traffic.begin([at(0).sensed], [None])
+    for _ in range(5):
+        traffic.exchange([at(0).sensed])
+    kept = traffic.log()
+    assert {channel.topic for channel in kept.channels} >= {"/camera/depth/camera_info", "/range_0"}
+    assert not {channel.kind for channel in kept.channels} & {"sensor_msgs/Image", "sensor_msgs/PointCloud2"}
+    counts = [len(of_topic(kept, topic)) for topic in ("/odom", "/scan", "/camera/depth/camera_info")]
+    assert counts == [5, 2, 2]
 
 
 BASE = RobotBase(RosRobot(record={"/plan": "nav_msgs/Path"}), 3, -0.5, 0.5, 6.0)

@@ -24,9 +24,15 @@ PUBLISHED = {
     "robomaker_simulation_msgs/Cancel": "937c9679a518e3a18d831e57125ea522",
     "robomaker_simulation_msgs/RemoveTags": "cae332c01603844d352ed026669010ee",
     "rosgraph_msgs/Clock": "a9c97c1d230cfc112e270351a944ee47",
+    "sensor_msgs/CameraInfo": "c9a58c1b0b154e0e6da7578cb991d214",
+    "sensor_msgs/Image": "060021388200f6f0f447d0fcd9c64743",
     "sensor_msgs/Imu": "6a62c6daae103f4ff57a132d6f95cec2",
     "sensor_msgs/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
     "sensor_msgs/LaserScan": "90c7ef2dc6895d81024acba2ac42f369",
+    "sensor_msgs/PointCloud2": "1158d486dd51d683ce2f1be655c3c181",
+    "sensor_msgs/PointField": "268eacb2962780ceac86cbd17e328150",
+    "sensor_msgs/Range": "c005c34273dc426c67a020a87bc24148",
+    "sensor_msgs/RegionOfInterest": "bdb633039d588fcccb441a4d43ccfe09",
     "std_msgs/Header": "2176decaecbce78abc3b96ef049fabed",
     "std_msgs/UInt8MultiArray": "82373f1612381bb6ee473b5cd6f5d89c",
     "tf2_msgs/TFMessage": "94810edda583a504dfda3829e70d7eec",
@@ -56,4 +62,4 @@ def test_a_service_is_no_message(kind: str):
 
 def test_a_type_that_the_robot_does_not_speak_has_no_digest():
     with pytest.raises(KeyError):
-        type_digest("sensor_msgs/PointCloud2")
+        type_digest("sensor_msgs/NavSatFix")

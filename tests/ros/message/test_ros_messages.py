@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import (
     FrameTransform,
+    Inertia,
     PlanarTwist,
     read_tag_keys,
     read_tags,
@@ -66,6 +67,14 @@ def test_transforms_say_where_each_frame_is(each: list[FrameTransform]):
     read = round_trip("tf2_msgs/TFMessage", ros_messages.transforms(3, stamp(5), each)).transforms
     found = [(one.header.frame_id, one.child_frame_id, one.transform.translation.x) for one in read]
     assert found == [(one.parent, one.child, one.pose[0]) for one in each]
+
+
+def test_a_frame_may_have_a_height_or_a_place_and_a_turn_of_any_kind():
+    each = [("a", "b", (1.0, 2.0, 0.0, 0.5)), ("a", "c", (1.0, 2.0, 3.0, 0.5, -0.5, 0.5, -0.5))]
+    flat, turned = round_trip("tf2_msgs/TFMessage", ros_messages.transforms(0, stamp(0), each)).transforms
+    assert (flat.transform.translation.z, flat.transform.rotation.w) == (0.5, 1.0)
+    rotation = turned.transform.rotation
+    assert (turned.transform.translation.z, rotation.x, rotation.y, rotation.w) == (3.0, 0.5, -0.5, -0.5)
 
 
 @given(pose=POSES, frame=FRAMES)
@@ -139,11 +148,32 @@ def test_a_scan_leaves_its_ranges_as_they_are():
 
 
 @given(turn=st.floats(-9, 9), ahead=st.floats(-9, 9), left=st.floats(-9, 9))
-def test_an_imu_at_rest_feels_gravity_upward(turn: float, ahead: float, left: float):
-    data = ros_messages.imu(1, stamp(0), "imu_link", yaw_rad=0.5, turn_rad_s=turn, acceleration=(ahead, left))
+def test_an_imu_says_how_it_turns_and_is_pushed(turn: float, ahead: float, left: float):
+    data = ros_messages.imu(1, stamp(0), "imu_link", Inertia((0.0, 0.0, turn), (ahead, left, 9.81), yaw_rad=0.5))
     read = round_trip("sensor_msgs/Imu", data)
     pushed = read.linear_acceleration
     assert (read.angular_velocity.z, pushed.x, pushed.y, pushed.z) == (turn, ahead, left, 9.81)
+    assert _yaw(read.orientation) == pytest.approx(0.5)
+    assert not any((read.orientation_covariance.any(), read.angular_velocity_covariance.any()))
+
+
+def test_an_imu_without_a_compass_says_that_it_knows_no_orientation():
+    data = ros_messages.imu(
+        1, stamp(0), "imu_link", Inertia((0.1, 0.2, 0.3), (0.0, 0.0, 9.8), turn_sigma_rad_s=0.01, force_sigma_m_s2=0.2)
+    )
+    read = round_trip("sensor_msgs/Imu", data)
+    assert (read.orientation_covariance[0], read.orientation.w) == (-1.0, 1.0)
+    np.testing.assert_allclose(read.angular_velocity_covariance.reshape(3, 3), 1e-4 * np.eye(3))
+    np.testing.assert_allclose(read.linear_acceleration_covariance.reshape(3, 3), 0.04 * np.eye(3))
+
+
+@pytest.mark.parametrize(("range_m", "told"), [(1.25, 1.25), (4.0, math.inf), (np.nextafter(4.0, 0.0), math.inf)])
+def test_a_range_finder_that_hears_nothing_says_inf(range_m: float, told: float):
+    data = ros_messages.range_reading(
+        4, stamp(0), "range", range_m, radiation=ros_messages.INFRARED, cone_rad=0.5, range_max=4.0
+    )
+    read = round_trip("sensor_msgs/Range", data)
+    assert (read.radiation_type, read.field_of_view, read.max_range, read.range) == (1, 0.5, 4.0, told)
 
 
 @given(names=st.lists(st.text(min_size=1, max_size=10), max_size=5))

@@ -14,6 +14,7 @@ from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotB
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.repository import ROOT
+from tests.ros.pictures import readings
 
 CONTROL_S = 0.05
 RAYS = 90
@@ -76,7 +77,8 @@ def make_base(robot: RosRobot | None = None) -> RobotBase:
 class ToyWorld:
     """A point in a square room with four pillars."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, robot: RosRobot | None = None) -> None:
+        self._robot = robot or RosRobot()
         generator = np.random.default_rng(seed)
         self.pose = np.array([0.0, 0.0, generator.uniform(-3.0, 3.0)])
         self.velocity = np.zeros(3)
@@ -93,7 +95,8 @@ class ToyWorld:
         hits = np.where((off2 < 0.0625) & (along > 0), along - np.sqrt(np.maximum(0.0625 - off2, 0.0)), np.inf)
         ranges = np.minimum(np.minimum(walls, hits.min(axis=0)), 8.0).astype(np.float32)
         goal, bumper = np.array([2.0, 2.0]), np.zeros(0, bool)
-        return Sensed(self.pose.copy(), self.velocity.copy(), np.zeros(2), ranges, bumper, goal)
+        more = readings(self._robot, ranges)
+        return Sensed(self.pose.copy(), self.velocity.copy(), np.zeros(2), ranges, bumper, goal, None, more)
 
     def drive(self, command: TwistCommand) -> None:
         """Moves the robot for a control step."""
@@ -119,8 +122,15 @@ class Run:
         poses: Where the robots are at the end.
     """
 
-    def __init__(self, lockstep: Ros2Lockstep, lanes: int, steps: int, floor: FloorMap | None = None) -> None:
-        worlds = [ToyWorld(seed) for seed in range(lanes)]
+    def __init__(
+        self,
+        lockstep: Ros2Lockstep,
+        lanes: int,
+        steps: int,
+        floor: FloorMap | None = None,
+        robot: RosRobot | None = None,
+    ) -> None:
+        worlds = [ToyWorld(seed, robot) for seed in range(lanes)]
         self.commands: list[list[TwistCommand]] = [[] for _ in worlds]
         self.scans: list[np.ndarray] = []
         lockstep.begin([world.sense() for world in worlds], [floor] * lanes)

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from specs.bundle_files import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.simulate.sandbox.launch_check import check_launch_file
 from tests.repository import ROOT
+from tests.ros.pictures import seeing
 from tests.ros.random_graph import Part, part, random_graph
 from tests.ros.ros2.players import CONTROL_S, Run, make_base
 
@@ -22,14 +24,23 @@ _PATIENT = LockstepPatience(stage_s=20.0)
 _SHARED = Path("/dev/shm")  # noqa: S108 - where Fast DDS would have its memory
 
 
-def drive(folder: Path, package: Path, file: str, nodes: str = "", lanes: int = 1, *, graph: str = "") -> Run:
+def drive(
+    folder: Path,
+    package: Path,
+    file: str,
+    nodes: str = "",
+    lanes: int = 1,
+    *,
+    graph: str = "",
+    robot: RosRobot | None = None,
+) -> Run:
     """Returns what came of episodes with the nodes of a package."""
     folder.mkdir()
     shutil.copytree(package, folder / "bundle" / package.name)
     environment = {"NODES": nodes, "SPEED": "0.2", "GRAPH": graph}
     launch = Launch(folder / "bundle", package.name, file, folder / "home", [environment] * lanes)
-    with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=_PATIENT) as lockstep:
-        return Run(lockstep, lanes, 30)
+    with Ros2Lockstep(launch, make_base(robot), CONTROL_S, patience=_PATIENT) as lockstep:
+        return Run(lockstep, lanes, 30, robot=robot)
 
 
 @pytest.mark.usefixtures("rclpy_that_is_here")
@@ -53,6 +64,17 @@ def test_the_same_row_comes_again_alone_and_among_four(tmp_path: Path, nodes: st
     assert any(each.ahead_m_s for each in runs[0].commands[0])
     # Nodes are killed, and leave nothing where they share memory.
     assert not [each for each in set(_SHARED.iterdir()) - before if "fastdds" in each.name or "fastrtps" in each.name]
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclpy")
+def test_a_node_that_drives_by_pictures_gives_the_same_row_alone_and_among_two(tmp_path: Path) -> None:
+    robot = seeing()
+    runs = [drive(tmp_path / str(k), _TRIALS, "trials.launch.py", "seer", k, robot=robot) for k in (1, 2)]
+    assert [run.failures for run in runs] == [{}, {}]
+    assert runs[0].digests[0] == runs[1].digests[0]
+    # A picture at each second step, each answered.
+    assert {(each.commands, each.late, each.stray) for run in runs for each in run.tallies} == {(15, 0, 0)}
 
 
 def _drive_graph(folder: Path, graph: Mapping[str, Part], lanes: int) -> Run:

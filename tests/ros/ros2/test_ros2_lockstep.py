@@ -10,7 +10,8 @@ import pytest
 from rosbags.typesys import Stores, get_typestore
 
 from tasks.ros.lockstep.exchange import TwistCommand
-from tasks.ros.lockstep.robot_topics import Moment, SensorMessages
+from tasks.ros.lockstep.robot_topics import SensorMessages
+from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
 from tasks.ros.ros2.dds_domain import DOMAINS

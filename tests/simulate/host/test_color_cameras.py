@@ -15,7 +15,7 @@ from tasks.render.camera_pool import Shot, open_cameras
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host import color_cameras
-from tasks.simulate.host.color_cameras import SeeingControllers
+from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 from tasks.simulate.host.controllers import HostStart, with_color
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.sensors.sensor_table import read_color_camera, sensors_of
@@ -116,7 +116,8 @@ def shown(rate_hz: float, latency_steps: int, monkeypatch: pytest.MonkeyPatch) -
     camera = ColorCameraDeclaration(columns=6, rows=4, rate_hz=rate_hz, latency_steps=latency_steps)
     lane: Any = type("Lane", (), {"request": watching(0)})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()), {"hand/pen-0": None})  # type: ignore[dict-item]
-    seeing = SeeingControllers(watcher, [camera, BundleCrash("RobotApplicationCrash", "broken")], start)  # type: ignore[arg-type]
+    pictures = LanePictures([camera, BundleCrash("RobotApplicationCrash", "broken")], start)
+    seeing = SeeingControllers(watcher, pictures, start)  # type: ignore[arg-type]
     for _ in range(8):
         seeing.see(np.zeros((2, 3), np.float32))
         controls = seeing.controls(Observation(*[None] * 8), np.array([True, True]))  # type: ignore[arg-type]

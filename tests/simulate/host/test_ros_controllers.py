@@ -4,6 +4,8 @@ import errno
 import os
 import shutil
 import tempfile
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -14,11 +16,13 @@ import pytest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from specs.errors import StageFailed
-from tasks.ros.lockstep.exchange import Launch, Sensed, TwistCommand
+from tasks.render.camera_pool import Shot
+from tasks.ros.lockstep.exchange import Launch, RobotBase, Sensed, TwistCommand
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
-from tasks.simulate.host.controllers import HostBundle, HostStart
+from tasks.simulate.host import color_cameras
+from tasks.simulate.host.controllers import HostBundle, HostStart, SeesWorlds
 from tasks.simulate.host.ros_controllers import LockstepMaker, RosHome, RosLanes, remove_abandoned, ros_application
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import Chunk
@@ -109,7 +113,8 @@ def started(
     bundle = HostBundle(ros_bundle(folder / "bundle", declaration), ROS_ROBOT)
     application = ros_application(bundle, "ros", make or locksteps)
     lanes = [lane(index, kind) for index, kind in enumerate(kinds)]
-    start = HostStart(lanes, _WIDTH, 3, read_sensors(application.declare, {}))
+    worlds: Any = {"hand/one": None}
+    start = HostStart(lanes, _WIDTH, 3, read_sensors(application.declare, {}), worlds)
     made = application.start(start)
     assert isinstance(made, RosLanes)
     return made, locksteps
@@ -183,6 +188,92 @@ def test_velocity_and_acceleration_are_those_of_the_robots_own_frame(tmp_path: P
     np.testing.assert_allclose(sensed(only(locksteps)).velocity, (0.4, -0.1, 0.2), atol=1e-6)
     np.testing.assert_allclose(sensed(only(locksteps)).acceleration, (8.0, -2.0), atol=1e-5)
     np.testing.assert_allclose(sensed(only(locksteps)).goal, (4.0, 5.0))
+
+
+_SEES = "depth_camera: {columns: 3, rows: 2}\nimu: {yaw_rad: 1}\nrange_finders: {finders: 2}\nlidar: {rays: 4}"
+
+
+def test_nodes_are_told_what_declared_sensors_read(tmp_path: Path):
+    lanes, locksteps = started(tmp_path, ["", ""], declaration=_SEES)
+    depth_m = np.arange(_WIDTH * 6, dtype=np.float32).reshape(_WIDTH, 2, 3)
+    turns = np.arange(_WIDTH * 3, dtype=np.float32).reshape(_WIDTH, 3)
+    fields = observed()._replace(depth_m=depth_m, turn_rad_s=turns, force_m_s2=turns + 9, finder_m=turns[:, :2])  # pyright: ignore[reportArgumentType] - NumPy's
+    lanes.controls(fields, moving(0, 1))
+    told = sensed(only(locksteps), number=1).readings
+    assert told.keys() == {"depth_m", "turn_rad_s", "force_m_s2", "finder_m"}
+    np.testing.assert_array_equal(told["depth_m"], depth_m[1])
+    np.testing.assert_array_equal(told["finder_m"], [3.0, 4.0])
+
+
+def test_a_sensor_that_no_topic_tells_of_is_not_simulated(tmp_path: Path):
+    none = "topics: {depth_image: null, depth_points: null, imu: null, range_finders: null}"
+    folder = ros_bundle(tmp_path, f"{_SEES}\n{none}")
+    declared = ros_application(HostBundle(folder, ROS_ROBOT), "ros", FakeLocksteps()).declare
+    found = read_sensors(declared, {})
+    assert (found.depth_camera, found.imu, found.range_finders.finders, found.lidar.rays) == (None, None, 0, 4)
+
+
+class _Drawer:
+    """Stands for the processes that draw: a picture has its number, from 1, in all pixels; the third one fails."""
+
+    gl = "none"
+
+    def __init__(self) -> None:
+        self.drawn: list[int] = []
+
+    def add(self, key: str, world: World, camera: object) -> None:
+        pass
+
+    def color(self, shots: Sequence[Shot]) -> np.ndarray:
+        self.drawn.append(shots[0].number)
+        if shots[0].number == 2:
+            raise StageFailed("InternalServiceError", "the GL is gone")
+        return np.stack([np.full((2, 3, 3), shot.number + 1, np.uint8) for shot in shots])
+
+
+class _Watching(FakeLockstep):
+    """Reads at each control step what lane 1 sees."""
+
+    def __init__(self, base: RobotBase, launch: Launch) -> None:
+        super().__init__(base, launch)
+        self.colors: list[int] = []
+
+    def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
+        if sensed[1] is not None:
+            self.colors.append(int(sensed[1].readings["color"].max()))
+        return super().exchange(sensed)
+
+
+def seeing(folder: Path, make: LockstepMaker, monkeypatch: pytest.MonkeyPatch, steps: int) -> tuple[RosLanes, _Drawer]:
+    drawer = _Drawer()
+    monkeypatch.setattr(color_cameras, "open_cameras", lambda most: nullcontext(drawer) if most == 2 else None)
+    declaration = "color_camera: {columns: 3, rows: 2, rate_hz: 10, latency_steps: 1}\nlidar: {rays: 4}"
+    lanes, _ = started(folder, ["", ""], make, declaration)
+    assert isinstance(lanes, SeesWorlds)
+    lanes.see(np.zeros((_WIDTH, 3), np.float32))
+    driven(lanes, steps, 0, 1)
+    return lanes, drawer
+
+
+def test_nodes_see_colours_until_nothing_can_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    made: list[_Watching] = []
+
+    def make(base: RobotBase, launch: Launch) -> _Watching:
+        made.append(_Watching(base, launch))
+        return made[-1]
+
+    lanes, drawer = seeing(tmp_path, make, monkeypatch, 5)
+    assert (made[0].colors, drawer.drawn) == ([0, 1, 1, 2, 2], [0, 1])
+    assert np.isnan(driven(lanes, 1, 0, 1)[:2]).all()
+    assert set(lanes.crashes.values()) == {"wheels: InternalServiceError: the GL is gone"}
+    lanes.close()
+    assert made[0].closed == 1
+
+
+def test_colours_that_no_node_asks_for_are_not_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    lanes, drawer = seeing(tmp_path, FakeLocksteps(), monkeypatch, 6)
+    assert (lanes.crashes, drawer.drawn) == ({}, [])
+    lanes.close()
 
 
 def test_the_first_ray_and_the_step_to_the_next_are_told(tmp_path: Path):

@@ -7,6 +7,7 @@ setup(
         "console_scripts": [
             "threads = trials.nodes:threads",
             "stamped = trials.nodes:stamped",
+            "seer = trials.nodes:seer",
             "counter = trials.nodes:counter",
             "asker = trials.nodes:asker",
             "part = trials.nodes:part",
