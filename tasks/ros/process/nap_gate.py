@@ -223,7 +223,7 @@ class NapGate:
         """Returns how long a thread wants to nap; 0 where that cannot be read."""
         try:
             memory = os.open(f"/proc/{tid}/mem", os.O_RDONLY)
-        except PermissionError:  # Yama's ptrace_scope
+        except PermissionError:  # as Yama may say
             self._refused["this kernel lets nobody read how long they are (/proc/<pid>/mem)"] = None
             return 0
         except OSError:
