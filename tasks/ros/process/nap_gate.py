@@ -129,7 +129,7 @@ class NapGate:
         self.free: set[int] = set()
         self._loop = loop
         self._machine = _MACHINES.get(platform.machine())
-        self._refused: dict[str, None] = dict.fromkeys([_missing()] if loop and _missing() else [])
+        self._refused = dict.fromkeys(filter(None, [_missing() if loop else ""]))
         self._doors, self._most_pids = 0, 0
         self._waiting: dict[int, socket.socket] = {}
         self._listeners: dict[int, _Listener] = {}
