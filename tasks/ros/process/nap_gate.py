@@ -37,7 +37,9 @@ def do(result, what):
 try:
     do(libc.prctl(38, 1, 0, 0, 0), "PR_SET_NO_NEW_PRIVS")
     steps = ctypes.create_string_buffer(code, len(code))
-    listener = do(libc.syscall(call, 1, 8, struct.pack("HP", len(code) // 8, ctypes.addressof(steps))), "seccomp")
+    head = struct.pack("HP", len(code) // 8, ctypes.addressof(steps))
+    # With a listener; and nothing is slowed down against speculation, for this shuts nobody in.
+    listener = do(libc.syscall(call, 1, 8 | 4, head), "seccomp")
     socket.send_fds(own, [str(os.getpid()).encode()], [listener])
     os.close(listener)
 except OSError as exc:
