@@ -101,6 +101,7 @@ def test_all_of_a_process_poll_anew_when_one_found_something(
     """It ran for longer than a poll does that finds nothing; the second time, that is usual."""
     (process,) = made(gate, proc, watch, rounds, 2)
     rounds.touch({ONE})
+    ended: list[int] = []
     for _ in range(2):
         assert rounds.end_next(patient=True)
         process.threads[process.tids[0]].run(ran_ns=150_000)
