@@ -160,6 +160,8 @@ def _folder(
 ) -> Path:
     """Returns the folder of a bundle; a container image's is made in the cache."""
     if not is_image_source(source, Path()):
+        if robot:
+            raise _refused("--robot", str(robot), f"nothing: {source} is no container image, and has its own")
         return Path(source)
     if kind == "simulation":
         raise _refused("bundle", source, "a folder: a container image drives a robot, and does not judge")

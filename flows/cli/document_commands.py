@@ -138,6 +138,9 @@ def validate(
         echo(f"not looked up, because only the store knows: {', '.join(left)}; simyard plan {file} does, or --store")
 
 
+_ROUNDS = 20  # each leaves out a section, or as many unknown ones as are told at once
+
+
 def _faults_of_the_rest(data: "JsonValue", wrong: DocumentError, file: Path) -> "Sequence[Fault]":
     """Returns what is wrong with the bundles of a document that is wrong in itself, as far as it says which they are.
 
@@ -145,24 +148,32 @@ def _faults_of_the_rest(data: "JsonValue", wrong: DocumentError, file: Path) -> 
     """
     from flows.pipeline.bundle_checks import check_own_bundles
     from flows.pipeline.robot_drafts import with_drafts
-    from tasks.documents.pipeline_file import pipeline_of, without
+    from tasks.documents.pipeline_file import without
 
     known, folder = tuple(fault.path for fault in wrong.faults), file.resolve().parent
-    rest, paths = data, {*known}
-    while paths:
-        rest = without(rest, paths)
-        try:
-            spec = pipeline_of(rest, file, file.parent)
-        except DocumentError as exc:
-            left = rest if isinstance(rest, dict) else {}
-            paths = {name for name in left if any(fault.path.startswith(name) for fault in exc.faults)}
-            continue
-        try:
+    spec = _sound_part(without(data, known), file)
+    try:
+        if spec:
             check_own_bundles(with_drafts(spec, folder).spec, folder)
-        except DocumentError as exc:
-            return [fault for fault in exc.faults if not fault.path.startswith(known)]
-        break
+    except DocumentError as exc:
+        return [fault for fault in exc.faults if not fault.path.startswith(known)]
+    except SimyardError:  # such as a full disk: it is met again by whoever has put right what is told now
+        return ()
     return ()
+
+
+def _sound_part(data: "JsonValue", file: Path) -> "PipelineSpec | None":
+    """Returns a document less the sections that are not whole; None if nothing is left."""
+    from tasks.documents.pipeline_file import pipeline_of
+
+    for _ in range(_ROUNDS):
+        try:
+            return pipeline_of(data, file, file.parent)
+        except DocumentError as exc:
+            places, sections = [fault.path for fault in exc.faults], data if isinstance(data, dict) else {}
+            wrong = {name for name in sections if any(place.startswith(name) for place in places)}
+            data = {name: each for name, each in sections.items() if name not in wrong}
+    return None
 
 
 def _references_in(store: str | None) -> "Sequence[Callable[[PipelineSpec, Path], object]]":

@@ -34,7 +34,7 @@ from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.application.mjcf_check import refusal_lines
 from tasks.simulate.forecast.batch_times import Span
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
-from tasks.simulate.geometry.world_arrays import grid_cells
+from tasks.simulate.geometry.obstacles import grid_cells
 from tasks.simulate.host.declaration import controller_kind
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch

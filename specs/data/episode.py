@@ -149,7 +149,8 @@ class EpisodeResult(Spec):
         energy_j: Integral of |actuator force x velocity|.
         final_x_m: Final pose.
         odometry_error_m: How far the robot's believed place was from its final one; None for one without odometry.
-        late: Stages of control steps at which a ROS application did not come to rest in time; None for other robots.
+        late: Stages of control steps at which a ROS application did not come to rest in time, or two of its processes
+            told a third one something; None for other robots.
         stray: Commands and places that a ROS application gave its robot after it was taken for quiet; None likewise.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.

@@ -226,7 +226,10 @@ _UNREACHABLE = (
 )
 _REACHABLE = "How many of the goals such a disc can get to; null where goals are no destinations."
 _ODOMETRY = "How far the place that the robot believed in was from its final one; null for a robot without odometry."
-_LATE = "Stages of control steps at which a ROS application did not come to rest in time; null for other robots."
+_LATE = (
+    "Stages of control steps at which a ROS application did not come to rest in time, or two of its processes told a "
+    "third one something; null for other robots."
+)
 _STRAY = (
     "Commands and places that a ROS application gave its robot after it was taken for quiet; null for other robots."
 )

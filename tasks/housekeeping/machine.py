@@ -33,6 +33,7 @@ _MODULES = {
     "tasks.simulate": "simulator",
     "tasks.worlds": "world generator",
     "tasks.export": "renderer",
+    "tasks.render": "camera renderer",
     "tasks.ros": "launch file",
     "flows.queue": "queue worker",
 }

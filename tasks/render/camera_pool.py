@@ -8,7 +8,7 @@ import logging
 import os
 from collections import OrderedDict
 from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Annotated, Literal, NamedTuple
 
@@ -25,7 +25,7 @@ from tasks.render.gl_process import NO_GL, DrawingEndedError, GlProcess, start_g
 _PROGRAM = "tasks.render.camera_process"
 # A picture is small: a GL that shared it out among threads of its own would wait for them longer than it draws.
 _ENVIRONMENT = {"LP_NUM_THREADS": "0"}
-_WORLDS_KEPT = 32
+_WORLDS_KEPT = 128  # of 8 MB; one that is not kept takes as long to make as sixty pictures of it
 _CHANNELS, _DEPTH_BYTES = 3, 8
 DRAWN = b"!"
 _logger = logging.getLogger(__name__)
@@ -78,16 +78,16 @@ REQUEST: TypeAdapter[AddCamera | Draw | Forget] = TypeAdapter(
 
 
 @contextmanager
-def open_cameras(workers: int | None = None) -> Generator["CameraPool", None, None]:
+def open_cameras(most: int) -> Generator["CameraPool", None, None]:
     """Yields processes that draw; they end with the block, or with this process.
 
     Args:
-        workers: How many; one for each core that this process may use if None.
+        most: How many at most; there is one for each core that this process may use.
 
     Raises:
         SimyardError: There is no GL.
     """
-    count = workers or len(os.sched_getaffinity(0))
+    count = min(most, len(os.sched_getaffinity(0)))
     with ThreadPoolExecutor(count) as executor:
         started = [executor.submit(_Drawer) for _ in range(count)]
         try:
@@ -151,6 +151,7 @@ class CameraPool:
             self._executor.submit(drawer.draw, request, self._cameras, length)
             for drawer, request in zip(self._drawers, asked, strict=True)
         ]
+        wait(futures)  # also where one fails: a process is asked one thing at a time, and ends with the block
         pictures = [b""] * len(shots)
         for share, future in zip(shares, futures, strict=True):
             answer = future.result()

@@ -201,7 +201,8 @@ def exposed(pixels: Pixels, camera: ColorCameraDeclaration, seed: int, number: i
 
 
 def _counted(seed: int, stream: int, number: int) -> np.random.Generator:
-    return np.random.Generator(np.random.Philox(key=[seed & (1 << 64) - 1, stream], counter=[0, 0, 0, number]))
+    key = np.array([seed & (1 << 64) - 1, stream], np.uint64)  # a list of both would become floats
+    return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, number]))
 
 
 def _blurred(pixels: Float[np.ndarray, "rows columns 3"], sigma_px: float) -> Float[np.ndarray, "rows columns 3"]:

@@ -35,7 +35,7 @@ class CameraScene(NamedTuple):
 
     Attributes:
         model: Its geoms are meshes, in the order of the two tuples.
-        names: Of the solids that a segmentation numbers, from 0: the world's, then floor and ceiling.
+        names: Of the solids that a segmentation numbers, from 0: the world's, the floor, and the ceiling if it has one.
         colored: Geoms of a colour picture.
         numbered: The geom of depth and segmentation, whose colours are numbers from 1.
         hulls: Of the solids.
@@ -112,11 +112,13 @@ def _as_colors(numbers: Int64[np.ndarray, "dots"]) -> np.ndarray:
     return np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=1).astype(np.uint8)
 
 
-def _floor_and_ceiling(world: World) -> tuple[Solid, Solid]:
-    """Returns slabs that end at the floor's height, and begin at the ceiling's."""
+def _floor_and_ceiling(world: World) -> list[Solid]:
+    """Returns slabs that end at the floor's height, and begin at the ceiling's, which imported worlds have not."""
     area, half_m = world.footprint, _THICKNESS_M / 2
-    ceiling = _slab(CEILING, area, 0.0, world.ceiling_height_m + half_m, _CEILING_COLOR)
-    return _slab(FLOOR, area, _AROUND_M, -half_m, _FLOOR_COLOR), ceiling
+    floor = _slab(FLOOR, area, _AROUND_M, -half_m, _FLOOR_COLOR)
+    if world.source is not None:
+        return [floor]
+    return [floor, _slab(CEILING, area, 0.0, world.ceiling_height_m + half_m, _CEILING_COLOR)]
 
 
 def _slab(name: str, area: Rectangle, margin_m: float, z_m: float, color: Color) -> Solid:

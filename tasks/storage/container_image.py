@@ -204,6 +204,7 @@ def _written(layout: Path, kind: str, body: bytes) -> dict[str, object]:
 def _copy_layer(blobs: ImageBlobs, name: str, digest: str, layout: Path, left: int) -> int:
     """Returns how long a layer is that was copied and compared."""
     found, size, target = hashlib.sha256(), 0, layout / blob_name(digest)
+    target.unlink(missing_ok=True)  # of a layer that is there twice; by now it is other images' file as well
     with blobs.open(name) as source, target.open("wb") as sink:
         while block := source.read(BLOCK_BYTES):
             size += len(block)

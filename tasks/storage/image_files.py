@@ -9,6 +9,7 @@ A file that was changed is found by its time, and the image unpacked anew. Who s
 well: nothing that runs in an image can, for which it is read-only. Programs are run by ``bwrap``, without a daemon.
 """
 
+import fcntl
 import gzip
 import hashlib
 import json
@@ -213,15 +214,21 @@ def new_tree(target: Path, mark: str) -> Generator[Path]:
         (made / FILES_FOLDER).mkdir(parents=True)
         yield made / FILES_FOLDER
         (made / _SEAL).write_text(_seal(made / FILES_FOLDER))
-        if os.path.lexists(target) and not sealed_tree(target):
-            away = target.with_name(f".{uuid4().hex}.tmp")
-            target.rename(away)
-            _remove(away)
-        try:
-            made.rename(target)
-        except OSError:
-            if not sealed_tree(target):  # else another process was first
-                raise
+        _settle(made, target)
+
+
+def _settle(made: Path, target: Path) -> None:
+    """Gives a folder that is whole its name, unless another process was first."""
+    descriptor = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)  # or one puts away what the other has just made
+        if sealed_tree(target):
+            return
+        with suppress(FileNotFoundError):  # else it was changed
+            target.rename(made.with_name("changed"))
+        made.rename(target)
+    finally:
+        os.close(descriptor)
 
 
 def sealed_tree(target: Path) -> Path | None:

@@ -4,8 +4,13 @@ import itertools
 import math
 import os
 import signal
+import time
 from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
+from types import SimpleNamespace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -15,7 +20,10 @@ from specs.bundle_files import ColorCameraDeclaration
 from specs.data.world import Solid, World, solids
 from specs.errors import SimyardError
 from tasks.export.format.mjcf import add_solid_geom
+from tasks.render import camera_pool
 from tasks.render.camera_pool import CameraPool, Shot, open_cameras
+from tasks.render.camera_scene import FLOOR, camera_scene
+from tests.factories.own_worlds import walled_hall
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
 
@@ -168,6 +176,16 @@ def test_a_picture_is_the_same_bytes_alone_and_beside_others_whoever_draws_it(ca
     differs = (other[:2] != together[0]).mean(axis=(1, 2, 3))
     assert differs.min() > 0.3, "another episode has another light, and each picture its noise"
     np.testing.assert_array_equal(other[2], together[1])  # without spread there is one light
+    one, another = cameras.color([shots[0]._replace(seed=(1 << 63) + number) for number in (5, 6)])
+    assert (one != another).mean() > 0.3, "all 64 bits of a seed count"
+
+
+def test_cameras_that_were_forgotten_draw_the_same(cameras: CameraPool, monkeypatch: pytest.MonkeyPatch):
+    cameras.add("high", furnished(), CAMERA.model_copy(update={"z_m": 0.8}))
+    shots = [shot._replace(key=key) for shot in poses(2) for key in ("plain", "high")]
+    before = cameras.color(shots)
+    monkeypatch.setattr(camera_pool, "_WORLDS_KEPT", 1)
+    np.testing.assert_array_equal(cameras.color(shots), before)
 
 
 @pytest.mark.long
@@ -221,3 +239,29 @@ def test_without_gl_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
         open_cameras(1),
     ):
         pytest.fail("there is no GL")
+
+
+def test_an_imported_hall_has_no_ceiling_as_for_a_depth_camera():
+    assert camera_scene(walled_hall(), 8, 8).names[-1] == FLOOR
+
+
+def test_where_one_process_fails_the_others_are_waited_for():
+    failed, ended = Event(), list[str]()
+
+    def fail(*_: object) -> bytes:
+        failed.set()
+        raise SimyardError("it hangs")
+
+    def draw(*_: object) -> bytes:
+        failed.wait()
+        time.sleep(0.2)
+        ended.append("other")
+        return bytes(CAMERA.rows * CAMERA.columns * 3)
+
+    drawers: Any = [SimpleNamespace(process=SimpleNamespace(gl="none"), draw=each) for each in (fail, draw)]
+    with ThreadPoolExecutor(2) as executor:
+        pool = CameraPool(drawers, executor)
+        pool.add("plain", furnished(), CAMERA)
+        with pytest.raises(SimyardError, match="it hangs"):
+            pool.color(poses(2))
+        assert ended == ["other"]

@@ -12,6 +12,7 @@ from specs.errors import BundleRefused
 from tasks.storage.container_image import image_bundle, is_image_source
 from tasks.storage.image_files import image_root, read_image
 from tests.storage.made_images import (
+    configuration,
     docker_archive,
     file,
     layer,
@@ -107,6 +108,21 @@ def test_a_layer_that_was_changed_in_the_cache_is_copied_anew(tmp_path: Path) ->
     blob.write_bytes(_LAYER.replace(b"exec", b"stop"))
     assert image_bundle("app.tar", tmp_path) == bundle
     assert _tree(bundle) == before
+
+
+def test_a_layer_that_is_named_twice_writes_nothing_into_those_of_other_images(tmp_path: Path) -> None:
+    """The attack: a first copy is the file that images share, and what a second one of the same name has is another."""
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    bundle = image_bundle("app.tar", tmp_path)
+    before, said = _tree(bundle), configuration([_LAYER, _LAYER], {})
+    entries = {"0.tar": _LAYER, "1.tar": b"evil", "config.json": said}
+    entries["manifest.json"] = json.dumps([{"Config": "config.json", "Layers": ["0.tar", "1.tar"]}]).encode()
+    (tmp_path / "evil.tar").write_bytes(layer(*(file(name, body) for name, body in entries.items())))
+    with pytest.raises(BundleRefused, match="it was changed"):
+        image_bundle("evil.tar", tmp_path)
+    assert _tree(bundle) == before
+    docker_archive(tmp_path / "twice.tar", [_LAYER, _LAYER], _CONFIG)
+    assert image_root(image_bundle("twice.tar", tmp_path)) is not None
 
 
 def test_images_share_the_layers_and_files_that_are_alike(tmp_path: Path) -> None:

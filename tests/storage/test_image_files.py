@@ -1,6 +1,7 @@
 """Layers are applied as their specification says, and nothing of them lands outside the image or gives rights."""
 
 import contextlib
+import fcntl
 import gzip
 import hashlib
 import io
@@ -18,7 +19,8 @@ from hypothesis import strategies as st
 
 from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused
-from tasks.storage.image_files import apply_layer, image_command, inside, missing_program
+from tasks.storage import image_files
+from tasks.storage.image_files import apply_layer, image_command, inside, missing_program, new_tree, sealed_tree
 from tests.storage.made_images import Entry, commented, device, file, folder, layer, link
 
 _IMAGE = ContainerImage(digest="0" * 64, architecture="X86_64")
@@ -213,3 +215,31 @@ def _needed(program: str, package: str) -> str:
             pytest.fail(f"apt-get install {package}")
         pytest.skip(f"apt-get install {package}")
     return found
+
+
+def test_of_two_that_unpack_the_same_the_second_waits_and_keeps_what_the_first_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it might look while what lies there is changed, and put away what the first has made since."""
+
+    def look(target: Path) -> Path | None:
+        descriptor = os.open(tmp_path, os.O_RDONLY)
+        try:
+            with pytest.raises(BlockingIOError):
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        finally:
+            os.close(descriptor)
+        return sealed_tree(target)
+
+    monkeypatch.setattr(image_files, "sealed_tree", look)
+    image = tmp_path / "image"
+    with new_tree(image, ".unpack-") as second:
+        with new_tree(image, ".unpack-"):
+            pass
+        made = image.stat().st_ino
+        (second / "more").touch()
+    assert (image.stat().st_ino, list(tmp_path.iterdir())) == (made, [image])
+    (image / "files/more").touch()
+    with new_tree(image, ".unpack-"):
+        pass
+    assert sealed_tree(image) == image / "files"

@@ -207,8 +207,8 @@ def variable_faults(
 def check_variables(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - as every check of a document
     """Refuses variables of a deployment that no request of the document drives, as far as no store is needed for it.
 
-    Where a request drives another application than the deployed one, only its bundle's digest tells whether it is
-    another one, which a plan knows.
+    Where a request drives another application than the deployed one, or requests drive builds for several
+    architectures, only digests tell what is deployed of it, which a plan knows.
 
     Raises:
         DocumentError: With a fault for each.
@@ -217,15 +217,18 @@ def check_variables(spec: PipelineSpec, base: Path) -> None:  # noqa: ARG001 - a
     if not (spec.gate and batch and section):
         return
     use = section.deploymentApplicationConfigs[0]
-    driven: list[Driven] = []
+    driven, architectures = list[Driven](), set[Architecture | None]()
     for request in batch.createSimulationJobRequests:
         robot = next(iter(request.robotApplications or ()), None)
         if robot is None or (robot.application, robot.applicationVersion) != (use.application, use.applicationVersion):
             return
+        architectures.add(robot.architecture)
         uses = [*(request.simulationApplications or ()), robot]
         own = {name: value for each in uses for name, value in (each.launchConfig.environmentVariables or {}).items()}
         driven.append({**{name: (value,) for name, value in own.items()}, **batch.matrix.environmentVariables})
     given = use.launchConfig.environmentVariables or {}
+    if len(architectures) > 1:
+        return
     if faults := variable_faults(given, [driven], section.untestedVariables or {}):
         raise DocumentError(faults)
 

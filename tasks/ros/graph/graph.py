@@ -272,12 +272,14 @@ class NodeLinks:
         return {*wanted, *((each,) for each in self._unconnected())} - self._found - self._hopeless
 
     def _hear(self, node: str, answer: NodeAnswer) -> None:
+        heard = set[tuple[str, ...]]()
         for each in answer.value if isinstance(answer.value, list) else ():
             match each:
                 case [_, str(uri), "i", _, str(topic), *_]:
-                    self._found.add((node, topic, uri))
+                    heard.add((node, topic, uri))
                 case _:
                     pass
+        self._found |= heard & self._missing()  # of whatever it tells, no more than is asked for stays
 
 
 def _types(topics: Sequence[Topic]) -> Value:

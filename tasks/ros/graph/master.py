@@ -469,7 +469,7 @@ class Master:
 
     def _look_up_service(self, caller: str, service: str) -> Outcome:
         found = self._tables.services.get(service)
-        if found is not None:
+        if found is not None and len(self._asked) < limits.CALLS:
             self._asked.add((caller, found.node))
         return (-1, f"nobody provides {service}", "") if found is None else (1, found.node, found.uri)
 

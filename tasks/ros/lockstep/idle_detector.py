@@ -147,8 +147,7 @@ class IdleDetector:
         self._asleep, self._seen_s, self._slept_s = False, 0.0, 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
-        self._noted = False
-        self._ticked = False
+        self._noted = self._ticked = self._unlinked = False
         self._usual_ns: dict[int, float] = {}
         # Who has to poll, what was counted of it last, and when it was seen to poll; None while somebody else is awake.
         self._due: dict[int, tuple[Runs, float]] | None = None
@@ -179,6 +178,7 @@ class IdleDetector:
         self._begun_s, self._granted_s, self._begun_runs = now_s, 0.0, self._watch.runs
         self._seen_s, self._slept_s = now_s, 0.0
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
+        self._unlinked = False
         self._naps.begin()
 
     def look(self, now_s: float) -> IdleState:
@@ -252,6 +252,8 @@ class IdleDetector:
         """Returns whether nobody has still to connect: what was registered is waited for as a callback that naps."""
         if not self._begun_s or self.graph.linked():
             return True
+        if not self._unlinked:  # what came before is no time that connecting took
+            self._unlinked, self._granted_s = True, self._own_s()
         if self.has_time(self._nap_s, now_s):
             self.next_s = now_s + _ASK_S
             return False

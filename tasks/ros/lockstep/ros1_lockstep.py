@@ -41,7 +41,7 @@ from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
 from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
 from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
-from tasks.ros.process.contention import ConnectionWatch
+from tasks.ros.process.contention import ConnectionWatch, counts_bytes
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
 from tasks.ros.process.nap_gate import NapGate
 from tasks.ros.process.network import EpisodeNetworks
@@ -259,7 +259,15 @@ class Ros1Lockstep:
         return resolve_launch(source, environments)
 
     def _lane(self, number: int, plan: LaunchPlan) -> RosLane:
-        """Returns a lane with its nodes started, or with why they cannot be."""
+        """Returns a lane with its nodes started, or with why they cannot be.
+
+        Raises:
+            LaunchRefused: Nobody can tell here whether its nodes race.
+        """
+        if not counts_bytes():
+            raise LaunchRefused(
+                "this kernel does not tell of connections (sock_diag(7)), by which races of nodes are seen"
+            )
         installation, network, topics = ros_installation(), self._networks.new(), self._messages.topics
         gazebo = self._launch.simulation and GazeboServices(plan.model, 1 / PHYSICS_HZ)
         if gazebo is not None:

@@ -12,11 +12,12 @@ import os
 import socket
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple
 
 from tasks.ros.process.application_processes import ApplicationProcesses
-from tasks.ros.process.network import EpisodeNetwork
+from tasks.ros.process.lane_limits import NO_ROOM
+from tasks.ros.process.network import EpisodeNetwork, new_diag
 
 # Two that speak, and one that hears them.
 _FEWEST = 3
@@ -64,13 +65,19 @@ class ConnectionWatch:
         """Returns whether two processes told a third one something since the last call."""
         callers = self._asked()
         if len(self._application.processes()) < _FEWEST:
+            self._before = {}
             return False
         before, now = self._before, _connections(self._network.diag)
         self._before = now
-        moved = [ends for ends, each in now.items() if ends in before and _heard(before[ends], each)]
+        moved = [
+            (each.inode, now[theirs, ours].inode)
+            for (ours, theirs), each in now.items()
+            if (theirs, ours) in now and (ours, theirs) in before and _heard(before[ours, theirs], each)
+        ]
+        self._find_owners({inode for ends in moved for inode in ends}, now)
         told = defaultdict[int | str, set[int | str]](set)
-        for ours, theirs in moved:
-            reader, writer = self._owner(now[ours, theirs]), self._owner(now.get((theirs, ours)))
+        for ends in moved:
+            reader, writer = (self._owners[inode] for inode in ends)
             if reader and writer and reader != writer:
                 told[reader].add(writer)
         if callers:
@@ -79,13 +86,27 @@ class ConnectionWatch:
                 told[known.get(provider, provider)].add(known.get(caller, caller))
         return any(len(writers) > 1 for writers in told.values())
 
-    def _owner(self, end: _Connection | None) -> int:
-        """Returns the process that has a socket; 0 for one that is not the application's."""
-        if end is None:
-            return 0
-        if end.inode not in self._owners:
-            self._owners = {inode: pid for pid in self._application.processes() for inode in _sockets(pid)}
-        return self._owners.setdefault(end.inode, 0)
+    def _find_owners(self, inodes: set[int], now: Mapping[tuple[int, int], _Connection]) -> None:
+        """Notes which process has each socket, where one is new: 0 for one that is not the application's."""
+        if not inodes <= self._owners.keys():
+            found = {inode: pid for pid in self._application.processes() for inode in _sockets(pid)}
+            self._owners = {each.inode: found.get(each.inode, 0) for each in now.values()}
+
+
+def counts_bytes() -> bool:
+    """Returns whether this kernel tells of connections; without that nobody sees that nodes race.
+
+    Raises:
+        OSError: There is no room for another open file.
+    """
+    try:
+        with new_diag() as diag:
+            _connections(diag)
+    except OSError as exc:
+        if exc.errno in NO_ROOM:
+            raise
+        return False
+    return True
 
 
 def _heard(before: _Connection, now: _Connection) -> bool:

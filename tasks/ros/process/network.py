@@ -110,7 +110,8 @@ _ANSWER_S = 20.0
 _SOCK_DIAG = 4
 
 
-def _new_diag() -> socket.socket:
+def new_diag() -> socket.socket:
+    """Returns what tells of the connections in this process's network."""
     return socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, _SOCK_DIAG)
 
 
@@ -127,7 +128,7 @@ class EpisodeNetwork:
         new_socket: Callable[[], socket.socket],
         prefix: tuple[str, ...],
         handle: int = -1,
-        new_diag: Callable[[], socket.socket] = _new_diag,
+        new_diag: Callable[[], socket.socket] = new_diag,
     ) -> None:
         self.new_socket, self.prefix = new_socket, prefix
         self._handle, self._new_diag = handle, new_diag

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Float32
 
 from specs.data.world import MOST_CORNERS, World
-from tasks.simulate.geometry.lidar_scan import filled_rows, inverse
+from tasks.simulate.geometry.lidar_scan import divisor, filled_rows, inverse
 from tasks.simulate.geometry.obstacles import PARKING_M, bucket_size, half_planes, obstacles
 
 Arrays = Any  # of NumPy on the host, of JAX in a program
@@ -168,8 +168,8 @@ def depth_picture(scene: DepthScene, eye: Eye, view: View, *, floor: bool = True
         enter, leave = jnp.full_like(x, -jnp.inf), jnp.full_like(x, jnp.inf)
         for column in range(5, 5 + 3 * MOST_CORNERS, 3):
             normal_x, normal_y, out = (solid[k] for k in range(column, column + 3))
-            facing = normal_x * x + normal_y * y
-            meets = (normal_x * dx + normal_y * dy + out) * inverse(facing)
+            facing = divisor(normal_x * x + normal_y * y)
+            meets = (normal_x * dx + normal_y * dy + out) * (1.0 / facing)
             enter = jnp.where((facing < 0.0) & (meets > enter), meets, enter)
             leave = jnp.where((facing >= 0.0) & (meets < leave), meets, leave)
         return enter, leave

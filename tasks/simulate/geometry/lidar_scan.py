@@ -263,8 +263,8 @@ def _scan_lanes(
         entry, leave = jnp.full_like(nearest, -jnp.inf), jnp.full_like(nearest, jnp.inf)
         for column in range(2, prism.shape[1], 3):
             normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
-            facing = normal_x * ray_x + normal_y * ray_y
-            meets = (normal_x * dx + normal_y * dy + out) * inverse(facing)
+            facing = divisor(normal_x * ray_x + normal_y * ray_y)
+            meets = (normal_x * dx + normal_y * dy + out) * (1.0 / facing)
             entry = jnp.where((facing < 0.0) & (meets > entry), meets, entry)
             leave = jnp.where((facing >= 0.0) & (meets < leave), meets, leave)
         return _nearer(nearest, entry, entry <= leave)
@@ -327,6 +327,14 @@ def _nearer(nearest: Rays, entry: Rays, hit: Bool[Array, "lanes rays"]) -> Rays:
     return jnp.where(hit & (entry >= 0.0) & (entry < nearest), entry, nearest)
 
 
+def divisor(part: Rays) -> Rays:
+    """Returns a part of a direction to divide by: a tiny one of either sign is raised to the same above 0.
+
+    An edge along a ray is therefore one by which it leaves: at once, or after very long.
+    """
+    return jnp.where(jnp.abs(part) > _TINY, part, _TINY)
+
+
 def inverse(part: Rays) -> Rays:
     """Returns one by a part of a direction, also where that is 0."""
-    return 1.0 / jnp.where(jnp.abs(part) > _TINY, part, _TINY)
+    return 1.0 / divisor(part)

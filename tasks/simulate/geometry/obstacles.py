@@ -135,3 +135,18 @@ def _parked_prisms(count: int) -> Float32[np.ndarray, "prisms 20"]:
     prisms[:, 1] = -PARKING_M
     prisms[:, 4:] = np.concatenate([square, np.repeat(square[-1:], MOST_CORNERS - len(square), axis=0)]).ravel()
     return prisms
+
+
+CELL_M = 0.1
+_GRID_SIZES = (144, 192, 256, 384, 512)
+
+
+def grid_cells(world: World) -> int:
+    """Returns how many cells a side the world's grid has: one of five sizes, so that few array shapes exist."""
+    return next((cells for cells in _GRID_SIZES if cells * CELL_M >= extent_m(world)), _GRID_SIZES[-1])
+
+
+def extent_m(world: World) -> float:
+    """Returns the longer side of a world, by its outer faces."""
+    outer = world.footprint
+    return max(outer.x_max_m - outer.x_min_m, outer.y_max_m - outer.y_min_m)

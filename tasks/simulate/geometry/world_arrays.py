@@ -17,19 +17,12 @@ from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.depth_picture import DepthScene, depth_scene, pad_scenes
 from tasks.simulate.geometry.hull_outline import inner_distance_m
 from tasks.simulate.geometry.lidar_scan import HostLidarOutlines, lidar_outlines, pad_lidar_outlines
-from tasks.simulate.geometry.obstacles import Obstacles, obstacles, pad_obstacles
+from tasks.simulate.geometry.obstacles import CELL_M, Obstacles, extent_m, grid_cells, obstacles, pad_obstacles
 from tasks.simulate.geometry.rooms import RoomMap, room_map
 from tasks.simulate.geometry.shortest_path import Ways
 
-CELL_M = 0.1
 # The radius of a disc that every robot has room for on its axis. A narrower one would slip through the seams of walls.
 _NARROWEST_M = 0.01
-_SIZES = (144, 192, 256, 384, 512)
-
-
-def grid_cells(world: World) -> int:
-    """Returns how many cells a side the world's grid has: one of five sizes, so that few array shapes exist."""
-    return next((cells for cells in _SIZES if cells * CELL_M >= _extent_m(world)), _SIZES[-1])
 
 
 def floor_map(world: World, obstacles: Obstacles) -> HostMap:
@@ -45,7 +38,7 @@ def floor_map(world: World, obstacles: Obstacles) -> HostMap:
     """
     cells, outer = grid_cells(world), world.footprint
     bounds = np.array([outer.x_min_m, outer.y_min_m, outer.x_max_m, outer.y_max_m])
-    cell_m = max(CELL_M, _extent_m(world) / cells)
+    cell_m = max(CELL_M, extent_m(world) / cells)
     origin = (bounds[:2] + bounds[2:]) / 2 - cell_m * (cells - 1) / 2
     x, y = (origin[axis] + cell_m * np.arange(cells) for axis in (0, 1))
     columns, rows = (x >= bounds[0]) & (x <= bounds[2]), (y >= bounds[1]) & (y <= bounds[3])
@@ -90,11 +83,6 @@ def _to_box_squared(
     # Most boxes stand upright: how far a cell is beyond their faces is known by its row and column alone.
     along, across = (dx, dy) if sin == 0.0 else (cos * dx + sin * dy, cos * dy - sin * dx)
     return np.maximum(np.abs(along) - half_x, 0.0) ** 2 + np.maximum(np.abs(across) - half_y, 0.0) ** 2
-
-
-def _extent_m(world: World) -> float:
-    outer = world.footprint
-    return max(outer.x_max_m - outer.x_min_m, outer.y_max_m - outer.y_min_m)
 
 
 _PLANE_M = 1e-3  # half the thickness of the lidar's plane

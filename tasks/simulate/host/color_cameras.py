@@ -14,12 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float32, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
-from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from tasks.render.camera_pool import CameraPool, Shot, open_cameras
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host.controllers import HostControllers, HostStart
+from tasks.simulate.sensors.depth_camera import picture_stride
 
 _logger = logging.getLogger(__name__)
 Pictures = UInt8[np.ndarray, "lanes rows columns 3"]
@@ -52,12 +52,13 @@ class SeeingControllers:
 
         Args:
             controllers: Of plain Python.
-            cameras: Each lane's, at least one.
+            cameras: Each lane's, or why it cannot be.
             start: What the controllers began with.
         """
         self._controllers, self._start = controllers, start
-        self._camera = next(each for each in cameras if isinstance(each, ColorCameraDeclaration))
-        self._stride = max(1, round(1.0 / (self._camera.rate_hz * CONTROL_S))) if self._camera.rate_hz else 1
+        sound = (each for each in cameras if isinstance(each, ColorCameraDeclaration))
+        self._camera = next(sound, ColorCameraDeclaration())
+        self._stride = picture_stride(self._camera.rate_hz)
         self._crashes: dict[int, str] = {}
         self._open, self._pool = ExitStack(), None
         self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
@@ -70,7 +71,7 @@ class SeeingControllers:
     @property
     def crashes(self) -> Mapping[int, str]:
         """Returns why controllers crashed, or could not be shown anything, by lane."""
-        return {**self._controllers.crashes, **self._crashes}
+        return {**self._crashes, **self._controllers.crashes}
 
     def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
         """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
@@ -99,14 +100,17 @@ class SeeingControllers:
         self._open.close()
 
     def _begin(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None]) -> None:
+        seeing = sum(map(bool, self._keys))
+        if not seeing:
+            return
         try:
-            self._pool = self._open.enter_context(open_cameras())
+            self._pool = self._open.enter_context(open_cameras(seeing))
         except SimyardError as exc:
             self._crashes.update(dict.fromkeys(range(len(cameras)), str(exc)))
             return
         _logger.info("colour cameras are drawn by %s", self._pool.gl)
         for lane, camera, key in zip(self._start.lanes, cameras, self._keys, strict=True):
-            if isinstance(camera, ColorCameraDeclaration):
+            if key and isinstance(camera, ColorCameraDeclaration):
                 self._pool.add(key, self._start.worlds[lane.request.world], camera)
 
     def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:

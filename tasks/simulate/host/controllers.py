@@ -390,7 +390,7 @@ def with_color(
             found.append(read_color_camera(declare, _variables(lane)))
         except BundleCrash as crash:
             found.append(crash)
-    if not any(isinstance(each, ColorCameraDeclaration) for each in found):
+    if all(each is None for each in found):
         return controllers
     from tasks.simulate.host.color_cameras import SeeingControllers
 

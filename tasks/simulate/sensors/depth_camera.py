@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from specs.data.episode import CONTROL_S
+from specs.data.episode import CONTROL_HZ
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
@@ -30,7 +30,13 @@ from tasks.simulate.sensors.sensor import (
 )
 
 _NOISE, _DROPOUT, _EDGE_DROPOUT = 3, 4, 5
+_NEVER = 1 << 30  # control steps: a program counts them in 32 bits
 _ERRORS = ("sigma_m_per_m2", "baseline_m", "disparity_px", "dropout", "edge_dropout", "edge_share")
+
+
+def picture_stride(rate_hz: float) -> int:
+    """Returns how many control steps lie between two pictures: at most so many that an episode has but one."""
+    return max(1, round(min(CONTROL_HZ / rate_hz, _NEVER))) if rate_hz > 0.0 else 1
 
 
 class DepthCamera(NamedTuple):
@@ -62,7 +68,7 @@ class DepthCamera(NamedTuple):
     @property
     def stride(self) -> int:
         """Returns how many control steps lie between two pictures."""
-        return max(1, round(1.0 / (self.rate_hz * CONTROL_S))) if self.rate_hz > 0.0 else 1
+        return picture_stride(self.rate_hz)
 
     @property
     def slots(self) -> int:

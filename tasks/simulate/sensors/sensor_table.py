@@ -83,17 +83,16 @@ def read_color_camera(
     try:
         return None if given is None else ColorCameraDeclaration.model_validate(given)
     except ValidationError as exc:
-        faults = [f"{COLOR_CAMERA}.{each['loc'][0]}: {each['input']!r}: {each['msg']}" for each in exc.errors()]
+        faults = [f"{COLOR_CAMERA}.{each['loc'][0]}: {each['input']:g}: {each['msg']}" for each in exc.errors()]
         raise BundleCrash(_ROBOT, "; ".join(f"controller.{fault}" for fault in faults)) from exc
 
 
-def _declared_color(made: object) -> dict[str, int | float] | None:
+def _declared_color(made: object) -> dict[str, float] | None:
     declared = getattr(made, COLOR_CAMERA, None)
-    fields = ColorCameraDeclaration.model_fields.items()
     if declared is None:
         return None
-    given = {name: (getattr(declared, name), field.annotation) for name, field in fields if hasattr(declared, name)}
-    return {name: int(value) if kind is int else float(value) for name, (value, kind) in given.items()}
+    fields = ColorCameraDeclaration.model_fields
+    return {name: float(getattr(declared, name)) for name in fields if hasattr(declared, name)}
 
 
 def require_shared(program: Sensors, episode: Sensors) -> None:

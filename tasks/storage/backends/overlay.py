@@ -6,7 +6,7 @@
 import hashlib
 import os
 import weakref
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from pathlib import Path
 
 from specs.errors import ObjectConflict, ObjectExists, ObjectNotFound, ObjectTooBig
@@ -39,7 +39,7 @@ class OverlayStore:
     def put(self, key: str, body: bytes) -> str:
         """Returns the ETag of what was written; see Store."""
         self._written[key] = body
-        return _etag(body)
+        return _etag([body])
 
     def get(self, key: str, most_bytes: int = UNBOUNDED) -> StoredObject:
         """Returns an object from memory, else from below; see Store."""
@@ -52,7 +52,7 @@ class OverlayStore:
         if size > most_bytes:
             raise ObjectTooBig(f"{self.url}: {key} has more than {most_bytes} bytes")
         whole = body.read_bytes() if isinstance(body, Path) else body
-        return StoredObject(body=whole, etag=_etag(whole))
+        return StoredObject(body=whole, etag=_etag([whole]))
 
     def size(self, key: str) -> int:
         """Returns an object's size; see Store."""
@@ -63,7 +63,7 @@ class OverlayStore:
 
     def etag(self, key: str) -> str:
         """Returns an object's ETag; see Store."""
-        return self.get(key).etag if key in self._written else self._below.etag(key)
+        return _etag(self.blocks(key)) if key in self._written else self._below.etag(key)
 
     def blocks(self, key: str, first_byte: int = 0) -> Generator[bytes]:
         """Yields an object's bytes; see Store."""
@@ -84,7 +84,7 @@ class OverlayStore:
 
     def mark(self, key: str) -> str:
         """Returns what changes whenever the object is written; see Store."""
-        return self.get(key).etag if key in self._written else self._below.mark(key)
+        return self.etag(key) if key in self._written else self._below.mark(key)
 
     def keys(self, prefix: str) -> list[str]:
         """Returns the keys below a folder; see Store."""
@@ -144,5 +144,8 @@ class OverlayStore:
                 file.write(block)
 
 
-def _etag(body: bytes) -> str:
-    return hashlib.md5(body, usedforsecurity=False).hexdigest()
+def _etag(blocks: Iterable[bytes]) -> str:
+    found = hashlib.md5(usedforsecurity=False)
+    for block in blocks:
+        found.update(block)
+    return found.hexdigest()

@@ -53,6 +53,8 @@ def test_a_container_image_is_published_as_a_document_would(
         _simyard(file_store, "publish", "mine", "--architecture", f"ARM64={image}")
     with pytest.raises(DocumentError, match="a container image drives a robot"):
         _simyard(file_store, "publish", "mine", image, "--kind", "simulation")
+    with pytest.raises(DocumentError, match="is no container image, and has its own"):
+        _simyard(file_store, "publish", "mine", folder, "--robot", folder)
 
 
 def test_a_scenario_is_published_as_one(file_store: Store, folder: Path) -> None:

@@ -133,6 +133,7 @@ def test_a_document_that_is_wrong_in_itself_is_told_with_what_is_wrong_in_its_bu
     document = _spec(tmp_path, robot, deployment=deployment).model_dump(mode="json", exclude_none=True)
     (tmp_path / "mine/courier/run.sh").chmod(0o644)
     document["deployment"]["robots"] = 3  # which is left out to look at the rest
+    document["no.section"] = 3
     document["simulationBatch"]["createSimulationJobRequests"][0]["maxJobDurationInSeconds"] = "long"  # the section is
     (tmp_path / "document.json").write_text(json.dumps(document))
     found = CliRunner().invoke(app, ["validate", str(tmp_path / "document.json")])
@@ -140,6 +141,7 @@ def test_a_document_that_is_wrong_in_itself_is_told_with_what_is_wrong_in_its_bu
     assert [fault.path for fault in found.exception.faults] == [
         "simulationBatch.createSimulationJobRequests[0].maxJobDurationInSeconds",
         "deployment.robots",
+        "no.section",
         "deployment.deploymentApplicationConfigs[0].launchConfig.launchFile",
     ]
     assert "chmod +x mine/courier/run.sh" in str(found.exception)

@@ -535,6 +535,14 @@ def test_the_values_of_the_matrix_are_those_that_may_ship(file_store: Store):
     check_variables(swept, BASE)
 
 
+def test_variables_of_builds_that_differ_in_their_own_are_left_to_the_store(file_store: Store, builds: dict[str, str]):
+    given, named = {"A": "0", "B": "0"}, {"A": "slower on X86_64", "B": "slower on ARM64"}
+    requests = (_driven_request(A="1", B="0"), _driven_request("ARM64", A="0", B="1"))
+    spec = _document(*requests, variables=given, untestedVariables=named)
+    assert _ships(spec, file_store).untested == named
+    check_variables(spec, BASE)
+
+
 def test_a_variable_that_is_named_ships_and_is_told_without_its_value(file_store: Store):
     publish_bundle(file_store, "robot-application", "mine", ROOT / "applications/courier")
     named = {"TOKEN": "the launch script sends heartbeats with it"}

@@ -5,6 +5,8 @@ import struct
 
 import pytest
 
+from tasks.ros.graph import graph_limits as limits
+from tasks.ros.graph.topic import ROBOT
 from tasks.ros.message.definition import type_digest
 from tasks.ros.message.ros_messages import frame_message, text_bytes, write_tags
 from tests.ros.graph.episode import Episode, PlayedNode, read_exactly, read_message
@@ -116,6 +118,14 @@ def test_a_subscriber_of_the_robot_is_linked_once_it_has_connected(episode: Epis
     sock, _ = episode.subscribe()
     with sock:
         assert episode.graph.linked()
+
+
+def test_who_asks_for_a_service_under_many_names_fills_no_memory(episode: Episode, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(limits, "CALLS", 2)
+    for number in range(4):
+        episode.call("lookupService", ADD, caller=f"/node{number}")
+    assert episode.graph.take_asked() == {("/node0", ROBOT), ("/node1", ROBOT)}
+    assert episode.graph.take_asked() == set()
 
 
 def test_a_probe_gets_the_header_alone(episode: Episode):

@@ -243,6 +243,18 @@ def test_an_application_is_quiet_once_its_nodes_are_connected(
     assert looks.index(IdleState.QUIET) == pytest.approx(1.0 / 0.02, abs=3)
 
 
+def test_who_computed_for_long_has_as_long_to_connect(
+    detector: IdleDetector, worker: FakeThread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a node computes for before it subscribes takes longer on a slow machine, and decides nothing."""
+    answers = iter([False, True])
+    monkeypatch.setattr(detector.graph, "linked", lambda: next(answers))
+    detector.begin(1.0, fresh=False, ticked=True)
+    worker.run(ran_ns=1_500_000_000)
+    looks = [detector.look(2.6 + 0.001 * number) for number in range(3)]
+    assert looks == [IdleState.SOON, IdleState.WAITS, IdleState.QUIET]
+
+
 def let_go(detector: IdleDetector, gate: FakeGate, poller: FakeThread, now_s: float) -> list[IdleState]:
     """Looks until the application is quiet; whenever the poller is let go, it polls in vain, and naps again."""
     verdicts: list[IdleState] = []

@@ -61,6 +61,12 @@ def test_a_kernel_that_does_not_count_runs_is_refused(monkeypatch: pytest.Monkey
         begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
 
 
+def test_a_kernel_that_does_not_tell_of_connections_is_refused(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
+    monkeypatch.setattr(ros1_lockstep, "counts_bytes", lambda: False)
+    with pytest.raises(LaunchRefused, match="sock_diag"):
+        begin(monkeypatch, home, LaunchPlan("x", (NODE,), {}))
+
+
 def test_a_robot_that_is_set_elsewhere_between_two_control_steps_is_stray(home: Path) -> None:
     """Its application was taken for quiet: whoever sets it goes by the wall's clock."""
     source, pose = LaunchSource(home.parent, "x", "x.launch"), struct.pack("<7d", 1.0, 2.0, 0.0, 0.0, 0.0, 0.0, 1.0)

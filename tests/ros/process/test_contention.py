@@ -1,5 +1,6 @@
 """Two processes that tell a third one something within one message: which came first, nobody fixes."""
 
+import errno
 import os
 import socket
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ import pytest
 
 from tasks.ros.process import contention
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker
-from tasks.ros.process.contention import ConnectionWatch
+from tasks.ros.process.contention import ConnectionWatch, counts_bytes
 from tasks.ros.process.lane_limits import LaneLimits
 from tasks.ros.process.network import EpisodeNetworks
 
@@ -92,3 +93,42 @@ def test_one_that_listens_to_two_is_counted(talk: Talk, monkeypatch: pytest.Monk
     talk.watch._owners.clear()
     tell_both(talk)
     assert talk.watch.contended()
+
+
+def test_handles_of_processes_are_read_for_new_connections_alone(talk: Talk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The callers are the robot's, whose sockets no process of the application has."""
+    read: list[int] = []
+
+    def sockets(pid: int) -> list[int]:
+        read.append(pid)
+        return [os.fstat(each.fileno()).st_ino for each in talk.listener] if pid == 1 else []
+
+    monkeypatch.setattr(contention, "_sockets", sockets)
+    for caller in (0, 1, 0, 1):
+        talk.says(talk.callers[caller], talk.listener[caller])
+        assert not talk.watch.contended()
+    assert read == [1, 2, 3]
+
+
+def test_what_was_said_while_there_were_two_processes_is_not_counted_when_a_third_one_comes(
+    talk: Talk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(talk.watch._application, "processes", lambda: [1, 2])
+    assert not talk.watch.contended()
+    ask(talk, 2)
+    monkeypatch.setattr(talk.watch._application, "processes", lambda: [1, 2, 3])
+    assert not talk.watch.contended()
+
+
+@pytest.mark.parametrize("refused", [errno.ENOENT, errno.EPROTONOSUPPORT])
+def test_a_kernel_that_does_not_tell_of_connections_is_known(monkeypatch: pytest.MonkeyPatch, refused: int) -> None:
+    assert counts_bytes()
+
+    def connections(_: socket.socket) -> None:
+        raise OSError(refused, "no sock_diag")
+
+    monkeypatch.setattr(contention, "_connections", connections)
+    assert not counts_bytes()
+    refused = errno.EMFILE
+    with pytest.raises(OSError, match="no sock_diag"):
+        counts_bytes()

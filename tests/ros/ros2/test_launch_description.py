@@ -387,5 +387,9 @@ def test_a_node_that_is_to_respawn_is_started_anew_until_the_launch_ends(
     monkeypatch.setattr(robot_launch, "resolve_description", lambda *_: LaunchPlan("", nodes, {}))
     monkeypatch.setattr(robot_launch, "make_spaces", lambda *_: ())
     monkeypatch.setattr(robot_launch, "_RESPAWN_S", 0.01)
+    kept: list[subprocess.Popen[bytes]] = []
+    end = robot_launch._end
+    monkeypatch.setattr(robot_launch, "_end", lambda processes: kept.extend(processes) or end(processes))
     assert robot_launch.main() == signal.SIGTERM
+    assert len(kept) == len(nodes), "it grows with no start"
     assert count.read_text() == "\n" * 3

@@ -130,6 +130,21 @@ def test_a_box_written_as_a_prism_looks_the_same():
     assert np.quantile(off, 0.99) < 2e-6
 
 
+@pytest.mark.parametrize("yaw_rad", [5e-10, -5e-10, 0.0])
+def test_a_ray_along_an_edge_meets_what_is_ahead_and_nothing_beside(yaw_rad: float):
+    """A robot that goes along an axis turns by ever less: its rays are then nearly, but not quite, along edges."""
+    square = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
+
+    def ahead_m(*places: tuple[float, float]) -> float:
+        rows = np.array([prism(x, y, square) for x, y in places], np.float32)
+        none = np.zeros((0, 8), np.float32), np.zeros((0, 5), np.float32)
+        world = on_device(pad_lidar_outlines([lidar_outlines(Obstacles(*none, rows))])[0])
+        return float(SCAN_ONE(world, jnp.array([0.0, 0.0, yaw_rad]))[0])
+
+    assert ahead_m((2.0, 2.0), (2.0, -2.0)) == LIDAR.range_m
+    assert ahead_m((2.0, 2.0), (2.0, -2.0), (4.0, 0.0)) == 3.5
+
+
 def many(seen: LidarOutlines) -> LidarOutlines:
     return jax.tree.map(lambda each: jnp.broadcast_to(each, (200, *each.shape)), seen)
 

@@ -16,7 +16,7 @@ from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host import color_cameras
 from tasks.simulate.host.color_cameras import SeeingControllers
-from tasks.simulate.host.controllers import HostStart
+from tasks.simulate.host.controllers import HostStart, with_color
 from tasks.simulate.plan.chunks import plan_chunks
 from tasks.simulate.sensors.sensor_table import read_color_camera, sensors_of
 from tests.factories.simulations import FOLDERS, PLAIN, pushing, simulate_lanes
@@ -108,7 +108,8 @@ def shown(rate_hz: float, latency_steps: int, monkeypatch: pytest.MonkeyPatch) -
     drawer, watcher = Drawer(), Watcher()
 
     @contextmanager
-    def opened() -> Generator[Drawer, None, None]:
+    def opened(most: int) -> Generator[Drawer, None, None]:
+        assert most == 1, "no process for a lane that sees nothing"
         yield drawer
 
     monkeypatch.setattr(color_cameras, "open_cameras", opened)
@@ -135,5 +136,16 @@ def test_pictures_come_at_their_rate_and_late(monkeypatch: pytest.MonkeyPatch):
 
 def test_faults_of_a_camera_are_told_together():
     made = type("Made", (), {"color_camera": type("Camera", (), {"columns": 0, "noise": 2.0})})()
-    with pytest.raises(BundleCrash, match=r"color_camera\.columns: 0: .*; controller\.color_camera\.noise: 2\.0: "):
+    with pytest.raises(BundleCrash, match=r"color_camera\.columns: 0: .*; controller\.color_camera\.noise: 2: "):
         read_color_camera(lambda _: made, {})
+
+
+def test_a_camera_that_cannot_be_is_why_every_lane_crashed():
+    made = type("Made", (), {"color_camera": type("Camera", (), {"columns": 64.5})})()
+    lane: Any = type("Lane", (), {"request": watching(0)})
+    start = HostStart([lane, lane], 2, 1, sensors_of(object()))
+    seeing = with_color(Watcher(), lambda _: made, start)  # type: ignore[arg-type]
+    controls = seeing.controls(Observation(*[None] * 8), np.array([True, True]))  # type: ignore[arg-type]
+    assert np.isnan(controls).all()
+    assert sorted(seeing.crashes) == [0, 1]
+    assert "controller.color_camera.columns: 64.5: " in seeing.crashes[0]

@@ -65,7 +65,15 @@ def test_edges_are_lost_and_nothing_beside_them():
 
 @pytest.mark.parametrize(
     ("rate_hz", "latency_steps", "stride", "slots"),
-    [(0.0, 0, 1, 1), (10.0, 0, 2, 1), (10.0, 3, 2, 3), (20.0, 2, 1, 3), (7.0, 4, 3, 3), (0.5, 5, 40, 2)],
+    [
+        (0.0, 0, 1, 1),
+        (10.0, 0, 2, 1),
+        (10.0, 3, 2, 3),
+        (20.0, 2, 1, 3),
+        (7.0, 4, 3, 3),
+        (0.5, 5, 40, 2),
+        (1e-320, 0, 2**30, 1),
+    ],
 )
 def test_rates_are_whole_fractions_and_what_is_on_its_way_is_kept(
     rate_hz: float, latency_steps: int, stride: int, slots: int

@@ -54,8 +54,10 @@ def test_a_large_file_is_not_taken_into_memory(file_store: Store, tmp_path: Path
         trial.upload("a/file", source)
         source.unlink()  # as callers do whose file is a temporary one
         trial.download("a/file", tmp_path / "copy")
+        (entry,) = trial.entries("a")
         assert tracemalloc.get_traced_memory()[1] < size / 2
     finally:
         tracemalloc.stop()
     assert (trial.size("a/file"), (tmp_path / "copy").stat().st_size) == (size, size)
     assert sum(map(len, trial.blocks("a/file", size - 3))) == 3
+    assert entry.mark == trial.etag("a/file") == trial.get("a/file").etag

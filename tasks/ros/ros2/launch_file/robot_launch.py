@@ -67,8 +67,10 @@ def _wait(started: "list[tuple[NodePlan, subprocess.Popen[bytes]]]", environment
             return status or abs(ended)
         if node.respawn:
             time.sleep(_RESPAWN_S)
-            started.append((node, _start(node, environment)))
-            running[started[-1][1].pid] = node
+            place = next(number for number, (_, each) in enumerate(started) if each.pid == pid)
+            started[place][1].poll()  # it has ended
+            started[place] = (node, _start(node, environment))
+            running[started[place][1].pid] = node
         else:
             status = status or abs(ended)
     return status
