@@ -1,9 +1,9 @@
 """When an application has nothing left to do: what is sent to it next, all of its nodes find in the same state.
 
-Its threads must have slept at one moment, no request of its nodes may be under way, and three kinds of sleepers need
+Its threads must have slept at one moment, no request of its nodes may be under way, and four kinds of sleepers need
 more: one that was sent something and has not noticed; one that polls, which must have looked once more, and have found
-nothing (``docs/decisions/0048-polls-that-change-nothing.md``); and one that sleeps by the wall's clock within a
-callback.
+nothing (``docs/decisions/0048-polls-that-change-nothing.md``); one whose nap is held, which looks when it is let go
+(``docs/decisions/0050-naps-in-order.md``); and one that sleeps by the wall's clock within a callback.
 """
 
 from collections import Counter
@@ -12,6 +12,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from tasks.ros.lockstep.exchange import GraphSide
+from tasks.ros.lockstep.nap_rounds import NapRounds
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.thread_watch import Rest, Runs, keeps_timers
 
@@ -139,7 +140,8 @@ class IdleDetector:
         self.suspect = False
         self._nap_s = nap_s
         self.application, self.graph = application, graph
-        self._watch = application.watch
+        self._watch, self._gate = application.watch, application.gate
+        self._naps = NapRounds(self._gate, self._watch, nap_s)
         self._sleepers: frozenset[int] = frozenset()
         self._begun_s = self._granted_s = 0.0
         self._asleep, self._seen_s, self._slept_s = False, 0.0, 0.0
@@ -177,6 +179,7 @@ class IdleDetector:
         self._seen_s, self._slept_s = now_s, 0.0
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
         self._unlinked = False
+        self._naps.begin()
 
     def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
@@ -188,6 +191,7 @@ class IdleDetector:
 
     def _look(self, now_s: float) -> IdleState:
         self._noted = False
+        self._part_with_held(now_s)
         if self._due and not self._polled(now_s):
             return IdleState.WAITS
         self._looked_s = now_s
@@ -200,20 +204,49 @@ class IdleDetector:
             self._take_back(now_s)
         awake = rest is Rest.AWAKE or bool(self.graph.busy)
         woken = self._watch.changed - self.pollers.keys() if rest is not Rest.AWAKE else frozenset[int]()
-        anew = {self._watch.process(tid) for tid in woken if not self._in_time(tid, now_s)}
-        if anew:  # what they sent may have come to a poller that waits for it, in another process
-            anew |= {self._watch.process(tid) for tid in self.pollers if self._watch.listens(tid)}
+        anew = self._ran_anew(woken, now_s) | ({0} if heard else set[int]())
         if rest is not Rest.AWAKE:
             self._noted_s = now_s
-        if awake or heard or anew:
-            self._begin_anew({0} if heard else anew, now_s)
+        if awake or anew:
+            self._begin_anew(anew, now_s)
             if not self.has_time(self._nap_s, now_s):
                 self._begin_to_poll(woken | self._watch.sleepers(), now_s)
             return IdleState.AWAKE if awake else IdleState.SOON
         self.rest_s = self.rest_s or now_s
+        if self._end_nap(now_s):
+            return IdleState.SOON
         if not self._proved(now_s) or not self._linked(now_s):
             return IdleState.WAITS
         return self._rested(rest, now_s)
+
+    def _part_with_held(self, now_s: float) -> None:
+        """Takes no thread for a poller whose nap is held: it polls when it is let go, and not by itself."""
+        for tid in self.pollers.keys() & self._gate.held.keys():
+            self._give_up(tid, now_s)
+            self._naps.polling.add(tid)
+            self._due = None
+
+    def _ran_anew(self, woken: Set[int], now_s: float) -> set[int]:
+        """Returns the processes in which polls have to change nothing once more, as some threads were run."""
+        unasked = {tid for tid in woken if not self._in_time(tid, now_s)}
+        self._naps.note_runs(unasked)
+        anew = {self._watch.process(tid) for tid in unasked}
+        if anew:  # what they sent may have come to a poller that waits for it, in another process
+            anew |= {self._watch.process(tid) for tid in self.pollers if self._watch.listens(tid)}
+        return anew
+
+    def _end_nap(self, now_s: float) -> bool:
+        """Returns whether a nap ended now that was held: only when all look in vain do the others have to poll."""
+        if not self._gate.held and not self._naps.last:
+            return False
+        self._naps.touch(self._watch.touched(self._begun_runs, self.pollers.keys()) - self._naps.touched)
+        known = len(self._naps.polling)
+        if not self._naps.end_next(patient=self.has_time(self._nap_s, now_s)):
+            return False
+        if len(self._naps.polling) > known:
+            self._granted_s = self._own_s()
+        self._due = None
+        return True
 
     def _linked(self, now_s: float) -> bool:
         """Returns whether nobody has still to connect: what was registered is waited for as a callback that naps."""
@@ -232,7 +265,7 @@ class IdleDetector:
         waited_s, self.next_s = now_s - self._begun_s, now_s + _AGAIN_S
         if waited_s < _UNNOTICED_S and not self._watch.moved(self.pollers.keys()):
             return IdleState.WAITS
-        napping = self._watch.napping(self._sleepers | self.pollers.keys())
+        napping = self._watch.napping(self._sleepers | self.pollers.keys() | self._gate.held.keys())
         if napping is None:
             return IdleState.SOON
         if napping and self.has_time(self._nap_s, now_s):
@@ -306,7 +339,7 @@ class IdleDetector:
         """Returns whether some of those that nap for too long, or do not rest, poll: all wait for them from now on."""
         waited_s, counts, before = now_s - self._begun_s, self._watch.counted(), self._begun_runs
         found: dict[int, Runs] = {}
-        for tid in (napping - self.pollers.keys()) & counts.keys():
+        for tid in (napping - self.pollers.keys() - self._gate.held.keys() - {self._naps.last}) & counts.keys():
             begun = Runs.of(before.get(tid, b""))
             found[tid] = Runs(counts[tid].ran_ns - begun.ran_ns, 0, counts[tid].times - begun.times)
         found = {tid: ran for tid, ran in found.items() if ran.times >= _POLLS and waited_s / ran.times < _POLL_S}
@@ -354,6 +387,7 @@ class IdleDetector:
     def _begin_anew(self, pids: Set[int], now_s: float) -> None:
         """Waits for all pollers of some processes again: somebody was run there. 0 stands for all processes."""
         if 0 in pids:
+            self._naps.touch(pids)
             self._due = None
         elif self._due is not None and pids:
             self._due |= self._begin_orders(pids, now_s)
@@ -382,6 +416,7 @@ class IdleDetector:
             if runs > 0 and (counted[tid].ran_ns - noted.ran_ns) / runs > self._usual * self._usual_ns[tid] + _USUAL_NS:
                 self._usual *= _USUAL
                 self._due = None
+                self._naps.touch({self._watch.process(tid)})
                 return True
             if runs > 0:
                 polled.add(tid)
@@ -439,13 +474,13 @@ class IdleDetector:
         counts = self._watch.counted()
         for tid in self._lapses.keys() - self.pollers.keys():
             lapse = self._lapses[tid]
-            runs = counts.get(tid, Runs()).times - lapse.runs
-            if runs < lapse.polls:
+            runs, at_gate = counts.get(tid, Runs()).times - lapse.runs, tid in self._gate.held or tid == self._naps.last
+            if runs < lapse.polls and not at_gate:
                 continue
-            if (now_s - lapse.at_s) / runs < _POLL_S:
+            if not at_gate and (now_s - lapse.at_s) / runs < _POLL_S:
                 self._add_poller(tid, lapse.period_s, self._usual_ns[tid])
                 self._due = None
-            else:  # it slept for long: what it does from now on says whether it polls
+            else:  # it slept for long, or was let go: what it does from now on says whether it polls
                 self._lapses[tid] = lapse._replace(at_s=now_s, runs=counts.get(tid, Runs()).times)
 
 

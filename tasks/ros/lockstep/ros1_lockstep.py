@@ -44,6 +44,7 @@ from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
 from tasks.ros.process.contention import ConnectionWatch, counts_bytes
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
+from tasks.ros.process.nap_gate import NapGate
 from tasks.ros.process.network import EpisodeNetworks
 from tasks.ros.process.thread_watch import allow_files, counts_runs
 from tasks.storage.image_files import image_place
@@ -208,7 +209,7 @@ class Ros1Lockstep:
         if lane not in self._lanes:
             return ""
         found = self._lanes[lane]
-        return "\n".join([found.application.printed(), *found.graph.gaps()]).strip()
+        return "\n".join([found.application.printed(), *found.graph.gaps(), *found.application.gate.gaps()]).strip()
 
     def processes(self, lane: int) -> list[int]:
         """Returns the processes of a lane's application, as of the last control step."""
@@ -280,7 +281,7 @@ class Ros1Lockstep:
             network.close()
             raise
         latched = frozenset(topic.name for topic in self._messages.topics if topic.latched)
-        application = ApplicationProcesses(home, self._tracker, self._limits)
+        application = ApplicationProcesses(home, self._tracker, self._limits, NapGate(self._pump.loop))
         detector = IdleDetector(application, graph, self._patience.nap_s)
         contended = ConnectionWatch(application, network, graph.take_asked).contended
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, contended)

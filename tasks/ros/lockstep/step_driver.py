@@ -116,6 +116,15 @@ _ROUND_S = 0.02
 _PAUSE_S = 0.0005
 
 
+def _serve_for(pump: EventPump, seconds: float) -> None:
+    """Answers requests for some time; commands end a nap of the pump at once, and are not read here."""
+    ends_s = time.perf_counter() + seconds
+    while (left_s := ends_s - time.perf_counter()) > 0.0:
+        pump.nap(left_s)
+        pump.serve()
+        time.sleep(_PAUSE_S)
+
+
 class Readiness:
     """Waits for lanes.
 
@@ -150,12 +159,7 @@ class Readiness:
                     waiting.remove(lane)
                 if lane.failure:
                     self._fail(lane)
-            ends_s = time.perf_counter() + _ROUND_S
-            while (left_s := ends_s - time.perf_counter()) > 0.0:
-                self._pump.nap(left_s)
-                self._pump.serve()
-                # Commands end a nap at once, and are not read here.
-                time.sleep(_PAUSE_S)
+            _serve_for(self._pump, _ROUND_S)
 
     def _ready(self, lane: RosLane) -> bool:
         """Returns whether a lane has been complete and at rest for a while."""
@@ -236,8 +240,6 @@ class PollAudit:
         lanes = [lane for lane in lanes if not lane.failure]
         for lane in lanes:
             lane.detector.count(begun_s)
-        while (left_s := begun_s + _WATCHED_S - time.perf_counter()) > 0.0:
-            time.sleep(left_s)
-            self._pump.serve()
+        _serve_for(self._pump, _WATCHED_S)
         for lane in lanes:
             lane.detector.find_pollers(time.perf_counter())

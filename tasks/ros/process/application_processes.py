@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from tasks.ros.launch.launch_plan import NodePlan, node_stem, results_file
 from tasks.ros.process.lane_limits import LaneLimits, ending
+from tasks.ros.process.nap_gate import NapGate
 from tasks.ros.process.thread_watch import ThreadWatch
 
 _PR_SET_CHILD_SUBREAPER, _PR_GET_CHILD_SUBREAPER = 36, 37
@@ -211,15 +212,17 @@ class ApplicationProcesses:
         home: Its folder, made by ``make_home``.
         tracker: Of all episodes.
         limits: How much it may use.
+        gate: Holds naps of its threads; by default nobody does.
 
     Attributes:
         watch: Its threads.
+        gate: Of their naps.
         done: Names of nodes that ended as they should.
         simulation_failed: Whether the node that ended, and should not have, is the simulation application's.
     """
 
-    def __init__(self, home: Path, tracker: ProcessTracker, limits: LaneLimits) -> None:
-        self.home, self.watch = home, ThreadWatch()
+    def __init__(self, home: Path, tracker: ProcessTracker, limits: LaneLimits, gate: NapGate | None = None) -> None:
+        self.home, self.watch, self.gate = home, ThreadWatch(), gate or NapGate()
         self._tracker, self._limits = tracker, limits
         self._nodes: list[_Node] = []
         self.done: set[str] = set()
@@ -239,16 +242,16 @@ class ApplicationProcesses:
         """
         for plan in plans:
             log = self.home / "log" / f"{node_stem(plan.name)}.out"
-            command = [*prefix, *_WITH_US, *self._limits.command(), *plan.command]
-            with log.open("wb") as out:
+            with log.open("wb") as out, self.gate.door() as door:
                 process = subprocess.Popen(  # noqa: S603 - as roslaunch resolved it
-                    command,
+                    [*prefix, *_WITH_US, *self._limits.command(), *door.command, *plan.command],
                     env={**environment, **plan.own_environment()},
                     stdin=subprocess.DEVNULL,
                     stdout=out,
                     stderr=subprocess.STDOUT,
                     cwd=plan.cwd or self.home,
                     start_new_session=True,
+                    pass_fds=door.files,
                 )
             self._nodes.append(_Node(plan, process, log))
             self._tracker.add(process.pid, self.home)
@@ -308,12 +311,14 @@ class ApplicationProcesses:
         self._seen |= registered
         ends_s = time.perf_counter() + limit_s
         while any(each.process.poll() is None for each in leaving) and time.perf_counter() < ends_s:
+            self.gate.let_go({each.process.pid for each in leaving})
             time.sleep(_PAUSE_S)
 
     def last_failure(self, limit_s: float) -> str:
         """Returns which node ended that should not have, as ``failure`` does, and waits for some time that one ends."""
         ends_s, found = time.perf_counter() + limit_s, self.failure()
         while not found and (self.names or self.anonymous) and time.perf_counter() < ends_s:
+            self.gate.let_go({each.process.pid for each in self._nodes})
             time.sleep(_PAUSE_S)
             found = self.failure()
         return found
@@ -356,6 +361,7 @@ class ApplicationProcesses:
             each.process.wait()
         self._printed = self.printed()
         self.watch.close()
+        self.gate.close()
 
     def printed(self) -> str:
         """Returns what its nodes printed last, each line after its node's name; known when its folder is gone, too."""

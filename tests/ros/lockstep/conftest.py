@@ -14,12 +14,37 @@ from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker
 from tasks.ros.process.lane_limits import LaneLimits
+from tasks.ros.process.nap_gate import HeldNap, NapGate
 from tasks.ros.process.thread_watch import ThreadWatch
 from tests.ros.process.proc_folder import FakeThread, fake_thread
 
 WORKER, POLLER = 2**22 + 1, 2**22 + 2
 # The process that stands for a node is the one of these tests, which may take more than any node.
 ENDLESS = LaneLimits(memory_bytes=2**60, processes=2**30)
+
+
+class FakeGate(NapGate):
+    """Holds the naps that a test says.
+
+    Attributes:
+        ended: Whose naps ended, one after the other.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.ended: list[int] = []
+
+    def hold_nap(self, tid: int) -> None:
+        self.held[tid] = HeldNap((0, tid), -1, 0)
+
+    def end(self, tid: int) -> None:
+        del self.held[tid]
+        self.ended.append(tid)
+
+
+@pytest.fixture
+def gate() -> FakeGate:
+    return FakeGate()
 
 
 @pytest.fixture
@@ -53,18 +78,20 @@ def limits() -> LaneLimits:
 
 @pytest.fixture
 def detector(
-    pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits
+    pump: EventPump, proc: Path, worker: FakeThread, poller: FakeThread, limits: LaneLimits, *, gate: FakeGate
 ) -> Iterator[IdleDetector]:
     """Judges an application of these two threads, to which nobody is connected."""
-    with detector_of(proc, pump, limits) as found:
+    with detector_of(proc, pump, limits, gate) as found:
         yield found
 
 
 @contextmanager
-def detector_of(proc: Path, pump: EventPump, limits: LaneLimits = ENDLESS) -> Generator[IdleDetector]:
+def detector_of(
+    proc: Path, pump: EventPump, limits: LaneLimits = ENDLESS, gate: NapGate | None = None
+) -> Generator[IdleDetector]:
     """Judges an application of the threads that are in a folder, to which nobody is connected."""
     tracker = ProcessTracker()
-    application = ApplicationProcesses(proc.parent, tracker, limits)
+    application = ApplicationProcesses(proc.parent, tracker, limits, gate)
     application.watch = ThreadWatch(proc)
     tracker.add(os.getpid(), proc.parent)
     application.find()

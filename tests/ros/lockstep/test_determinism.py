@@ -16,7 +16,7 @@ from tests.ros.random_graph import Part, part, random_graph
 # wait is not counted. That no stage is late is asserted all the same.
 PATIENCE = LockstepPatience(stage_s=6.0)
 STEPS = 15
-APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late", "chain", "hands"]
+APPLICATIONS = ["answer", "listen", "steady", "relay", "wheel", "late", "chain", "hands", "race"]
 
 
 def launch(bundle: Path, application: str, home: Path, lanes: int) -> Launch:

@@ -7,7 +7,7 @@ import pytest
 
 from tasks.ros.graph.graph import Graph
 from tasks.ros.lockstep.idle_detector import IdleDetector, IdleState
-from tests.ros.lockstep.conftest import POLLER, WORKER
+from tests.ros.lockstep.conftest import POLLER, WORKER, FakeGate
 from tests.ros.process.proc_folder import FakeThread
 
 PERIOD_S = 0.001
@@ -253,3 +253,63 @@ def test_who_computed_for_long_has_as_long_to_connect(
     worker.run(ran_ns=1_500_000_000)
     looks = [detector.look(2.6 + 0.001 * number) for number in range(3)]
     assert looks == [IdleState.SOON, IdleState.WAITS, IdleState.QUIET]
+
+
+def let_go(detector: IdleDetector, gate: FakeGate, poller: FakeThread, now_s: float) -> list[IdleState]:
+    """Looks until the application is quiet; whenever the poller is let go, it polls in vain, and naps again."""
+    verdicts: list[IdleState] = []
+    while not verdicts or verdicts[-1] is not IdleState.QUIET:
+        verdicts.append(detector.look(now_s + 0.0001 * len(verdicts)))
+        if not gate.held:
+            poller.run()
+            gate.hold_nap(POLLER)
+    return verdicts
+
+
+def test_a_thread_whose_nap_is_held_looks_once_more_when_it_is_let_go(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread, gate: FakeGate
+) -> None:
+    known(detector, poller)
+    poller.waits_at = "seccomp_do_user_notification"
+    gate.hold_nap(POLLER)
+    for number in (1, 2):
+        detector.begin(float(number), fresh=False, ticked=True)
+        worker.run()
+        verdicts = let_go(detector, gate, poller, number + 0.001)
+        assert verdicts == [IdleState.SOON] * 3 + [IdleState.WAITS] * (len(verdicts) - 4) + [IdleState.QUIET]
+        assert gate.ended == [POLLER] * number
+    assert detector.pollers == {}
+
+
+def test_who_rests_at_the_gate_looks_at_nothing_where_nobody_was_run(
+    detector: IdleDetector, poller: FakeThread, gate: FakeGate
+) -> None:
+    known(detector, poller)
+    gate.hold_nap(POLLER)
+    detector.begin(1.0, fresh=False, ticked=True)
+    let_go(detector, gate, poller, 1.03)  # the first look hears of requests
+    before = list(gate.ended)
+    detector.begin(2.0, fresh=False, ticked=True)
+    verdicts = let_go(detector, gate, poller, 2.03)
+    assert verdicts == [IdleState.QUIET]
+    assert gate.ended == before
+
+
+def test_a_callback_that_naps_by_the_millisecond_is_waited_for(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread, gate: FakeGate
+) -> None:
+    """Nobody has seen it poll: what it does after the nap belongs to the message."""
+    detector.begin(1.0, fresh=False, ticked=True)
+    worker.run()
+    gate.hold_nap(WORKER)
+    ended, verdict = 0, None
+    for look in range(100):
+        verdict = detector.look(1.03 + 0.0001 * look)
+        if len(gate.ended) > ended:
+            ended += 1
+            worker.run()
+            if ended < 3:
+                gate.hold_nap(WORKER)
+        elif verdict is IdleState.QUIET:
+            break
+    assert (verdict, gate.ended) == (IdleState.QUIET, [WORKER] * 3)

@@ -14,6 +14,7 @@ from tasks.ros.lockstep import ros1_lockstep
 from tasks.ros.lockstep.exchange import ExchangeTotals, Launch
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.message.ros_messages import text_bytes
+from tasks.ros.process import nap_gate
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement
 from tasks.simulate.sandbox.process_environment import process_environment
@@ -75,6 +76,13 @@ def test_a_robot_that_is_set_elsewhere_between_two_control_steps_is_stray(home: 
         for _ in range(3):
             lockstep.exchange([Room(0).sense()])
         assert lockstep.tally(0) == ExchangeTotals(stray=1)
+
+
+def test_the_output_says_where_no_naps_can_be_held(monkeypatch: pytest.MonkeyPatch, home: Path) -> None:
+    monkeypatch.setattr(nap_gate, "_LEAST_LINUX", (99, 0))
+    with Ros1Lockstep(Launch(home.parent, "x", "x.launch", home, [{}]), BASE, CONTROL_S) as lockstep:
+        lockstep._lane(0, LaunchPlan("x", (), {}))
+        assert "threads of its nodes may race" in lockstep.printed(0)
 
 
 PROGRAM = """
