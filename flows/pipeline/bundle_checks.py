@@ -3,7 +3,6 @@
 The rest is known to a store alone; see `flows.pipeline.references`.
 """
 
-import shlex
 import stat
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
@@ -11,13 +10,19 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, NamedTuple
 
+from flows.pipeline.launch_notes import (
+    command_fault,
+    environments,
+    report_lines,
+    ros_launch_faults,
+    topic_lines,
+)
 from specs.arn import reference_path
 from specs.base import Fault
 from specs.errors import DocumentError
 from specs.launched_file import (
     IMAGE_FILE,
     bundle_files,
-    is_ros2,
     looked_for,
     module_file,
     names_ros_launch,
@@ -42,7 +47,6 @@ from tasks.storage.base.store import Store
 from tasks.storage.image_files import image_root, missing_program, read_image
 
 if TYPE_CHECKING:
-    from tasks.ros.launch.gazebo_launch import GazeboLaunch
     from tasks.ros.launch.launch_plan import LaunchSource
     from tasks.simulate.sandbox.launch_check import LaunchReport
 
@@ -219,13 +223,8 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
         image, root, command = read_image(folder), image_root(folder), launch.command or ()
         words = image.words(launch.package, launch.file, command) if image else ()
         if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
-            faults.append(_program_fault(launch.path, launch.file, command, why))
+            faults.append(command_fault(launch.path, launch.file, command, why))
     _raise_all(faults)
-
-
-def _program_fault(path: str, launch_file: str, command: Sequence[str], why: str) -> Fault:
-    name, value = ("launchFile", launch_file) if launch_file else ("command", shlex.join(command))
-    return Fault(path=f"{path}.{name}", value=repr(value), allowed=why)
 
 
 def check_modules(spec: PipelineSpec, base: Path) -> None:
@@ -463,9 +462,6 @@ def _require_metrics(gate: Gate, known: frozenset[str] | None) -> None:
     _raise_all(metric_faults(gate, sorted(known)) if known is not None else [])
 
 
-_MOST_ENVIRONMENTS = 16
-
-
 class OwnLaunch(NamedTuple):
     """A ROS launch file of a document's own bundle, where the document names it, and what roslaunch says of it."""
 
@@ -485,59 +481,6 @@ def ros_notes(launches: Sequence[OwnLaunch]) -> list[str]:
     return list(dict.fromkeys([*lines, *topic_lines([each.report for each in launches])]))
 
 
-def topic_lines(reports: Sequence["LaunchReport"]) -> Iterator[str]:
-    """Yields a line for each topic that a node of some launch files wants and nobody of them publishes."""
-    # Loaded only where ROS is.
-    from tasks.ros.launch.node_topics import unpublished  # noqa: PLC0415
-
-    wants = dict.fromkeys(each for report in reports for each in report.wants)
-    gives = [topic for report in reports for topic in report.gives]
-    unknown = list(dict.fromkeys(node for report in reports for node in report.unknown))
-    declared_by = {topic: field for report in reports for topic, field in report.undeclared.items()}
-    yield from unpublished([*wants], gives, unknown, declared_by)
-
-
-def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:
-    """Yields what a person is to know of a launch file."""
-    yield report.ros
-    name = f"{source.package} {source.launch_file}".strip() or "the container image"
-    if report.unread:
-        yield f"{name}: not read: {report.unread}"
-    elif report.nodes:
-        yield f"{name} starts {', '.join(report.nodes)}"
-    if report.gazebo:
-        yield from _gazebo_lines(source, report.gazebo)
-    yield from report.missing
-    yield from report.absent
-    yield from report.python2
-
-
-def _gazebo_lines(source: "LaunchSource", gazebo: "GazeboLaunch") -> Iterator[str]:
-    """Yields what becomes of what a launch file asks of Gazebo."""
-    name = f"{source.package} {source.launch_file}"
-    yield from (f"{name}: {each.node} is not started; in its place: {each.by}" for each in gazebo.replaced)
-    if gazebo.world:
-        yield f"{name}: its world is {gazebo.world.relative_to(source.bundle)}"
-    if gazebo.spawn:
-        start = f"[{gazebo.spawn.x_m:g}, {gazebo.spawn.y_m:g}, {gazebo.spawn.yaw_rad:g}]"
-        yield f"{name}: {gazebo.entity or 'its robot'} starts at {start}"
-    yield from (f"{name}: {each}" for each in gazebo.findings)
-
-
-def ros_launch_faults(path: str, source: "LaunchSource", report: "LaunchReport") -> Iterator[Fault]:
-    """Yields what is wrong with a launch file and its bundle's ``ros.yaml``; ``path`` is where the document has it."""
-    for why in (*report.refusals, *report.lost):
-        if (source.bundle / IMAGE_FILE).is_file():
-            yield _program_fault(path, source.launch_file, source.command or (), why)
-            continue
-        launch = "ros2 launch" if is_ros2(source.launch_file) else "roslaunch"
-        allowed = f"a launch file that {launch} takes, and not this one: {why}"
-        yield Fault(path=f"{path}.launchFile", value=repr(source.launch_file), allowed=allowed)
-    if report.declaration:
-        allowed = f"a package whose bundle declares its robot rightly, and not this one: {report.declaration}"
-        yield Fault(path=f"{path}.packageName", value=repr(source.package), allowed=allowed)
-
-
 def own_ros_launches(spec: PipelineSpec, base: Path) -> list[OwnLaunch]:
     """Returns the ROS launch files that a document simulates of its own bundles; each is read once."""
     own = {(each.kind, each.name): base / each.source for each in spec.applications}
@@ -550,13 +493,6 @@ def own_ros_launches(spec: PipelineSpec, base: Path) -> list[OwnLaunch]:
             read[source] = check_launch_file(source, environments(variables, _sweep(spec)), own=True)
         found.append(OwnLaunch(path, source, read[source]))
     return found
-
-
-def environments(variables: Mapping[str, str], sweep: Mapping[str, tuple[str, ...]]) -> list[dict[str, str]]:
-    """Returns environments of episodes to read a launch file with: each value of a sweep once, a few in all."""
-    first = {**variables, **{name: values[0] for name, values in sweep.items() if values}}
-    others = [{**first, name: value} for name, values in sweep.items() for value in values[1:]]
-    return [first, *others][:_MOST_ENVIRONMENTS]
 
 
 def _ros_sources(

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from flows.pipeline.bundle_checks import environments, report_lines, ros_launch_faults, topic_lines
+from flows.pipeline.launch_notes import environments, report_lines, ros_launch_faults, topic_lines
 from flows.pipeline.references import finder, new_bucket_lines, resolve_references
 from flows.pipeline.robot_drafts import with_drafts, with_store_drafts
 from flows.pipeline.tested_batch import bundle_files_in, failing_sources, shuffle_if_endable, with_launched_worlds

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from flows.pipeline.bundle_checks import check_own_bundles, ros_launch_faults
+from flows.pipeline.bundle_checks import check_own_bundles
+from flows.pipeline.launch_notes import ros_launch_faults
 from flows.pipeline.references import resolve_references
 from flows.pipeline.robot_drafts import with_images
 from specs.errors import DocumentError

@@ -24,7 +24,9 @@ ROBOT = {
     "sensor_msgs/msg/LaserScan": sensor.laser_scan(
         7, NOW, "laser", np.linspace(0.1, 9.0, 31), angle_min=-1.5, angle_increment=0.1, range_max=8.0, scan_s=0.05
     ),
-    "sensor_msgs/msg/Imu": sensor.imu(7, NOW, "imu_link", yaw_rad=0.5, turn_rad_s=0.1, acceleration=(0.2, -0.3)),
+    "sensor_msgs/msg/Imu": sensor.imu(
+        7, NOW, "imu_link", sensor.Inertia((0.0, 0.0, 0.1), (0.2, -0.3, 9.81), yaw_rad=0.5)
+    ),
     "sensor_msgs/msg/JointState": sensor.joint_state(
         7, NOW, ["left", "the right one"], np.array([0.5, 1.0]), np.array([2.0, 3.0])
     ),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.pipeline.bundle_checks import report_lines, ros_launch_faults
+from flows.pipeline.launch_notes import report_lines, ros_launch_faults
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.ros2.ros2_installation import ros2_installation
