@@ -16,12 +16,12 @@ from pydantic import ValidationError
 from flows.pipeline.world_imports import answer_apart
 from specs.arn import reference_path
 from specs.base import Fault
-from specs.bundle_files import ROS_FILE, DraftRequest, RobotDraft
 from specs.errors import BundleRefused, DocumentError, LaunchRefused
 from specs.launched_file import bundle_files, module_file, names_ros_launch, ros_launch_file
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import PipelineRobotApplication, PipelineSimulationApplication
 from specs.robomaker.bundle import LATEST
+from specs.ros_robot import ROS_FILE, DraftRequest, RobotDraft
 from tasks.applications.registry import BUNDLE_ERRORS, pack_bundle, unpack
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource

@@ -25,8 +25,8 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from specs.bundle_files import DraftRequest, RobotDraft, RosRobot
 from specs.errors import LaunchRefused
+from specs.ros_robot import DraftRequest, RobotDraft, RosRobot
 from tasks.applications.robot_description import (
     Joint,
     RobotDescription,

@@ -18,10 +18,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from specs.bundle_files import ROS_FILE, ContainerImage
+from specs.bundle_files import ContainerImage
 from specs.errors import BundleRefused
 from specs.field_types import Architecture
 from specs.launched_file import IMAGE_FILE
+from specs.ros_robot import ROS_FILE
 from tasks.storage.archives import LIMITS
 from tasks.storage.image_files import (
     BLOCK_BYTES,

@@ -9,8 +9,8 @@ import pytest
 import shapely
 import trimesh
 
-from specs.bundle_files import DifferentialDrive, DraftRequest, RobotDraft, RosImu, RosRobot, VelocityDrive
 from specs.errors import LaunchRefused
+from specs.ros_robot import DifferentialDrive, DraftRequest, RobotDraft, RosImu, RosRobot, VelocityDrive
 from tasks.applications.robot_draft import draft_robot
 from tasks.simulate.host.declaration import read_ros_robot
 from tasks.simulate.host.twist_drive import twist_map

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float32
 
-from specs.bundle_files import ColorCameraDeclaration, RosDepthCamera, RosImu, RosRangeFinders, RosRobot
+from specs.bundle_files import ColorCameraDeclaration
+from specs.ros_robot import RosDepthCamera, RosImu, RosRangeFinders, RosRobot
 
 _FAR_M = 8.0
 

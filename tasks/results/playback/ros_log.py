@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle_files import RosRobot
 from specs.data.world import World
+from specs.ros_robot import RosRobot
 from tasks.results.playback.playback import Playback
 from tasks.ros.bag.message_log import MessageLog
 from tasks.ros.bag.track_log import Track, TrackLidar, track_log

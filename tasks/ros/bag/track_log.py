@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.bundle_files import RosFrames, RosTopics
 from specs.data.world import OccupancyMap
+from specs.ros_robot import RosFrames, RosTopics
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.message.ros_messages import (
     PlanarTwist,

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Bool, Float
 
-from specs.bundle_files import RosRobot
+from specs.ros_robot import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
 
 

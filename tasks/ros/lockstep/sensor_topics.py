@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle_files import CameraDeclaration, RosRobot, numbered
+from specs.bundle_files import CameraDeclaration
 from specs.data.episode import control_stride
+from specs.ros_robot import RosRobot, numbered
 from tasks.ros.lockstep.exchange import JointStates, RobotBase, Sensed
 from tasks.ros.message import camera_messages, ros_messages
 from tasks.ros.message.camera_messages import Pinhole

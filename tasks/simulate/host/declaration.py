@@ -18,9 +18,9 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from specs.base import Spec
-from specs.bundle_files import ROS_FILE, RosRobot
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, policy_file, ros_launch_file
+from specs.ros_robot import ROS_FILE, RosRobot
 from tasks.ros.ros2.dds_domain import DOMAINS
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.storage.image_files import read_image

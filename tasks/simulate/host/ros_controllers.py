@@ -21,9 +21,10 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from specs.bundle_files import ROS_FILE, ColorCameraDeclaration, RosRobot
+from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
+from specs.ros_robot import ROS_FILE, RosRobot
 from tasks.ros.bag.message_log import MessageLog
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import (

@@ -15,8 +15,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Float64
 
-from specs.bundle_files import ROS_FILE, DifferentialDrive, RosDrive, RosRobot, VelocityDrive
 from specs.errors import SimyardError
+from specs.ros_robot import ROS_FILE, DifferentialDrive, RosDrive, RosRobot, VelocityDrive
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import Base, base_of, compile_robot, rest_position

@@ -16,11 +16,12 @@ import numpy as np
 from pydantic import Field, JsonValue, TypeAdapter
 
 from specs.base import Spec
-from specs.bundle_files import DepthCameraDeclaration, Topic
+from specs.bundle_files import DepthCameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult
 from specs.errors import SimyardError
 from specs.field_types import TagMap
 from specs.robomaker.simulation import SimulationJobErrorCode
+from specs.ros_robot import Topic
 from tasks.ros.bag.message_log import Channel, LogEntry, MessageLog
 from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.simulate.lane.recording import RecordingChoice, sample_stride

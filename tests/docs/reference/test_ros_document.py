@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from specs.bundle_files import RosTopics
+from specs.ros_robot import RosTopics
 from tasks.ros.graph import graph, graph_limits
 from tasks.ros.message import ros_messages
 from tasks.ros.message.definition import MESSAGES

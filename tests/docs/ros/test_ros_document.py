@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from specs.bundle_files import RosFrames, RosRobot, RosTopics
+from specs.ros_robot import RosFrames, RosRobot, RosTopics
 from tasks.deploy.step import agents_folder
 from tasks.ros.launch.robot_command import OWN_VARIABLES
 from tasks.ros.lockstep.robot_topics import published

@@ -10,11 +10,11 @@ from flows.pipeline.references import latest_finder
 from flows.pipeline.robot_drafts import draft_of_launch, with_drafts, world_entry, write_draft
 from flows.pipeline.tested_batch import batch_plan, launch_faults
 from flows.preview.plan import plan_lines
-from specs.bundle_files import RobotDraft
 from specs.data.world import Start
 from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.simulation_section import SimulationBatch
+from specs.ros_robot import RobotDraft
 from tasks.applications.registry import publish_bundle
 from tasks.ros.launch.gazebo_launch import GazeboLaunch
 from tasks.ros.launch.launch_plan import LaunchSource

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from specs.bundle_files import RosFrames, RosTopics
+from specs.ros_robot import RosFrames, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog
 from tests.ros.bag.tracks import FLOOR, RAYS, SAMPLES, log, of_topic, track, with_twist
 

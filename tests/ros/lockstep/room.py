@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle_files import RosRobot
+from specs.ros_robot import RosRobot
 from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle_files import RosRobot
+from specs.ros_robot import RosRobot
 from tasks.ros.lockstep.exchange import ExchangeTotals, Launch
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits

@@ -7,16 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from specs.bundle_files import (
-    BumperDeclaration,
-    ColorCameraDeclaration,
-    RosDepthCamera,
-    RosImu,
-    RosLidar,
-    RosRangeFinders,
-    RosRobot,
-    RosTopics,
-)
+from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration
+from specs.ros_robot import RosDepthCamera, RosImu, RosLidar, RosRangeFinders, RosRobot, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, SensorMessages, undeclared

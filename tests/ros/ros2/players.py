@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from specs.bundle_files import RosRobot
+from specs.ros_robot import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep

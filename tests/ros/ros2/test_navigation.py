@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from specs.bundle_files import RosRobot, RosTopics
+from specs.ros_robot import RosRobot, RosTopics
 from tasks.ros.lockstep.exchange import FloorMap, GoalEnd, Launch
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience

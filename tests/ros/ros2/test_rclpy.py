@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle_files import RosRobot
+from specs.ros_robot import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep

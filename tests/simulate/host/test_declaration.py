@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle_files import RosRobot
 from specs.data.episode import ApplicationLaunch
+from specs.ros_robot import RosRobot
 from tasks.ros.ros2.dds_domain import DOMAINS
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.mjcf_check import RobotRefused

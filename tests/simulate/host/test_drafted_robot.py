@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from specs.bundle_files import DraftRequest
 from specs.data.episode import ApplicationLaunch, EpisodeResult
 from specs.data.world import World
+from specs.ros_robot import DraftRequest
 from tasks.applications.robot_draft import draft_robot
 from tasks.ros.launch.packages import RosInstallation
 from tasks.simulate.plan.chunks import Chunk

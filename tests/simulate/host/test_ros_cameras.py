@@ -10,7 +10,7 @@ import pytest
 import shapely
 from jaxtyping import Bool, Float
 
-from specs.bundle_files import RosDepthCamera, RosLidar, RosRobot
+from specs.ros_robot import RosDepthCamera, RosLidar, RosRobot
 from tasks.ros.lockstep.exchange import RobotBase, Sensed
 from tasks.ros.lockstep.robot_topics import STATIC, TRANSFORMS, SensorMessages
 from tasks.ros.lockstep.sensor_topics import Moment

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from jaxtyping import Float64
 
-from specs.bundle_files import DifferentialDrive, RosRobot, VelocityDrive
+from specs.ros_robot import DifferentialDrive, RosRobot, VelocityDrive
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from specs.bundle_files import OWN_TOPICS, RosRobot, RosTopics
+from specs.ros_robot import OWN_TOPICS, RosRobot, RosTopics
 from tasks.ros.bag.track_log import track_channels
 from tests.ros.bag.tracks import with_twist
 
