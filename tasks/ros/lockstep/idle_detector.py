@@ -21,6 +21,7 @@ _UNNOTICED_S = 0.02
 # roscpp polls simulated time each millisecond, rospy.wait_for_message the wall's each 10; rospy.spin wakes each 500.
 _POLL_S = 0.06
 _POLLS = 4
+_LOOKS = 50
 _MISSED_POLLS = 4.0
 _MISSED_S = 0.025
 # A poll that runs for longer than usual found something. Each time that it does so once more, more of it is usual.
@@ -319,9 +320,10 @@ class IdleDetector:
         self._watch.snapshot()
         for tid, counted in self._watch.counted().items():
             runs = counted.times - before.get(tid, counted).times
+            if runs < _POLLS or (now_s - begun_s) / runs >= _POLL_S:
+                continue
             # What comes to a node at its start wakes threads that wait at sockets: only many runs are no chance.
-            enough = _POLLS * (_POLLS if self._watch.listens(tid) else 1)
-            if runs >= enough and (now_s - begun_s) / runs < _POLL_S:
+            if runs >= _POLLS * _POLLS or not self._watch.listens(tid, _LOOKS):
                 self._add_poller(tid, (now_s - begun_s) / runs, (counted.ran_ns - before[tid].ran_ns) / runs)
         self._known, self.suspect = frozenset(self._watch.runs), False
 

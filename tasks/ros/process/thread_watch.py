@@ -16,6 +16,7 @@ library. So the address that it waits at, which the kernel tells (``/proc/*/task
 import contextlib
 import os
 import resource
+import time
 from collections.abc import Generator, Iterable, Mapping, Set
 from enum import Enum
 from pathlib import Path
@@ -76,6 +77,7 @@ _AWAKE = b"RD"
 _STOPPED = b"Tt"
 _NAP = b"nanosleep"
 _UNTOLD = b"0"
+_LOOK_AGAIN_S = 0.002
 # Whoever waits there hears nothing of a socket; the last is where a nap is held (``nap_gate``).
 _DEAF = (_NAP, b"futex", b"seccomp")
 _NONE: frozenset[int] = frozenset()
@@ -286,10 +288,18 @@ class ThreadWatch:
         """Returns whether a thread was run since the last look, or waits for a core after its nap."""
         return self.waits_for_core(tid) or self.ran(tid, self.runs.get(tid))
 
-    def listens(self, tid: int) -> bool:
-        """Returns whether a thread may wait for something to come to a socket, until a limit perhaps."""
+    def listens(self, tid: int, looks: int = 1) -> bool:
+        """Returns whether a thread may wait for something to come to a socket, until a limit perhaps.
+
+        Args:
+            tid: The thread.
+            looks: How often to look, at most, where a thread waits of which the kernel does not tell it.
+        """
         thread = self._threads.get(tid)
         where = _waits_at(thread) if thread is not None else b""
+        while thread is not None and where == _UNTOLD and (looks := looks - 1) > 0:
+            time.sleep(_LOOK_AGAIN_S)
+            where = _waits_at(thread)
         return not any(name in where for name in _DEAF)
 
     def naps(self, tid: int) -> bool:

@@ -7,6 +7,7 @@ import pytest
 
 from tasks.ros.graph.graph import Graph
 from tasks.ros.lockstep.idle_detector import IdleDetector, IdleState
+from tasks.ros.process import thread_watch
 from tests.ros.lockstep.conftest import POLLER, WORKER, FakeGate
 from tests.ros.process.proc_folder import FakeThread
 
@@ -44,6 +45,24 @@ def test_an_application_is_quiet_once_its_poller_has_looked_again(
     poller.run()
     assert detector.look(1.003) is IdleState.WAITS
     assert detector.look(1.004) is IdleState.QUIET
+
+
+@pytest.mark.parametrize("waits_at", ["futex_wait_queue", "do_epoll_wait"])
+def test_who_polls_seldom_is_known_though_the_kernel_tells_late_where_it_waits(
+    detector: IdleDetector, poller: FakeThread, monkeypatch: pytest.MonkeyPatch, waits_at: str
+) -> None:
+    """One that waited for a core was taken for one that waits at a socket."""
+    detector.count(0.0)
+    poller.waits_at = "0"
+    poller.run(12)
+
+    def tell(_: float) -> None:
+        poller.waits_at = waits_at
+        poller.be("S")
+
+    monkeypatch.setattr(thread_watch.time, "sleep", tell)
+    detector.find_pollers(0.25)
+    assert (POLLER in detector.pollers) is (waits_at != "do_epoll_wait")
 
 
 def test_a_poller_that_waits_for_a_core_is_waited_for(
