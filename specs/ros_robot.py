@@ -210,7 +210,7 @@ class RosRobot(Spec):
         ready_s: Wall time that the nodes may take to be ready.
         first_command_s: Simulated time until which the robot may stand because no node publishes commands yet.
         time_over: What an episode is whose time is over, if its simulation application is to judge and says nothing.
-        goals: How nodes are given them: on the topic, or as actions of Nav2's NavigateToPose.
+        goals: How nodes are given them: on the topic, or as actions of Nav2's NavigateToPose or ROS 1's move_base.
         localization: Who says where ``odom`` is in the map's frame: the robot, or a node of the application.
         record: Topics of the nodes that a recording keeps, and their types, such as ``nav_msgs/OccupancyGrid``.
     """
@@ -229,7 +229,7 @@ class RosRobot(Spec):
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0
     first_command_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 10.0
     time_over: Literal["passed", "failed"] = "failed"
-    goals: Literal["topic", "navigate_to_pose"] = "topic"
+    goals: Literal["topic", "navigate_to_pose", "move_base"] = "topic"
     localization: Literal["given", "application"] = "given"
     record: Annotated[Mapping[Topic, MessageType], Field(max_length=32)] = {}
 

@@ -46,6 +46,13 @@ from tasks.ros.graph.topic import (
 )
 from tasks.ros.graph.xml_rpc import HttpConnection, NodeAnswer, NodeCalls, Value
 from tasks.ros.message.definition import ANY, type_digest
+from tasks.ros.message.navigation import (
+    MOVE_BASE,
+    MOVE_BASE_KIND,
+    MOVE_BASE_RESULT,
+    MOVE_BASE_RESULT_KIND,
+    Navigation,
+)
 from tasks.ros.message.ros_messages import (
     REQUEST_BYTES,
     frame_message,
@@ -298,8 +305,10 @@ class Graph:
         subscribes: The topics of its commands.
         new_socket: Makes TCP sockets, such as in an episode's own network namespace.
         gazebo: Answers for Gazebo; None if nobody does.
+        navigates: Whether it sends goals to ``move_base`` as actions.
 
     Attributes:
+        navigation: How those go.
         uri: The master's address, for ``ROS_MASTER_URI``.
     """
 
@@ -310,13 +319,21 @@ class Graph:
         subscribes: Sequence[Topic],
         new_socket: Callable[[], socket.socket] = socket.socket,
         gazebo: GazeboServices | None = None,
+        *,
+        navigates: bool = False,
     ) -> None:
         self._events = EventLoop(loop, new_socket)
+        self.navigation, self._heard = Navigation(), dict[str, Callable[[bytes], object]]()
         if gazebo is not None:
             subscribes = (*subscribes, Topic(SET_MODEL_STATE, SET_MODEL_STATE_KIND))
+            self._heard[SET_MODEL_STATE] = gazebo.set_state
+        if navigates:
+            publishes = (*publishes, Topic(MOVE_BASE, MOVE_BASE_KIND))
+            subscribes = (*subscribes, Topic(MOVE_BASE_RESULT, MOVE_BASE_RESULT_KIND))
+            self._heard[MOVE_BASE_RESULT] = self.navigation.hear
         self._tables = Registrations()
         self.parameters = ParameterTree()
-        self.services, self.gazebo = RobotServices(gazebo), gazebo
+        self.services = RobotServices(gazebo)
         calls = NodeCalls(self._events)
         self._publications = Publications(self._events, publishes)
         self._subscriptions = Subscriptions(self._events, self._tables, calls, subscribes)
@@ -369,7 +386,7 @@ class Graph:
     @property
     def incoming(self) -> list[CommandSource]:
         """Returns whose commands the robot is connected to; who only sets it elsewhere commands nothing."""
-        return [each for each in self._subscriptions.incoming if each.topic != SET_MODEL_STATE]
+        return [each for each in self._subscriptions.incoming if each.topic not in self._heard]
 
     @property
     def tags(self) -> dict[str, str]:
@@ -401,11 +418,11 @@ class Graph:
         """Returns the commands that have come since the last call: topic and message, in the order of nodes' names."""
         commands = list[tuple[str, bytes]]()
         for topic, data in self._subscriptions.take():
-            if topic != SET_MODEL_STATE or self.gazebo is None:
+            if topic not in self._heard:
                 commands.append((topic, data))
                 continue
             try:
-                self.gazebo.set_state(data)
+                self._heard[topic](data)
             except ValueError as exc:
                 self._events.fail(f"{topic}: {exc}")
         return commands

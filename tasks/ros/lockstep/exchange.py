@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from specs.ros_robot import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
+from tasks.ros.message.navigation import Navigation
 
 
 class Sends(Protocol):
@@ -65,6 +66,9 @@ class GraphSide(Protocol):
 
     @property
     def incoming(self) -> Sequence[Commander]: ...  # noqa: D102
+
+    @property
+    def navigation(self) -> Navigation: ...  # noqa: D102
 
     @property
     def tags(self) -> dict[str, str]: ...  # noqa: D102

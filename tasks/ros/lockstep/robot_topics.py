@@ -23,11 +23,13 @@ from tasks.ros.lockstep.exchange import (
 )
 from tasks.ros.lockstep.sensor_topics import LARGE, ROS_SENSORS, Moment, SensorTopic
 from tasks.ros.message import ros_messages
+from tasks.ros.message.navigation import MOVE_BASE
 from tasks.ros.message.ros_messages import PlanarTwist, twist
 
 CLOCK, TRANSFORMS, STATIC = "/clock", "/tf", "/tf_static"
 NAVIGATE = "/navigate_to_pose"
 """Stands among topics for the action of that name: a goal goes to the one node that offers it."""
+ACTIONS: Mapping[str, str] = MappingProxyType({"navigate_to_pose": NAVIGATE, "move_base": MOVE_BASE})
 _POSE = "geometry_msgs/PoseWithCovarianceStamped"
 
 
@@ -49,8 +51,8 @@ class SensorMessages:
         self._base, self._control_ns = base, round(control_s * 1e9)
         names = base.robot.topics
         self.commands = Topic(names.command, "geometry_msgs/Twist")
-        self._floor, acts = names.floor_map, base.robot.goals == "navigate_to_pose"
-        self._goal = NAVIGATE if acts else names.goal
+        self._floor, acts = names.floor_map, base.robot.goals != "topic"
+        self._goal = ACTIONS.get(base.robot.goals, names.goal)
         frames, given = base.robot.frames, base.robot.localization == "given"
         # Without a map the pose counts from the world's origin, and nobody else says where that is.
         self._given = given and self._floor is not None
@@ -250,6 +252,6 @@ class LockstepRecorder:
             self._entries.append(LogEntry(moment.time_ns, topic, self._messages.write(topic, moment)))
         x_m, y_m = map(float, moment.sensed.goal)
         found = self._messages.goal(moment) if self._goal != (x_m, y_m) else None
-        if found is not None and found[0] != NAVIGATE:
+        if found is not None and found[0] not in ACTIONS.values():
             self._goal = (x_m, y_m)
             self._entries.append(LogEntry(moment.time_ns, *found))

@@ -36,10 +36,11 @@ from tasks.ros.lockstep.exchange import (
     TwistCommand,
 )
 from tasks.ros.lockstep.idle_detector import IdleDetector
-from tasks.ros.lockstep.robot_topics import CLOCK, SensorMessages
+from tasks.ros.lockstep.robot_topics import ACTIONS, CLOCK, SensorMessages
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
 from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
+from tasks.ros.message.navigation import MOVE_BASE
 from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
 from tasks.ros.process.contention import ConnectionWatch, counts_bytes
@@ -53,6 +54,9 @@ from tasks.storage.image_files import image_place
 BEGINS_NS = 1_000_000_000
 _WARM_UP_STEPS = 10
 _GAPS_TOLD = 5
+# Statuses of a goal before the next one is sent.
+_UNDER_WAY = frozenset({"asked", "accepted"})
+_AGAIN_NS = 1_000_000_000
 
 
 class Ros1Lockstep:
@@ -126,8 +130,15 @@ class Ros1Lockstep:
 
     @property
     def goal_ends(self) -> Mapping[int, GoalEnd]:
-        """Returns nothing: goals are told on a topic, and nobody answers."""
-        return {}
+        """Returns the lanes in which a goal ended otherwise than it should, and how."""
+        found: dict[int, GoalEnd] = {}
+        for number, lane in self._lanes.items():
+            status, code = lane.graph.navigation.status, lane.graph.navigation.error_code
+            if status == "canceled":
+                found[number] = GoalEnd("canceled", code)
+            elif status == "aborted" or (status == "rejected" and self._too_late(self._now_ns)):
+                found[number] = GoalEnd("aborted", code)
+        return found
 
     def heard(self, lane: int) -> list[tuple[str, bytes]]:  # noqa: ARG002 - as of ROS 2
         """Returns nothing: nodes of ROS 1 are recorded by rosbag."""
@@ -276,7 +287,8 @@ class Ros1Lockstep:
             topics, self._gazebo[number] = (*topics, Topic(MODEL_STATES, MODEL_STATES_KIND)), gazebo
         home = make_ros_home(self._launch.home / f"lane-{number}", installation)
         try:
-            graph = Graph(self._pump.loop, topics, [self._messages.commands], network.new_socket, gazebo)
+            commands, acts = [self._messages.commands], self._base.robot.goals == "move_base"
+            graph = Graph(self._pump.loop, topics, commands, network.new_socket, gazebo, navigates=acts)
         except OSError:
             network.close()
             raise
@@ -351,16 +363,31 @@ class Ros1Lockstep:
             gazebo.tell(RobotState(moment.time_ns, (x, y, yaw), (ahead, left, turn)))
             planned.append((MODEL_STATES, gazebo.model_states))
         x, y = map(float, moment.sensed.goal)
-        found = self._messages.goal(moment) if self._goal_due(number, lane, moment) else None
+        found = self._messages.goal(moment) if self._goal_due(lane, moment) else None
         if found is not None:
-            lane.goal, (topic, data) = (x, y), found
+            (topic, data), lane.goal, lane.asked_ns = found, (x, y), moment.time_ns
+            data = lane.graph.navigation.ask(data) if topic == MOVE_BASE else data
             planned.insert(len(planned) - len(due) - bool(gazebo) + 1, (topic, lambda: data))
         return planned
 
-    def _goal_due(self, number: int, lane: RosLane, moment: Moment) -> bool:  # noqa: ARG002 - as actions need
-        """Returns whether a lane is to be told its goal: one that is new."""
+    def _goal_due(self, lane: RosLane, moment: Moment) -> bool:
+        """Returns whether a lane is to be told its goal: one that is new.
+
+        As an action it is sent when the one before has ended, to who is there, and again if it was rejected: Nav2
+        rejects goals until all of it is active.
+        """
+        status = lane.graph.navigation.status
+        if status == "rejected" and moment.time_ns - lane.asked_ns >= _AGAIN_NS and not self._too_late(moment.time_ns):
+            lane.goal = None
+        action = ACTIONS.get(self._base.robot.goals)
+        if action and (status in _UNDER_WAY or not lane.graph.outgoing[action]):
+            return False
         x, y = map(float, moment.sensed.goal)
         return lane.goal != (x, y)
+
+    def _too_late(self, now_ns: int) -> bool:
+        """Returns whether a goal that is rejected is not sent again."""
+        return now_ns > BEGINS_NS + self._base.robot.first_command_s * 1e9
 
     def _check(self, moving: Mapping[int, RosLane]) -> None:
         """Fails lanes whose nodes ended, and of one lane a step looks how much it uses."""
@@ -377,14 +404,16 @@ class Ros1Lockstep:
 
     def _check_commanded(self, lanes: Sequence[RosLane]) -> None:
         """Fails lanes in which no node publishes commands, though it is time."""
-        topic = self._messages.commands.name
+        topic, acts = self._messages.commands.name, self._base.robot.goals == "move_base"
         for lane in lanes if self._now_ns >= self._due_ns else ():
-            if lane.failure or lane.graph.publishers(topic):
+            idle = acts and lane.graph.navigation.status == "none"
+            if lane.failure or (lane.graph.publishers(topic) and not idle):
                 continue
+            what = "offers the action /move_base (goals in ros.yaml)" if idle else f"publishes {topic}"
             within = f" within {self._first_command_s:g} simulated s (first_command_s in ros.yaml)"
             gaps = lane.graph.gaps()
             told = "".join(f"; {each}" for each in gaps[:_GAPS_TOLD])
-            lane.failure = f"no node publishes {topic}{within if self._first_command_s else ''}{told}"
+            lane.failure = f"no node {what}{within if self._first_command_s else ''}{told}"
             self._end(lane)
 
     def _stop_idle(self, lanes: Sequence[RosLane]) -> None:

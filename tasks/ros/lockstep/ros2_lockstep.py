@@ -14,19 +14,19 @@ from typing import NamedTuple
 from specs.errors import LaunchRefused
 from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
-from tasks.ros.lockstep.exchange import GoalEnd, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC
-from tasks.ros.lockstep.ros1_lockstep import BEGINS_NS, Ros1Lockstep
+from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
-from tasks.ros.lockstep.sensor_topics import Moment
+from tasks.ros.message.navigation import Navigation
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
 from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
 from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
-from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
+from tasks.ros.ros2.navigation_client import NavigationClient
 from tasks.ros.ros2.robot_links import RobotLink, RobotLinks
 from tasks.ros.ros2.ros2_installation import Ros2Installation, ros2_installation
 from tasks.ros.ros2.ros2_node import Matches, RobotInterface, Ros2Node
@@ -261,9 +261,6 @@ class DdsGraph:
         self._other.close()
 
 
-# Statuses of a goal before the next one is sent.
-_UNDER_WAY = frozenset({"asked", "accepted"})
-_AGAIN_NS = 1_000_000_000
 _FOLDERS = ("tmp", "log")
 _ROS_ARGUMENTS = "--ros-args"
 
@@ -273,7 +270,6 @@ class Ros2Lockstep(Ros1Lockstep):
 
     _domains: tuple[EpisodeDomain, ...] = ()
     _graphs: Mapping[int, DdsGraph] = MappingProxyType({})
-    _asked_ns: Mapping[int, int] = MappingProxyType({})
     _of_nodes: dict[Path, Mapping[str, str]]
     _drops: DropWatch | None = None
 
@@ -356,26 +352,6 @@ class Ros2Lockstep(Ros1Lockstep):
             self._start(lane, plan._replace(nodes=nodes), environment)
         return lane
 
-    def _goal_due(self, number: int, lane: RosLane, moment: Moment) -> bool:
-        """Returns whether a goal is to be sent: as an action when the one before has ended, and again if rejected.
-
-        Nav2 rejects goals until all of it is active.
-        """
-        if self._base.robot.goals == "topic":
-            return super()._goal_due(number, lane, moment)
-        status = self._graphs[number].navigation.status
-        if status == "rejected":
-            again = moment.time_ns - self._asked_ns[number] >= _AGAIN_NS and not self._too_late(moment.time_ns)
-            lane.goal = None if again else lane.goal
-        due = status not in _UNDER_WAY and super()._goal_due(number, lane, moment)
-        if due:
-            self._asked_ns = {**self._asked_ns, number: moment.time_ns}
-        return due
-
-    def _too_late(self, now_ns: int) -> bool:
-        """Returns whether a goal that is rejected is not sent again."""
-        return now_ns > BEGINS_NS + self._base.robot.first_command_s * 1e9
-
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; datagrams that were dropped in it count as late."""
         commands = super().exchange(sensed)
@@ -384,18 +360,6 @@ class Ros2Lockstep(Ros1Lockstep):
             for number, graph in self._graphs.items():
                 self._lanes[number].unordered += graph.dropped(lost) if sensed[number] is not None else 0
         return commands
-
-    @property
-    def goal_ends(self) -> Mapping[int, GoalEnd]:
-        """Returns the lanes in which a goal ended otherwise than it should, and how."""
-        found: dict[int, GoalEnd] = {}
-        for number, graph in self._graphs.items():
-            status, code = graph.navigation.status, graph.navigation.error_code
-            if status == "canceled":
-                found[number] = GoalEnd("canceled", code)
-            elif status == "aborted" or (status == "rejected" and self._too_late(self._now_ns)):
-                found[number] = GoalEnd("aborted", code)
-        return found
 
     def heard(self, lane: int) -> list[tuple[str, bytes]]:
         """Returns what a lane's nodes said on recorded topics since the last call, in ROS 1's form."""

@@ -123,6 +123,7 @@ class RosLane:
         command: The last one that came.
         commanded_ns: Simulated time when it came.
         goal: The goal that its nodes know.
+        asked_ns: Simulated time when they were told it.
         commands, late, stray: See ``ExchangeTotals``.
         unordered: Messages within which two processes told a third one something, and datagrams that were dropped.
         begun_s: When it was sent something last.
@@ -142,6 +143,7 @@ class RosLane:
         self.graph, self.application = detector.graph, detector.application
         self.failure, self.command, self.commanded_ns = "", TwistCommand(), -math.inf
         self.goal: tuple[float, float] | None = None
+        self.asked_ns = 0
         self.commands = self.late = self.stray = self.unordered = 0
         self.begun_s = self.look_s = self.nap_s = 0.0
         self._pump, self._latched, self._contended = pump, latched, contended

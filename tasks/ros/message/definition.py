@@ -17,6 +17,12 @@ _RULE = "=" * 80
 
 MESSAGES: Mapping[str, str] = MappingProxyType(
     {
+        "actionlib_msgs/GoalID": "time stamp\nstring id",
+        "actionlib_msgs/GoalStatus": (
+            "uint8 PENDING=0\nuint8 ACTIVE=1\nuint8 PREEMPTED=2\nuint8 SUCCEEDED=3\nuint8 ABORTED=4\nuint8 REJECTED=5\n"
+            "uint8 PREEMPTING=6\nuint8 RECALLING=7\nuint8 RECALLED=8\nuint8 LOST=9\n"
+            "GoalID goal_id\nuint8 status\nstring text"
+        ),
         "gazebo_msgs/ModelState": (
             "string model_name\ngeometry_msgs/Pose pose\ngeometry_msgs/Twist twist\nstring reference_frame"
         ),
@@ -37,6 +43,10 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
         "geometry_msgs/Twist": "Vector3 linear\nVector3 angular",
         "geometry_msgs/TwistWithCovariance": "Twist twist\nfloat64[36] covariance",
         "geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z",
+        "move_base_msgs/MoveBaseActionGoal": "Header header\nactionlib_msgs/GoalID goal_id\nMoveBaseGoal goal",
+        "move_base_msgs/MoveBaseActionResult": "Header header\nactionlib_msgs/GoalStatus status\nMoveBaseResult result",
+        "move_base_msgs/MoveBaseGoal": "geometry_msgs/PoseStamped target_pose",
+        "move_base_msgs/MoveBaseResult": "",
         "nav_msgs/MapMetaData": (
             "time map_load_time\nfloat32 resolution\nuint32 width\nuint32 height\ngeometry_msgs/Pose origin"
         ),
@@ -168,7 +178,7 @@ def _collect_types(kind: str, found: list[str]) -> None:
     if kind in found:
         return
     found.append(kind)
-    for line in MESSAGES[kind].split("\n"):
+    for line in filter(None, MESSAGES[kind].split("\n")):
         base = line.split()[0].partition("[")[0]
         if not _PRIMITIVE.match(base):
             _collect_types(_full_name(_package(kind), base), found)

@@ -4,12 +4,12 @@ Sources: ROS 2's design article "Actions", with the numbers of the ends of goals
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from rosbags.typesys.store import Typestore
 
+from tasks.ros.message.navigation import GoalStatus, Navigation
 from tasks.ros.ros2.dds_node import (
     ENCAPSULATION_BYTES,
     HEADER_BYTES,
@@ -27,25 +27,7 @@ _ID_BYTES = 16
 # Whose requests these are: 8 bytes of a client's identity, which no other one draws.
 _CLIENT = b"simyard\0"
 
-GoalStatus = Literal["none", "asked", "accepted", "rejected", "succeeded", "canceled", "aborted"]
 _ENDS: Mapping[int, GoalStatus] = {4: "succeeded", 5: "canceled", 6: "aborted"}
-
-
-@dataclass
-class Navigation:
-    """How an episode's goals go.
-
-    Attributes:
-        status: Of the goal that was sent last.
-        goals: How many were sent.
-        error_code: What the result says of why it was aborted.
-        fault: Why what a node answered is no answer; empty if there is nothing to say.
-    """
-
-    status: GoalStatus = "none"
-    goals: int = 0
-    error_code: int = 0
-    fault: str = ""
 
 
 class NavigationClient:

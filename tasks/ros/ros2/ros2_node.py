@@ -9,6 +9,7 @@ from uuid import UUID
 
 from rosbags.typesys.store import Typestore
 
+from tasks.ros.message.navigation import Navigation
 from tasks.ros.message.ros_messages import REQUEST_BYTES, joined_tags
 from tasks.ros.ros2.dds_domain import DomainPlace
 from tasks.ros.ros2.dds_node import (
@@ -24,7 +25,7 @@ from tasks.ros.ros2.dds_node import (
     Writer,
 )
 from tasks.ros.ros2.interface_types import ADD_TAGS, CANCEL, beyond_ros1, type_store
-from tasks.ros.ros2.navigation_client import Navigation, NavigationClient
+from tasks.ros.ros2.navigation_client import NavigationClient
 from tasks.ros.ros2.ros2_installation import ADD_TAGS_SERVICE, CANCEL_SERVICE, DEFAULT_DISTRIBUTION
 
 NODE_NAME = "simyard_robot"

@@ -535,11 +535,10 @@ def _require_spoken(kind: ControllerKind, robot: RosRobot) -> None:
     Raises:
         RobotRefused: Says what to change.
     """
+    own = "move_base" if kind == "ros" else "navigate_to_pose"
+    if robot.goals not in ("topic", own):
+        raise RobotRefused(f"{ROS_FILE}: goals: {robot.goals}: not of this ROS, whose action is {own}")
     if kind == "ros":
-        if robot.goals != "topic":
-            raise RobotRefused(
-                f"{ROS_FILE}: goals: {robot.goals}: an action of ROS 2: move_base takes goals on a topic"
-            )
         if robot.record:
             raise RobotRefused(f"{ROS_FILE}: record: nodes of ROS 2 alone are recorded: leave it out")
     elif robot.record:

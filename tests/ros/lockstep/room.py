@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from specs.ros_robot import RosRobot
-from tasks.ros.lockstep.exchange import ExchangeTotals, Launch, RobotBase, Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import ExchangeTotals, GoalEnd, Launch, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.process.lane_limits import LaneLimits
@@ -57,12 +57,14 @@ class Driven(NamedTuple):
         tallies: Of each lane.
         failures: By lane.
         printed: By each lane's nodes.
+        goal_ends: By lane.
     """
 
     digests: list[str]
     tallies: list[ExchangeTotals]
     failures: Mapping[int, str]
     printed: list[str]
+    goal_ends: Mapping[int, GoalEnd]
 
 
 def drive(
@@ -81,13 +83,15 @@ def drive(
         traces = [hashlib.sha256() for _ in seeds]
         lockstep.begin([room.sense() for room in rooms], [None] * len(rooms))
         for _ in range(steps):
-            sensed = [None if k in lockstep.failures else room.sense() for k, room in enumerate(rooms)]
+            over = lockstep.failures.keys() | lockstep.goal_ends.keys()
+            sensed = [None if k in over else room.sense() for k, room in enumerate(rooms)]
             for room, trace, command in zip(rooms, traces, lockstep.exchange(sensed), strict=True):
                 room.drive(command)
                 trace.update(np.array(command).tobytes())
         tallies = [lockstep.tally(k) for k in range(len(seeds))]
         printed = [lockstep.printed(k) for k in range(len(seeds))]
-        return Driven([trace.hexdigest() for trace in traces], tallies, dict(lockstep.failures), printed)
+        digests, ends = [trace.hexdigest() for trace in traces], lockstep.goal_ends
+        return Driven(digests, tallies, dict(lockstep.failures), printed, ends)
 
 
 def nothing_left(home: Path) -> bool:

@@ -15,6 +15,11 @@ PUBLISHED = {
     "gazebo_msgs/ODEPhysics": "667d56ddbd547918c32d1934503dc335",
     "gazebo_msgs/SetModelState": "5b3ab0281d4f5445def017e3a2e4a07b",
     "gazebo_msgs/SetPhysicsProperties": "97e2057080558ce4730434b5fae75c91",
+    # As Debian 12's actionlib_msgs and move_base_msgs have them.
+    "actionlib_msgs/GoalID": "302881f31927c1df708a2dbab0e80ee8",
+    "actionlib_msgs/GoalStatus": "d388f9b87b3c471f784434d671988d4a",
+    "move_base_msgs/MoveBaseActionGoal": "660d6895a1b9a16dce51fbdd9a64a56b",
+    "move_base_msgs/MoveBaseActionResult": "1eb06eeff08fa7ea874431638cb52332",
     "std_srvs/Empty": "d41d8cd98f00b204e9800998ecf8427e",
     "geometry_msgs/PoseStamped": "d3812c3cbc69362b77dc0b19b345f8f5",
     "geometry_msgs/Twist": "9f195f881246fdfa2798d1d3eebca84a",

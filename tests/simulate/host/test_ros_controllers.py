@@ -348,7 +348,7 @@ def test_a_goal_that_is_given_up_ends_its_lane_and_says_why(tmp_path: Path):
 @pytest.mark.parametrize(
     ("declaration", "why"),
     [
-        ("goals: navigate_to_pose", "goals: navigate_to_pose: an action of ROS 2: move_base takes goals on a topic"),
+        ("goals: navigate_to_pose", "goals: navigate_to_pose: not of this ROS, whose action is move_base"),
         ("record: {/plan: nav_msgs/Path}", "record: nodes of ROS 2 alone are recorded: leave it out"),
     ],
 )
