@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Literal, NamedTuple, NoReturn
 from xml.etree import ElementTree
 
 from specs.errors import LaunchRefused
@@ -124,6 +124,7 @@ def _probe_installation(python: Path, prefix: Path) -> RosInstallation:
 
 
 _NEEDS = ("exec_depend", "run_depend", "depend")
+_VERSION = re.compile(r"\s*\$ROS_VERSION\s*(?P<sign>[!=]=)\s*['\"]?(?P<version>\d)['\"]?\s*")
 _DEBIAN_INFO = Path("/var/lib/dpkg/info")
 _DEPTH = 6
 _MOST_BYTES = 1 << 20
@@ -185,7 +186,7 @@ def missing_packages(bundle: Path, package: str) -> list[MissingPackage]:
     todo, seen, missing = [package], {package}, list[MissingPackage]()
     while todo:
         needer = todo.pop()
-        for name in _needs(own[needer]) if needer in own else ():
+        for name in runtime_needs(own[needer] / "package.xml", "1") if needer in own else ():
             if name in seen:
                 continue
             seen.add(name)
@@ -364,14 +365,28 @@ def _manifests(bundle: Path) -> Iterator[Path]:
             todo += [(each, depth + 1) for each in sorted(folder.iterdir()) if each.is_dir() and not each.is_symlink()]
 
 
-def _needs(folder: Path) -> list[str]:
-    path = folder / "package.xml"
+def runtime_needs(path: Path, ros: Literal["1", "2"]) -> list[str]:
+    """Returns what a package needs when it runs with ROS 1 or ROS 2.
+
+    Args:
+        path: Its package.xml.
+        ros: The version. What has a condition on something else is needed (REP 149).
+
+    Raises:
+        LaunchRefused: It cannot be read, or what it needs has no name of a package.
+    """
     root = read_manifest(path)
-    found = [element.text.strip() for kind in _NEEDS for element in root.findall(kind) if element.text]
+    needed = (each for kind in _NEEDS for each in root.findall(kind) if not _is_of_another(each, ros))
+    found = [each.text.strip() for each in needed if each.text]
     for name in found:
         if not _NAME.fullmatch(name):
             raise LaunchRefused(f"{path}: {name[:80]!r} is no name of a package")
     return list(dict.fromkeys(found))
+
+
+def _is_of_another(needed: ElementTree.Element, ros: Literal["1", "2"]) -> bool:
+    condition = _VERSION.fullmatch(needed.get("condition", ""))
+    return condition is not None and (condition["version"] == ros) != (condition["sign"] == "==")
 
 
 def _installed(installation: RosInstallation, name: str) -> bool:

@@ -32,7 +32,7 @@ from tasks.ros.launch.launch_plan import (
     run_launch_program,
 )
 from tasks.ros.launch.node_topics import WantedTopic, node_topics
-from tasks.ros.launch.packages import missing_packages, read_manifest, ros_installation
+from tasks.ros.launch.packages import missing_packages, ros_installation, runtime_needs
 from tasks.ros.launch.python2 import python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import ament_packages, resolve_description
 from tasks.ros.ros2.ros2_installation import ros2_installation
@@ -328,8 +328,7 @@ def _messages_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
     here = ament_packages(source.bundle, installation.prefixes, installation.python)
     files = bundle_files(source.bundle)
     for node in plan.nodes:
-        needed = [each for path in _manifests(source.bundle, files, node) for each in read_manifest(path)]
-        names = {(each.text or "").strip() for each in needed if each.tag in {"depend", "exec_depend"}}
+        names = {name for path in _manifests(source.bundle, files, node) for name in runtime_needs(path, "2")}
         for name in sorted(name for name in names - here.keys() if name.endswith(_OF_MESSAGES)):
             package = f"ros-{installation.distribution}-{name.replace('_', '-')}"
             yield f"the ROS 2 package {name}, which {node.package} needs, is missing: install {package}"

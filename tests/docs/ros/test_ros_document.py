@@ -5,8 +5,10 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -82,6 +84,14 @@ def _typed(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
+def _write_smaller(document: Path, smaller: Mapping[str, str]) -> None:
+    text = document.read_text()
+    for before, after in smaller.items():
+        assert before in text
+        text = text.replace(before, after)
+    document.write_text(text)
+
+
 @NEEDS_ROS
 @pytest.mark.long
 @pytest.mark.integration
@@ -103,24 +113,44 @@ def test_each_shell_block_succeeds(block: str, tmp_path: Path):
 @pytest.mark.integration
 def test_the_example_goes_from_a_launch_file_to_a_robot(tmp_path: Path):
     folder = _checkout(tmp_path)
-    small = EXAMPLE
-    for before, after in (
-        ("floorplanCount: 2", "floorplanCount: 1"),
-        ("seeds: 4", "seeds: 2"),
-        ("audit: {lanes: 1}", "audit: {lanes: 0}"),
-        ("atLeast: 0.5", "atLeast: 0.2"),
-        ("maxJobDurationInSeconds: 60", "maxJobDurationInSeconds: 40"),
-    ):
-        assert before in small
-        small = small.replace(before, after)
-    (folder / "examples/small.yaml").write_text(small)
+    smaller = {
+        "floorplanCount: 2": "floorplanCount: 1",
+        "seeds: 4": "seeds: 2",
+        "audit: {lanes: 1}": "audit: {lanes: 0}",
+        "atLeast: 0.5": "atLeast: 0.2",
+        "maxJobDurationInSeconds: 60": "maxJobDurationInSeconds: 40",
+    }
+    _write_smaller(folder / "examples/ros.yaml", smaller)
 
-    done = _typed("simyard run examples/small.yaml --direct", folder)
+    done = _typed("simyard run examples/ros.yaml --direct", folder)
 
     assert done.returncode == 0, done.stdout + done.stderr
     robots = agents_folder(open_store((folder / "store").as_uri()))
     logs = list((robots / "roamers-1/logs").glob("*-launch.log"))
     assert any("process[roam-" in log.read_text() for log in logs)
+
+
+@NEEDS_ROS
+@pytest.mark.long
+@pytest.mark.integration
+def test_pictures_lead_nodes_of_either_ros_along_walls_and_to_the_same_row(wheels: Path, tmp_path: Path):
+    folder = _checkout(tmp_path)
+    smaller = {
+        "floorplanCount: 2": "floorplanCount: 1",
+        "seeds: 2": "seeds: 1",
+        "audit: {lanes: 1}": "audit: {lanes: 0}",
+        "atLeast: 0.5": "atLeast: 0.2",
+    }
+    _write_smaller(folder / "examples/ros/wall.yaml", smaller)
+
+    done = _typed(f"AMENT_PREFIX_PATH={wheels} simyard run examples/ros/wall.yaml --direct", folder)
+
+    assert done.returncode == 0, done.stdout + done.stderr
+    (results,) = folder.glob("store/buckets/results/wall/simb-*/results.parquet")
+    ros1, ros2 = pq.read_table(results).to_pylist()
+    assert (ros1["success"], ros1["late"], ros1["stray"]) == (True, 0, 0)
+    differ = {name for name, cell in ros1.items() if cell != ros2[name]}
+    assert differ == {"index", "job", "robot_launch_file"}
 
 
 @pytest.mark.long

@@ -91,6 +91,25 @@ def test_what_only_the_build_needs_is_not_missing(prefix: Path, add: Add, tmp_pa
     assert missing_packages(tmp_path / "bundle", "robot") == []
 
 
+@pytest.mark.parametrize(
+    ("condition", "needed"),
+    [
+        ("$ROS_VERSION == 1", True),
+        ("$ROS_VERSION==2", False),
+        ("$ROS_VERSION != '2'", True),
+        ("$ROS_VERSION != 1", False),
+        ("$ROS_VERSION == 2 or $ROS_DISTRO == noetic", True),
+    ],
+)
+def test_what_the_other_ros_needs_is_not_missing(
+    prefix: Path, add: Add, tmp_path: Path, condition: str, *, needed: bool
+) -> None:
+    add("robot", "nowhere")
+    manifest = tmp_path / "bundle/robot/package.xml"
+    manifest.write_text(manifest.read_text().replace("<exec_depend>", f'<exec_depend condition="{condition}">'))
+    assert bool(missing_packages(tmp_path / "bundle", "robot")) == needed
+
+
 def test_a_ring_of_packages_comes_to_an_end(prefix: Path, add: Add, tmp_path: Path) -> None:
     add("one", "two")
     add("two", "one")
