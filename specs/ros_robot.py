@@ -48,7 +48,8 @@ class RosTopics(Spec):
         imu: sensor_msgs/Imu.
         bumper: Which sectors touch: std_msgs/UInt8MultiArray, 1 for a sector that touches.
         depth_image, depth_info, depth_points: The depth camera: sensor_msgs/Image, CameraInfo, PointCloud2.
-        color_image, color_info: The colour camera: sensor_msgs/Image, CameraInfo.
+        color_image, color_info: The colour camera: sensor_msgs/Image, CameraInfo; with ``/compressed`` behind the name
+            of the pictures, CompressedImage.
         range_finders: sensor_msgs/Range; several have a topic each, with ``_0``, ``_1`` and so on behind this name.
         goal: The goal to go to now: geometry_msgs/PoseStamped, latched, when it changes.
         floor_map: The map of the world: nav_msgs/OccupancyGrid, latched.
@@ -239,13 +240,19 @@ class RosRobot(Spec):
         name, declared = self.topics.range_finders, self.range_finders
         return numbered(name, declared.finders) if name and declared else ()
 
+    @property
+    def compressed_topic(self) -> str | None:
+        """Returns the topic of pictures in colour as JPEG, which ROS's image transport makes of the others."""
+        raw = self.topics.color_image
+        return f"{raw}/compressed" if raw and self.color_camera else None
+
     @model_validator(mode="after")
     def _records_topics_of_nodes(self) -> Self:
         named = {topic for field, topic in self.topics if topic is not None and field != "range_finders"}
-        for topic in self.range_topics:
-            if topic in named:
-                raise ValueError(f"topics: {topic} is a range finder's and another's: a topic has messages of one type")
-        own = OWN_TOPICS - {"/map"} | named | {*self.range_topics}
+        derived = {*self.range_topics, *filter(None, [self.compressed_topic])}
+        for topic in sorted(derived & (named | OWN_TOPICS)):
+            raise ValueError(f"topics: {topic} is made of one of its names, and is another's: choose another name")
+        own = OWN_TOPICS - {"/map"} | named | derived
         for topic in self.record:
             if topic in own:
                 raise ValueError(f"record: {topic} is a topic of the robot, which each recording has: leave it out")

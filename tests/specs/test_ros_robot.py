@@ -21,6 +21,13 @@ def test_two_sensors_do_not_share_a_topic():
         RosTopics(scan="/goal", goal="/goal")
 
 
+@pytest.mark.parametrize("scan", ["/range_1", "/camera/color/image_raw/compressed"])
+def test_a_topic_whose_name_is_made_of_another_is_nothing_else(scan: str):
+    sensors = {"range_finders": {"finders": 2}, "color_camera": {}}
+    with pytest.raises(ValidationError, match=f"topics: {scan} is made of one of its names"):
+        RosRobot.model_validate({"topics": {"scan": scan}, **sensors})
+
+
 @pytest.mark.parametrize("topic", ["/tf", "/laser"])
 def test_what_the_robot_itself_says_is_not_recorded_again(topic: str):
     with pytest.raises(ValidationError, match=f"record: {topic} is a topic of the robot"):

@@ -19,7 +19,8 @@ from tasks.ros.message.camera_messages import Pinhole
 from tasks.ros.message.ros_messages import Stamp, stamp
 
 _IMAGE, _INFO, _POINTS = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "sensor_msgs/PointCloud2"
-LARGE = frozenset([_IMAGE, _POINTS])
+_JPEG = "sensor_msgs/CompressedImage"
+LARGE = frozenset([_IMAGE, _POINTS, _JPEG])
 """Types of messages that no recording keeps: of a camera a second would take megabytes."""
 _NO_JOINTS = JointStates((), np.zeros(0), np.zeros(0))
 _GRAVITY_M_S2 = 9.81
@@ -249,7 +250,11 @@ def _color_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
     def picture(moment: Moment) -> bytes:
         return camera_messages.image(*camera.head(moment), moment.sensed.readings["color"])
 
+    def jpeg(moment: Moment) -> bytes:
+        return camera_messages.compressed_image(*camera.head(moment), moment.sensed.readings["color"])
+
     yield camera.info(robot.topics.color_info)
+    yield camera.topic(robot.compressed_topic, _JPEG, jpeg)
     yield camera.topic(robot.topics.color_image, _IMAGE, picture)
 
 

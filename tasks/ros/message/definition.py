@@ -61,6 +61,7 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
             "Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] D\nfloat64[9] K\n"
             "float64[9] R\nfloat64[12] P\nuint32 binning_x\nuint32 binning_y\nRegionOfInterest roi"
         ),
+        "sensor_msgs/CompressedImage": "Header header\nstring format\nuint8[] data",
         "sensor_msgs/Image": (
             "Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data"
         ),

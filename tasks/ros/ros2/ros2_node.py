@@ -41,7 +41,10 @@ _PROFILES = {
     "nav_msgs/msg/OccupancyGrid": MAP,
     "geometry_msgs/msg/PoseStamped": Profile(depth=1, latched=True),
     "geometry_msgs/msg/PoseWithCovarianceStamped": Profile(depth=1, latched=True),
-    **{f"sensor_msgs/msg/{name}": SENSOR_DATA for name in ("Image", "CameraInfo", "PointCloud2", "Range")},
+    **{
+        f"sensor_msgs/msg/{name}": SENSOR_DATA
+        for name in ("Image", "CompressedImage", "CameraInfo", "PointCloud2", "Range")
+    },
 }
 _STATIC, _LATCHED = "/tf_static", Profile(latched=True)
 _FAULT_CHARACTERS = 500

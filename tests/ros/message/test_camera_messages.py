@@ -1,13 +1,16 @@
 """Pictures as ROS has them: rosbags reads what we write, and what a camera says of itself projects what it sees."""
 
 import math
+from io import BytesIO
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tasks.ros.message.camera_messages import (
     Pinhole,
     camera_info,
+    compressed_image,
     depths_in_m,
     depths_in_mm,
     image,
@@ -41,6 +44,15 @@ def test_a_picture_has_its_rows_from_the_upper_left_corner(pixels: np.ndarray, e
     assert (read.height, read.width, read.encoding, read.is_bigendian) == (2, 4, encoding, 0)
     assert read.step == 4 * pixel_bytes
     assert bytes(read.data) == pixels.tobytes()
+
+
+def test_a_compressed_picture_is_jpeg_as_image_transport_has_it():
+    pixels = np.zeros((48, 64, 3), np.uint8)
+    pixels[:, 32:] = 200, 100, 50
+    read = round_trip("sensor_msgs/CompressedImage", compressed_image(7, stamp(0), "eye", pixels))
+    assert (read.header.frame_id, read.format) == ("eye", "rgb8; jpeg compressed bgr8")
+    again = np.asarray(Image.open(BytesIO(bytes(read.data))))
+    assert np.abs(again.astype(int) - pixels)[:, [0, 20, 44, 63]].max() <= 4
 
 
 def test_what_no_pixel_sees_is_inf_in_metres_and_0_in_millimetres():

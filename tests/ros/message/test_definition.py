@@ -30,6 +30,7 @@ PUBLISHED = {
     "robomaker_simulation_msgs/RemoveTags": "cae332c01603844d352ed026669010ee",
     "rosgraph_msgs/Clock": "a9c97c1d230cfc112e270351a944ee47",
     "sensor_msgs/CameraInfo": "c9a58c1b0b154e0e6da7578cb991d214",
+    "sensor_msgs/CompressedImage": "8f7a12909da2c9d3332d540a0977563f",
     "sensor_msgs/Image": "060021388200f6f0f447d0fcd9c64743",
     "sensor_msgs/Imu": "6a62c6daae103f4ff57a132d6f95cec2",
     "sensor_msgs/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",

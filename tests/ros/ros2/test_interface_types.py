@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tasks.ros.message.camera_messages import Pinhole, camera_info, image, point_cloud
+from tasks.ros.message.camera_messages import Pinhole, camera_info, compressed_image, image, point_cloud
 from tasks.ros.message.ros_messages import range_reading, stamp
 from tasks.ros.ros2.interface_types import (
     ADD_TAGS,
@@ -34,6 +34,7 @@ PUBLISHED = {
     "nav_msgs/msg/Odometry": "3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
     "nav_msgs/msg/OccupancyGrid": "8d348150c12913a31ee0ec170fbf25089e4745d17035792a1ba94d6f0bc0cfc7",
     "sensor_msgs/msg/CameraInfo": "b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
+    "sensor_msgs/msg/CompressedImage": "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
     "sensor_msgs/msg/Image": "d31d41a9a4c4bc8eae9be757b0beed306564f7526c88ea6a4588fb9582527d47",
     "sensor_msgs/msg/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
     "sensor_msgs/msg/JointState": "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
@@ -100,6 +101,7 @@ def _sent() -> dict[str, bytes]:
     depth_m = np.full((3, 4), 2.0, np.float32)
     return {
         "Image": image(1, now, "eye", depth_m),
+        "CompressedImage": compressed_image(1, now, "eye", np.zeros((3, 4, 3), np.uint8)),
         "CameraInfo": camera_info(1, now, "eye", camera),
         "PointCloud2": point_cloud(1, now, "eye", camera, depth_m),
         "Range": range_reading(1, now, "eye", 0.5, radiation=0, cone_rad=0.3, range_max=4.0),
@@ -115,6 +117,7 @@ def test_what_cameras_send_is_the_same_in_ros_2(distribution: str) -> None:
         found[name] = store.deserialize_cdr(cdr, kind)
         assert (found[name].header.frame_id, found[name].header.stamp.nanosec) == ("eye", 500_000_000)
     assert (found["Image"].encoding, found["Image"].step, len(found["Image"].data)) == ("32FC1", 16, 48)
+    assert found["CompressedImage"].format == "rgb8; jpeg compressed bgr8"
     assert (found["CameraInfo"].k[2], found["CameraInfo"].roi.do_rectify) == (1.5, False)
     assert (found["PointCloud2"].fields[2].name, len(found["PointCloud2"].data)) == ("z", 144)
     assert (found["Range"].range, getattr(found["Range"], "variance", 0.0)) == (0.5, 0.0)
