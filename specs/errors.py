@@ -30,11 +30,12 @@ SimyardError
 │   ├── ObjectTooBig                  more bytes than whoever reads it reckons with
 │   ├── ObjectExists                  create: somebody else was first
 │   └── ObjectConflict                compare-and-swap: the object has changed
-├── WorldRejected                     a world cannot be generated; its job goes on      (these nine are declared
+├── WorldRejected                     a world cannot be generated; its job goes on      (these ten are declared
 ├── WorkerDied                        a process that makes worlds ended                  where they are raised)
 ├── RobotRefused                      a robot.xml does not load, or no engine can represent it
 │   └── MjcfRefused                   a robot.xml leads out of its bundle, or grows beyond any robot
 ├── BundleCrash                       an application's own code failed
+├── DrawingFailed                     no GL is there, or it ends or hangs: this machine is to blame
 ├── SimulatorEnded                    the process that simulates ended before it answered
 ├── SimulatorNotStarted               it ended before it could import an application: this machine is to blame
 ├── MessageRefused                    that process sent a message of no known form

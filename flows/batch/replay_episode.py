@@ -30,7 +30,7 @@ from tasks.results.tables.recordings import recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, changed_tables, recorded_samples, stored_rows
 from tasks.ros.bag.message_log import MessageLog, with_other_topics
 from tasks.simulate.batch.batch_record import OpenBatch, job_of
-from tasks.simulate.batch.provenance import batch_metadata, recorded_machines, this_machine
+from tasks.simulate.batch.provenance import another_gl, batch_metadata, recorded_machines, this_machine
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.simulate.replay.replay_run import Replay, replay
 from tasks.storage.base.local_files import cache_folder
@@ -175,6 +175,8 @@ def _causes(record: JobRecord, recorded: pa.Table, again: Replay) -> Iterator[st
         was, is_now = str(recorded.column(name)[0]), str(getattr(again.driven.row, name))
         if was != is_now:
             yield f"the {name} was {was or 'none'}, and is {is_now or 'none'}"
+    if other := another_gl(record, again.driven.gl):
+        yield other
     names, here = recorded_machines(record), this_machine()
     if names and here not in names:
         yield f"it ran on {' and '.join(names)}, and this is {here}"

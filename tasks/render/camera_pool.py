@@ -4,8 +4,11 @@ A picture follows from the world, the camera, the pose, the seed and its number 
 same whoever draws it, after whatever, and a process that was killed is started again and asked once more.
 """
 
+import atexit
+import functools
 import logging
 import os
+import sys
 from collections import OrderedDict
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
@@ -19,8 +22,7 @@ from pydantic import Field, TypeAdapter
 from specs.base import Spec
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.world import World
-from specs.errors import SimyardError
-from tasks.render.gl_process import NO_GL, DrawingEndedError, GlProcess, start_gl_process
+from tasks.render.gl_process import ANOTHER_GL, NO_GL, DrawingEndedError, DrawingFailed, GlProcess, start_gl_process
 
 _PROGRAM = "tasks.render.camera_process"
 # A picture is small: a GL that shared it out among threads of its own would wait for them longer than it draws.
@@ -85,17 +87,63 @@ def open_cameras(most: int) -> Generator["CameraPool", None, None]:
         most: How many at most; there is one for each core that this process may use.
 
     Raises:
-        SimyardError: There is no GL.
+        DrawingFailed: There is no GL.
     """
-    count = min(most, len(os.sched_getaffinity(0)))
+    drawers = _started_drawers(_count(most))
+    with ThreadPoolExecutor(len(drawers)) as executor:
+        try:
+            yield CameraPool(drawers, executor)
+        finally:
+            for each in drawers:
+                each.process.close()
+
+
+def standing_cameras(most: int) -> "CameraPool":
+    """Returns processes that draw, as ``open_cameras``, which stay for whoever asks next, and end with this process.
+
+    They keep worlds by their cameras' keys: whoever asks names the same camera in the same world by the same key.
+    """
+    stand, count = _standing(os.environ.get("MUJOCO_GL", "")), _count(most)
+    stand.drawers.extend(_started_drawers(count - len(stand.drawers)))
+    return CameraPool(stand.drawers[:count], stand.executor)
+
+
+class _Standing(NamedTuple):
+    """Processes that stay."""
+
+    drawers: list["_Drawer"]
+    executor: ThreadPoolExecutor
+
+
+@functools.cache
+def _standing(gl: str) -> _Standing:  # noqa: ARG001 - which is asked for: another one draws in processes of its own
+    drawers: list[_Drawer] = []
+
+    @atexit.register
+    def end() -> None:
+        for each in drawers:
+            each.process.close()
+
+    return _Standing(drawers, ThreadPoolExecutor(_count(sys.maxsize), "simyard cameras"))
+
+
+def _count(most: int) -> int:
+    return min(most, len(os.sched_getaffinity(0)))
+
+
+def _started_drawers(count: int) -> list["_Drawer"]:
+    """Returns so many processes that draw; none of them stays where one does not start."""
+    if count <= 0:
+        return []
     with ThreadPoolExecutor(count) as executor:
         started = [executor.submit(_Drawer) for _ in range(count)]
-        try:
-            yield CameraPool([each.result() for each in started], executor)
-        finally:
-            for each in started:
-                if each.exception() is None:
-                    each.result().process.close()
+    try:
+        return [each.result() for each in started]
+    except BaseException:
+        for each in started:
+            if each.exception() is None:
+                each.result().process.close()
+        raise
 
 
 class CameraPool:
@@ -123,7 +171,7 @@ class CameraPool:
         """Returns pictures, in the order of the shots, whose cameras have pictures of one size.
 
         Raises:
-            SimyardError: A process ended twice over the same pictures, or hangs.
+            DrawingFailed: A process ended twice over the same pictures, or hangs.
         """
         camera = self._cameras[shots[0].key].camera
         size = (camera.rows, camera.columns, _CHANNELS)
@@ -135,7 +183,7 @@ class CameraPool:
         """Returns depths (m) and numbers of solids, as ``CameraRenderer.depth_and_solids``.
 
         Raises:
-            SimyardError: A process ended twice over the same pictures, or hangs.
+            DrawingFailed: A process ended twice over the same pictures, or hangs.
         """
         camera = self._cameras[shots[0].key].camera
         size = (camera.rows, camera.columns)
@@ -188,7 +236,8 @@ class _Drawer:
         try:
             return self._asked(request, cameras, length)
         except DrawingEndedError as exc:
-            raise SimyardError(f"{exc}: twice, at the same pictures") from exc
+            why = f"twice, at the same pictures, with {self.process.gl}; {ANOTHER_GL}"
+            raise DrawingFailed(f"{exc}: {why}") from exc
 
     def _asked(self, request: Draw, cameras: Mapping[str, AddCamera], length: int) -> bytes:
         answers: list[bytes] = []
@@ -217,5 +266,5 @@ def _started() -> GlProcess:
     anyone = {"MUJOCO_GL": ""} if os.environ.get("MUJOCO_GL") == "disable" else {}
     process = start_gl_process(_PROGRAM, environment=_ENVIRONMENT | anyone)
     if process is None:
-        raise SimyardError(NO_GL.replace("3-D picture", "camera's picture"))
+        raise DrawingFailed(NO_GL.replace("3-D picture", "camera's picture"))
     return process

@@ -44,9 +44,10 @@ def say_ready(width: int, height: int) -> mujoco.GLContext:
 
 
 def gl_name() -> str:
-    """Returns the name and the version of the GL whose context is current."""
-    renderer, version = ((GL.glGetString(name) or b"?").decode() for name in (GL.GL_RENDERER, GL.GL_VERSION))
-    return f"{renderer}, OpenGL {version}"
+    """Returns the vendor, the name and the version of the GL whose context is current."""
+    asked = (GL.GL_VENDOR, GL.GL_RENDERER, GL.GL_VERSION)
+    vendor, renderer, version = ((GL.glGetString(name) or b"?").decode() for name in asked)
+    return f"{vendor}, {renderer}, OpenGL {version}"
 
 
 class Light(NamedTuple):

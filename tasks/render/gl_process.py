@@ -15,15 +15,22 @@ from typing import IO, BinaryIO
 
 from specs.errors import SimyardError
 
-NO_GL = "no 3-D picture: no GL is there (Debian: apt-get install libosmesa6, or libegl1 with a GPU)"
+_INSTALL = "(Debian: apt-get install libosmesa6, or libegl1 with a GPU)"
+NO_GL = f"no 3-D picture: no GL is there {_INSTALL}"
 READY = b"GL"
 """What the process says when its GL works; the rest of the line says which it is."""
 _GL = "MUJOCO_GL"
+ANOTHER_GL = f"set {_GL} to another GL {_INSTALL}"
 _BACKENDS = ("egl", "osmesa")
+_GL_CHARACTERS = 200
 # What Mesa compiles takes it a part of a second, and is not to be left in the user's home.
 _UNKEPT = {"MESA_SHADER_CACHE_DISABLE": "true"}
 # A process that hangs is ended. One that works starts in seconds; a large picture on a slow machine takes a minute.
 _START_S, _ANSWER_S = 120.0, 1200.0
+
+
+class DrawingFailed(SimyardError):  # noqa: N818 - a state
+    """Nothing can be drawn, for which this machine's GL is to blame: there is none, or it ends, or it hangs."""
 
 
 class DrawingEndedError(RuntimeError):
@@ -52,12 +59,12 @@ class GlProcess:
 
         Raises:
             DrawingEndedError: It ended.
-            SimyardError: It does not answer.
+            DrawingFailed: It does not answer.
         """
         try:
             answer = _ask(self._process, question + b"\n", length, _ANSWER_S)
         except TimeoutError as exc:
-            raise SimyardError(f"rendering {what} failed: {exc}") from exc
+            raise DrawingFailed(f"rendering {what} failed: {exc} by {self.gl}; {ANOTHER_GL}") from exc
         if len(answer) < length:
             self._process.wait()
             self._complaints.seek(0)
@@ -95,7 +102,7 @@ def start_gl_process(
         environment: Variables beside this process's.
 
     Raises:
-        SimyardError: It says nothing and does not end.
+        DrawingFailed: It says nothing and does not end.
     """
     wanted = {**os.environ, **(environment or {})}.get(_GL)
     for backend in (wanted,) if wanted else _BACKENDS:
@@ -112,8 +119,9 @@ def start_gl_process(
         except TimeoutError as exc:
             process.communicate()
             complaints.close()
-            raise SimyardError(f"the renderer hangs at its start with {_GL}={backend}: {exc}; set another") from exc
-        started = GlProcess(process, said.removeprefix(READY).decode().strip(), complaints)
+            raise DrawingFailed(f"the renderer hangs at its start with {_GL}={backend}: {exc}; {ANOTHER_GL}") from exc
+        which = f"{backend}: {said.removeprefix(READY).decode().strip()}"
+        started = GlProcess(process, which[:_GL_CHARACTERS], complaints)
         if said.startswith(READY):
             return started
         started.close()

@@ -214,6 +214,20 @@ def test_a_box_has_its_colour(cameras: CameraPool):
     assert max(green.max(), blue.max()) == 0
 
 
+def test_processes_that_stand_are_the_same_for_whoever_asks_next(monkeypatch: pytest.MonkeyPatch):
+    started: list[Any] = []
+
+    def start() -> Any:  # noqa: ANN401 - as the pool has it
+        started.append(SimpleNamespace(process=SimpleNamespace(gl="none", pid=len(started), close=lambda: None)))
+        return started[-1]
+
+    monkeypatch.setattr(camera_pool, "_Drawer", start)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2})
+    monkeypatch.setenv("MUJOCO_GL", "one of this test")
+    assert [len(camera_pool.standing_cameras(most).pids) for most in (1, 2, 1, 9)] == [1, 2, 1, 3]
+    assert len(started) == 3
+
+
 def test_its_processes_end_with_the_block(cameras: CameraPool, monkeypatch: pytest.MonkeyPatch):
     del cameras  # only asked for so that the test is skipped where there is no GL
     monkeypatch.setenv("MUJOCO_GL", "disable")  # as a process that simulates has it
@@ -227,7 +241,10 @@ def test_its_processes_end_with_the_block(cameras: CameraPool, monkeypatch: pyte
 def test_a_process_that_ends_twice_is_an_error_that_says_why(cameras: CameraPool):
     twice = furnished().model_copy(update={"walls": (), "doors": (), "furniture": (), "ceiling_height_m": math.nan})
     cameras.add("broken", twice, CAMERA)
-    with pytest.raises(SimyardError, match=r"(?s)a camera's picture failed.*: twice, at the same pictures"):
+    with pytest.raises(
+        SimyardError,
+        match=r"(?s)a camera's picture failed.*: twice, at the same pictures, with (egl|osmesa): .*; set MUJOCO_GL",
+    ):
         cameras.color([Shot("broken", 0.0, 0.0, 0.0)])
     assert cameras.color(poses(2)).any()
 

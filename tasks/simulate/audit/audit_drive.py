@@ -32,6 +32,7 @@ from tasks.simulate.chunk.lane_pool import lane_row, open_run
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.engines.program import Run
+from tasks.simulate.host.controllers import drawn_by
 from tasks.simulate.host.declaration import most_lanes
 from tasks.simulate.plan.chunks import plan_chunks
 
@@ -108,7 +109,7 @@ def _to_end(drive: LaneDrive) -> LaneDrive:
 
 def _driven_episodes(drive: LaneDrive, run: Run) -> list[DrivenEpisode]:
     chunk, end, path = drive.chunk, drive.end(), np.concatenate(drive.poses, axis=1)
-    note_timing(chunk.watch.timing(chunk.program.lanes))
+    note_timing(chunk.watch.timing(chunk.program.lanes, drawn_by(run.host)))
     return [
         DrivenEpisode(
             engine=chunk.program.engine,

@@ -34,6 +34,8 @@ from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import batch_mounts, load_worlds
 from tasks.simulate.batch.chunk_store import counted_chunk
+from tasks.simulate.batch.provenance import another_gl
+from tasks.simulate.chunk.byproducts import collect_timings
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.engine_table import ENGINES, REFERENCE
 from tasks.simulate.sandbox.process_pool import ask_exclusive
@@ -262,7 +264,10 @@ def _audited(
         return ask_audit(sample, worlds, bundles, lanes=lanes, engine=engine, drawn=drawn, progress=progress)
 
     try:
-        return _driven_fitting(batch, sample, drive)
+        with collect_timings() as timings:
+            report = _driven_fitting(batch, sample, drive)
+        other = another_gl(batch.record(), next((each.gl for each in timings if each.gl), ""))
+        return report.model_copy(update={"sentence": f"{report.sentence}; {other}"}) if other else report
     except BundleCrash as crash:
         return not_run(str(crash))
     except SimulatorEnded as ended:

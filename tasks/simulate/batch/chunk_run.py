@@ -29,6 +29,7 @@ from specs.untrusted_text import terminal_line
 from tasks.simulate.batch.batch_record import OpenBatch, StopWatch, time_out
 from tasks.simulate.batch.chunk_store import begin_chunk, commit, stored_chunk
 from tasks.simulate.batch.metrics import ChunkWork, work_of
+from tasks.simulate.batch.provenance import note_gl
 from tasks.simulate.chunk.byproducts import JobTags, collect_timings
 from tasks.simulate.data.mounts import Mounts, pinned_worlds
 from tasks.simulate.lane.recording import Columns, Recorder, RecordingChoice, sample_memory
@@ -239,6 +240,8 @@ def run_chunk(
         found, lanes = retry_with_fewer_lanes(work.sound, after_deaths(lanes, start.attempts), work.part, work.watch)
         found = work.settled(found)
     _note_timeout(batch, work.watch, found)
+    if gl := next((each.gl for each in timings if each.gl), ""):
+        note_gl(batch, gl)
     if record is not None:
         found = _recorded(work, found, functools.partial(record, number))
     failed = EpisodeColumns.of([failed_result(index, failure) for index, failure in unable.items()])

@@ -26,7 +26,7 @@ from tasks.storage.jobs.records import JobRecord, advance
 
 _PROCESSORS = Path("/proc/cpuinfo")
 _NAME = "model name"
-_MARK = "machine/"
+_MARK, _GL_MARK = "machine/", "gl/"
 SEALED = ("sha256s", "counts", "metadata", "audit", "stopped_early")
 _SEAL = "seal"
 _WHAT = "end"
@@ -45,10 +45,19 @@ def note_machine(batch: OpenBatch) -> None:
             "applications": f"run {confinement().sentence}",
         }
     }
+    _note(batch, mark)
+
+
+def note_gl(batch: OpenBatch, gl: str) -> None:
+    """Adds a GL to a batch's record that drew what colour cameras saw: another may round their pixels otherwise."""
+    _note(batch, {f"{_GL_MARK}{gl}": this_machine()})
+
+
+def _note(batch: OpenBatch, mark: Mapping[str, JsonValue]) -> None:
     record = batch.record()
     if record.status in GOING and not mark.keys() <= record.detail.keys():
         # Only as it was read: whoever stops the batch meanwhile is not overruled.
-        advance(batch.store, KIND, batch.id, record.status, only_from={record.status}, detail=mark)
+        advance(batch.store, KIND, batch.id, record.status, only_from={record.status}, detail=dict(mark))
 
 
 def this_machine() -> str:
@@ -59,6 +68,19 @@ def this_machine() -> str:
 def recorded_machines(record: JobRecord) -> list[str]:
     """Returns the machines that worked on a batch, as its record has them."""
     return [key.removeprefix(_MARK) for key in record.detail if key.startswith(_MARK)]
+
+
+def another_gl(record: JobRecord, gl: str) -> str:
+    """Returns what to tell a person if pictures of a batch are drawn anew by a GL that drew none of it; else nothing.
+
+    Args:
+        record: The batch's.
+        gl: Which draws now; empty if none does.
+    """
+    before = [key.removeprefix(_GL_MARK) for key in record.detail if key.startswith(_GL_MARK)]  # none in older ones
+    if not before or not gl or gl in before:
+        return ""
+    return f"its pictures were drawn by {' and '.join(before)}, and now are by {gl}"
 
 
 def _device_name() -> str:

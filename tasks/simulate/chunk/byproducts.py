@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from threading import get_ident
 from time import monotonic
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
+
+from pydantic import Field
 
 from specs.base import Spec
 from tasks.simulate.devices import compiled_s
@@ -31,6 +33,7 @@ class ChunkTiming(Spec):
         slices: How many slices of control steps there were.
         slices_s: What those took, compiling apart.
         peak_bytes: The most memory that the process held until then.
+        gl: Which GL drew what its colour cameras saw; empty if none did.
     """
 
     lanes: int
@@ -39,6 +42,7 @@ class ChunkTiming(Spec):
     slices: int
     slices_s: float
     peak_bytes: int
+    gl: Annotated[str, Field(max_length=200, pattern="^[ -~]*$")] = ""
 
 
 _collected_timings: ContextVar[tuple[list[ChunkTiming], ...]] = ContextVar("simyard_chunk_timings", default=())
@@ -68,11 +72,12 @@ class ChunkWatch:
         self._compile_s += compile_s
         self._running_s.append(self._last.at_s - before.at_s - compile_s)
 
-    def timing(self, lanes: int) -> ChunkTiming | None:
+    def timing(self, lanes: int, gl: str = "") -> ChunkTiming | None:
         """Returns what the chunk took; None of one that was not driven.
 
         Args:
             lanes: Of the program, idle ones included.
+            gl: Which GL drew for it.
         """
         if len(self._running_s) <= 1:
             return None
@@ -84,6 +89,7 @@ class ChunkWatch:
             slices=len(slices_s),
             slices_s=sum(slices_s),
             peak_bytes=peak_bytes(),
+            gl=gl,
         )
 
 

@@ -21,6 +21,7 @@ from tasks.simulate.chunk.chunk_pipeline import ChunkPipeline, LaneSetting
 from tasks.simulate.chunk.chunk_placement import check_applications, part_program, place_chunk
 from tasks.simulate.chunk.lane_pool import lane_ends, lane_row, open_run
 from tasks.simulate.engines.program import Program, Run
+from tasks.simulate.host.controllers import drawn_by
 from tasks.simulate.lane.control_step import LaneState, StepRecord
 from tasks.simulate.lane.recording import LaneRecorder, SampleRecorder
 from tasks.simulate.lane.result_rows import stopped_row
@@ -211,7 +212,7 @@ def run_ready(
         drive = _advance_until_done(chunk, chunk.run, should_stop, progress, recorder)
         state, poses = drive.end(), drive.poses
     if drive.done:
-        note_timing(chunk.watch.timing(chunk.program.lanes))
+        note_timing(chunk.watch.timing(chunk.program.lanes, drawn_by(chunk.run.host)))
     rows = [
         lane_row(chunk.program, chunk.run.host, lane, position, state, poses)
         if state.done[position]

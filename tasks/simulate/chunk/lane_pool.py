@@ -24,7 +24,7 @@ from tasks.simulate.chunk.chunk_placement import PlacedChunk
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lanes
-from tasks.simulate.host.controllers import HostControllers, JudgesJobs, TagsJobs
+from tasks.simulate.host.controllers import BlamesCrashes, HostControllers, JudgesJobs, TagsJobs
 from tasks.simulate.host.ros_judge import judged_row
 from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
@@ -70,7 +70,7 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
         give_tags(lane.request.index, host.tags(position))
     row = row.model_copy(update=host.measures(position))
     if position in host.crashes:
-        code = {"failure_code": host.failure_code(position)} if isinstance(host, JudgesJobs) else {}
+        code = {"failure_code": host.failure_code(position)} if isinstance(host, BlamesCrashes) else {}
         return row.model_copy(update={"failure_reason": host.crashes[position], **code})
     judgement = host.judgement(position) if isinstance(host, JudgesJobs) else None
     if position in host.cancelled and (judgement is None or judgement.passed is None):

@@ -4,10 +4,10 @@ A picture is taken every so many control steps, and is shown some steps later, u
 first it is black. What is seen follows from the episode alone: its world, the robot's true pose, and its seed.
 """
 
+import hashlib
 import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from typing import NamedTuple
 
 import numpy as np
@@ -15,8 +15,9 @@ from jaxtyping import Bool, Float32, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import control_stride
-from specs.errors import SimyardError
-from tasks.render.camera_pool import CameraPool, Shot, open_cameras
+from specs.robomaker.simulation import SimulationJobErrorCode
+from tasks.render.camera_pool import CameraPool, Shot, standing_cameras
+from tasks.render.gl_process import DrawingFailed
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.host.controllers import HostControllers, HostStart
@@ -47,6 +48,8 @@ class LanePictures:
 
     Attributes:
         crashes: Why lanes can be shown nothing, by lane.
+        undrawn: Lanes that moved when nothing could be drawn, which is no application's fault.
+        gl: Which GL drew; empty if nothing was drawn.
     """
 
     def __init__(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None], start: HostStart) -> None:
@@ -61,7 +64,10 @@ class LanePictures:
         self._camera = next(sound, ColorCameraDeclaration())
         self._stride = control_stride(self._camera.rate_hz)
         self.crashes: dict[int, str] = {}
-        self._open, self._pool = ExitStack(), None
+        self.undrawn, self.gl = set[int](), ""
+        self._pool: CameraPool | None = None
+        self._moving = np.zeros(start.width, np.bool_)
+        self._digests: dict[str, str] = {}
         self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
         self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
         self._blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
@@ -75,10 +81,10 @@ class LanePictures:
 
     def take(self, moving: Bool[np.ndarray, "lanes"]) -> None:
         """Counts a control step, and notes what cameras see in it if a picture is due."""
-        step, self._step = self._step, self._step + 1
+        step, self._step, self._moving = self._step, self._step + 1, self.able(moving)
         if step % self._stride == 0:
             poses = self._poses.copy()  # they are drawn later, if somebody asks
-            self._taken.append(_Taken(step, step // self._stride, poses, self.able(moving)))
+            self._taken.append(_Taken(step, step // self._stride, poses, self._moving))
         while len(self._taken) > 1 and self._taken[1].step + self._camera.latency_steps <= step:
             self._drawn.pop(self._taken.popleft().number, None)
 
@@ -86,7 +92,7 @@ class LanePictures:
         """Returns what robots are shown at this control step.
 
         Raises:
-            SimyardError: Nothing can be drawn.
+            DrawingFailed: Nothing can be drawn.
         """
         return self._pictures(self._taken[0])
 
@@ -96,8 +102,8 @@ class LanePictures:
         try:
             self._pictures(self._taken[-1])
             return self.shown()
-        except SimyardError as exc:
-            self.crashes.update(dict.fromkeys(np.flatnonzero(self.able(moving)).tolist(), str(exc)))
+        except DrawingFailed as exc:
+            self.crashes.update(dict.fromkeys(self.undrawn, " ".join(str(exc).split())))
             return self._blank
 
     def able(self, moving: Bool[np.ndarray, "lanes"]) -> Bool[np.ndarray, "lanes"]:
@@ -106,23 +112,31 @@ class LanePictures:
         able[list(self.crashes)] = False
         return able
 
-    def close(self) -> None:
-        """Ends the processes that draw."""
-        self._open.close()
+    def failure_code(self, lane: int) -> SimulationJobErrorCode:
+        """Returns whose fault it is that a lane, which crashed, did not come to its end."""
+        return "InternalServiceError" if lane in self.undrawn else "RobotApplicationCrash"
 
     def _pictures(self, taken: _Taken) -> Pictures:
         if taken.number not in self._drawn:
             pictures, lanes = self._blank.copy(), np.flatnonzero(taken.able[: len(self._keys)]).tolist()
             if lanes:
-                pictures[lanes] = self._opened().color([self._shot(lane, taken) for lane in lanes])
+                pictures[lanes] = self._shots_drawn([self._shot(lane, taken) for lane in lanes])
             pictures.flags.writeable = False
             self._drawn[taken.number] = pictures
         return self._drawn[taken.number]
 
+    def _shots_drawn(self, shots: Sequence[Shot]) -> Pictures:
+        try:
+            return self._opened().color(shots)
+        except DrawingFailed:
+            self.undrawn.update(np.flatnonzero(self._moving).tolist())
+            raise
+
     def _opened(self) -> CameraPool:
         if self._pool is None:
-            self._pool = self._open.enter_context(open_cameras(sum(map(bool, self._keys))))
-            _logger.info("colour cameras are drawn by %s", self._pool.gl)
+            self._pool = standing_cameras(sum(map(bool, self._keys)))
+            self.gl = self._pool.gl
+            _logger.info("colour cameras are drawn by %s", self.gl)
             for lane, camera, key in zip(self._start.lanes, self._cameras, self._keys, strict=True):
                 if isinstance(camera, ColorCameraDeclaration) and key:
                     self._pool.add(key, self._start.worlds[lane.request.world], camera)
@@ -135,8 +149,15 @@ class LanePictures:
         elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
             self.crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
         else:
-            return f"{self._start.lanes[lane].request.world} {camera.model_dump_json()}"
+            return f"{self._digest(self._start.lanes[lane].request.world)} {camera.model_dump_json()}"
         return ""
+
+    def _digest(self, world: str) -> str:
+        """Returns what names a world to processes that see other batches, where another one may have its name."""
+        if world not in self._digests:
+            text = self._start.worlds[world].model_dump_json()
+            self._digests[world] = hashlib.sha256(text.encode()).hexdigest()
+        return self._digests[world]
 
     def _shot(self, lane: int, taken: _Taken) -> Shot:
         x_m, y_m, yaw_rad = taken.poses[lane].tolist()
@@ -163,6 +184,12 @@ class SeeingControllers:
         self._controllers, self._pictures = controllers, pictures
         self._shape = (start.width, start.actuators)
         self.see = pictures.see
+        self.failure_code = pictures.failure_code
+
+    @property
+    def gl(self) -> str:
+        """Returns which GL drew; empty if nothing was drawn."""
+        return self._pictures.gl
 
     @property
     def crashes(self) -> Mapping[int, str]:
@@ -184,6 +211,5 @@ class SeeingControllers:
         return self._controllers.measures(lane)
 
     def close(self) -> None:
-        """Ends the controllers, and the processes that draw."""
+        """Ends the controllers."""
         self._controllers.close()
-        self._pictures.close()

@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float, Float32
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import ApplicationLaunch
 from specs.data.world import World
+from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, load_factory
 from tasks.simulate.application.contract import HostMap, Observation
 from tasks.simulate.host.declaration import ControllerKind
@@ -81,7 +82,12 @@ class JudgesJobs(Protocol):
         """Returns what a lane's application says of it; None where a scenario judges."""
         ...
 
-    def failure_code(self, lane: int) -> CrashCode:
+
+@runtime_checkable
+class BlamesCrashes(Protocol):
+    """Controllers whose crashes may be another's than the robot application's."""
+
+    def failure_code(self, lane: int) -> SimulationJobErrorCode:
         """Returns whose crash a lane's is."""
         ...
 
@@ -100,9 +106,19 @@ class PlacesRobots(Protocol):
 class SeesWorlds(Protocol):
     """Controllers of robots with colour cameras: the host draws what these see."""
 
+    @property
+    def gl(self) -> str:
+        """Returns which GL drew; empty if nothing was drawn."""
+        ...
+
     def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
         """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
         ...
+
+
+def drawn_by(host: HostControllers | None) -> str:
+    """Returns which GL drew what controllers were shown; empty if none did."""
+    return host.gl if isinstance(host, SeesWorlds) else ""
 
 
 def asked_controls(

@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
+from specs.robomaker.simulation import SimulationJobErrorCode
 from specs.ros_robot import ROS_FILE, RosRobot
 from tasks.ros.bag.message_log import MessageLog
 from tasks.ros.launch.launch_plan import LaunchSource
@@ -347,7 +348,7 @@ class RosLanes:
         over, placings = self._setup.robot.time_over, self._placings.get(lane, 0)
         return Judgement(passed, lane in self._cancelled, over, tags, placings=placings)
 
-    def failure_code(self, lane: int) -> CrashCode:
+    def failure_code(self, lane: int) -> SimulationJobErrorCode:
         """Returns whose crash a lane's is."""
         return _SIMULATION if lane in self._simulation_failed else _ROBOT
 
@@ -488,12 +489,14 @@ class SeeingRosLanes(RosLanes):
         self._pictures.take(able)
         return super().controls(observed, moving)
 
-    def close(self) -> None:
-        """Ends all applications, and the processes that draw."""
-        try:
-            super().close()
-        finally:
-            self._pictures.close()
+    def failure_code(self, lane: int) -> SimulationJobErrorCode:
+        """Returns whose crash a lane's is; see ``RosLanes``."""
+        return self._pictures.failure_code(lane) if lane in self._pictures.undrawn else super().failure_code(lane)
+
+    @property
+    def gl(self) -> str:
+        """Returns which GL drew; empty if nothing was drawn."""
+        return self._pictures.gl
 
 
 # What the robot has follows from ``ros.yaml`` and ``robot.xml`` at the bundle's root, before anything is started.

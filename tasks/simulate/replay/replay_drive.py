@@ -14,6 +14,7 @@ from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
+from tasks.simulate.host.controllers import drawn_by
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
@@ -89,7 +90,7 @@ def drive_replay(
         return ReplayResult(row)
     traffic = host.traffic if isinstance(host, _Talks) else None
     each_step = _only(steps)
-    return ReplayResult(row, _setting(ready, each_step), each_step, _only(samples), traffic)
+    return ReplayResult(row, _setting(ready, each_step), each_step, _only(samples), traffic, drawn_by(host))
 
 
 def _only(recorder: Recorder) -> Columns:

@@ -53,6 +53,7 @@ class ReplayResult(NamedTuple):
         steps: A sample for each control step, as ``tasks.simulate.lane.recording`` has them; none without a setting.
         samples: The same at the rate of its batch's recordings.
         traffic: What its robot and its ROS nodes said to each other; None where there were none.
+        gl: Which GL drew what its colour camera saw; empty if none did.
     """
 
     row: EpisodeResult
@@ -60,6 +61,7 @@ class ReplayResult(NamedTuple):
     steps: Columns | None = None
     samples: Columns | None = None
     traffic: MessageLog | None = None
+    gl: str = ""
 
 
 def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
@@ -81,6 +83,7 @@ def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
         camera=setting.camera,
         columns=names,
         topics=topics,
+        gl=again.gl,
     )
     columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
     return said, [setting.goals_m, setting.angles_rad, setting.pictured_s, setting.pictures_m, *columns, *log]
@@ -110,4 +113,4 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int)
         pictures_m=pictures_m,
     )
     each_step, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
-    return ReplayResult(again.row, setting, each_step, samples, traffic)
+    return ReplayResult(again.row, setting, each_step, samples, traffic, again.gl)

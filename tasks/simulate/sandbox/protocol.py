@@ -388,6 +388,7 @@ class Replayed(Spec):
             for an episode that could not start.
         columns: Names of the samples' arrays, which follow: those of each step, then those of the recording.
         topics: Of what its ROS nodes heard and said, whose arrays follow at the end; None where there were none.
+        gl: Which GL drew what its colour camera saw; empty if none did.
     """
 
     kind: Literal["again"] = "again"
@@ -402,6 +403,7 @@ class Replayed(Spec):
     camera: DepthCameraDeclaration | None = None
     columns: tuple[str, ...] = ()
     topics: tuple[SentTopic, ...] | None = None
+    gl: Annotated[str, Field(max_length=200, pattern="^[ -~]*$")] = ""
 
 
 class Crashed(Spec):

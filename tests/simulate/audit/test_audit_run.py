@@ -3,7 +3,7 @@
 import hashlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -21,6 +21,8 @@ from tasks.simulate.audit.audit_run import ask_audit, write_audit
 from tasks.simulate.audit.audit_sample import SampledEpisode, draw_sample
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import run_chunk
+from tasks.simulate.batch.provenance import note_gl
+from tasks.simulate.chunk.byproducts import ChunkTiming, note_timing
 from tasks.simulate.data.data_sources import DATA_PREFIX
 from tasks.simulate.data.mounts import pin_source
 from tasks.simulate.devices import device_kind
@@ -152,6 +154,23 @@ def test_the_report_lies_beside_the_tables(batch: OpenBatch, audited: Calls):
     assert detail["sha256s"] == {"audit.json": hashlib.sha256(written).hexdigest()}
     assert report(detail).verdict == "SOUND"
     assert [each.request.index for each in audited[0]] == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_report_says_that_another_gl_drew_the_pictures(
+    batch: OpenBatch, audited: Calls, monkeypatch: pytest.MonkeyPatch
+):
+    sound = audit_run.ask_audit
+
+    def drawn(*args: Any, **options: Any) -> AuditReport:  # noqa: ANN401 - as it is asked
+        note_timing(ChunkTiming(lanes=4, ready_s=0, compile_s=0, slices=1, slices_s=0, peak_bytes=0, gl="egl: one"))
+        return sound(*args, **options)
+
+    before = report(write_audit(batch, {}, PLACE)).sentence
+    note_gl(batch, "osmesa: two")
+    monkeypatch.setattr(audit_run, "ask_audit", drawn)
+    told = "its pictures were drawn by osmesa: two, and now are by egl: one"
+    assert report(write_audit(batch, {}, PLACE)).sentence == f"{before}; {told}"
+    assert len(audited) == 2
 
 
 def test_an_audit_whose_process_died_is_made_again_and_then_given_up(

@@ -25,6 +25,7 @@ from tasks.simulate.batch.chunk_run import (
 )
 from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start, committed_chunk, spent_s
 from tasks.simulate.batch.result_stream import result_parts
+from tasks.simulate.chunk.byproducts import ChunkTiming, note_timing
 from tasks.simulate.data.data_sources import PinnedSource
 from tasks.simulate.lane.control_step import StepRecord
 from tasks.simulate.lane.recording import Columns, Ends, RecordingChoice
@@ -48,6 +49,18 @@ def test_a_committed_chunk_is_not_simulated_again(file_store: Store):
     assert run_chunk(batch, 1, refuse, lanes=4, left_s=3600.0).episodes == 2
     assert committed_chunk(file_store, batch.id, 1) == before
     assert committed_chunk(file_store, batch.id, 0) is None
+
+
+def test_the_record_names_the_gl_that_drew_a_chunk(file_store: Store):
+    def drawn(part: ChunkPart) -> list[EpisodeResult]:
+        note_timing(ChunkTiming(lanes=4, ready_s=0, compile_s=0, slices=1, slices_s=0, peak_bytes=0, gl="egl: one"))
+        return all_pass(part)
+
+    batch = begun(file_store)
+    run_chunk(batch, 0, all_pass, lanes=4, left_s=3600.0)
+    assert "gl/egl: one" not in batch.record().detail
+    run_chunk(batch, 1, drawn, lanes=4, left_s=3600.0)
+    assert "gl/egl: one" in batch.record().detail
 
 
 def test_of_two_processes_the_first_to_commit_decides(file_store: Store):

@@ -1,7 +1,6 @@
 """Robots that drive by pictures in colour: drawn on the host, the same whoever drives beside them."""
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,8 +11,10 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
 from specs.errors import SimyardError
 from tasks.render.camera_pool import Shot, open_cameras
+from tasks.render.gl_process import DrawingFailed
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
+from tasks.simulate.chunk.byproducts import collect_timings
 from tasks.simulate.host import color_cameras
 from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 from tasks.simulate.host.controllers import HostStart, with_color
@@ -49,7 +50,9 @@ def gl() -> None:
 @pytest.mark.usefixtures("gl")
 def test_it_drives_by_what_it_sees_whoever_drives_beside_it(pens: dict[str, World]):
     requests = [watching(index) for index in range(6)]
-    rows = run(requests, pens)
+    with collect_timings() as timings:
+        rows = run(requests, pens)
+    assert {each.gl.partition(":")[0] for each in timings} <= {"egl", "osmesa"}
     assert {(row.status, row.outcome_reason, row.failure_reason) for row in rows} == {("Completed", "timeout", "")}
     assert run(requests[2:3], pens) == rows[2:3]
     assert len({row.final_x_m for row in rows}) == len(rows)
@@ -68,7 +71,7 @@ def test_it_drives_on_mujoco(pens: dict[str, World]):
 def test_without_gl_each_row_says_what_to_install(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MUJOCO_GL", "nonsense")
     (row,) = run([watching(0)], pens)
-    assert (row.status, row.failure_code) == ("Failed", "RobotApplicationCrash")
+    assert (row.status, row.failure_code) == ("Failed", "InternalServiceError")
     assert "no GL is there (Debian: apt-get install libosmesa6" in row.failure_reason
 
 
@@ -103,19 +106,20 @@ class Watcher:
         return np.zeros((2, 1), np.float32)
 
 
-def shown(rate_hz: float, latency_steps: int, monkeypatch: pytest.MonkeyPatch) -> tuple[list[int], Drawer]:
+def shown(
+    rate_hz: float, latency_steps: int, pens: dict[str, World], monkeypatch: pytest.MonkeyPatch
+) -> tuple[list[int], Drawer]:
     """Returns which picture lane 0 is shown at each of eight control steps, 0 for none."""
     drawer, watcher = Drawer(), Watcher()
 
-    @contextmanager
-    def opened(most: int) -> Generator[Drawer, None, None]:
+    def standing(most: int) -> Drawer:
         assert most == 1, "no process for a lane that sees nothing"
-        yield drawer
+        return drawer
 
-    monkeypatch.setattr(color_cameras, "open_cameras", opened)
+    monkeypatch.setattr(color_cameras, "standing_cameras", standing)
     camera = ColorCameraDeclaration(columns=6, rows=4, rate_hz=rate_hz, latency_steps=latency_steps)
     lane: Any = type("Lane", (), {"request": watching(0)})
-    start = HostStart([lane, lane], 2, 1, sensors_of(object()), {"hand/pen-0": None})  # type: ignore[dict-item]
+    start = HostStart([lane, lane], 2, 1, sensors_of(object()), pens)
     pictures = LanePictures([camera, BundleCrash("RobotApplicationCrash", "broken")], start)
     seeing = SeeingControllers(watcher, pictures, start)  # type: ignore[arg-type]
     for _ in range(8):
@@ -126,13 +130,30 @@ def shown(rate_hz: float, latency_steps: int, monkeypatch: pytest.MonkeyPatch) -
     return watcher.shown, drawer
 
 
-def test_pictures_come_at_their_rate_and_late(monkeypatch: pytest.MonkeyPatch):
-    assert shown(0.0, 0, monkeypatch)[0] == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert shown(10.0, 0, monkeypatch)[0] == [1, 1, 2, 2, 3, 3, 4, 4]
-    assert shown(5.0, 3, monkeypatch)[0] == [0, 0, 0, 1, 1, 1, 1, 2]
-    pictures, drawer = shown(10.0, 3, monkeypatch)
+def test_pictures_come_at_their_rate_and_late(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
+    assert shown(0.0, 0, pens, monkeypatch)[0] == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert shown(10.0, 0, pens, monkeypatch)[0] == [1, 1, 2, 2, 3, 3, 4, 4]
+    assert shown(5.0, 3, pens, monkeypatch)[0] == [0, 0, 0, 1, 1, 1, 1, 2]
+    pictures, drawer = shown(10.0, 3, pens, monkeypatch)
     assert pictures == [0, 0, 0, 1, 1, 2, 2, 3]
     assert [len(shots) for shots in drawer.shots] == [1, 1, 1, 1], "a lane that crashed is not drawn"
+
+
+def test_where_nothing_can_be_drawn_the_robot_is_not_to_blame(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
+    def broken(most: int) -> Drawer:
+        raise DrawingFailed(f"no GL\nfor {most}")
+
+    monkeypatch.setattr(color_cameras, "standing_cameras", broken)
+    lane: Any = type("Lane", (), {"request": watching(0)})
+    start = HostStart([lane, lane, lane], 3, 1, sensors_of(object()), pens)
+    watcher = Watcher()
+    watcher.crashes = {1: "it raised"}
+    seeing = SeeingControllers(watcher, LanePictures([ColorCameraDeclaration()] * 3, start), start)  # type: ignore[arg-type]
+    controls = seeing.controls(Observation(*[None] * 8), np.array([True, False, True]))  # type: ignore[arg-type]
+    assert np.isnan(controls).all()
+    assert dict(seeing.crashes) == {0: "no GL for 3", 1: "it raised", 2: "no GL for 3"}
+    codes = [seeing.failure_code(lane) for lane in range(3)]
+    assert codes == ["InternalServiceError", "RobotApplicationCrash", "InternalServiceError"]
 
 
 def test_faults_of_a_camera_are_told_together():

@@ -5,7 +5,6 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,12 +16,13 @@ from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from specs.errors import StageFailed
 from tasks.render.camera_pool import Shot
+from tasks.render.gl_process import DrawingFailed
 from tasks.ros.lockstep.exchange import Launch, RobotBase, Sensed, TwistCommand
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap, Observation, Placement
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.host import color_cameras
-from tasks.simulate.host.controllers import HostBundle, HostStart, SeesWorlds
+from tasks.simulate.host.controllers import BlamesCrashes, HostBundle, HostStart, SeesWorlds
 from tasks.simulate.host.ros_controllers import LockstepMaker, RosHome, RosLanes, remove_abandoned, ros_application
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import Chunk
@@ -113,7 +113,7 @@ def started(
     bundle = HostBundle(ros_bundle(folder / "bundle", declaration), ROS_ROBOT)
     application = ros_application(bundle, "ros", make or locksteps)
     lanes = [lane(index, kind) for index, kind in enumerate(kinds)]
-    worlds: Any = {"hand/one": None}
+    worlds: Any = {"hand/one": Undrawn()}
     start = HostStart(lanes, _WIDTH, 3, read_sensors(application.declare, {}), worlds)
     made = application.start(start)
     assert isinstance(made, RosLanes)
@@ -213,6 +213,13 @@ def test_a_sensor_that_no_topic_tells_of_is_not_simulated(tmp_path: Path):
     assert (found.depth_camera, found.imu, found.range_finders.finders, found.lidar.rays) == (None, None, 0, 4)
 
 
+class Undrawn:
+    """Stands for a world that nobody draws."""
+
+    def model_dump_json(self) -> str:
+        return "{}"
+
+
 class _Drawer:
     """Stands for the processes that draw: a picture has its number, from 1, in all pixels; the third one fails."""
 
@@ -227,7 +234,7 @@ class _Drawer:
     def color(self, shots: Sequence[Shot]) -> np.ndarray:
         self.drawn.append(shots[0].number)
         if shots[0].number == 2:
-            raise StageFailed("InternalServiceError", "the GL is gone")
+            raise DrawingFailed("the GL is gone")
         return np.stack([np.full((2, 3, 3), shot.number + 1, np.uint8) for shot in shots])
 
 
@@ -246,7 +253,7 @@ class _Watching(FakeLockstep):
 
 def seeing(folder: Path, make: LockstepMaker, monkeypatch: pytest.MonkeyPatch, steps: int) -> tuple[RosLanes, _Drawer]:
     drawer = _Drawer()
-    monkeypatch.setattr(color_cameras, "open_cameras", lambda most: nullcontext(drawer) if most == 2 else None)
+    monkeypatch.setattr(color_cameras, "standing_cameras", lambda most: drawer if most == 2 else None)
     declaration = "color_camera: {columns: 3, rows: 2, rate_hz: 10, latency_steps: 1}\nlidar: {rays: 4}"
     lanes, _ = started(folder, ["", ""], make, declaration)
     assert isinstance(lanes, SeesWorlds)
@@ -265,7 +272,9 @@ def test_nodes_see_colours_until_nothing_can_be_drawn(tmp_path: Path, monkeypatc
     lanes, drawer = seeing(tmp_path, make, monkeypatch, 5)
     assert (made[0].colors, drawer.drawn) == ([0, 1, 1, 2, 2], [0, 1])
     assert np.isnan(driven(lanes, 1, 0, 1)[:2]).all()
-    assert set(lanes.crashes.values()) == {"wheels: InternalServiceError: the GL is gone"}
+    assert set(lanes.crashes.values()) == {"wheels: the GL is gone"}
+    assert isinstance(lanes, BlamesCrashes)
+    assert {lanes.failure_code(lane) for lane in lanes.crashes} == {"InternalServiceError"}
     lanes.close()
     assert made[0].closed == 1
 
