@@ -123,6 +123,7 @@ class ColorCameraDeclaration(CameraDeclaration):
         exposure_spread: A picture is brighter or darker by up to this share.
         blur_px: Standard deviation of the blur.
         noise: Standard deviation of each channel of a pixel, as a share of white.
+        sees_robot: Whether its own robot is in its pictures, as that stands at the start.
     """
 
     range_m: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
@@ -132,6 +133,7 @@ class ColorCameraDeclaration(CameraDeclaration):
     exposure_spread: Share = 0.0
     blur_px: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
     noise: Share = 0.0
+    sees_robot: bool = False
 
 
 class ImuDeclaration(Spec):

@@ -21,6 +21,7 @@ from pydantic import Field, TypeAdapter
 
 from specs.base import Spec
 from specs.bundle_files import ColorCameraDeclaration
+from specs.data.robot_shape import RobotPart
 from specs.data.world import World
 from tasks.render.gl_process import ANOTHER_GL, NO_GL, DrawingEndedError, DrawingFailed, GlProcess, start_gl_process
 
@@ -52,12 +53,13 @@ class Shot(NamedTuple):
 
 
 class AddCamera(Spec):
-    """A camera in a world, which shots name by a key."""
+    """A camera in a world, which shots name by a key; and what it sees of its own robot."""
 
     kind: Literal["camera"] = "camera"
     key: str
     world: World
     camera: ColorCameraDeclaration
+    robot: tuple[RobotPart, ...] = ()
 
 
 class Draw(Spec):
@@ -163,9 +165,9 @@ class CameraPool:
         """Returns the processes' numbers."""
         return tuple(each.process.pid for each in self._drawers)
 
-    def add(self, key: str, world: World, camera: ColorCameraDeclaration) -> None:
-        """Adds a camera in a world; the same key again names the same."""
-        self._cameras.setdefault(key, AddCamera(key=key, world=world, camera=camera))
+    def add(self, key: str, world: World, camera: ColorCameraDeclaration, robot: tuple[RobotPart, ...] = ()) -> None:
+        """Adds a camera in a world, and what it sees of its own robot; the same key again names the same."""
+        self._cameras.setdefault(key, AddCamera(key=key, world=world, camera=camera, robot=robot))
 
     def color(self, shots: Sequence[Shot]) -> UInt8[np.ndarray, "shots rows columns 3"]:
         """Returns pictures, in the order of the shots, whose cameras have pictures of one size.

@@ -23,7 +23,7 @@ class _Cameras:
     def answer(self, request: AddCamera | Draw | Forget) -> Iterator[bytes]:
         """Yields the answer to a request."""
         if isinstance(request, AddCamera):
-            self._added[request.key] = request, CameraRenderer(request.world, request.camera)
+            self._added[request.key] = request, CameraRenderer(request.world, request.camera, request.robot)
             yield DRAWN
         elif isinstance(request, Draw):
             yield from self._drawn(request)
@@ -36,6 +36,7 @@ class _Cameras:
             added, renderer = self._added[shot.key]
             pose = mounted(added.camera, shot.x_m, shot.y_m, shot.yaw_rad)
             if request.kind == "color":
+                renderer.stand(shot.x_m, shot.y_m, shot.yaw_rad)
                 pixels = renderer.color(pose, episode_light(added.camera, shot.seed))
                 yield exposed(pixels, added.camera, shot.seed, shot.number).tobytes()
             else:

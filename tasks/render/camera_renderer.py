@@ -6,6 +6,7 @@ chance is counted: an episode's light follows from its seed, and a picture's noi
 
 import math
 import sys
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -14,6 +15,7 @@ from jaxtyping import Float, Float32, Float64, Int32, UInt8
 from OpenGL import GL
 
 from specs.bundle_files import CameraDeclaration, ColorCameraDeclaration
+from specs.data.robot_shape import RobotPart
 from specs.data.world import World
 from tasks.render.camera_scene import NOTHING, camera_scene, numbers_of
 from tasks.render.gl_process import READY
@@ -89,18 +91,27 @@ def focal_px(camera: CameraDeclaration) -> float:
 class CameraRenderer:
     """One camera in one world; a GL context is current."""
 
-    def __init__(self, world: World, camera: CameraDeclaration) -> None:
+    def __init__(self, world: World, camera: CameraDeclaration, robot: Sequence[RobotPart] = ()) -> None:
         self._camera = camera
-        self._made = camera_scene(world, camera.columns, camera.rows)
+        self._made = camera_scene(world, camera.columns, camera.rows, robot)
         self.names = self._made.names
         model = self._made.model
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        self._colored = _scene(model, data, self._made.colored)
+        self._colored = _scene(model, data, (*self._made.colored, *self._made.robot))
+        own = self._colored.geoms[len(self._made.colored) : self._colored.ngeom]
+        self._robot = [(geom, geom.pos.copy(), geom.mat.copy()) for geom in own]
         self._numbered = _scene(model, data, (self._made.numbered,))
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._area = mujoco.MjrRect(0, 0, camera.columns, camera.rows)
+
+    def stand(self, x_m: float, y_m: float, yaw_rad: float) -> None:
+        """Puts the robot at a pose, for the colour pictures that follow."""
+        cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+        turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        for geom, place_m, turned in self._robot:
+            geom.pos, geom.mat = turn @ place_m + [x_m, y_m, 0.0], turn @ turned
 
     def color(self, pose: CameraPose, light: Light) -> Pixels:
         """Returns what the camera sees; black where nothing is within its range."""

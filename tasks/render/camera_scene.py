@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float64, Int64
 
+from specs.data.robot_shape import RobotPart
 from specs.data.world import MOST_CORNERS, Color, Rectangle, Solid, World, corners_m, solids
 from tasks.render.sheets import Covering, finish_key, sheets, window_parts
 from tasks.render.textures import texture_of
@@ -39,6 +40,7 @@ class CameraScene(NamedTuple):
         colored: Geoms of a colour picture.
         numbered: The geom of depth and segmentation, whose colours are numbers from 1.
         hulls: Of the solids.
+        robot: Geoms of the robot, which stands at the origin; colour pictures show it too.
     """
 
     model: mujoco.MjModel
@@ -46,6 +48,7 @@ class CameraScene(NamedTuple):
     colored: tuple[int, ...]
     numbered: int
     hulls: "Hulls"
+    robot: tuple[int, ...]
 
 
 class Hulls(NamedTuple):
@@ -79,13 +82,14 @@ class _Mesh(NamedTuple):
     triangles: Int64[np.ndarray, "triangles 3"]
 
 
-def camera_scene(world: World, width: int, height: int) -> CameraScene:
+def camera_scene(world: World, width: int, height: int, robot: Sequence[RobotPart] = ()) -> CameraScene:
     """Returns the model of a world.
 
     Args:
         world: Any world.
         width: Most columns of a picture.
         height: Most rows of a picture.
+        robot: What the camera sees of its own robot.
     """
     seen = [*solids(world), *_floor_and_ceiling(world)]
     meshes = [solid_mesh(solid) for solid in seen]
@@ -99,7 +103,21 @@ def camera_scene(world: World, width: int, height: int) -> CameraScene:
         _add_textured(spec, f"covering-{number}", same)
     _add_dotted(spec, "numbers", meshes, _as_colors(np.arange(1, len(seen) + 1)), emission=1.0)
     names, numbered = tuple(solid.name for solid in seen), 1 + len(textured)
-    return CameraScene(spec.compile(), names, tuple(range(numbered)), numbered, _hulls(seen))
+    add_parts(spec, spec.worldbody, robot)
+    after = numbered + 1
+    own = tuple(range(after, after + len(robot)))
+    return CameraScene(spec.compile(), names, tuple(range(numbered)), numbered, _hulls(seen), own)
+
+
+def add_parts(spec: mujoco.MjSpec, body: mujoco.MjsBody, parts: Iterable[RobotPart]) -> None:
+    """Adds what a robot looks like to a body, a geom each part."""
+    for number, part in enumerate(parts):
+        geom = body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{part.kind.upper()}"), rgba=part.color)
+        geom.pos, geom.quat, geom.size = part.position_m, part.turn, part.size
+        if part.vertices_m:
+            mesh = spec.add_mesh(name=f"robot/{number}")
+            mesh.uservert = np.array(part.vertices_m, dtype=np.float64).ravel()
+            geom.meshname = mesh.name
 
 
 def numbers_of(pixels: np.ndarray) -> np.ndarray:

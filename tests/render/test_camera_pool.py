@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from specs.bundle_files import ColorCameraDeclaration
+from specs.data.robot_shape import RobotPart
 from specs.data.world import Solid, World, solids
 from specs.errors import SimyardError
 from tasks.export.format.mjcf import add_solid_geom
@@ -30,6 +31,7 @@ from tests.servers.tools import skip_or_fail
 CAMERA = ColorCameraDeclaration(columns=64, rows=48, fov_rad=1.2, z_m=0.4, x_m=0.1, pitch_rad=0.1, yaw_rad=0.05)
 CEILING_M = apartment().ceiling_height_m
 RED = (1.0, 0.0, 0.0)
+TIP = ((0.0, 0.0, 0.0), (0.02, 0.0, 0.0), (0.0, 0.02, 0.0), (0.0, 0.0, 0.05))
 
 
 def furnished() -> World:
@@ -226,6 +228,34 @@ def test_processes_that_stand_are_the_same_for_whoever_asks_next(monkeypatch: py
     monkeypatch.setenv("MUJOCO_GL", "one of this test")
     assert [len(camera_pool.standing_cameras(most).pids) for most in (1, 2, 1, 9)] == [1, 2, 1, 3]
     assert len(started) == 3
+
+
+def test_it_sees_its_own_robot_where_that_stands_if_it_was_given(cameras: CameraPool):
+    arm = RobotPart(
+        kind="box",
+        size=(0.05, 0.02, 0.02),
+        position_m=(0.4, 0.1, 0.4),
+        turn=(math.cos(0.2), 0.0, 0.0, math.sin(0.2)),
+        color=(0.0, 1.0, 0.0, 1.0),
+        outline_m=(),
+        top_m=0.42,
+    )
+    level = CAMERA.model_copy(update={"pitch_rad": 0.0, "yaw_rad": 0.0})
+    cameras.add("alone", furnished(), level)
+    cameras.add("armed", furnished(), level, (arm, arm.model_copy(update={"kind": "mesh", "vertices_m": TIP})))
+    shots = poses(3)
+    alone, armed = (cameras.color([shot._replace(key=key) for shot in shots]) for key in ("alone", "armed"))
+    for without, seen in zip(alone, armed, strict=True):
+        own = (without != seen).any(axis=2)
+        red, green, blue = seen[own].T
+        assert green.min() > 80, "it has its colour"
+        assert max(red.max(), blue.max()) == 0
+        np.testing.assert_array_equal(own, (alone[0] != armed[0]).any(axis=2))  # it goes where the camera goes
+        # 0.3 m ahead of the camera, 0.1 m to the left of its axis, and the tip above it.
+        rows, columns = np.nonzero(own)
+        focal_px = CAMERA.columns / 2 / math.tan(CAMERA.fov_rad / 2)
+        assert columns.mean() == pytest.approx(CAMERA.columns / 2 - focal_px * 0.1 / 0.3, abs=3.0)
+        assert rows.max() - CAMERA.rows / 2 == pytest.approx(focal_px * 0.02 / 0.25, abs=1.5)
 
 
 def test_its_processes_end_with_the_block(cameras: CameraPool, monkeypatch: pytest.MonkeyPatch):

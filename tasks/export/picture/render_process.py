@@ -28,6 +28,7 @@ from specs.data.world import Color, Solid, Window, World, below_heads
 from tasks.export.format.mjcf import world_spec
 from tasks.export.picture.renderer import CAPTION_LINE, REQUEST, FilmScene, Pixels
 from tasks.render.camera_renderer import say_ready
+from tasks.render.camera_scene import add_parts
 from tasks.render.sheets import WINDOW_PREFIX
 
 CUT_COLOR: Color = (0.93, 0.92, 0.90)
@@ -362,13 +363,7 @@ def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
         body.add_geom(
             type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], pos=[0.0, 0.0, middle], rgba=_HULL
         )
-    for number, part in enumerate(scene.shape):
-        geom = body.add_geom(type=getattr(mujoco.mjtGeom, f"mjGEOM_{part.kind.upper()}"), rgba=part.color)
-        geom.pos, geom.quat, geom.size = part.position_m, part.turn, part.size
-        if part.vertices_m:
-            mesh = spec.add_mesh(name=f"filmed-robot/{number}")
-            mesh.uservert = np.array(part.vertices_m, dtype=np.float64).ravel()
-            geom.meshname = mesh.name
+    add_parts(spec, body, scene.shape)
     reach = scene.radius_m / 2
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,

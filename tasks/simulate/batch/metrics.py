@@ -11,6 +11,7 @@ from specs.arn import resource_kind, resource_name
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ, PHYSICS_HZ
 from specs.job_kinds import JobKind
+from tasks.simulate.batch.provenance import recorded_gls
 from tasks.simulate.chunk.byproducts import ChunkTiming
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, read
@@ -185,6 +186,9 @@ def recorded_metrics(record: JobRecord) -> BatchMetrics | None:
 def metric_lines(store: Store, arn: str) -> Iterator[str]:
     """Yields a line for each figure of the batch that an ARN names; nothing for what is no batch."""
     if resource_kind(arn) == _KIND:
-        metrics = recorded_metrics(read(store, _KIND, resource_name(arn)))
+        record = read(store, _KIND, resource_name(arn))
+        metrics = recorded_metrics(record)
         for row in metric_rows(metrics) if metrics else ():
             yield f"{row['figure']:<22} {row['value']}"
+        for gl in recorded_gls(record):
+            yield f"{'pictures drawn by':<22} {gl}"

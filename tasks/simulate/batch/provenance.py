@@ -70,6 +70,11 @@ def recorded_machines(record: JobRecord) -> list[str]:
     return [key.removeprefix(_MARK) for key in record.detail if key.startswith(_MARK)]
 
 
+def recorded_gls(record: JobRecord) -> list[str]:
+    """Returns which GLs drew what colour cameras saw, as a batch's record has them; none in older ones."""
+    return [key.removeprefix(_GL_MARK) for key in record.detail if key.startswith(_GL_MARK)]
+
+
 def another_gl(record: JobRecord, gl: str) -> str:
     """Returns what to tell a person if pictures of a batch are drawn anew by a GL that drew none of it; else nothing.
 
@@ -77,7 +82,7 @@ def another_gl(record: JobRecord, gl: str) -> str:
         record: The batch's.
         gl: Which draws now; empty if none does.
     """
-    before = [key.removeprefix(_GL_MARK) for key in record.detail if key.startswith(_GL_MARK)]  # none in older ones
+    before = recorded_gls(record)
     if not before or not gl or gl in before:
         return ""
     return f"its pictures were drawn by {' and '.join(before)}, and now are by {gl}"

@@ -8,6 +8,7 @@ import hashlib
 import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from tasks.render.camera_pool import CameraPool, Shot, standing_cameras
 from tasks.render.gl_process import DrawingFailed
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
+from tasks.simulate.geometry.hull_outline import robot_shape
 from tasks.simulate.host.controllers import HostControllers, HostStart
 
 _logger = logging.getLogger(__name__)
@@ -52,12 +54,15 @@ class LanePictures:
         gl: Which GL drew; empty if nothing was drawn.
     """
 
-    def __init__(self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None], start: HostStart) -> None:
+    def __init__(
+        self, cameras: Sequence[ColorCameraDeclaration | BundleCrash | None], start: HostStart, robot: Path
+    ) -> None:
         """Begins, and ends lanes whose camera cannot be.
 
         Args:
             cameras: Each lane's, or why it cannot be.
             start: What the controllers begin with.
+            robot: The ``robot.xml``, which cameras may see.
         """
         self._start, self._cameras = start, cameras
         sound = (each for each in cameras if isinstance(each, ColorCameraDeclaration))
@@ -68,6 +73,8 @@ class LanePictures:
         self._pool: CameraPool | None = None
         self._moving = np.zeros(start.width, np.bool_)
         self._digests: dict[str, str] = {}
+        seen = any(isinstance(each, ColorCameraDeclaration) and each.sees_robot for each in cameras)
+        self._robot = robot_shape(robot) if seen else ()
         self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
         self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
         self._blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
@@ -139,7 +146,8 @@ class LanePictures:
             _logger.info("colour cameras are drawn by %s", self.gl)
             for lane, camera, key in zip(self._start.lanes, self._cameras, self._keys, strict=True):
                 if isinstance(camera, ColorCameraDeclaration) and key:
-                    self._pool.add(key, self._start.worlds[lane.request.world], camera)
+                    seen = self._robot if camera.sees_robot else ()
+                    self._pool.add(key, self._start.worlds[lane.request.world], camera, seen)
         return self._pool
 
     def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
@@ -153,9 +161,9 @@ class LanePictures:
         return ""
 
     def _digest(self, world: str) -> str:
-        """Returns what names a world to processes that see other batches, where another one may have its name."""
+        """Returns what names a world and the robot to processes that stay: others may have their names later."""
         if world not in self._digests:
-            text = self._start.worlds[world].model_dump_json()
+            text = f"{self._robot}{self._start.worlds[world].model_dump_json()}"
             self._digests[world] = hashlib.sha256(text.encode()).hexdigest()
         return self._digests[world]
 

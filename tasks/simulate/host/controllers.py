@@ -244,7 +244,11 @@ def plain_application(bundle: HostBundle) -> HostApplication:
         BundleCrash: The module does not import, or has no ``controller``.
     """
     make = load_factory(bundle.folder, bundle.launch, "controller", _ROBOT)
-    return HostApplication("plain", make, lambda start: with_color(PlainControllers(make, start), make, start))
+
+    def start(start: HostStart) -> HostControllers:
+        return with_color(PlainControllers(make, start), make, start, bundle.robot)
+
+    return HostApplication("plain", make, start)
 
 
 class PlainControllers:
@@ -326,7 +330,7 @@ def batched_application(bundle: HostBundle) -> HostApplication:
         return make([environment])
 
     return HostApplication(
-        "batched", declare, lambda start: with_color(BatchedControllers(make, start), declare, start)
+        "batched", declare, lambda start: with_color(BatchedControllers(make, start), declare, start, bundle.robot)
     )
 
 
@@ -391,7 +395,7 @@ def _variables(lane: Lane) -> dict[str, str | float]:
 
 
 def with_color(
-    controllers: HostControllers, declare: Callable[[Mapping[str, object]], object], start: HostStart
+    controllers: HostControllers, declare: Callable[[Mapping[str, object]], object], start: HostStart, robot: Path
 ) -> HostControllers:
     """Returns controllers that are shown what their robots' colour cameras see, if these have any.
 
@@ -399,6 +403,7 @@ def with_color(
         controllers: Of plain Python.
         declare: Returns an object that has an episode's camera as an attribute.
         start: What they began with.
+        robot: The ``robot.xml``, which cameras may see.
     """
     found: list[ColorCameraDeclaration | BundleCrash | None] = []
     for lane in start.lanes:
@@ -411,7 +416,7 @@ def with_color(
         return controllers
     from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 
-    return SeeingControllers(controllers, LanePictures(found, start), start)
+    return SeeingControllers(controllers, LanePictures(found, start, robot), start)
 
 
 def _onnx(bundle: HostBundle) -> HostApplication:

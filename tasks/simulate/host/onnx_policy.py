@@ -249,7 +249,7 @@ def onnx_application(bundle: "HostBundle") -> "HostApplication":
         return checked.policy
 
     return HostApplication(
-        "onnx", declare, lambda start: with_color(OnnxPolicies(checked, ranges, start), declare, start)
+        "onnx", declare, lambda start: with_color(OnnxPolicies(checked, ranges, start), declare, start, bundle.robot)
     )
 
 

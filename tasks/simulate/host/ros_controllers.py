@@ -478,7 +478,7 @@ class SeeingRosLanes(RosLanes):
 
     def __init__(self, setup: RosSetup, camera: ColorCameraDeclaration, start: HostStart) -> None:
         super().__init__(setup, start)
-        self._pictures = LanePictures([camera] * len(start.lanes), start)
+        self._pictures = LanePictures([camera] * len(start.lanes), start, setup.bundle.robot)
         self._senses.color = self._pictures.shown
         self.see = self._pictures.see
 

@@ -8,6 +8,7 @@ import pytest
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
+from specs.data.robot_shape import RobotPart
 from specs.data.world import World
 from specs.errors import SimyardError
 from tasks.render.camera_pool import Shot, open_cameras
@@ -15,6 +16,7 @@ from tasks.render.gl_process import DrawingFailed
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import Observation
 from tasks.simulate.chunk.byproducts import collect_timings
+from tasks.simulate.geometry.hull_outline import robot_shape
 from tasks.simulate.host import color_cameras
 from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 from tasks.simulate.host.controllers import HostStart, with_color
@@ -75,6 +77,9 @@ def test_without_gl_each_row_says_what_to_install(pens: dict[str, World], monkey
     assert "no GL is there (Debian: apt-get install libosmesa6" in row.failure_reason
 
 
+ROBOT = FOLDERS[PLAIN] / "robot.xml"
+
+
 class Drawer:
     """Stands for the processes that draw: a picture has its number, from 1, in all pixels."""
 
@@ -82,9 +87,11 @@ class Drawer:
 
     def __init__(self) -> None:
         self.shots: list[list[Shot]] = []
+        self.robots: list[int] = []
 
-    def add(self, key: str, world: World, camera: ColorCameraDeclaration) -> None:
-        pass
+    def add(self, key: str, world: World, camera: ColorCameraDeclaration, robot: Sequence[RobotPart]) -> None:
+        del key, world, camera
+        self.robots.append(len(robot))
 
     def color(self, shots: Sequence[Shot]) -> np.ndarray:
         self.shots.append([*shots])
@@ -120,7 +127,7 @@ def shown(
     camera = ColorCameraDeclaration(columns=6, rows=4, rate_hz=rate_hz, latency_steps=latency_steps)
     lane: Any = type("Lane", (), {"request": watching(0)})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()), pens)
-    pictures = LanePictures([camera, BundleCrash("RobotApplicationCrash", "broken")], start)
+    pictures = LanePictures([camera, BundleCrash("RobotApplicationCrash", "broken")], start, ROBOT)
     seeing = SeeingControllers(watcher, pictures, start)  # type: ignore[arg-type]
     for _ in range(8):
         seeing.see(np.zeros((2, 3), np.float32))
@@ -148,12 +155,24 @@ def test_where_nothing_can_be_drawn_the_robot_is_not_to_blame(pens: dict[str, Wo
     start = HostStart([lane, lane, lane], 3, 1, sensors_of(object()), pens)
     watcher = Watcher()
     watcher.crashes = {1: "it raised"}
-    seeing = SeeingControllers(watcher, LanePictures([ColorCameraDeclaration()] * 3, start), start)  # type: ignore[arg-type]
+    seeing = SeeingControllers(watcher, LanePictures([ColorCameraDeclaration()] * 3, start, ROBOT), start)  # type: ignore[arg-type]
     controls = seeing.controls(Observation(*[None] * 8), np.array([True, False, True]))  # type: ignore[arg-type]
     assert np.isnan(controls).all()
     assert dict(seeing.crashes) == {0: "no GL for 3", 1: "it raised", 2: "no GL for 3"}
     codes = [seeing.failure_code(lane) for lane in range(3)]
     assert codes == ["InternalServiceError", "RobotApplicationCrash", "InternalServiceError"]
+
+
+def test_a_camera_sees_its_robot_only_if_it_says_so(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
+    drawer = Drawer()
+    monkeypatch.setattr(color_cameras, "standing_cameras", lambda _: drawer)
+    lane: Any = type("Lane", (), {"request": watching(0)})
+    start = HostStart([lane, lane], 2, 1, sensors_of(object()), pens)
+    camera = ColorCameraDeclaration(columns=6, rows=4)
+    pictures = LanePictures([camera, camera.model_copy(update={"sees_robot": True})], start, ROBOT)
+    pictures.shown_at_once(np.array([True, True]))
+    assert drawer.robots == [0, len(robot_shape(ROBOT))]
+    assert drawer.robots[1] > 0
 
 
 def test_faults_of_a_camera_are_told_together():
@@ -166,7 +185,7 @@ def test_a_camera_that_cannot_be_is_why_every_lane_crashed():
     made = type("Made", (), {"color_camera": type("Camera", (), {"columns": 64.5})})()
     lane: Any = type("Lane", (), {"request": watching(0)})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()))
-    seeing = with_color(Watcher(), lambda _: made, start)  # type: ignore[arg-type]
+    seeing = with_color(Watcher(), lambda _: made, start, ROBOT)  # type: ignore[arg-type]
     controls = seeing.controls(Observation(*[None] * 8), np.array([True, True]))  # type: ignore[arg-type]
     assert np.isnan(controls).all()
     assert sorted(seeing.crashes) == [0, 1]

@@ -228,7 +228,7 @@ class _Drawer:
     def __init__(self) -> None:
         self.drawn: list[int] = []
 
-    def add(self, key: str, world: World, camera: object) -> None:
+    def add(self, key: str, world: World, camera: object, robot: object) -> None:
         pass
 
     def color(self, shots: Sequence[Shot]) -> np.ndarray:
