@@ -18,8 +18,8 @@ from tasks.applications.registry import unpack
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import replay_svg
 from tasks.results.playback.playback import (
+    CameraFilm,
     ColumnDeviation,
-    DepthFilm,
     Playback,
     Sight,
     recording_deviations,
@@ -131,7 +131,8 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
         ranges_m=steps["ranges_m"],
         impulse_ns=steps["impulse_ns"],
         shape=robot_shape(robot / "robot.xml"),
-        depth=DepthFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
+        depth=CameraFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
+        color=CameraFilm(setting.color_camera, setting.colored_s, setting.colors) if setting.color_camera else None,
     )
 
 

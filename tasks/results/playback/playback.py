@@ -10,10 +10,10 @@ from typing import cast
 
 import numpy as np
 import pyarrow as pa
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from specs.base import Spec
-from specs.bundle_files import DepthCameraDeclaration
+from specs.bundle_files import CameraDeclaration
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.data.robot_shape import RobotPart
 from tasks.results.tables.episode_tables import failures_table, results_table
@@ -37,17 +37,17 @@ class Sight:
 
 
 @dataclass(frozen=True)
-class DepthFilm:
-    """What a depth camera saw.
+class CameraFilm:
+    """What a camera saw.
 
     Attributes:
         t_s: When pictures were taken: some of all.
-        depth_m: Of each pixel; the camera's range where it sees nothing.
+        pictures: Of each pixel its depth in metres, the camera's range where it sees nothing; or red, green and blue.
     """
 
-    camera: DepthCameraDeclaration
+    camera: CameraDeclaration
     t_s: Float[np.ndarray, "pictures"]
-    depth_m: Float[np.ndarray, "pictures rows columns"]
+    pictures: Float[np.ndarray, "pictures rows columns"] | UInt8[np.ndarray, "pictures rows columns 3"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Playback:
         acted: Whether a scan was seen and a control decided: not where the episode ended.
         impulse_ns: What contacts pushed the robot with until the next sample.
         shape: What the robot looks like, the lowest part first; without any it is drawn as a disc.
-        depth: What its depth camera saw; None for a robot without.
+        depth, color: What its depth camera and its colour camera saw; None for a robot without.
     """
 
     job: str
@@ -87,7 +87,8 @@ class Playback:
     ranges_m: Float[np.ndarray, "samples rays"]
     impulse_ns: Float[np.ndarray, "samples"]
     shape: tuple[RobotPart, ...] = ()
-    depth: DepthFilm | None = None
+    depth: CameraFilm | None = None
+    color: CameraFilm | None = None
 
     @property
     def duration_s(self) -> float:

@@ -20,9 +20,10 @@ from scipy.spatial import ConvexHull
 
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World, corners_m
-from tasks.results.playback.playback import DepthFilm, Playback
+from tasks.results.playback.playback import CameraFilm, Playback
 
-WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME, CAMERA_FRAME = "world", "robot", "lidar", "camera"
+WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
+_CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
 Message = dict[str, JsonValue]
 _ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
@@ -322,8 +323,11 @@ TOPICS = {
     "/step": STEP,
 }
 """The schema of each topic."""
-CAMERA_TOPICS = {"/depth": "foxglove.RawImage", "/depth/calibration": "foxglove.CameraCalibration"}
-"""The same of a robot with a depth camera."""
+
+
+def camera_topics(name: str) -> dict[str, str]:
+    """Returns the same of a robot's camera, which has topics of its own."""
+    return {f"/{name}": "foxglove.RawImage", f"/{name}/calibration": "foxglove.CameraCalibration"}
 
 
 def write_mcap(path: Path, world: World, playback: Playback) -> None:
@@ -337,10 +341,12 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="simyard")
-        topics = TOPICS | (CAMERA_TOPICS if playback.depth else {})
+        films = {name: film for name, film in (("depth", playback.depth), ("color", playback.color)) if film}
+        topics = {**TOPICS, **{topic: schema for name in films for topic, schema in camera_topics(name).items()}}
         channels = {topic: _channel(writer, topic, schema) for topic, schema in topics.items()}
         writer.add_metadata("simyard", {"job": playback.job, "world": world.name, "ending": playback.ending})
-        messages = heapq.merge(_messages(world, playback), _camera_messages(playback.depth), key=itemgetter(0))
+        seen = (_camera_messages(name, film) for name, film in films.items())
+        messages = heapq.merge(_messages(world, playback), *seen, key=itemgetter(0))
         for number, (time_s, topic, message) in enumerate(messages):
             at_ns = nanoseconds_of(time_s)
             body = json.dumps(message, separators=(",", ":")).encode()
@@ -373,11 +379,9 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
             yield time_s, "/step", _step(playback, sample, time_s)
 
 
-def _camera_messages(film: DepthFilm | None) -> Iterator[tuple[float, str, Message]]:
+def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, Message]]:
     """Yields where the camera is, how it projects, and what it saw: in its optical frame, ahead along z (REP 103)."""
-    if film is None:
-        return
-    camera = film.camera
+    camera, frame = film.camera, _CAMERA_FRAMES[name]
     half_rad = camera.yaw_rad / 2, camera.pitch_rad / 2
     (cos_y, cos_p), (sin_y, sin_p) = map(math.cos, half_rad), map(math.sin, half_rad)
     w, x, y, z = cos_y * cos_p, -sin_y * sin_p, cos_y * sin_p, sin_y * cos_p
@@ -387,12 +391,12 @@ def _camera_messages(film: DepthFilm | None) -> Iterator[tuple[float, str, Messa
         "z": (-w + x + y + z) / 2,
         "w": (w + x - y + z) / 2,
     }
-    at = _frame(0.0, ROBOT_FRAME, CAMERA_FRAME, (camera.x_m, camera.y_m, camera.z_m), 0.0)
+    at = _frame(0.0, ROBOT_FRAME, frame, (camera.x_m, camera.y_m, camera.z_m), 0.0)
     at["rotation"] = optical
     yield 0.0, "/tf", at
     focal_px = camera.columns / 2 / math.tan(camera.fov_rad / 2)
     across, down = camera.columns / 2, camera.rows / 2
-    size: Message = {"frame_id": CAMERA_FRAME, "width": camera.columns, "height": camera.rows}
+    size: Message = {"frame_id": frame, "width": camera.columns, "height": camera.rows}
     calibration: Message = {
         **size,
         "timestamp": time_of(0.0),
@@ -402,18 +406,22 @@ def _camera_messages(film: DepthFilm | None) -> Iterator[tuple[float, str, Messa
         "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         "P": [focal_px, 0.0, across, 0.0, 0.0, focal_px, down, 0.0, 0.0, 0.0, 1.0, 0.0],
     }
-    yield 0.0, "/depth/calibration", calibration
-    for time_s, depth_m in zip(film.t_s.tolist(), film.depth_m, strict=True):
-        # What is farther, or not there, is 0, as ROS has it of millimetres (REP 118).
-        shown_mm = np.where(depth_m < camera.range_m, np.minimum(np.round(1000.0 * depth_m), 65535), 0).astype("<u2")
+    yield 0.0, f"/{name}/calibration", calibration
+    for time_s, pixels in zip(film.t_s.tolist(), film.pictures, strict=True):
+        shown = pixels if pixels.dtype == np.uint8 else _millimetres(pixels, camera.range_m)
         picture: Message = {
             **size,
             "timestamp": time_of(time_s),
-            "encoding": "16UC1",
-            "step": 2 * camera.columns,
-            "data": base64.b64encode(shown_mm.tobytes()).decode(),
+            "encoding": "rgb8" if shown.dtype == np.uint8 else "16UC1",
+            "step": shown[0].nbytes,
+            "data": base64.b64encode(shown.tobytes()).decode(),
         }
-        yield time_s, "/depth", picture
+        yield time_s, f"/{name}", picture
+
+
+def _millimetres(depth_m: np.ndarray, range_m: float) -> np.ndarray:
+    """Returns depths as ROS has them; what is farther, or not there, is 0 (REP 118)."""
+    return np.where(depth_m < range_m, np.minimum(np.round(1000.0 * depth_m), 65535), 0).astype("<u2")
 
 
 def _frame(time_s: float, parent: str, child: str, place_m: tuple[float, float, float], yaw_rad: float) -> Message:

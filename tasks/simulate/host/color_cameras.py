@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float32, UInt8
+from jaxtyping import Bool, Float32, Int, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import control_stride
@@ -119,6 +119,22 @@ class LanePictures:
         able[list(self.crashes)] = False
         return able
 
+    def first_camera(self) -> ColorCameraDeclaration | None:
+        """Returns the first lane's camera; None if nothing was drawn for it."""
+        first = self._cameras[0]
+        return first if self.gl and self._keys[0] and isinstance(first, ColorCameraDeclaration) else None
+
+    def drawn_again(
+        self, steps: Int[np.ndarray, "pictures"], poses: Float32[np.ndarray, "pictures 3"]
+    ) -> UInt8[np.ndarray, "pictures rows columns 3"]:
+        """Returns what the first lane's camera saw, as ``SeesWorlds.drawn_again``."""
+        key, seed = self._keys[0], self._start.lanes[0].request.seed
+        shots = [
+            Shot(key, x_m, y_m, yaw_rad, seed, step // self._stride)
+            for step, (x_m, y_m, yaw_rad) in zip(steps.tolist(), poses.tolist(), strict=True)
+        ]
+        return self._opened().color(shots)
+
     def failure_code(self, lane: int) -> SimulationJobErrorCode:
         """Returns whose fault it is that a lane, which crashed, did not come to its end."""
         return "InternalServiceError" if lane in self.undrawn else "RobotApplicationCrash"
@@ -191,7 +207,7 @@ class SeeingControllers:
         """
         self._controllers, self._pictures = controllers, pictures
         self._shape = (start.width, start.actuators)
-        self.see = pictures.see
+        self.see, self.first_camera, self.drawn_again = pictures.see, pictures.first_camera, pictures.drawn_again
         self.failure_code = pictures.failure_code
 
     @property

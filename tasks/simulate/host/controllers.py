@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, Protocol, cast, runtime_checkable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Float32
+from jaxtyping import Bool, Float, Float32, Int, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import ApplicationLaunch
@@ -113,6 +113,21 @@ class SeesWorlds(Protocol):
 
     def see(self, poses: Float32[np.ndarray, "lanes 3"]) -> None:
         """Tells where the robots truly are (x m, y m, yaw rad), before a control step."""
+        ...
+
+    def first_camera(self) -> ColorCameraDeclaration | None:
+        """Returns the first lane's camera; None if nothing was drawn for it."""
+        ...
+
+    def drawn_again(
+        self, steps: Int[np.ndarray, "pictures"], poses: Float32[np.ndarray, "pictures 3"]
+    ) -> UInt8[np.ndarray, "pictures rows columns 3"]:
+        """Returns what the first lane's camera saw at control steps at which it took pictures.
+
+        Args:
+            steps: Which.
+            poses: Where its robot was.
+        """
         ...
 
 

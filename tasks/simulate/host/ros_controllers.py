@@ -480,7 +480,8 @@ class SeeingRosLanes(RosLanes):
         super().__init__(setup, start)
         self._pictures = LanePictures([camera] * len(start.lanes), start, setup.bundle.robot)
         self._senses.color = self._pictures.shown
-        self.see = self._pictures.see
+        seen = self._pictures
+        self.see, self.first_camera, self.drawn_again = seen.see, seen.first_camera, seen.drawn_again
 
     def controls(self, observed: Observation, moving: Bool[np.ndarray, "lanes"]) -> Float32[np.ndarray, "lanes nu"]:
         """Returns each moving lane's control; see ``RosLanes``."""

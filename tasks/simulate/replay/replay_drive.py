@@ -6,25 +6,26 @@ from typing import Protocol, TypedDict, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Float32, Float64, Int, UInt8
 
-from specs.bundle_files import DepthCameraDeclaration
-from specs.data.episode import CONTROL_S, EpisodeRequest, failed_result
+from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
+from specs.data.episode import CONTROL_S, EpisodeRequest, control_stride, failed_result
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
-from tasks.simulate.host.controllers import drawn_by
+from tasks.simulate.host.controllers import HostControllers, SeesWorlds, drawn_by
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
+from tasks.simulate.sandbox.protocol import FILM_BYTES
 from tasks.simulate.sensors.depth_camera import pictures_again
 from tasks.simulate.sensors.lidar import ray_angles
 from tasks.simulate.sensors.sensor import seed_words
 
 _EVERY_STEP_HZ = 1.0 / CONTROL_S
-# Of a camera's pictures, a person sees so many a second, and a file holds no more than that.
-_PICTURES_HZ, _PICTURES_BYTES = 5.0, 64 << 20
+# Of a camera's pictures, a person sees so many a second.
+_PICTURES_HZ = 5.0
 
 
 @runtime_checkable
@@ -90,7 +91,7 @@ def drive_replay(
         return ReplayResult(row)
     traffic = host.traffic if isinstance(host, _Talks) else None
     each_step = _only(steps)
-    return ReplayResult(row, _setting(ready, each_step), each_step, _only(samples), traffic, drawn_by(host))
+    return ReplayResult(row, _setting(ready, each_step, host), each_step, _only(samples), traffic, drawn_by(host))
 
 
 def _only(recorder: Recorder) -> Columns:
@@ -98,8 +99,9 @@ def _only(recorder: Recorder) -> Columns:
     return part
 
 
-def _setting(ready: ReadyChunk, steps: Columns) -> Setting:
+def _setting(ready: ReadyChunk, steps: Columns, host: HostControllers | None) -> Setting:
     (lane,) = ready.lanes
+    poses = np.asarray(steps["pose"], np.float32)
     lidar, hull = lane.lidar, ready.program.hull
     return Setting(
         goals_m=lane.placement.goals_m,
@@ -111,7 +113,8 @@ def _setting(ready: ReadyChunk, steps: Columns) -> Setting:
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
         camera=None if lane.camera is None else DepthCameraDeclaration(**lane.camera._asdict()),
-        **_pictures(lane, np.asarray(steps["pose"], np.float32)),
+        **_pictures(lane, poses),
+        **_colors(host, poses),
     )
 
 
@@ -127,9 +130,31 @@ def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
     camera = lane.camera
     if camera is None or lane.arrays.scene is None:
         return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
-    most = max(1, _PICTURES_BYTES // (4 * camera.rows * camera.columns))
-    apart = max(-(-round(_EVERY_STEP_HZ / _PICTURES_HZ) // camera.stride), -(-len(poses) // (most * camera.stride)))
-    taken = np.arange(0, len(poses), apart * camera.stride, dtype=np.int32)
+    taken = _some_steps(len(poses), camera.stride, 4 * camera.rows * camera.columns)
     seed = jnp.asarray(seed_words(lane.request.seed))
     found = pictures_again(camera, lane.arrays.scene, seed, jnp.asarray(poses[taken]), jnp.asarray(taken))
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))
+
+
+class _Colors(TypedDict):
+    """Of a setting."""
+
+    color_camera: ColorCameraDeclaration | None
+    colored_s: Float64[np.ndarray, "colors"]
+    colors: UInt8[np.ndarray, "colors rows columns 3"]
+
+
+def _colors(host: HostControllers | None, poses: Float32[np.ndarray, "samples 3"]) -> _Colors:
+    """Returns the same of the colour camera; nothing where nothing was drawn for it."""
+    camera = host.first_camera() if isinstance(host, SeesWorlds) else None
+    if camera is None or not isinstance(host, SeesWorlds):
+        return _Colors(color_camera=None, colored_s=np.zeros(0), colors=np.zeros((0, 0, 0, 3), np.uint8))
+    taken = _some_steps(len(poses), control_stride(camera.rate_hz), 3 * camera.rows * camera.columns)
+    return _Colors(color_camera=camera, colored_s=taken * CONTROL_S, colors=host.drawn_again(taken, poses[taken]))
+
+
+def _some_steps(samples: int, stride: int, picture_bytes: int) -> Int[np.ndarray, "pictures"]:
+    """Returns control steps at which a camera took pictures: a few a second, that take no great size together."""
+    most = max(1, FILM_BYTES // picture_bytes)
+    apart = max(-(-round(_EVERY_STEP_HZ / _PICTURES_HZ) // stride), -(-samples // (most * stride)))
+    return np.arange(0, samples, apart * stride, dtype=np.int32)

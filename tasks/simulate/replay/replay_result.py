@@ -6,9 +6,9 @@ Row and setting are sent from the process that simulates as data, steps as array
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Float32, Float64, UInt8
 
-from specs.bundle_files import DepthCameraDeclaration
+from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
 from specs.data.episode import EpisodeResult
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.lane.recording import Columns
@@ -29,6 +29,7 @@ class Setting(NamedTuple):
         angles_rad: The rays' directions in the lidar's frame.
         camera: The depth camera; None for a robot without.
         pictured_s, pictures_m: When it took pictures, some of all, and what it saw.
+        color_camera, colored_s, colors: The same of the colour camera.
     """
 
     goals_m: Float64[np.ndarray, "goals 2"]
@@ -42,6 +43,9 @@ class Setting(NamedTuple):
     camera: DepthCameraDeclaration | None
     pictured_s: Float64[np.ndarray, "pictures"]
     pictures_m: Float32[np.ndarray, "pictures rows columns"]
+    color_camera: ColorCameraDeclaration | None
+    colored_s: Float64[np.ndarray, "colors"]
+    colors: UInt8[np.ndarray, "colors rows columns 3"]
 
 
 class ReplayResult(NamedTuple):
@@ -81,12 +85,14 @@ def replay_message(again: ReplayResult) -> tuple[Replayed, list[np.ndarray]]:
         lidar_height_m=setting.lidar_height_m,
         range_m=setting.range_m,
         camera=setting.camera,
+        color_camera=setting.color_camera,
         columns=names,
         topics=topics,
         gl=again.gl,
     )
     columns = [np.asarray(each[name]) for each in (steps, samples) for name in names]
-    return said, [setting.goals_m, setting.angles_rad, setting.pictured_s, setting.pictures_m, *columns, *log]
+    pictures = [setting.pictured_s, setting.pictures_m, setting.colored_s, setting.colors]
+    return said, [setting.goals_m, setting.angles_rad, *pictures, *columns, *log]
 
 
 def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int) -> ReplayResult:
@@ -97,7 +103,7 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int)
     if again.topics is not None:
         arrays, log = arrays[:-LOG_ARRAYS], arrays[-LOG_ARRAYS:]
         traffic = log_of(again.topics, log, steps)
-    goals_m, angles_rad, pictured_s, pictures_m, *columns = arrays
+    goals_m, angles_rad, pictured_s, pictures_m, colored_s, colors, *columns = arrays
     count = len(again.columns)
     setting = Setting(
         goals_m=goals_m,
@@ -111,6 +117,9 @@ def received_replay(again: Replayed, arrays: tuple[np.ndarray, ...], steps: int)
         camera=again.camera,
         pictured_s=pictured_s,
         pictures_m=pictures_m,
+        color_camera=again.color_camera,
+        colored_s=colored_s,
+        colors=colors,
     )
     each_step, samples = (dict(zip(again.columns, each, strict=True)) for each in (columns[:count], columns[count:]))
     return ReplayResult(again.row, setting, each_step, samples, traffic, again.gl)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, JsonValue, TypeAdapter
 
 from specs.base import Spec
-from specs.bundle_files import DepthCameraDeclaration
+from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest, EpisodeResult
 from specs.errors import SimyardError
 from specs.field_types import TagMap
@@ -42,6 +42,8 @@ _STEP_BYTES = WIDEST * (8 + LONGEST_SIDES["rays"] + LONGEST_SIDES["velocity"] + 
 _END_BYTES = _STEP_BYTES + 2 * WIDEST * LONGEST_SIDES["goals"]
 # Of an episode's row, but for what it has of each step: a reason, metrics, rooms. And of a world's map in a log.
 _ROW_BYTES, _MAP_BYTES = 64 << 10, 64 << 20
+FILM_BYTES = 64 << 20
+"""Of the pictures that a replay takes again with a camera; of each episode one at least."""
 _LENGTHS = struct.Struct("<QQ")
 _KINDS = "biuf"
 Document = Mapping[str, JsonValue]
@@ -302,7 +304,7 @@ def answer_bounds(work: LanesWork | AuditWork | ReplayWork, chunk: Sequence[Epis
             return _bounds(len(requests), most_steps(requests), WIDEST * most_steps(requests) * len(requests))
         case ReplayWork():
             steps = most_steps([work.request])
-            return _bounds(1, steps, 3 * steps * _STEP_BYTES + _END_BYTES + _MAP_BYTES)
+            return _bounds(1, steps, 3 * steps * _STEP_BYTES + _END_BYTES + _MAP_BYTES + 2 * FILM_BYTES)
 
 
 def _bounds(episodes: int, steps: int, array_bytes: int) -> Bounds:
@@ -384,8 +386,8 @@ class Replayed(Spec):
     """An episode that was driven again.
 
     Attributes:
-        arrived_m, radius_m, heights_m, mount, lidar_height_m, range_m, camera: Its setting, whose arrays follow; None
-            for an episode that could not start.
+        arrived_m, radius_m, heights_m, mount, lidar_height_m, range_m, camera, color_camera: Its setting, whose arrays
+            follow; None for an episode that could not start.
         columns: Names of the samples' arrays, which follow: those of each step, then those of the recording.
         topics: Of what its ROS nodes heard and said, whose arrays follow at the end; None where there were none.
         gl: Which GL drew what its colour camera saw; empty if none did.
@@ -401,6 +403,7 @@ class Replayed(Spec):
     lidar_height_m: float = 0.0
     range_m: float = 0.0
     camera: DepthCameraDeclaration | None = None
+    color_camera: ColorCameraDeclaration | None = None
     columns: tuple[str, ...] = ()
     topics: tuple[SentTopic, ...] | None = None
     gl: Annotated[str, Field(max_length=200, pattern="^[ -~]*$")] = ""

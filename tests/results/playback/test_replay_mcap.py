@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from specs.bundle_files import DepthCameraDeclaration
+from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
 from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
-from tasks.results.playback.playback import DepthFilm
-from tasks.results.playback.replay_mcap import CAMERA_TOPICS, TOPICS, scene, write_mcap
+from tasks.results.playback.playback import CameraFilm
+from tasks.results.playback.replay_mcap import TOPICS, camera_topics, scene, write_mcap
 from tests.factories.own_worlds import WEDGE, piece, wedge
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
@@ -58,11 +58,14 @@ def test_there_are_as_many_messages_as_samples(found: Found, file: Path):
     assert summary.statistics.message_count == sum(counts.values())
 
 
-def test_a_robot_with_a_depth_camera_shows_what_it_saw_where_it_saw_it(tmp_path: Path):
+def test_a_robot_with_cameras_shows_what_it_saw_where_it_saw_it(tmp_path: Path):
     camera = DepthCameraDeclaration(columns=4, rows=2, range_m=6.0, x_m=0.2, z_m=0.4, rate_hz=5)
     depth_m = np.array([[[1.0, 2.5, 6.0, 6.0]] * 2] * 3, np.float32)
-    film = DepthFilm(camera, np.array([0.0, 0.2, 0.4]), depth_m)
-    write_mcap(tmp_path / "seen.mcap", WORLD, replace(playback(), depth=film))
+    film = CameraFilm(camera, np.array([0.0, 0.2, 0.4]), depth_m)
+    eye = ColorCameraDeclaration(columns=3, rows=2, z_m=0.5)
+    colors = np.arange(36, dtype=np.uint8).reshape(2, 2, 3, 3)
+    color = CameraFilm(eye, np.array([0.0, 0.5]), colors)
+    write_mcap(tmp_path / "seen.mcap", WORLD, replace(playback(), depth=film, color=color))
     with (tmp_path / "seen.mcap").open("rb") as opened:
         messages = [
             (channel.topic, message.log_time, json.loads(message.data))
@@ -75,7 +78,15 @@ def test_a_robot_with_a_depth_camera_shows_what_it_saw_where_it_saw_it(tmp_path:
     assert seen_mm.tolist() == [[1000, 2500, 0, 0]] * 2
     (frame,) = [body for topic, _, body in messages if topic == "/tf" and body["child_frame_id"] == "camera"]
     assert frame["rotation"] == {"x": -0.5, "y": 0.5, "z": -0.5, "w": 0.5}
-    assert {topic for topic, _, _ in messages} == {*TOPICS, *CAMERA_TOPICS}
+    seen = [(at_ns, body) for topic, at_ns, body in messages if topic == "/color"]
+    assert [(at_ns, body["encoding"], body["step"]) for at_ns, body in seen] == [
+        (0, "rgb8", 9),
+        (500_000_000, "rgb8", 9),
+    ]
+    assert b"".join(base64.b64decode(body["data"]) for _, body in seen) == colors.tobytes()
+    frames = {body["child_frame_id"] for topic, _, body in messages if topic == "/tf"}
+    assert {body["frame_id"] for _, body in (*pictures, *seen)} < frames
+    assert {topic for topic, _, _ in messages} == {*TOPICS, *camera_topics("depth"), *camera_topics("color")}
 
 
 def test_time_is_simulated_time(found: Found):

@@ -1,4 +1,4 @@
-"""A replay shows what a robot's depth camera saw, to the last bit, though no picture was kept."""
+"""A replay shows what a robot's cameras saw, to the last bit, though no picture was kept."""
 
 from pathlib import Path
 
@@ -8,8 +8,9 @@ import pytest
 from specs.data.episode import CONTROL_S
 from specs.data.world import World
 from tasks.simulate.replay.replay_drive import drive_replay
-from tasks.simulate.replay.replay_result import received_replay, replay_message
+from tasks.simulate.replay.replay_result import ReplayResult, received_replay, replay_message
 from tests.factories.simulations import FOLDERS, pushing
+from tests.servers.tools import skip_or_fail
 
 SEERS = {"jax": "5e" * 32, "plain": "5f" * 32}
 CAMERA = """
@@ -55,18 +56,66 @@ class Seer:
 }
 
 
+COLORED = """
+import numpy as np
+
+jax = False
+
+
+class Eye:
+    columns, rows, rate_hz, noise, sees_robot = 12, 6, 10.0, 0.05, True
+
+
+class Seer:
+    color_camera = Eye()
+
+    def reset(self, floor, goals_m):
+        pass
+
+    def step(self, observation):
+        return observation.color[3, [2, 5, 9], 1] / np.float32(256)
+
+
+def controller(environment):
+    return Seer()
+"""
+
+
+@pytest.mark.long
+def test_a_replay_takes_the_pictures_in_colour_that_the_robot_saw(pens: dict[str, World], tmp_path: Path):
+    again = replayed("60" * 32, COLORED, pens, tmp_path)
+    setting, steps = again.setting, again.steps
+    if again.row.failure_code == "InternalServiceError":
+        skip_or_fail(again.row.failure_reason)
+    assert setting is not None
+    assert setting.color_camera is not None
+    assert steps is not None
+    assert again.gl
+    taken = np.round(setting.colored_s / CONTROL_S).astype(int)
+    acted = taken[np.asarray(steps["acted"], bool)[taken]]
+    assert len(acted) > 3
+    seen = setting.colors[: len(acted), 3][:, [2, 5, 9], 1] / np.float32(256)
+    np.testing.assert_array_equal(steps["control"][acted], seen)
+    assert len(np.unique(seen)) > 6
+
+
+def replayed(digest: str, module: str, pens: dict[str, World], tmp_path: Path) -> ReplayResult:
+    """Returns an episode that a module drove, as it is sent."""
+    drawn = pushing(0, world="hand/pen-0", seed=3, duration_s=3.0)
+    (tmp_path / "seer").mkdir()
+    (tmp_path / "seer/seer.py").write_text(module)
+    (tmp_path / "robot.xml").write_text((FOLDERS[drawn.robot.digest] / "robot.xml").read_text())
+    robot = drawn.robot.model_copy(update={"digest": digest, "package": "seer", "launch_file": "seer"})
+    request = drawn.model_copy(update={"robot": robot})
+    again = drive_replay(request, pens, {**FOLDERS, digest: tmp_path}, lanes=8, engine="planar", rate_hz=4.0)
+    said, arrays = replay_message(again)
+    return received_replay(said, tuple(arrays), 1000)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("kind", SEERS)
 def test_a_replay_takes_the_pictures_that_the_robot_saw(kind: str, pens: dict[str, World], tmp_path: Path):
-    drawn = pushing(0, world="hand/pen-0", seed=3, duration_s=3.0)
-    (tmp_path / "seer").mkdir()
-    (tmp_path / "seer/seer.py").write_text(CAMERA + MODULES[kind])
-    (tmp_path / "robot.xml").write_text((FOLDERS[drawn.robot.digest] / "robot.xml").read_text())
-    robot = drawn.robot.model_copy(update={"digest": SEERS[kind], "package": "seer", "launch_file": "seer"})
-    request = drawn.model_copy(update={"robot": robot})
-    again = drive_replay(request, pens, {**FOLDERS, SEERS[kind]: tmp_path}, lanes=8, engine="planar", rate_hz=4.0)
-    said, arrays = replay_message(again)
-    sent = received_replay(said, tuple(arrays), 1000)
+    sent = replayed(SEERS[kind], CAMERA + MODULES[kind], pens, tmp_path)
     assert sent.setting is not None
     assert sent.setting.camera is not None
     assert sent.steps is not None
