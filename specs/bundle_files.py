@@ -13,10 +13,23 @@ from specs.launched_file import is_ros2, names_ros_launch
 Length = Annotated[float, Field(ge=0.0, le=1e4)]
 Place = Annotated[float, Field(ge=-1e4, le=1e4)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Latency = Annotated[int, Field(ge=0, le=20)]
 
 
 # The fields are those that a controller's own sensors have (docs/guide/applications.md).
-class LidarDeclaration(Spec):
+class PacedDeclaration(Spec):
+    """What sensors have in common that read at a rate of their own.
+
+    Attributes:
+        rate_hz: Readings in a simulated second, made a whole fraction of the control rate; 0 for one each control step.
+        latency_steps: How many control steps old a reading is when the robot gets it.
+    """
+
+    rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    latency_steps: Latency = 0
+
+
+class LidarDeclaration(PacedDeclaration):
     """A planar lidar; the defaults are those of a small indoor robot.
 
     Attributes:
@@ -62,12 +75,14 @@ class BumperDeclaration(Spec):
 
     Attributes:
         sectors: How many.
+        latency_steps: How many control steps ago they were touched when the robot is told.
     """
 
     sectors: Annotated[int, Field(ge=1, le=64)] = 3
+    latency_steps: Latency = 0
 
 
-class CameraDeclaration(Spec):
+class CameraDeclaration(PacedDeclaration):
     """What cameras of any kind have in common; pixels are square, and the middle of a picture is straight ahead.
 
     Attributes:
@@ -76,8 +91,6 @@ class CameraDeclaration(Spec):
         range_m: What lies farther ahead is not seen.
         x_m, y_m, z_m: Where it is mounted: ahead, to the left, above the floor.
         pitch_rad, yaw_rad: How it is turned: down, counter-clockwise.
-        rate_hz: Pictures in a simulated second, made a whole fraction of the control rate; 0 for one each control step.
-        latency_steps: How many control steps old a picture is when the robot gets it.
     """
 
     columns: Annotated[int, Field(ge=1, le=640)] = 64
@@ -89,8 +102,6 @@ class CameraDeclaration(Spec):
     z_m: Length = 0.3
     pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
     yaw_rad: Place = 0.0
-    rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
-    latency_steps: Annotated[int, Field(ge=0, le=20)] = 0
 
 
 class DepthCameraDeclaration(CameraDeclaration):
@@ -136,8 +147,8 @@ class ColorCameraDeclaration(CameraDeclaration):
     sees_robot: bool = False
 
 
-class ImuDeclaration(Spec):
-    """An inertial measurement unit, which reads once a control step.
+class ImuDeclaration(PacedDeclaration):
+    """An inertial measurement unit.
 
     Attributes:
         x_m, y_m, z_m: Where it is mounted, from the base's own origin: ahead, to the left, up.
@@ -158,7 +169,7 @@ class ImuDeclaration(Spec):
     scale_share: Share = 0.0
 
 
-class RangeFindersDeclaration(Spec):
+class RangeFindersDeclaration(PacedDeclaration):
     """Range finders, ultrasonic or infrared: each tells how near the nearest thing is in its cone, the floor apart.
 
     Attributes:
@@ -183,6 +194,84 @@ class RangeFindersDeclaration(Spec):
     dropout: Share = 0.0
 
 
+class WheelEncodersDeclaration(PacedDeclaration):
+    """Counters of a left and a right wheel that roll as the robot drives, and do not slip.
+
+    Attributes:
+        track_m: From one wheel to the other.
+        tick_m: Way of a wheel from one count to the next.
+        sigma_m_per_m: Standard deviation of a wheel's way, after a metre.
+        scale_share: Standard deviation of each wheel's size, as a share of it, drawn once an episode.
+    """
+
+    track_m: Length = 0.3
+    tick_m: Annotated[float, Field(ge=1e-6, le=1e4)] = 0.001
+    sigma_m_per_m: Length = 0.0
+    scale_share: Share = 0.0
+
+
+class CompassDeclaration(PacedDeclaration):
+    """A magnetometer, which feels the field of the earth (microtesla) along the robot's axes.
+
+    Attributes:
+        north_rad: Where the magnetic north is, counter-clockwise from the world's x axis.
+        level_ut, down_ut: How strong the field is along the floor, and downwards.
+        sigma_ut: Standard deviation of a reading of an axis.
+        bias_ut: Standard deviation of what the robot's own iron adds to an axis, drawn once an episode.
+    """
+
+    north_rad: Place = math.pi / 2
+    level_ut: Length = 20.0
+    down_ut: Place = 45.0
+    sigma_ut: Length = 0.0
+    bias_ut: Length = 0.0
+
+
+class CliffSensorsDeclaration(PacedDeclaration):
+    """Cliff sensors: each tells how far below it the nearest thing is, the floor among them.
+
+    Attributes:
+        sensors: How many.
+        range_m: What one tells if nothing is nearer.
+        z_m: Their height above the floor that the robot starts on.
+        first_rad, apart_rad: Where the first one is, counter-clockwise from ahead, and from one to the next.
+        out_m: How far from the robot's axis they are mounted.
+        sigma_m: Standard deviation of a distance.
+        dropout: Probability that one tells ``range_m`` although something is nearer, as above a dark floor.
+    """
+
+    sensors: Annotated[int, Field(ge=1, le=64)] = 3
+    range_m: Annotated[float, Field(ge=0.01, le=1e4)] = 0.3
+    z_m: Length = 0.05
+    first_rad: Place = -0.6
+    apart_rad: Place = 0.6
+    out_m: Place = 0.15
+    sigma_m: Length = 0.0
+    dropout: Share = 0.0
+
+
+class GpsDeclaration(PacedDeclaration):
+    """A receiver of satellites, and where the world's origin is on the earth; x is east, y north.
+
+    Attributes:
+        latitude_deg, longitude_deg, altitude_m: Of the world's origin.
+        x_m, y_m, z_m: Where the antenna is: ahead, to the left, above the floor that the robot starts on.
+        sigma_m: Standard deviation of each coordinate, anew at each reading; twice as much upwards.
+        drift_m: Standard deviation of an error that changes slowly; twice as much upwards.
+        drift_s: Time after which the slow error is forgotten to a share of 1/e.
+    """
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] = 0.0
+    longitude_deg: Annotated[float, Field(ge=-180.0, le=180.0)] = 0.0
+    altitude_m: Place = 0.0
+    x_m: Place = 0.0
+    y_m: Place = 0.0
+    z_m: Place = 0.0
+    sigma_m: Length = 0.0
+    drift_m: Length = 0.0
+    drift_s: Annotated[float, Field(ge=0.1, le=1e4)] = 60.0
+
+
 class SensorDeclarations(Spec):
     """The sensors of a robot whose controller is no Python; None for one that it has not."""
 
@@ -192,6 +281,10 @@ class SensorDeclarations(Spec):
     depth_camera: DepthCameraDeclaration | None = None
     imu: ImuDeclaration | None = None
     range_finders: RangeFindersDeclaration | None = None
+    wheel_encoders: WheelEncodersDeclaration | None = None
+    compass: CompassDeclaration | None = None
+    cliff_sensors: CliffSensorsDeclaration | None = None
+    gps: GpsDeclaration | None = None
 
 
 PolicyField = Literal[
@@ -207,6 +300,10 @@ PolicyField = Literal[
     "turn_rad_s",
     "force_m_s2",
     "finder_m",
+    "ticks",
+    "field_ut",
+    "cliff_m",
+    "gps_m",
     "color",
     "qpos",
     "qvel",

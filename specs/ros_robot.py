@@ -146,19 +146,6 @@ MessageType = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*/[A-Z][A-Za-z0-9]*$
 RosDrive = Annotated[DifferentialDrive | VelocityDrive, Field(discriminator="kind")]
 
 
-Rate = Annotated[float, Field(ge=0.0, le=1000.0)]
-
-
-class RosLidar(LidarDeclaration):
-    """A lidar of a ROS robot.
-
-    Attributes:
-        rate_hz: Scans in a simulated second, made a whole fraction of the control rate; 0 for one each control step.
-    """
-
-    rate_hz: Rate = 0.0
-
-
 class RosDepthCamera(DepthCameraDeclaration):
     """A depth camera of a ROS robot.
 
@@ -173,11 +160,9 @@ class RosImu(ImuDeclaration):
     """An inertial measurement unit of a ROS robot.
 
     Attributes:
-        rate_hz: Messages in a simulated second, as of the lidar.
         heading: Whether it tells where it faces, too, as odometry has it; else its messages say that it does not know.
     """
 
-    rate_hz: Rate = 0.0
     heading: bool = False
 
 
@@ -185,11 +170,9 @@ class RosRangeFinders(RangeFindersDeclaration):
     """Range finders of a ROS robot.
 
     Attributes:
-        rate_hz: Messages of each in a simulated second, as of the lidar.
         radiation: What they send out.
     """
 
-    rate_hz: Rate = 0.0
     radiation: Literal["ultrasound", "infrared"] = "ultrasound"
 
 
@@ -218,7 +201,7 @@ class RosRobot(Spec):
 
     topics: RosTopics = RosTopics()
     frames: RosFrames = RosFrames()
-    lidar: RosLidar | None = RosLidar()
+    lidar: LidarDeclaration | None = LidarDeclaration()
     odometry: OdometryDeclaration | None = None
     bumper: BumperDeclaration | None = None
     depth_camera: RosDepthCamera | None = None

@@ -7,9 +7,9 @@ written follows from what is sensed. What nodes tell each other goes past it.
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration
+from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration, LidarDeclaration
 from specs.data.episode import CONTROL_S
-from specs.ros_robot import RosDepthCamera, RosLidar, RosRangeFinders, RosRobot
+from specs.ros_robot import RosDepthCamera, RosRangeFinders, RosRobot
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
 from tasks.ros.graph.topic import Topic
 from tasks.ros.lockstep.exchange import (
@@ -129,7 +129,7 @@ def published(robot: RosRobot) -> tuple[Topic, ...]:
 
 _OPTIONAL = MappingProxyType(
     {
-        "lidar": RosLidar(),
+        "lidar": LidarDeclaration(),
         "bumper": BumperDeclaration(),
         "depth_camera": RosDepthCamera(),
         "color_camera": ColorCameraDeclaration(),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from specs.bundle_files import CameraDeclaration
+from specs.bundle_files import CameraDeclaration, PacedDeclaration
 from specs.data.episode import control_stride
 from specs.ros_robot import RosRobot, numbered
 from tasks.ros.lockstep.exchange import JointStates, RobotBase, Sensed
@@ -88,6 +88,11 @@ class RosSensor(NamedTuple):
     readings: tuple[str, ...] = ()
 
 
+def _pace(declared: PacedDeclaration | None, control_s: float) -> tuple[int, int]:
+    """Returns how many control steps lie between two messages of a sensor, and how old they are."""
+    return (control_stride(declared.rate_hz, control_s), declared.latency_steps) if declared else (1, 0)
+
+
 def _joint_topics(base: RobotBase, _control_s: float) -> Iterator[SensorTopic]:
     def write(moment: Moment) -> bytes:
         joints = moment.sensed.joints or _NO_JOINTS
@@ -115,8 +120,7 @@ def _imu_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
     def write(moment: Moment) -> bytes:
         return ros_messages.imu(moment.sequence, moment.time, base.robot.frames.imu, felt(moment.sensed))
 
-    stride = control_stride(declared.rate_hz if declared else 0.0, control_s)
-    yield SensorTopic(base.robot.topics.imu, "sensor_msgs/Imu", write, stride)
+    yield SensorTopic(base.robot.topics.imu, "sensor_msgs/Imu", write, *_pace(declared, control_s))
 
 
 def _imu_mounts(robot: RosRobot) -> Iterator[Mount]:
@@ -146,9 +150,9 @@ def _range_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
             range_max=finders.range_m,
         )
 
-    stride, frames = control_stride(finders.rate_hz, control_s), _range_frames(base.robot)
+    pace, frames = _pace(finders, control_s), _range_frames(base.robot)
     for number, (topic, frame) in enumerate(zip(base.robot.range_topics, frames, strict=False)):
-        yield SensorTopic(topic, "sensor_msgs/Range", written(number, frame), stride)
+        yield SensorTopic(topic, "sensor_msgs/Range", written(number, frame), *pace)
 
 
 def _range_frames(robot: RosRobot) -> tuple[str, ...]:
@@ -165,7 +169,7 @@ def _range_mounts(robot: RosRobot) -> Iterator[Mount]:
 
 
 def _scan_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
-    stride = control_stride(base.robot.lidar.rate_hz if base.robot.lidar else 0.0, control_s)
+    pace = _pace(base.robot.lidar, control_s)
 
     def write(moment: Moment) -> bytes:
         return ros_messages.laser_scan(
@@ -176,11 +180,11 @@ def _scan_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
             angle_min=base.first_ray_rad,
             angle_increment=base.ray_step_rad,
             range_max=base.range_m,
-            scan_s=stride * control_s,
+            scan_s=pace[0] * control_s,
         )
 
     if base.rays:
-        yield SensorTopic(base.robot.topics.scan, "sensor_msgs/LaserScan", write, stride)
+        yield SensorTopic(base.robot.topics.scan, "sensor_msgs/LaserScan", write, *pace)
 
 
 def _scan_mounts(robot: RosRobot) -> Iterator[Mount]:
@@ -193,18 +197,17 @@ class _Camera(NamedTuple):
 
     pinhole: Pinhole
     frame: str
-    stride: int
-    latency_steps: int
+    pace: tuple[int, int]
 
     @classmethod
     def of(cls, camera: CameraDeclaration, frame: str, control_s: float) -> "_Camera":
         """Returns a camera as it is declared."""
         pinhole = Pinhole(camera.columns, camera.rows, camera.fov_rad)
-        return cls(pinhole, frame, control_stride(camera.rate_hz, control_s), camera.latency_steps)
+        return cls(pinhole, frame, _pace(camera, control_s))
 
     def topic(self, name: str | None, kind: str, write: Callable[[Moment], bytes]) -> SensorTopic:
         """Returns one of its topics."""
-        return SensorTopic(name, kind, write, self.stride, self.latency_steps)
+        return SensorTopic(name, kind, write, *self.pace)
 
     def info(self, name: str | None) -> SensorTopic:
         """Returns the topic that says how it projects."""

@@ -82,6 +82,11 @@ class Observation(NamedTuple):
         turn_rad_s, force_m_s2: What an IMU reads, along its own axes: turn rates, and specific force, which is 9.81
             upwards at rest; None for a robot without.
         finder_m: How near the nearest thing is for each range finder; None for a robot without.
+        ticks: Counts of the left wheel and of the right one since the episode began; None for a robot without.
+        field_ut: The earth's magnetic field along the robot's axes, microtesla; None for a robot without a compass.
+        cliff_m: How far below each cliff sensor the nearest thing is; None for a robot without.
+        gps_m: Where the antenna of a receiver of satellites is: to the east and to the north of the world's origin, and
+            above it; None for a robot without.
         color: What a colour camera sees, for controllers that run on the host; None for a robot without.
     """
 
@@ -98,15 +103,17 @@ class Observation(NamedTuple):
     turn_rad_s: Float[jax.Array, "3"] | None = None
     force_m_s2: Float[jax.Array, "3"] | None = None
     finder_m: Float[jax.Array, "finders"] | None = None
+    ticks: Int[jax.Array, "2"] | None = None
+    field_ut: Float[jax.Array, "3"] | None = None
+    cliff_m: Float[jax.Array, "cliffs"] | None = None
+    gps_m: Float[jax.Array, "3"] | None = None
     color: UInt8[np.ndarray, "height width 3"] | None = None
 
 
 class Controller(Protocol):
     """What ``controller(environment)`` in a robot application returns; pure JAX, for one robot.
 
-    Beside these functions it may have sensors, as in ``tasks.simulate.sensors``: ``lidar``, ``odometry``,
-    ``bumper``, ``depth_camera``, ``imu``,
-    ``range_finders``.
+    Beside these functions it may have sensors, each by its name in ``tasks.simulate.sensors.sensor_table``.
     """
 
     def init(self, floor: FloorMap, goals_m: Float[jax.Array, "goals 2"]) -> State:

@@ -4,10 +4,10 @@ What a network in ONNX takes, gives and names is read without running any of it.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from specs.bundle_files import ChoiceOutput, Policy, PolicyInput
 from tasks.simulate.application.mjcf_check import RobotRefused
@@ -320,18 +320,29 @@ def part_numbers(policy: Policy, shown: PolicyInput, robot: RobotNumbers | None)
     return None if None in counts else sum(count or 0 for count in counts)
 
 
-_OF_IMU = ("turn_rad_s", "force_m_s2")
+# Of each field: the sensor that it comes from, and how many numbers it has for what is declared of that.
+_OF_SENSORS: Mapping[str, tuple[str, Callable[[Any], int]]] = {
+    "ranges_m": ("lidar", lambda lidar: lidar.rays),
+    "bumper": ("bumper", lambda bumper: bumper.sectors),
+    "depth_m": ("depth_camera", lambda camera: camera.rows * camera.columns),
+    "finder_m": ("range_finders", lambda finders: finders.finders),
+    "turn_rad_s": ("imu", lambda _: 3),
+    "force_m_s2": ("imu", lambda _: 3),
+    "ticks": ("wheel_encoders", lambda _: 2),
+    "field_ut": ("compass", lambda _: 3),
+    "cliff_m": ("cliff_sensors", lambda cliffs: cliffs.sensors),
+    "gps_m": ("gps", lambda _: 3),
+    "color": ("color_camera", lambda camera: 3 * camera.rows * camera.columns),
+}
 
 
 def _sizes(policy: Policy, robot: RobotNumbers | None) -> dict[str, int | None]:
     return {
         **_FIXED_SIZES,
-        "ranges_m": policy.lidar.rays if policy.lidar else 0,
-        "bumper": policy.bumper.sectors if policy.bumper else 0,
-        "depth_m": policy.depth_camera.rows * policy.depth_camera.columns if policy.depth_camera else 0,
-        "finder_m": policy.range_finders.finders if policy.range_finders else 0,
-        **dict.fromkeys(_OF_IMU, 3 if policy.imu else 0),
-        "color": 3 * policy.color_camera.rows * policy.color_camera.columns if policy.color_camera else 0,
+        **{
+            field: count(declared) if (declared := getattr(policy, sensor)) else 0
+            for field, (sensor, count) in _OF_SENSORS.items()
+        },
         "qpos": robot.qpos if robot else None,
         "qvel": robot.qvel if robot else None,
     }
@@ -394,18 +405,11 @@ def _name_faults(what: str, used: Sequence[str | None], there: Mapping[str, Netw
 
 
 def _part_faults(policy: Policy, number: int, shown: PolicyInput, robot: RobotNumbers | None) -> Iterator[str]:
-    sensors = {
-        "ranges_m": "lidar",
-        "bumper": "bumper",
-        "depth_m": "depth_camera",
-        "finder_m": "range_finders",
-        "color": "color_camera",
-    } | dict.fromkeys(_OF_IMU, "imu")
     sizes = _sizes(policy, robot)
     for place, part in enumerate(shown.parts):
         if sizes[part.field] == 0:
-            lacks = sensors.get(part.field)
-            without = f"declare the robot's {lacks}" if lacks else "the robot is no more than a planar base"
+            lacks = _OF_SENSORS.get(part.field)
+            without = f"declare the robot's {lacks[0]}" if lacks else "the robot is no more than a planar base"
             yield f"inputs.{number}.parts.{place}: {part.field}: {without}"
 
 

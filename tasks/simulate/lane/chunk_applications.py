@@ -149,7 +149,8 @@ class Applications:
     @property
     def looks(self) -> bool:
         """Returns whether the robot looks at all heights, so that what can be seen of its worlds is staged."""
-        return self.sensors.depth_camera is not None or self.sensors.range_finders.finders > 0
+        looking = (self.sensors.depth_camera, self.sensors.range_finders, self.sensors.cliff_sensors)
+        return any(each is not None for each in looking)
 
     def lane_sensors(self, numbers: Numbers) -> Sensors:
         """Returns the sensors for one lane's numeric variables; their numbers may be traced."""

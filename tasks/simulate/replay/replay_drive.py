@@ -130,7 +130,7 @@ def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
     camera = lane.camera
     if camera is None or lane.arrays.scene is None:
         return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
-    taken = _some_steps(len(poses), camera.stride, 4 * camera.rows * camera.columns)
+    taken = _some_steps(len(poses), camera.pace.stride, 4 * camera.rows * camera.columns)
     seed = jnp.asarray(seed_words(lane.request.seed))
     found = pictures_again(camera, lane.arrays.scene, seed, jnp.asarray(poses[taken]), jnp.asarray(taken))
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))

@@ -14,6 +14,7 @@ class Bumper(NamedTuple):
     """Contact switches around the hull: sector 0 is centred straight ahead, the others follow counter-clockwise."""
 
     sectors: int
+    latency_steps: int = 0
 
 
 NO_BUMPER = Bumper(sectors=0)

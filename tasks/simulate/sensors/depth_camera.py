@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from specs.data.episode import control_stride
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
@@ -21,11 +20,13 @@ from tasks.simulate.sensors.sensor import (
     Drive,
     Fields,
     Memory,
+    Pace,
     Scalar,
     Seed,
     Sensor,
     Situation,
     is_set,
+    pace_of,
     rotate,
     step_key,
 )
@@ -61,14 +62,9 @@ class DepthCamera(NamedTuple):
         return View(self.columns, self.rows, self.fov_rad, self.pitch_rad, self.range_m)
 
     @property
-    def stride(self) -> int:
-        """Returns how many control steps lie between two pictures."""
-        return control_stride(self.rate_hz)
-
-    @property
-    def slots(self) -> int:
-        """Returns how many pictures are kept: those that are on their way, and the one that is there."""
-        return -(-self.latency_steps // self.stride) + 1
+    def pace(self) -> Pace:
+        """Returns when it takes pictures."""
+        return pace_of(self)
 
 
 class _Shot(NamedTuple):
@@ -166,16 +162,12 @@ def _camera(view: View) -> Callable[[_Shot], Float[Array, "slots rows columns"]]
     return take
 
 
-def _begin(shared: DepthCamera | None, own: DepthCamera | None, start: Situation) -> Memory:
-    if shared is None or own is None:
-        return None
-    blank = jnp.full((shared.slots, shared.rows, shared.columns), shared.range_m)
+def _begin(shared: DepthCamera, own: DepthCamera, start: Situation) -> Memory:
+    blank = jnp.full((shared.pace.slots, shared.rows, shared.columns), shared.range_m)
     return _taken(shared, own, blank, start)
 
 
-def _feel(shared: DepthCamera | None, own: DepthCamera | None, pictures: Memory, drive: Drive) -> Memory:
-    if shared is None or own is None:
-        return None
+def _feel(shared: DepthCamera, own: DepthCamera, pictures: Memory, drive: Drive) -> Memory:
     return _taken(shared, own, pictures, drive.after)
 
 
@@ -186,12 +178,12 @@ def _taken(shared: DepthCamera, own: DepthCamera, pictures: Memory, now: Situati
 def _shot(shared: DepthCamera, own: DepthCamera, pictures: Array, now: Situation) -> _Shot:
     if now.scene is None:
         raise ValueError("no scene was staged for a robot with a depth camera")
-    pose, stride = now.body.qpos, shared.stride
+    pose, stride = now.body.qpos, shared.pace.stride
     mount = jnp.stack([jnp.asarray(value, pose.dtype) for value in (own.x_m, own.y_m, own.yaw_rad)])
     x, y, yaw = pose + rotate(mount, pose[2])
     return _Shot(
         due=now.step % stride == 0,
-        slot=now.step // stride % shared.slots,
+        slot=now.step // stride % shared.pace.slots,
         pictures=pictures,
         scene=now.scene,
         eye=jnp.stack([x, y, jnp.asarray(own.z_m, pose.dtype), yaw]),
@@ -223,15 +215,14 @@ def pictures_again(
     return jax.lax.map(again, (poses, steps))
 
 
-def _observe(shared: DepthCamera | None, _own: DepthCamera | None, pictures: Memory, now: Situation) -> Fields:
-    if shared is None:
-        return {}
-    taken = (now.step - shared.latency_steps) // shared.stride
-    return {"depth_m": jnp.where(taken >= 0, pictures[taken % shared.slots], shared.range_m)}
+def _observe(shared: DepthCamera, _own: DepthCamera, pictures: Memory, now: Situation) -> Fields:
+    pace = shared.pace
+    taken = (now.step - pace.latency_steps) // pace.stride
+    return {"depth_m": jnp.where(taken >= 0, pictures[taken % pace.slots], shared.range_m)}
 
 
-def _blank(shared: DepthCamera | None) -> Fields:
-    return {} if shared is None else {"depth_m": jnp.full((shared.rows, shared.columns), shared.range_m)}
+def _blank(shared: DepthCamera) -> Fields:
+    return {"depth_m": jnp.full((shared.rows, shared.columns), shared.range_m)}
 
 
 DEPTH_CAMERA = Sensor(
@@ -251,13 +242,12 @@ DEPTH_CAMERA = Sensor(
         "y_m": (-1e4, 1e4),
         "pitch_rad": (-math.pi / 2, math.pi / 2),
         "yaw_rad": (-1e4, 1e4),
-        "rate_hz": (0.0, 1e3),
-        "latency_steps": (0, 20),
         "dropout": (0.0, 1.0),
         "edge_dropout": (0.0, 1.0),
         "edge_share": (0.0, 1.0),
     },
-    whole=("columns", "rows", "latency_steps"),
-    shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad", "rate_hz", "latency_steps"),
+    whole=("columns", "rows"),
+    shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad"),
     streams=(_NOISE, _DROPOUT, _EDGE_DROPOUT),
+    keeps=True,
 )

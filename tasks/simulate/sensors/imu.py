@@ -1,6 +1,6 @@
-"""The inertial measurement unit: turn rates and specific force where it is mounted, with its noise and its drift.
+"""Inertial measurement unit and compass: turn rates, specific force and the earth's magnetic field, with their errors.
 
-It reads once a control step: the turn rates at the step's end, and the mean specific force over the step, which is the
+The unit reads the turn rates at a control step's end, and the mean specific force over the step, which is the
 acceleration minus gravity, as springs and masses on a chip feel it.
 """
 
@@ -12,8 +12,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from specs.data.episode import CONTROL_S
-from tasks.simulate.application.contract import Body, FreeJoints
+from tasks.simulate.application.contract import Body
 from tasks.simulate.sensors.sensor import (
+    Base,
     Drive,
     Fields,
     Memory,
@@ -21,11 +22,14 @@ from tasks.simulate.sensors.sensor import (
     Seed,
     Sensor,
     Situation,
+    base_of,
     is_set,
     step_key,
+    turned,
 )
 
 _WHITE, _WALK, _SCALE = 6, 7, 8
+_IRON, _FIELD = 11, 12
 _GRAVITY_M_S2 = 9.81
 Vector = Float[Array, "3"]
 Readings = Float[Array, "6"]
@@ -43,6 +47,8 @@ class Imu(NamedTuple):
     force_sigma_m_s2: Scalar = 0.0
     force_walk_m_s2: Scalar = 0.0
     scale_share: Scalar = 0.0
+    rate_hz: float = 0.0
+    latency_steps: int = 0
 
 
 class ImuMemory(NamedTuple):
@@ -50,30 +56,6 @@ class ImuMemory(NamedTuple):
 
     readings: Readings
     walked: Readings
-
-
-class _Base(NamedTuple):
-    """How a base moves: its orientation as a quaternion, its speed along the world's axes, its turns along its own."""
-
-    quaternion: Float[Array, "4"]
-    speed_m_s: Vector
-    turn_rad_s: Vector
-
-
-def _base(body: Body) -> _Base:
-    if isinstance(body.joints, FreeJoints):
-        qpos, qvel = body.joints.qpos, body.joints.qvel
-        return _Base(qpos[3:7], qvel[:3], qvel[3:6])
-    half_rad, zero = body.qpos[2] / 2, jnp.zeros((), body.qpos.dtype)
-    upright = jnp.stack([jnp.cos(half_rad), zero, zero, jnp.sin(half_rad)])
-    return _Base(upright, jnp.append(body.qvel[:2], zero), jnp.stack([zero, zero, body.qvel[2]]))
-
-
-def _turned(quaternion: Float[Array, "4"], vector: Vector, *, back: bool = False) -> Vector:
-    """Returns a vector turned as a quaternion turns, or back."""
-    axis = -quaternion[1:] if back else quaternion[1:]
-    twice = 2.0 * jnp.cross(axis, vector)
-    return vector + quaternion[0] * twice + jnp.cross(axis, twice)
 
 
 def true_readings(imu: Imu, before: Body, after: Body) -> Readings:
@@ -86,11 +68,11 @@ def true_readings(imu: Imu, before: Body, after: Body) -> Readings:
         before: The robot at the step's beginning.
         after: At its end.
     """
-    first, last = _base(before), _base(after)
+    first, last = base_of(before), base_of(after)
     mount = jnp.stack([jnp.asarray(value, after.qpos.dtype) for value in (imu.x_m, imu.y_m, imu.z_m)])
 
-    def speed(base: _Base) -> Vector:
-        return base.speed_m_s + _turned(base.quaternion, jnp.cross(base.turn_rad_s, mount))
+    def speed(base: Base) -> Vector:
+        return base.speed_m_s + turned(base.quaternion, jnp.cross(base.turn_rad_s, mount))
 
     up = jnp.zeros(3, after.qpos.dtype).at[2].set(_GRAVITY_M_S2)
     force = (speed(last) - speed(first)) / CONTROL_S + up
@@ -98,7 +80,7 @@ def true_readings(imu: Imu, before: Body, after: Body) -> Readings:
     alike = jnp.where(jnp.sum(first.quaternion * last.quaternion) < 0.0, -1.0, 1.0)
     middle = first.quaternion + alike * last.quaternion
     middle = middle / jnp.sqrt(jnp.sum(middle**2))
-    return jnp.concatenate([_mounted(imu, each) for each in (last.turn_rad_s, _turned(middle, force, back=True))])
+    return jnp.concatenate([_mounted(imu, each) for each in (last.turn_rad_s, turned(middle, force, back=True))])
 
 
 def _mounted(imu: Imu, vector: Vector) -> Vector:
@@ -138,16 +120,12 @@ def noisy(imu: Imu, true: Readings, walked: Readings, seed: Seed, step: Array) -
     return ImuMemory(readings, walked)
 
 
-def _begin(shared: Imu | None, own: Imu | None, start: Situation) -> Memory:
-    if shared is None or own is None:
-        return None
+def _begin(_shared: Imu, own: Imu, start: Situation) -> Memory:
     still = start.body._replace(qvel=jnp.zeros_like(start.body.qvel))
     return noisy(own, true_readings(own, still, still), jnp.zeros(6), start.seed, start.step)
 
 
-def _feel(shared: Imu | None, own: Imu | None, memory: Memory, drive: Drive) -> Memory:
-    if shared is None or own is None:
-        return None
+def _feel(_shared: Imu, own: Imu, memory: Memory, drive: Drive) -> Memory:
     after = drive.after
     true = true_readings(own, drive.before.body, after.body)
     return noisy(own, true, memory.walked, after.seed, after.step)
@@ -157,12 +135,12 @@ def _fields(readings: Readings) -> Fields:
     return {"turn_rad_s": readings[:3], "force_m_s2": readings[3:]}
 
 
-def _observe(shared: Imu | None, _own: Imu | None, memory: Memory, _situation: Situation) -> Fields:
-    return {} if shared is None else _fields(memory.readings)
+def _observe(_shared: Imu, _own: Imu, memory: Memory, _situation: Situation) -> Fields:
+    return _fields(memory.readings)
 
 
-def _blank(shared: Imu | None) -> Fields:
-    return {} if shared is None else _fields(jnp.zeros(6))
+def _blank(_shared: Imu) -> Fields:
+    return _fields(jnp.zeros(6))
 
 
 IMU = Sensor(
@@ -175,4 +153,38 @@ IMU = Sensor(
     observe=_observe,
     limits=dict.fromkeys(("x_m", "y_m", "z_m", "yaw_rad"), (-1e4, 1e4)) | {"scale_share": (0.0, 1.0)},
     streams=(_WHITE, _WALK, _SCALE),
+)
+
+
+class Compass(NamedTuple):
+    """A magnetometer; fields as in ``CompassDeclaration``."""
+
+    north_rad: Scalar = math.pi / 2
+    level_ut: Scalar = 20.0
+    down_ut: Scalar = 45.0
+    sigma_ut: Scalar = 0.0
+    bias_ut: Scalar = 0.0
+    rate_hz: float = 0.0
+    latency_steps: int = 0
+
+
+def _field(_shared: Compass, own: Compass, _memory: Memory, now: Situation) -> Fields:
+    earth = (own.level_ut * jnp.cos(own.north_rad), own.level_ut * jnp.sin(own.north_rad), -own.down_ut)
+    found = turned(
+        base_of(now.body).quaternion, jnp.stack([jnp.asarray(each, jnp.float32) for each in earth]), back=True
+    )
+    for sigma, stream, at in ((own.bias_ut, _IRON, jnp.int32(0)), (own.sigma_ut, _FIELD, now.step)):
+        if is_set(sigma):
+            found = found + sigma * jax.random.normal(step_key(now.seed, stream, at), (3,), found.dtype)
+    return {"field_ut": found}
+
+
+COMPASS = Sensor(
+    name="compass",
+    kind=Compass,
+    absent=None,
+    blank=lambda _: {"field_ut": jnp.zeros(3)},
+    observe=_field,
+    limits=dict.fromkeys(("north_rad", "down_ut"), (-1e4, 1e4)),
+    streams=(_IRON, _FIELD),
 )

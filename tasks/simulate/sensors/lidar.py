@@ -29,6 +29,7 @@ class Lidar(NamedTuple):
         sigma_share: Standard deviation that grows with the distance, as a share of it.
         dropout: Probability that a ray reports the range although something is nearer.
         resolution_m: Ranges are rounded to multiples of it; 0 for none.
+        rate_hz, latency_steps: When it scans, and how old a scan is then, as ``PacedDeclaration`` has it.
     """
 
     rays: int
@@ -42,6 +43,8 @@ class Lidar(NamedTuple):
     sigma_share: Scalar = 0.0
     dropout: Scalar = 0.0
     resolution_m: Scalar = 0.0
+    rate_hz: float = 0.0
+    latency_steps: int = 0
 
 
 NO_LIDAR = Lidar(rays=0, range_m=1.0, height_m=0.0)
@@ -57,7 +60,11 @@ def ray_angles(lidar: Lidar) -> Float32[np.ndarray, "rays"]:
 
 
 def noisy_ranges(
-    ranges_m: Float[Array, "rays"], lidar: Lidar, seed: Seed, step: Int[Array, ""]
+    ranges_m: Float[Array, "rays"],
+    lidar: Lidar,
+    seed: Seed,
+    step: Int[Array, ""],
+    streams: tuple[int, int] = (_NOISE, _DROPOUT),
 ) -> Float[Array, "rays"]:
     """Returns ranges as a lidar reports them: noise, then resolution, then dropouts; what sees nothing stays so.
 
@@ -68,18 +75,19 @@ def noisy_ranges(
         lidar: How it errs.
         seed: The episode's.
         step: Which control step; each has its own errors.
+        streams: Numbers of the noise and of the dropouts, of another sensor that errs as a lidar does.
     """
     noisy = ranges_m
     if is_set(lidar.sigma_m) or is_set(lidar.sigma_share):
         sigma_m = lidar.sigma_m + lidar.sigma_share * ranges_m
-        noisy = noisy + sigma_m * jax.random.normal(step_key(seed, _NOISE, step), ranges_m.shape, ranges_m.dtype)
+        noisy = noisy + sigma_m * jax.random.normal(step_key(seed, streams[0], step), ranges_m.shape, ranges_m.dtype)
     if is_set(lidar.resolution_m):
         mark_m = jnp.where(lidar.resolution_m > 0.0, lidar.resolution_m, 1.0)
         noisy = jnp.where(lidar.resolution_m > 0.0, mark_m * jnp.round(noisy / mark_m), noisy)
     if noisy is not ranges_m:
         noisy = jnp.clip(noisy, 0.0, lidar.range_m)
     if is_set(lidar.dropout):
-        lost = jax.random.uniform(step_key(seed, _DROPOUT, step), ranges_m.shape) < lidar.dropout
+        lost = jax.random.uniform(step_key(seed, streams[1], step), ranges_m.shape) < lidar.dropout
         noisy = jnp.where(lost, lidar.range_m, noisy)
     return ranges_m if noisy is ranges_m else jnp.where(ranges_m < lidar.range_m, noisy, ranges_m)
 

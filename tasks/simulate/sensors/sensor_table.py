@@ -9,17 +9,19 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
+import jax.numpy as jnp
 from pydantic import ValidationError
 
 from specs.bundle_files import ColorCameraDeclaration
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
-from tasks.simulate.sensors.imu import IMU, Imu
+from tasks.simulate.sensors.gps import GPS, Gps
+from tasks.simulate.sensors.imu import COMPASS, IMU, Compass, Imu
 from tasks.simulate.sensors.lidar import LIDAR, Lidar
-from tasks.simulate.sensors.odometry import ODOMETRY, Odometry
-from tasks.simulate.sensors.range_finders import NO_RANGE_FINDERS, RANGE_FINDERS, RangeFinders
-from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Sensor, Situation
+from tasks.simulate.sensors.odometry import ODOMETRY, WHEEL_ENCODERS, Odometry, WheelEncoders
+from tasks.simulate.sensors.range_finders import CLIFF_SENSORS, RANGE_FINDERS, CliffSensors, RangeFinders
+from tasks.simulate.sensors.sensor import Drive, Fields, Limits, Memory, Pace, Sensor, Situation, pace_of
 
 _ROBOT: CrashCode = "RobotApplicationCrash"
 _NOT_NEGATIVE = (0.0, 1e4)
@@ -33,10 +35,20 @@ class Sensors(NamedTuple):
     bumper: Bumper
     depth_camera: DepthCamera | None = None
     imu: Imu | None = None
-    range_finders: RangeFinders = NO_RANGE_FINDERS
+    range_finders: RangeFinders | None = None
+    wheel_encoders: WheelEncoders | None = None
+    compass: Compass | None = None
+    cliff_sensors: CliffSensors | None = None
+    gps: Gps | None = None
 
 
-SENSORS: tuple[Sensor[Any], ...] = (LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA, IMU, RANGE_FINDERS)
+SENSORS: tuple[Sensor[Any], ...] = (
+    *(LIDAR, ODOMETRY, BUMPER, DEPTH_CAMERA, IMU, RANGE_FINDERS),
+    *(WHEEL_ENCODERS, COMPASS, CLIFF_SENSORS, GPS),
+)
+# Of every sensor that has a pace.
+_PACE_LIMITS: Limits = {"rate_hz": (0.0, 1e3), "latency_steps": (0, 20)}
+_PACE_WHOLE = "latency_steps"
 
 
 def sensors_of(controller: object) -> Sensors:
@@ -119,7 +131,7 @@ def begin_sensors(program: Sensors, own: Sensors, start: Situation) -> dict[str,
         start: The lane then.
     """
     return {
-        sensor.name: sensor.begin(shared, declared, start)
+        sensor.name: None if shared is None else _begin(sensor, shared, declared, start)
         for sensor, shared, declared in zip(SENSORS, program, own, strict=True)
     }
 
@@ -134,7 +146,7 @@ def feel_all(program: Sensors, own: Sensors, memories: Mapping[str, Memory], dri
         drive: The control step.
     """
     return {
-        sensor.name: sensor.feel(shared, declared, memories[sensor.name], drive)
+        sensor.name: None if shared is None else _feel(sensor, shared, declared, memories[sensor.name], drive)
         for sensor, shared, declared in zip(SENSORS, program, own, strict=True)
     }
 
@@ -150,8 +162,50 @@ def observe_all(program: Sensors, own: Sensors, memories: Mapping[str, Memory], 
     """
     fields: Fields = {}
     for sensor, shared, declared in zip(SENSORS, program, own, strict=True):
-        fields |= sensor.observe(shared, declared, memories[sensor.name], situation)
+        if shared is not None:
+            fields |= _observe(sensor, shared, declared, memories[sensor.name], situation)
     return fields
+
+
+class _Kept(NamedTuple):
+    """What a sensor with a pace remembers, and its readings: those on their way, and the one that is there."""
+
+    memory: Memory
+    readings: Fields
+
+
+def _pace(sensor: Sensor[Any], shared: Any) -> Pace | None:  # noqa: ANN401 - the sensor's own tuple
+    """Returns the pace at which readings are kept; None for a sensor that reads at each step, or keeps them itself."""
+    pace = pace_of(shared)
+    return None if sensor.keeps or pace == Pace(1, 0) else pace
+
+
+def _begin(sensor: Sensor[Any], shared: Any, own: Any, start: Situation) -> Memory:  # noqa: ANN401
+    memory, pace = sensor.begin(shared, own, start), _pace(sensor, shared)
+    if pace is None:
+        return memory
+    # Until its second reading is there, it gives the first: the robot stood still before the episode.
+    first = sensor.observe(shared, own, memory, start)
+    return _Kept(memory, {name: jnp.stack([value] * pace.slots) for name, value in first.items()})
+
+
+def _feel(sensor: Sensor[Any], shared: Any, own: Any, memory: Memory, drive: Drive) -> Memory:  # noqa: ANN401
+    pace = _pace(sensor, shared)
+    if pace is None:
+        return sensor.feel(shared, own, memory, drive)
+    after, now = sensor.feel(shared, own, memory.memory, drive), drive.after
+    due, slot = now.step % pace.stride == 0, now.step // pace.stride % pace.slots
+    fresh = sensor.observe(shared, own, after, now)
+    readings = {name: jnp.where(due, kept.at[slot].set(fresh[name]), kept) for name, kept in memory.readings.items()}
+    return _Kept(after, readings)
+
+
+def _observe(sensor: Sensor[Any], shared: Any, own: Any, memory: Memory, now: Situation) -> Fields:  # noqa: ANN401
+    pace = _pace(sensor, shared)
+    if pace is None:
+        return sensor.observe(shared, own, memory, now)
+    slot = jnp.maximum(now.step - pace.latency_steps, 0) // pace.stride % pace.slots
+    return {name: kept[slot] for name, kept in memory.readings.items()}
 
 
 def blank_fields(program: Sensors) -> Fields:
@@ -159,6 +213,7 @@ def blank_fields(program: Sensors) -> Fields:
     return {
         name: value
         for sensor, declared in zip(SENSORS, program, strict=True)
+        if declared is not None
         for name, value in sensor.blank(declared).items()
     }
 
@@ -167,7 +222,8 @@ def _shared(program: Sensors, episode: Sensors) -> Iterator[tuple[str, object, o
     """Yields what a program's and an episode's sensors must have in common, by name."""
     each = list(zip(SENSORS, program, episode, strict=True))
     for sensor, one, other in each:
-        for name in sensor.shared if one is not None and other is not None else ():
+        names = (*sensor.shared, *(name for name in _PACE_LIMITS if name in sensor.kind._fields))
+        for name in names if one is not None and other is not None else ():
             yield f"{sensor.name}.{name}", getattr(one, name), getattr(other, name)
     for sensor, one, other in each:
         yield sensor.name, one is not None, other is not None
@@ -182,12 +238,16 @@ def _filled(sensor: Sensor[Any], declared: object) -> Any:  # noqa: ANN401 - the
 
 def _faults(sensor: Sensor[Any], declared: Any) -> Iterator[str]:  # noqa: ANN401 - the sensor's own tuple
     for name, value in declared._asdict().items():
-        least, most = sensor.limits.get(name, _NOT_NEGATIVE)
-        number, whole = _number(value), name in sensor.whole
+        least, most = {**_PACE_LIMITS, **sensor.limits}.get(name, _NOT_NEGATIVE)
+        number, whole = _number(value), _whole(sensor, name)
         if number is None or not least <= number <= most or (whole and number % 1):
             shown = "missing" if value is None else repr(value)
             kind = "a whole number" if whole else "a number"
             yield f"controller.{sensor.name}.{name}: {shown}: must be {kind} from {least:g} to {most:g}"
+
+
+def _whole(sensor: Sensor[Any], name: str) -> bool:
+    return name in sensor.whole or name == _PACE_WHOLE
 
 
 def _number(value: object) -> float | None:
@@ -205,4 +265,4 @@ def _plain(sensor: Sensor[Any], declared: Any) -> Any:  # noqa: ANN401 - the sen
     if declared is None:
         return None
     pairs = declared._asdict().items()
-    return sensor.kind(*(int(each) if name in sensor.whole else float(each) for name, each in pairs))
+    return sensor.kind(*(int(each) if _whole(sensor, name) else float(each) for name, each in pairs))

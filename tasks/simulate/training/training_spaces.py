@@ -92,6 +92,8 @@ def control_of(actions: ActionMap, action: Float[jax.Array, "actions"]) -> Float
 
 # Where nature sets no bound: a yaw counts turns, and a robot that is pushed may move at any speed.
 UNBOUNDED = 1e4
+# Single precision has no more whole numbers one after the other.
+_MOST_TICKS = 2.0**24
 _JOINT_FIELDS = ("qpos", "qvel")
 
 
@@ -176,9 +178,14 @@ def _all_bounds(sensors: Sensors, joints: Joints | None, episodes: EpisodeBounds
     }
     if camera := sensors.depth_camera:
         known["depth_m"] = _between(0.0, camera.range_m, camera.rows, camera.columns)
-    if sensors.range_finders.finders:
-        known["finder_m"] = _between(0.0, sensors.range_finders.range_m, sensors.range_finders.finders)
-    for name in ("turn_rad_s", "force_m_s2") if sensors.imu else ():
+    if finders := sensors.range_finders:
+        known["finder_m"] = _between(0.0, finders.range_m, finders.finders)
+    if cliffs := sensors.cliff_sensors:
+        known["cliff_m"] = _between(0.0, cliffs.range_m, cliffs.sensors)
+    if sensors.wheel_encoders:
+        known["ticks"] = _between(-_MOST_TICKS, _MOST_TICKS, 2)
+    triples = {"turn_rad_s": sensors.imu, "force_m_s2": sensors.imu, "field_ut": sensors.compass, "gps_m": sensors.gps}
+    for name in (name for name, sensor in triples.items() if sensor):
         known[name] = _between(-UNBOUNDED, UNBOUNDED, 3)
     for name in _JOINT_FIELDS if joints is not None else ():
         known[name] = _between(-UNBOUNDED, UNBOUNDED, *getattr(joints, name).shape)

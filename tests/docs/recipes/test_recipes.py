@@ -292,9 +292,9 @@ def test_a_sensor_is_a_module_and_a_line_for_every_engine(tree: TreeCopy, engine
         "from tasks.simulate.sensors.lidar import",
         "from tasks.simulate.sensors.gyroscope import GYROSCOPE, Gyroscope\n",
     )
-    last = "    range_finders: RangeFinders = NO_RANGE_FINDERS\n"
+    last = "    gps: Gps | None = None\n"
     tree.replace(table, last, f"{last}    gyroscope: Gyroscope = Gyroscope(0)\n")
-    tree.replace(table, "IMU, RANGE_FINDERS)", "IMU, RANGE_FINDERS, GYROSCOPE)")
+    tree.replace(table, "CLIFF_SENSORS, GPS)", "CLIFF_SENSORS, GPS, GYROSCOPE)")
     after = "\n\n\nclass Controller(Protocol):"
     field = '    gyroscope_rad_s: Float[jax.Array, "axes"] | None = None'
     tree.replace("tasks/simulate/application/contract.py", after, f"\n{field}{after}")

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration
-from specs.ros_robot import RosDepthCamera, RosImu, RosLidar, RosRangeFinders, RosRobot, RosTopics
+from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration, LidarDeclaration
+from specs.ros_robot import RosDepthCamera, RosImu, RosRangeFinders, RosRobot, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
 from tasks.ros.lockstep.robot_topics import NAVIGATE, LockstepRecorder, SensorMessages, undeclared
@@ -83,12 +83,12 @@ def test_a_goal_for_an_action_is_on_the_map_and_on_no_topic() -> None:
 
 
 def test_the_lidar_is_where_it_is_mounted() -> None:
-    ahead = messages(RosRobot(lidar=RosLidar(x_m=0.25))).fixed(MOMENT, None)["/tf_static"]
+    ahead = messages(RosRobot(lidar=LidarDeclaration(x_m=0.25))).fixed(MOMENT, None)["/tf_static"]
     assert np.float64(0.25).tobytes() in ahead
 
 
 SEES = RosRobot(
-    lidar=RosLidar(rate_hz=5.0),
+    lidar=LidarDeclaration(rate_hz=5.0),
     depth_camera=RosDepthCamera(
         columns=4, rows=2, x_m=0.1, z_m=0.4, pitch_rad=0.3, rate_hz=10.0, latency_steps=1, encoding="16UC1"
     ),

@@ -92,8 +92,12 @@ def test_a_chunk_in_parts_has_the_same_rows(rows: list[EpisodeResult], folder: P
 @pytest.mark.long
 def test_a_network_that_sees_drives_the_same_alone_and_among_others(tmp_path: Path, pens: dict[str, World]):
     camera = "depth_camera: {columns: 6, rows: 4, rate_hz: 10, sigma_m_per_m2: 0.01}\n"
-    declared = f"{camera}inputs: [{{parts: [{{field: depth_m, scale: 0.1}}]}}]\n"
-    seer = bundle(tmp_path, network(weights((24, 16, 2)), ("lanes", 24)), declared)
+    others = (
+        "wheel_encoders: {latency_steps: 2}\ncompass: {sigma_ut: 1}\ncliff_sensors: {}\ngps: {rate_hz: 5, sigma_m: 1}\n"
+    )
+    parts = "{field: depth_m, scale: 0.1}, {field: ticks, scale: 0.01}, {field: field_ut, scale: 0.01}"
+    declared = f"{camera}{others}inputs: [{{parts: [{parts}, {{field: cliff_m}}, {{field: gps_m, scale: 0.1}}]}}]\n"
+    seer = bundle(tmp_path, network(weights((35, 16, 2)), ("lanes", 35)), declared)
     rows = run(seer, pens, [request(k) for k in range(3)], 8)
     assert {(row.status, row.failure_reason) for row in rows} == {("Completed", "")}
     assert len({row.path_length_m for row in rows}) == 3

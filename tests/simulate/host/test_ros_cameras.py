@@ -10,7 +10,8 @@ import pytest
 import shapely
 from jaxtyping import Bool, Float
 
-from specs.ros_robot import RosDepthCamera, RosLidar, RosRobot
+from specs.bundle_files import LidarDeclaration
+from specs.ros_robot import RosDepthCamera, RosRobot
 from tasks.ros.lockstep.exchange import RobotBase, Sensed
 from tasks.ros.lockstep.robot_topics import STATIC, TRANSFORMS, SensorMessages
 from tasks.ros.lockstep.sensor_topics import Moment
@@ -71,7 +72,7 @@ class Told(NamedTuple):
 
 
 def told(camera: RosDepthCamera) -> Told:
-    robot = RosRobot(depth_camera=camera, lidar=RosLidar(rays=4))
+    robot = RosRobot(depth_camera=camera, lidar=LidarDeclaration(rays=4))
     seen = sensors_of(declared_sensors(robot)).depth_camera
     assert seen is not None
     poses, steps, seed = jnp.array([POSE], jnp.float32), jnp.zeros(1, jnp.int32), jnp.asarray(seed_words(1))

@@ -210,7 +210,7 @@ def test_a_sensor_that_no_topic_tells_of_is_not_simulated(tmp_path: Path):
     folder = ros_bundle(tmp_path, f"{_SEES}\n{none}")
     declared = ros_application(HostBundle(folder, ROS_ROBOT), "ros", FakeLocksteps()).declare
     found = read_sensors(declared, {})
-    assert (found.depth_camera, found.imu, found.range_finders.finders, found.lidar.rays) == (None, None, 0, 4)
+    assert (found.depth_camera, found.imu, found.range_finders, found.lidar.rays) == (None, None, None, 4)
 
 
 class Undrawn:

@@ -79,7 +79,7 @@ def test_rates_are_whole_fractions_and_what_is_on_its_way_is_kept(
     rate_hz: float, latency_steps: int, stride: int, slots: int
 ):
     camera = CAMERA._replace(rate_hz=rate_hz, latency_steps=latency_steps)
-    assert (camera.stride, camera.slots) == (stride, slots)
+    assert (camera.pace.stride, camera.pace.slots) == (stride, slots)
 
 
 def driven(camera: DepthCamera, lanes: int, first: int = 0) -> Float[np.ndarray, "lanes steps rows columns"]:

@@ -1,5 +1,7 @@
 """What an inertial measurement unit reads: as MuJoCo's, where it is mounted, with the noise that is declared."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -9,8 +11,8 @@ from jaxtyping import Float
 
 from specs.data.episode import CONTROL_S
 from tasks.simulate.application.contract import Body, FreeJoints
-from tasks.simulate.sensors.imu import Imu, ImuMemory, noisy, true_readings
-from tasks.simulate.sensors.sensor import seed_words
+from tasks.simulate.sensors.imu import COMPASS, Compass, Imu, ImuMemory, noisy, true_readings
+from tasks.simulate.sensors.sensor import Situation, seed_words
 
 G = 9.81
 SEED = jnp.asarray(seed_words(5))
@@ -115,3 +117,25 @@ def test_an_axis_has_one_scale_in_an_episode():
     errors = read_still(Imu(scale_share=0.05))
     assert (errors == errors[0]).all()
     assert 0.0 < abs(errors[0, 2]) < 0.1
+
+
+def field_ut(compass: Compass, body: Body, step: int = 0) -> Float[np.ndarray, "3"]:
+    none: Any = None
+    return np.asarray(COMPASS.observe(compass, compass, (), Situation(body, none, SEED, jnp.int32(step)))["field_ut"])
+
+
+def test_a_compass_feels_the_field_along_the_robots_axes_however_it_leans():
+    # Facing west, north is to the right of it.
+    west = field_ut(Compass(), planar((0.0, 0.0, np.pi), (0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(west, [0.0, -20.0, -45.0], atol=1e-4)
+    lying = FreeJoints(jnp.array([0, 0, 0, np.sqrt(0.5), np.sqrt(0.5), 0, 0], jnp.float32), jnp.zeros(6))
+    rolled = planar((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))._replace(joints=lying)
+    np.testing.assert_allclose(field_ut(Compass(north_rad=0.0), rolled), [20.0, -45.0, 0.0], atol=1e-4)
+
+
+def test_what_iron_adds_stays_and_noise_is_each_readings_own():
+    ahead, still = planar((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), Compass(bias_ut=3.0)
+    true, first, second = (field_ut(each, ahead, step) for each, step in ((Compass(), 0), (still, 0), (still, 1)))
+    assert (first == second).all()
+    assert (first != true).all()
+    assert (field_ut(still._replace(sigma_ut=0.1), ahead, 1) != second).all()

@@ -1,5 +1,7 @@
 """Noise is the episode's and the step's own, and as large as declared."""
 
+from typing import Any, cast
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,9 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tasks.simulate.application.contract import Body, Motion
+from tasks.simulate.sensors.gps import GPS, Gps
 from tasks.simulate.sensors.lidar import Lidar, noisy_ranges
-from tasks.simulate.sensors.odometry import Odometry, believed_pose
-from tasks.simulate.sensors.sensor import seed_words, step_key
+from tasks.simulate.sensors.odometry import WHEEL_ENCODERS, Odometry, WheelEncoders, believed_pose
+from tasks.simulate.sensors.sensor import Drive, Situation, seed_words, step_key
 from tasks.simulate.sensors.sensor_table import SENSORS
 
 pytestmark = pytest.mark.long
@@ -129,3 +133,65 @@ def test_the_heading_drifts_with_way_and_turn():
 def test_a_robot_at_rest_does_not_drift():
     still = np.tile([1.0, 2.0, 0.5], (50, 1))
     np.testing.assert_allclose(driven(DRIFT, still, 1)[0], still[0], atol=1e-6)
+
+
+def at(pose: jax.Array, seed: jax.Array, step: Any) -> Situation:  # noqa: ANN401 - a number or an array
+    none: Any = None
+    return Situation(Body(pose, jnp.zeros(3), none, none), none, seed, jnp.asarray(step, jnp.int32))
+
+
+def rolled_m(wheels: WheelEncoders, poses: np.ndarray, seeds: int) -> np.ndarray:
+    """Returns how far the wheels of robots of different seeds have rolled at the end of a way, by their counts."""
+    way, none = jnp.asarray(poses, jnp.float32), cast("Any", None)
+
+    def one(seed: jax.Array) -> jax.Array:
+        def step(memory: Any, k: jax.Array) -> tuple[Any, None]:  # noqa: ANN401 - the sensor's own
+            drive = Drive(at(way[k], seed, k), Motion(at(way[k + 1], seed, k).body, none, none))
+            return WHEEL_ENCODERS.feel(wheels, wheels, memory, drive), None
+
+        begun = WHEEL_ENCODERS.begin(wheels, wheels, at(way[0], seed, 0))
+        memory = jax.lax.scan(step, begun, jnp.arange(len(poses) - 1))[0]
+        return WHEEL_ENCODERS.observe(wheels, wheels, memory, at(way[-1], seed, 0))["ticks"]
+
+    words = jnp.asarray(np.stack([seed_words(seed) for seed in range(seeds)]))
+    return np.asarray(jax.jit(jax.vmap(one))(words)) * float(wheels.tick_m)
+
+
+def test_wheels_count_what_they_roll_in_a_curve_and_backwards():
+    wheels, turn = WheelEncoders(track_m=0.4, tick_m=1e-4), np.linspace(0.0, np.pi, 101)
+    # Half a turn to the left, on a circle of 1 m.
+    curve = np.stack([np.sin(turn), 1.0 - np.cos(turn), turn], axis=1)
+    np.testing.assert_allclose(rolled_m(wheels, curve, 1)[0], [0.8 * np.pi, 1.2 * np.pi], atol=1e-3)
+    np.testing.assert_allclose(rolled_m(wheels, curve[::-1], 1)[0], [-0.8 * np.pi, -1.2 * np.pi], atol=1e-3)
+
+
+def test_wheels_err_by_their_way_and_by_their_size():
+    four_m = straight(80, 4.0)
+    slips = rolled_m(WheelEncoders(tick_m=1e-4, sigma_m_per_m=0.05), four_m, 2000)
+    np.testing.assert_allclose(slips.std(axis=0), 0.05 * 2.0, rtol=0.08)
+    sizes = rolled_m(WheelEncoders(tick_m=1e-4, scale_share=0.01), four_m, 2000)
+    np.testing.assert_allclose(sizes.std(axis=0), 0.01 * 4.0, rtol=0.08)
+    assert abs(np.corrcoef(sizes.T)[0, 1]) < 0.1
+
+
+def test_a_receiver_tells_where_its_antenna_is_with_noise_and_slow_drift():
+    facing_north = jnp.array([3.0, 4.0, np.pi / 2])
+    true = GPS.observe(
+        Gps(x_m=0.5), Gps(x_m=0.5), GPS.begin(Gps(), Gps(), at(facing_north, SEED, 0)), at(facing_north, SEED, 0)
+    )
+    np.testing.assert_allclose(true["gps_m"], [3.0, 4.5, 0.0], atol=1e-6)
+
+    def errors(gps: Gps) -> np.ndarray:
+        def step(memory: Any, k: jax.Array) -> tuple[Any, jax.Array]:  # noqa: ANN401 - the sensor's own
+            now = at(jnp.zeros(3), SEED, k)
+            seen = GPS.observe(gps, gps, memory, now)["gps_m"]
+            return GPS.feel(gps, gps, memory, Drive(now, Motion(now.body, cast("Any", None), cast("Any", None)))), seen
+
+        begun = GPS.begin(gps, gps, at(jnp.zeros(3), SEED, 0))
+        return np.asarray(jax.jit(lambda: jax.lax.scan(step, begun, jnp.arange(MANY))[1])())
+
+    np.testing.assert_allclose(errors(Gps(sigma_m=1.5)).std(axis=0), [1.5, 1.5, 3.0], rtol=0.05)
+    drift = errors(Gps(drift_m=2.0, drift_s=0.2))
+    np.testing.assert_allclose(drift.std(axis=0), [2.0, 2.0, 4.0], rtol=0.1)
+    # That is four control steps: so much later a share of 1/e is left.
+    np.testing.assert_allclose([np.corrcoef(each[4:], each[:-4])[0, 1] for each in drift.T], np.exp(-1), atol=0.1)

@@ -4,16 +4,27 @@ from collections.abc import Callable, Mapping
 from types import SimpleNamespace
 from typing import Any, get_args
 
+import jax
 import jax.numpy as jnp
 import pytest
 
 from specs.bundle_files import SensorDeclarations
+from specs.data.episode import control_stride
 from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.application.contract import Body, Motion, Work
 from tasks.simulate.sensors.bumper import Bumper
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensors.odometry import Odometry
-from tasks.simulate.sensors.sensor import Sensor
-from tasks.simulate.sensors.sensor_table import SENSORS, Sensors, read_sensors, require_shared
+from tasks.simulate.sensors.sensor import Drive, Sensor, Situation, seed_words
+from tasks.simulate.sensors.sensor_table import (
+    SENSORS,
+    Sensors,
+    begin_sensors,
+    feel_all,
+    observe_all,
+    read_sensors,
+    require_shared,
+)
 
 Declared = Mapping[str, object]
 LIDAR: Declared = {"rays": 16, "range_m": 8.0, "height_m": 0.2}
@@ -107,6 +118,35 @@ def test_a_file_declares_a_sensor_as_a_controller_does(sensor: Sensor[Any]):
     assert set(form.model_fields) == set(sensor.kind._fields)
     made = read_sensors(lambda _: SimpleNamespace(**{sensor.name: form()}), {})
     assert getattr(made, sensor.name) == sensor.kind(**form().model_dump())
+
+
+@pytest.mark.parametrize("pace", [(10.0, 3), (0.0, 2), (7.0, 0)], ids=str)
+def test_a_reading_is_as_old_as_declared_and_stays_until_the_next_is_due(pace: tuple[float, int]):
+    rate_hz, late = pace
+    sensors = read(gps={"rate_hz": rate_hz, "latency_steps": late}, compass={"latency_steps": 1})
+    none: Any = None
+    still = Body(jnp.zeros(3), jnp.zeros(3), none, none)
+
+    def at(step: Any) -> Situation:  # noqa: ANN401 - a number or an array
+        pose = jnp.zeros(3).at[0].set(step)
+        return Situation(still._replace(qpos=pose), none, jnp.asarray(seed_words(1)), jnp.asarray(step, jnp.int32))
+
+    def advance(memories: Any, step: Any) -> tuple[Any, Any]:  # noqa: ANN401 - pytrees
+        seen = observe_all(sensors, sensors, memories, at(step))["gps_m"][0]
+        drive = Drive(at(step), Motion(at(step + 1).body, Work(none, jnp.zeros(2), none), none))
+        return feel_all(sensors, sensors, memories, drive), seen
+
+    begun = begin_sensors(sensors, sensors, at(0))
+    seen = jax.jit(lambda begun: jax.lax.scan(advance, begun, jnp.arange(12))[1])(begun)
+    stride = control_stride(rate_hz)
+    assert seen.tolist() == [max(step - late, 0) // stride * stride for step in range(12)]
+
+
+def test_a_pace_decides_what_a_program_keeps_and_follows_from_no_number():
+    with pytest.raises(BundleCrash, match=r"controller.gps.latency_steps: 0.5: must be a whole number from 0 to 20"):
+        read(gps={"latency_steps": 0.5})
+    with pytest.raises(BundleCrash, match=r"controller.imu.rate_hz: 0.0 in this episode, 5.0 in its program"):
+        require_shared(read(imu={"rate_hz": 5}), read(imu={}))
 
 
 def test_every_sensor_has_its_place_and_noises_of_its_own():

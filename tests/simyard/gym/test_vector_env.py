@@ -70,8 +70,12 @@ def test_the_same_seeds_give_the_same_bits_however_many_robots_there_are(options
 @pytest.mark.long
 def test_pictures_are_observations_and_the_same_bits_however_many_robots_there_are(options: dict[str, Any]):
     camera = {"columns": 16, "rows": 12, "rate_hz": 10, "sigma_m_per_m2": 0.01}
-    few, many = (SimyardVectorEnv(count, **options, sensors={"depth_camera": camera}) for count in (1, 9))
+    declared = {"depth_camera": camera, "wheel_encoders": {}, "compass": {}, "cliff_sensors": {}, "gps": {}}
+    others = ("ticks", "field_ut", "cliff_m", "gps_m")
+    sees: Any = {"sensors": declared, "observation": ("depth_m", *others)}
+    few, many = (SimyardVectorEnv(count, **options, **sees) for count in (1, 9))
     spaces: Any = few.single_observation_space
+    assert [spaces[name].shape for name in others] == [(2,), (3,), (3,), (3,)]
     assert spaces["depth_m"] == gymnasium.spaces.Box(0.0, 10.0, (12, 16), np.float32)
     one, other = few.reset(seed=9)[0]["depth_m"], many.reset(seed=9)[0]["depth_m"]
     require_same(one, other[:1])
