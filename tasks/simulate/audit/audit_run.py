@@ -266,7 +266,9 @@ def _audited(
     try:
         with collect_timings() as timings:
             report = _driven_fitting(batch, sample, drive)
-        other = another_gl(batch.record(), next((each.gl for each in timings if each.gl), ""))
+        # Another GL that draws the same changes nothing: whoever recounts the batch with one gets the same report.
+        gl = next((each.gl for each in timings if each.gl and report.unreproduced), "")
+        other = another_gl(batch.record(), gl)
         return report.model_copy(update={"sentence": f"{report.sentence}; {other}"}) if other else report
     except BundleCrash as crash:
         return not_run(str(crash))
