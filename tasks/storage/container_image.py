@@ -3,10 +3,12 @@
 A bundle of an image has its blobs as an OCI image layout (``image/``), what its configuration says (``image.json``),
 and the files that declare the robot, copied out of the image or from a folder beside it. So a bundle's digest stands
 for every byte of the image, and whoever signs or compares bundles signs and compares images. A registry is asked by
-``skopeo``. Formats: OCI image specification 1.0, and what ``docker save`` writes.
+``skopeo``. Formats: OCI image specification 1.1, and what ``docker save`` writes. A layer that zstd has packed is kept
+unpacked, so that robots need nothing to read it.
 """
 
 import hashlib
+import itertools
 import json
 import os
 import posixpath
@@ -14,7 +16,7 @@ import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, NamedTuple
 
 from pydantic import ValidationError
 
@@ -24,6 +26,7 @@ from specs.field_types import Architecture
 from specs.launched_file import IMAGE_FILE
 from specs.ros_robot import ROS_FILE
 from tasks.storage.archives import LIMITS
+from tasks.storage.base.local_files import OF_THE_DISK
 from tasks.storage.image_files import (
     BLOCK_BYTES,
     LAYOUT,
@@ -57,8 +60,17 @@ _LABEL, _PLACE = "simyard.bundle", "/simyard"
 _DECLARED = ("robot.xml", ROS_FILE)
 _FETCH_S = 3600.0
 _INDEXES = ("index", "list.v2")
+_ZSTD = b"\x28\xb5\x2f\xfd"
 _ROS1_NAMES = frozenset({"indigo", "jade", "kinetic", "lunar", "melodic", "noetic"})
 _RCLPY = "lib/python3*/*-packages/rclpy"
+
+
+class _Layer(NamedTuple):
+    """A layer's file, its digest as it lies there, and that of the tar in it."""
+
+    name: str
+    digest: str
+    diff_id: str
 
 
 def is_image_source(source: str, base: Path) -> bool:
@@ -137,29 +149,30 @@ def _copied(blobs: ImageBlobs, layout: Path, architecture: Architecture) -> tupl
         manifest = blobs.blob(entry)
         body, named = blobs.small(blob_name(entry["digest"])), manifest["config"]["digest"]
         config = blobs.small(blob_name(named), named)
-        layers = [(blob_name(each["digest"]), str(each["digest"])) for each in manifest["layers"]]
+        packed = [str(each["digest"]) for each in manifest["layers"]]
+        names, said = [blob_name(each) for each in packed], json.loads(config)
     elif "manifest.json" in blobs.names:
         (saved,) = json.loads(blobs.small("manifest.json"))
         body, config = b"", blobs.small(saved["Config"])
-        layers = list(zip(saved["Layers"], json.loads(config)["rootfs"]["diff_ids"], strict=True))
+        names, said = saved["Layers"], json.loads(config)
+        packed = said["rootfs"]["diff_ids"]
     else:
         raise BundleRefused(
             f"{blobs.where}: no container image: it has neither manifest.json, as docker save writes it, nor oci-layout"
         )
-    said = json.loads(config)
     built = (str(said.get("architecture", "")), str(said.get("variant", "")))
     if _BUILT_FOR.get(built) != architecture:
         found = "/".join(filter(None, built)) or "no architecture"
         raise BundleRefused(f"{blobs.where}: it is built for {found}, and {architecture} is asked for")
     (layout / "blobs/sha256").mkdir(parents=True)
     left, copied = LIMITS.total_bytes, list[dict[str, object]]()
-    for name, digest in layers:
-        size = _copy_layer(blobs, name, digest, layout, left)
-        left -= size
-        copied.append(_descriptor("layer.v1.tar", digest, size))
-    # docker save writes no manifest: one is made, always the same.
+    for layer in itertools.starmap(_Layer, zip(names, packed, said["rootfs"]["diff_ids"], strict=True)):
+        copied.append(_copy_layer(blobs, layer, layout, left))
+        left -= int(str(copied[-1]["size"]))
+    # docker save writes no manifest, and that of layers kept otherwise is another: one is made, always the same.
     of_config = _written(layout, "config.v1+json", config)
-    made = body or _canonical({"schemaVersion": 2, "config": of_config, "layers": copied})
+    kept = body if [each["digest"] for each in copied] == packed else b""
+    made = kept or _canonical({"schemaVersion": 2, "config": of_config, "layers": copied})
     of_manifest = _written(layout, "manifest.v1+json", made)
     (layout / "index.json").write_bytes(_canonical({"schemaVersion": 2, "manifests": [of_manifest]}))
     (layout / "oci-layout").write_bytes(_canonical({"imageLayoutVersion": "1.0.0"}))
@@ -202,21 +215,42 @@ def _written(layout: Path, kind: str, body: bytes) -> dict[str, object]:
     return _descriptor(kind, digest, len(body))
 
 
-def _copy_layer(blobs: ImageBlobs, name: str, digest: str, layout: Path, left: int) -> int:
-    """Returns how long a layer is that was copied and compared."""
+def _copy_layer(blobs: ImageBlobs, layer: _Layer, layout: Path, left: int) -> dict[str, object]:
+    """Returns the descriptor of a layer that was copied and compared; one that zstd has packed is unpacked for that."""
+    with blobs.open(layer.name) as source:
+        packed = source.read(len(_ZSTD)) == _ZSTD
+    if not packed:
+        with blobs.open(layer.name) as source:
+            return _kept(source, layer.digest, layout, left, blobs.where)
+    import pyarrow as pa  # noqa: PLC0415 - few images need it, and it brings NumPy along
+
+    with blobs.open(layer.name) as source:
+        found = hashlib.file_digest(source, "sha256").hexdigest()  # pyright: ignore[reportArgumentType] - every file can
+    require_digest(blobs.where, found, layer.digest)
+    try:
+        with blobs.open(layer.name) as source, pa.CompressedInputStream(source, "zstd") as tar:
+            return _kept(tar, layer.diff_id, layout, left, blobs.where)
+    except OSError as exc:
+        if exc.errno in OF_THE_DISK:
+            raise
+        raise BundleRefused(f"{blobs.where}: a layer is damaged: {exc}") from exc
+
+
+def _kept(source: IO[bytes], digest: str, layout: Path, left: int, where: str) -> dict[str, object]:
+    """Writes a layer into a layout, and returns its descriptor; refuses one that is not what its digest stands for."""
     found, size, target = hashlib.sha256(), 0, layout / blob_name(digest)
     target.unlink(missing_ok=True)  # of a layer that is there twice; by now it is other images' file as well
-    with blobs.open(name) as source, target.open("wb") as sink:
+    with target.open("wb") as sink:
         while block := source.read(BLOCK_BYTES):
             size += len(block)
             if size > left:
-                raise BundleRefused(f"{blobs.where}: more than {LIMITS.total_bytes >> 20} MB of layers")
+                raise BundleRefused(f"{where}: more than {LIMITS.total_bytes >> 20} MB of layers")
             found.update(block)
             sink.write(block)
-    require_digest(blobs.where, found.hexdigest(), digest)
+    require_digest(where, found.hexdigest(), digest)
     os.utime(target, (0, 0))  # as in every other image that has it
     merge_file(target, ImageFolders.of_cache().files)
-    return size
+    return _descriptor("layer.v1.tar", digest, size)
 
 
 def _declare(

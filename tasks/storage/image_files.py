@@ -39,7 +39,7 @@ LAYOUT = "image"
 """The folder of a bundle that has the image's blobs, as an OCI image layout."""
 BLOCK_BYTES = 1 << 20
 _SMALL_BYTES = 4 << 20
-_GZIP, _ZSTD = b"\x1f\x8b", b"\x28\xb5\x2f\xfd"
+_GZIP = b"\x1f\x8b"
 # Of everything that the layers of an image hold; ROS with a desktop has 5 GB.
 _UNPACKED_BYTES, _ENTRIES = 16 << 30, 1_000_000
 _PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -289,11 +289,9 @@ def apply_layer(file: IO[bytes], root: Path, diff_id: str, most_bytes: int, shar
     Raises:
         BundleRefused: It is changed, is packed by something else, is too long, or leads out of the image.
     """
-    head = file.read(len(_ZSTD))
+    head = file.read(len(_GZIP))
     file.seek(0)
-    if head.startswith(_ZSTD):
-        raise BundleRefused("a layer is packed by zstd: docker save, or skopeo copy --dest-compress-format gzip")
-    tar: IO[bytes] = cast("IO[bytes]", gzip.GzipFile(fileobj=file)) if head.startswith(_GZIP) else file
+    tar: IO[bytes] = cast("IO[bytes]", gzip.GzipFile(fileobj=file)) if head == _GZIP else file
     size = _require_layer(tar, diff_id, most_bytes)
     tar.seek(0)
     own = set[Path]()

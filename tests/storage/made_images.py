@@ -5,8 +5,10 @@ import hashlib
 import io
 import json
 import tarfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import pyarrow as pa
 
 Entry = tuple[str, bytes, str, bytes, int]
 """Name, type, target of a link, content, mode."""
@@ -73,11 +75,25 @@ def docker_archive(
     return path
 
 
+def by_gzip(body: bytes) -> bytes:
+    """Returns a layer as most tools pack it."""
+    return gzip.compress(body, mtime=0)
+
+
+def by_zstd(body: bytes) -> bytes:
+    """Returns a layer as BuildKit packs it, in two frames."""
+    half = len(body) // 2
+    return b"".join(bytes(pa.compress(each, "zstd", asbytes=True)) for each in (body[:half], body[half:]))
+
+
 def oci_files(
-    layers: Sequence[bytes], config: Mapping[str, object] | None = None, architecture: str = "amd64"
+    layers: Sequence[bytes],
+    config: Mapping[str, object] | None = None,
+    architecture: str = "amd64",
+    pack: Callable[[bytes], bytes] = by_gzip,
 ) -> dict[str, bytes]:
-    """Returns an image's files as OCI tools lay them out, its layers packed by gzip."""
-    packed = [gzip.compress(each, mtime=0) for each in layers]
+    """Returns an image's files as OCI tools lay them out."""
+    packed = [pack(each) for each in layers]
     body = configuration(layers, config or {}, architecture)
     manifest = {"schemaVersion": 2, "config": _named(body), "layers": [_named(each) for each in packed]}
     whole = json.dumps(manifest).encode()

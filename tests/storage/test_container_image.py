@@ -4,14 +4,18 @@ import hashlib
 import io
 import json
 import tarfile
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from specs.errors import BundleRefused
+from tasks.storage import container_image
+from tasks.storage.archives import LIMITS
 from tasks.storage.container_image import image_bundle, is_image_source
 from tasks.storage.image_files import image_root, read_image
 from tests.storage.made_images import (
+    by_zstd,
     configuration,
     docker_archive,
     file,
@@ -53,11 +57,13 @@ def test_the_same_layers_are_the_same_files_from_each_kind_of_source(tmp_path: P
     files = oci_files([_LAYER], _CONFIG)
     oci_archive(tmp_path / "oci.tar", files)
     oci_folder(tmp_path / "layout", files)
-    found = {name: image_bundle(name, tmp_path) for name in ("docker.tar", "oci.tar", "layout")}
+    oci_folder(tmp_path / "zstd", oci_files([_LAYER], _CONFIG, pack=by_zstd))
+    found = {name: image_bundle(name, tmp_path) for name in ("docker.tar", "oci.tar", "layout", "zstd")}
     images = {name: read_image(bundle) for name, bundle in found.items()}
     assert images["oci.tar"] == images["layout"]
     trees = {name: _tree(image_root(bundle)) for name, bundle in found.items()}
-    assert trees["docker.tar"] == trees["oci.tar"] == trees["layout"]
+    assert trees["docker.tar"] == trees["oci.tar"] == trees["layout"] == trees["zstd"]
+    assert images["zstd"] == images["docker.tar"]  # no robot needs zstd
 
 
 def _tree(root: Path | None) -> dict[str, bytes]:
@@ -205,6 +211,23 @@ def test_a_layer_that_was_changed_is_refused(tmp_path: Path) -> None:
     docker = docker_archive(tmp_path / "app.tar", [_LAYER])
     docker.write_bytes(docker.read_bytes().replace(b"exec $@", b"exec rm"))
     assert "it was changed" in _refusal("app.tar", tmp_path)
+
+
+def test_a_layer_that_zstd_has_packed_is_held_to_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The attacks: other bytes, bytes that unpack to another layer, half a frame, and more than may be."""
+    good = oci_files([_LAYER], pack=by_zstd)
+    name = next(name for name, body in good.items() if body[:4] == by_zstd(_LAYER)[:4])
+    bombs = oci_files([b"\0" * (3 << 20)], pack=by_zstd)
+    other = oci_files([_LAYER], pack=lambda body: by_zstd(body + b"\0"))
+    cut = oci_files([_LAYER], pack=lambda body: by_zstd(body)[:-9])
+    monkeypatch.setattr(container_image, "LIMITS", replace(LIMITS, total_bytes=1 << 20))
+    found = dict[str, str]()
+    for kind, files in {"bytes": {**good, name: good[name] + b"x"}, "other": other, "cut": cut, "bomb": bombs}.items():
+        oci_archive(tmp_path / kind, files)
+        found[kind] = _refusal(kind, tmp_path)
+    assert all("it was changed" in found[kind] for kind in ("bytes", "other"))
+    assert found["cut"].startswith("cut: a layer is damaged: ")
+    assert found["bomb"] == "bomb: more than 1 MB of layers"
 
 
 def test_a_tag_of_a_registry_is_refused(tmp_path: Path) -> None:
