@@ -19,7 +19,7 @@ from flows.pipeline.launch_notes import (
 )
 from specs.arn import reference_path
 from specs.base import Fault
-from specs.errors import DocumentError
+from specs.errors import BundleRefused, DocumentError
 from specs.launched_file import (
     IMAGE_FILE,
     bundle_files,
@@ -220,10 +220,14 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
     """
     faults: list[Fault] = []
     for launch, folder in _own_launches(spec, base):
-        image, root, command = read_image(folder), image_root(folder), launch.command or ()
-        words = image.words(launch.package, launch.file, command) if image else ()
-        if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
-            faults.append(command_fault(launch.path, launch.file, command, why))
+        try:
+            image, root, command = read_image(folder), image_root(folder), launch.command or ()
+            words = image.words(launch.package, launch.file, command) if image else ()
+            if image and root and (why := missing_program(root, image, words, ros=launch.simulated)):
+                faults.append(command_fault(launch.path, launch.file, command, why))
+        except BundleRefused as exc:
+            allowed = f"a container image that can be run here; {exc}"
+            faults.append(Fault(path=launch.path, value=launch.application, allowed=allowed))
     _raise_all(faults)
 
 

@@ -11,7 +11,7 @@ import shutil
 import stat
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -318,11 +318,18 @@ def _cached(cache: Path) -> Iterator[CacheEntry]:
 
 
 def _seen(path: Path, what: str) -> CacheEntry:
-    found = [each for each in (_stat(path), *(_stat(Path(base, name)) for base, name in _names(path))) if each]
-    # Of a file that container images share, each has its part.
-    size_bytes = sum(each.st_size // each.st_nlink for each in found if stat.S_ISREG(each.st_mode))
-    # Reading a folder's names, as this does, is no use of what is in it.
-    return CacheEntry(path, what, size_bytes, max((_used_s(each) for each in found), default=0.0))
+    found = _states(path)
+    return CacheEntry(path, what, _part_bytes(found), max((_used_s(each) for each in found), default=0.0))
+
+
+def _states(path: Path) -> list[os.stat_result]:
+    """Returns what is known of a file, or of a folder and all that is in it; some of it may go meanwhile."""
+    return [each for each in (_stat(path), *(_stat(Path(base, name)) for base, name in _names(path))) if each]
+
+
+def _part_bytes(found: Iterable[os.stat_result]) -> int:
+    """Returns how long files are together; of one that container images share, each has its part."""
+    return sum(each.st_size // each.st_nlink for each in found if stat.S_ISREG(each.st_mode))
 
 
 def _used_s(found: os.stat_result) -> float:
@@ -338,7 +345,7 @@ def _names(path: Path) -> Iterator[tuple[str, str]]:
 def _stat(path: Path) -> os.stat_result | None:
     try:
         return path.lstat()
-    except FileNotFoundError:
+    except OSError:  # it went meanwhile, or lies in another account's folder
         return None
 
 
@@ -501,18 +508,9 @@ def _process_row(process: SimyardProcess, fate: str) -> MachineRow:
 
 def _row(what: str, path: Path, fate: str) -> MachineRow:
     found = path.lstat()
-    return MachineRow(what=what, place=str(path), owner=_owner(found.st_uid), bytes=_bytes(path), fate=fate)
-
-
-def _bytes(path: Path) -> int:
-    total = path.lstat().st_size if not path.is_dir() else 0
-    for base, _, names in os.walk(path, followlinks=False) if not path.is_symlink() else ():
-        for name in names:
-            try:
-                total += Path(base, name).lstat().st_size
-            except OSError:  # it went meanwhile
-                continue
-    return total
+    return MachineRow(
+        what=what, place=str(path), owner=_owner(found.st_uid), bytes=_part_bytes(_states(path)), fate=fate
+    )
 
 
 def _children(folder: Path) -> list[Path]:

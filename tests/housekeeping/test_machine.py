@@ -235,6 +235,15 @@ def test_a_cache_that_holds_nothing_else_is_gone_as_a_whole_and_a_second_time_do
     assert [row.what for row in cleaned(home).rows] == ["Prefect"]
 
 
+def test_a_file_that_images_share_counts_once(home: Path):
+    images = home / ".cache/simyard/images"
+    for name in (DIGEST, DIGEST[::-1]):
+        (images / name / "files").mkdir(parents=True)
+    (images / DIGEST / "files/libc.so").write_bytes(b"1" * 1000)
+    (images / DIGEST[::-1] / "files/libc.so").hardlink_to(images / DIGEST / "files/libc.so")
+    assert [row.bytes for row in cleaned(home, remove=False).rows if row.what == "images"] == [500, 500]
+
+
 def test_nothing_behind_a_link_is_touched(home: Path, tmp_path: Path):
     outside = tmp_path / "outside"
     (outside / DIGEST).mkdir(parents=True)

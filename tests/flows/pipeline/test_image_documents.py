@@ -1,5 +1,6 @@
 """Documents whose robot application is a container image: checked before anything runs, planned with its command."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,19 @@ def test_an_image_without_a_robot_is_refused_unless_it_lies_beside(tmp_path: Pat
     (tmp_path / "robot").mkdir()
     (tmp_path / "robot/robot.xml").write_bytes(_ROBOT)
     assert _faults(_document(_COMMAND, robot="robot"), tmp_path) == []
+
+
+def test_a_bundle_whose_image_is_damaged_is_refused_with_what_else_is_wrong(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
+    shutil.copytree(image_bundle("app.tar", tmp_path), tmp_path / "app")
+    (tmp_path / "app/image.json").write_text("{}")
+    (tmp_path / "app/robot.xml").write_text("no robot")
+    damaged, robot = _faults(_document(_COMMAND, source="app"), tmp_path)
+    assert damaged.startswith(
+        "simulationBatch.createSimulationJobRequests[0].robotApplications[0].launchConfig: roamer: "
+    )
+    assert "a container image that can be run here; image.json: " in damaged
+    assert robot.startswith("applications[0].source: app: ")
 
 
 def test_what_is_no_image_is_refused_where_the_document_names_it(tmp_path: Path) -> None:
