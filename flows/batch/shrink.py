@@ -290,6 +290,8 @@ def _entry(found: ShrunkJob) -> _Document:
 
 def _use(launch: ApplicationLaunch, variables: Mapping[str, str]) -> _Document:
     config: _Document = {"packageName": launch.package, "launchFile": launch.launch_file}
+    if launch.command is not None:
+        config = {"command": list(launch.command)}
     if variables:
         config["environmentVariables"] = dict(variables)
     other: _Document = {"architecture": launch.architecture} if launch.architecture not in {None, "X86_64"} else {}

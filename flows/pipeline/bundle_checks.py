@@ -104,7 +104,7 @@ def simulated_fault(
     """
     (package, file), robot = launch, kind == "robot-application"
     if IMAGE_FILE in files:
-        return _image_fault(path, application, files, robot=robot)
+        return _image_fault(path, application, launch, files, drives=robot or alone)
     if not file:
         allowed = f"the module to launch, in packageName: {application} is no container image, which a command is for"
         return Fault(path=f"{path}.launchFile", value="none", allowed=allowed)
@@ -127,12 +127,18 @@ def simulated_fault(
     return None
 
 
-def _image_fault(path: str, application: str, files: Collection[str], *, robot: bool) -> Fault | None:
-    """Returns what a container image lacks that is to drive a robot."""
-    beside = f"`robot: FOLDER` beside its source, a folder with {ROBOT_XML}; copy {_EXAMPLE} for a TurtleBot3"
-    lacks = f"a container image with /simyard/{ROBOT_XML}, or {beside}"
-    allowed = lacks if robot else "a folder: a container image drives a robot, and does not judge"
-    return None if robot and ROBOT_XML in files else Fault(path=path, value=application, allowed=allowed)
+def _image_fault(
+    path: str, application: str, launch: tuple[str, str], files: Collection[str], *, drives: bool
+) -> Fault | None:
+    """Returns what a container image lacks that is to drive a robot, or to judge one."""
+    if drives:
+        beside = f"`robot: FOLDER` beside its source, a folder with {ROBOT_XML}; copy {_EXAMPLE} for a TurtleBot3"
+        allowed = f"a container image with /simyard/{ROBOT_XML}, or {beside}"
+        return None if ROBOT_XML in files else Fault(path=path, value=application, allowed=allowed)
+    if not launch[1] or names_ros_launch(launch[1]):
+        return None
+    allowed = f"what {application}'s image runs to judge: a command, or a launch file of ROS; a module is in a folder"
+    return Fault(path=f"{path}.launchFile", value=repr(launch[1]), allowed=allowed)
 
 
 def _raise_all(faults: Iterable[Fault]) -> None:
@@ -326,7 +332,7 @@ def _launched(spec: PipelineSpec) -> Iterator[_Launch]:
                 name = reference_path(use.application)
                 alone, variables = not request.robotApplications, use.launchConfig.environmentVariables or {}
                 version = use.applicationVersion
-                command = use.launchConfig.command if kind == "robot" and not launched[1] else None
+                command = None if launched[1] else use.launchConfig.command
                 yield _Launch(path, kind, name, version, *launched, True, alone, variables, command)  # noqa: FBT003 - fields
     for number, use in enumerate(spec.deployment.deploymentApplicationConfigs if spec.deployment else ()):
         path = f"deployment.deploymentApplicationConfigs[{number}].launchConfig"
@@ -408,7 +414,13 @@ def check_own_names(spec: PipelineSpec, base: Path) -> None:
     own = {each.name: base / each.source for each in spec.applications if each.kind == "simulation"}
     used = _scenarios(spec.simulationBatch)
     judges = [launch for launch in _launched(spec) if launch.kind == "simulation" and launch.application in own]
-    if any(_starts_nodes(each, bundle_files(own[each.application])) for each in judges):
+    files_of = cache(bundle_files)
+    if any(
+        each.command
+        or IMAGE_FILE in files_of(own[each.application])
+        or _starts_nodes(each, files_of(own[each.application]))
+        for each in judges
+    ):
         return  # any tag with a number is a metric
     if used and used <= own.keys():
         _require_metrics(spec.gate, _declared_metrics(own[name] for name in sorted(used)))

@@ -215,7 +215,8 @@ def _drafted_template(template: JobTemplate, store: Store) -> JobTemplate:
     try:
         if _ROBOT_XML in list_bundle_files(store, robot.digest):
             return template
-        uses += [(template.scenario, template.judge_variables)] if template.scenario.starts_nodes else []
+        judged = template.scenario.starts_nodes and template.scenario.command is None
+        uses += [(template.scenario, template.judge_variables)] if judged else []
         folders = {use.digest: unpack(store, use.digest, cache_folder() / "bundles") for use, _ in uses}
     except BUNDLE_ERRORS:
         return template  # which is refused for that elsewhere

@@ -79,7 +79,8 @@ def with_launched_worlds(plan: BatchPlan, section: SimulationBatch, store: Store
     """
     templates, digests, faults = list[JobTemplate](), dict(plan.world_digests), KeptFaults()
     for template in plan.templates:
-        if plan.worlds_of(template) or not template.scenario.starts_nodes:
+        scenario = template.scenario
+        if plan.worlds_of(template) or not scenario.starts_nodes or scenario.command is not None:
             templates.append(template)
             continue
         launch, variables = template.scenario, template.judge_variables

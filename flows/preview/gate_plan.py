@@ -97,7 +97,7 @@ def _variants(plan: BatchPlan) -> int:
 def _conditions(plan: BatchPlan, templates: list[JobTemplate]) -> list[_Conditions]:
     """Returns what is asked of the robot in each world of each request, as ``pairs`` pairs episodes."""
     return [
-        (world, scenario.digest, scenario.package, scenario.launch_file, str(template.duration_s), *own)
+        (world, scenario.digest, scenario.package, scenario.launched, str(template.duration_s), *own)
         for template in templates
         for own in [
             [f"{name}={value}" for name, value in sorted(template.environment.items()) if name not in plan.sweep]

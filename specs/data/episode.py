@@ -84,8 +84,11 @@ class ApplicationLaunch(Spec):
 
     @property
     def starts_nodes(self) -> bool:
-        """Returns whether it is a launch file of ROS: a module's ending is gone when a batch is planned."""
-        return names_ros_launch(self.launch_file)
+        """Returns whether nodes run: of a launch file of ROS, or of a container image's command.
+
+        A module's ending is gone when a batch is planned.
+        """
+        return names_ros_launch(self.launch_file) or self.command is not None
 
 
 def is_alone(robot: ApplicationLaunch, scenario: ApplicationLaunch) -> bool:

@@ -10,7 +10,6 @@ from pydantic import JsonValue
 
 from specs.arn import ResourceKind, arn
 from specs.base import Fault, Spec, canonical_document
-from specs.launched_file import names_ros_launch
 from specs.pipeline.generation_parts import GenerationPart, generation_parts
 from specs.pipeline.simulation_section import (
     Deployment,
@@ -18,6 +17,7 @@ from specs.pipeline.simulation_section import (
     PipelineJobRequest,
     PipelineSimulationApplication,
     SimulationBatch,
+    runs_nodes,
 )
 from specs.pipeline.world_sections import WorldExport, WorldGeneration
 from specs.robomaker.deployment import CreateDeploymentJobRequest
@@ -179,6 +179,7 @@ def _without(section: Spec, *names: str) -> dict[str, JsonValue]:
 
 REQUESTS = "simulationBatch.createSimulationJobRequests"
 _BOTH = "one: an episode needs a robot and a scenario; a simulation application alone must be a launch file of ROS"
+_OTHER = "; of a container image a command will do"
 
 
 def undriven_faults(section: object) -> list[Fault]:
@@ -196,7 +197,7 @@ def undriven_faults(section: object) -> list[Fault]:
 
 def _faults(where: str, request: object) -> Iterator[Fault]:
     judge = next(iter(items(part(request, "simulationApplications"))), None)
-    alone = names_ros_launch(str(part(part(judge, "launchConfig"), "launchFile")))
+    alone = runs_nodes(part(judge, "launchConfig"))
     for field in ("robotApplications", "simulationApplications"):
         uses = items(part(request, field))
         if not uses:
@@ -204,10 +205,9 @@ def _faults(where: str, request: object) -> Iterator[Fault]:
                 yield Fault(path=f"{where}.{field}", value="none", allowed=_BOTH)
             continue
         launch = part(uses[0], "launchConfig")
-        if part(launch, "command") and field == "robotApplications":  # of a container image
+        if part(launch, "command"):  # of a container image
             continue
-        other = "; of a container image a command will do" if field == "robotApplications" else ""
         for name, what in (("packageName", "folder in the bundle"), ("launchFile", "module in that folder")):
             if not part(launch, name):
                 path = f"{where}.{field}[0].launchConfig.{name}"
-                yield Fault(path=path, value="none", allowed=f"the {what} to launch{other}")
+                yield Fault(path=path, value="none", allowed=f"the {what} to launch{_OTHER}")

@@ -62,12 +62,17 @@ def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
         sweep: The matrix's variables, whose values both applications get instead of their own.
     """
     for number, request in enumerate(requests):
-        if all(names_ros_launch(_launch_file(request, field)) for field in (_ROBOT, _SCENARIO)):
+        if all(runs_nodes(_launch(request, field)) for field in (_ROBOT, _SCENARIO)):
             continue
         robot, scenario = _variables(request, _ROBOT), _variables(request, _SCENARIO)
         for name in sorted((robot.keys() & scenario.keys()) - _mapping(sweep).keys()):
             if robot[name] != scenario[name]:
                 yield _finding(number, name, robot[name], scenario[name])
+
+
+def runs_nodes(launch: object) -> bool:
+    """Returns whether a launch configuration, right or wrong, names a launch file of ROS or an image's command."""
+    return names_ros_launch(str(part(launch, "launchFile"))) or bool(part(launch, "command"))
 
 
 def never_driven(requests: Sequence[object], sweep: object) -> Iterator[str]:
@@ -94,13 +99,11 @@ def _finding(number: int, name: str, robots: object, scenarios: object) -> Findi
 
 
 def _variables(request: object, field: str) -> Mapping[str, object]:
-    use = next(iter(items(part(request, field))), None)
-    return _mapping(part(part(use, _LAUNCH), _VARIABLES))
+    return _mapping(part(_launch(request, field), _VARIABLES))
 
 
-def _launch_file(request: object, field: str) -> str:
-    use = next(iter(items(part(request, field))), None)
-    return str(part(part(use, _LAUNCH), "launchFile"))
+def _launch(request: object, field: str) -> object:
+    return part(next(iter(items(part(request, field))), None), _LAUNCH)
 
 
 def _mapping(data: object) -> Mapping[str, object]:

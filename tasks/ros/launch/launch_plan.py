@@ -137,9 +137,10 @@ class ImageLaunch(NamedTuple):
         chosen = {name: value for name, value in self.image.environment.items() if name == "RMW_IMPLEMENTATION"}
         return {"AMENT_PREFIX_PATH": ":".join(found), **chosen}
 
-    def plan(self) -> LaunchPlan:
+    def plan(self, *, simulation: bool = False) -> LaunchPlan:
         """Returns the plan of its one process, which starts others."""
-        return LaunchPlan("", (NodePlan("/image", "", "", self.words, named=False),), {})
+        name = "/simulation-image" if simulation else "/image"
+        return LaunchPlan("", (NodePlan(name, "", "", self.words, named=False),), {})
 
     def entered(self, plan: LaunchPlan, variables: Mapping[str, str], home: Path) -> tuple[LaunchPlan, dict[str, str]]:
         """Returns a plan whose process runs in the image, and the environment that leads into it.

@@ -57,6 +57,8 @@ _GAPS_TOLD = 5
 # Statuses of a goal before the next one is sent.
 _UNDER_WAY = frozenset({"asked", "accepted"})
 _AGAIN_NS = 1_000_000_000
+# What roscore sets: of two that look for it at once and find nothing, each sets its own, and one gives up.
+_OF_CORE = {"/run_id": "00000000-0000-0000-0000-000000000000"}
 
 
 class Ros1Lockstep:
@@ -102,7 +104,9 @@ class Ros1Lockstep:
         self._now_ns, self._step, self._closed = BEGINS_NS, 0, False
         self._due_ns, self._warm = math.inf, False
         self._modules: Path | None = None
-        self._image = ImageLaunch.of(launch.source, image_place(launch.source.bundle))
+        own = [each for each in (launch.source, launch.simulation) if each]
+        images = {each: ImageLaunch.of(each, image_place(each.bundle)) for each in own}
+        self._images = {each: image for each, image in images.items() if image}
         self._gazebo: dict[int, GazeboServices] = {}
         self.placed: dict[int, tuple[float, float, float]] = {}
 
@@ -244,9 +248,6 @@ class Ros1Lockstep:
     def _plans(self, driven: Sequence[int]) -> list[LaunchPlan | LaunchRefused]:
         """Returns what is started in each of some lanes, or why nothing can be."""
         source, simulation = self._launch.source, self._launch.simulation
-        if self._image and simulation is not None:
-            why = "a container image is judged by a module, and the simulation application is a launch file of ROS"
-            return [LaunchRefused(why) for _ in driven]
         own, judging = ([self._launch.variables(lane, simulation=each) for lane in driven] for each in (False, True))
         robots = self._resolved(source, own) if source != simulation else [None] * len(driven)
         if simulation is None:
@@ -263,8 +264,8 @@ class Ros1Lockstep:
         self, source: LaunchSource, environments: list[Mapping[str, str]]
     ) -> Sequence[LaunchPlan | LaunchRefused]:
         """Returns what one application starts with each environment, or why nothing."""
-        if self._image:
-            return [self._image.plan() for _ in environments]
+        if image := self._images.get(source):
+            return [image.plan(simulation=source == self._launch.simulation) for _ in environments]
         if self._modules is None:
             bundles = dict.fromkeys(each.bundle for each in (self._launch.source, self._launch.simulation) if each)
             packages = [name for bundle in bundles for name in named_packages(bundle)]
@@ -297,34 +298,42 @@ class Ros1Lockstep:
         detector = IdleDetector(application, graph, self._patience.nap_s)
         contended = ConnectionWatch(application, network, graph.take_asked).contended
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, contended)
-        simulation = self._launch.simulation
         try:
-            for name, value in {**plan.parameters, "/use_sim_time": True}.items():
+            of_core = _OF_CORE if self._images else {}
+            for name, value in {**plan.parameters, "/use_sim_time": True, **of_core}.items():
                 graph.set_parameter(name, value)
         except ValueError as exc:
             lane.failure = f"a parameter of its launch file: {exc}"
             return lane
-        if self._image:
-            variables = self._launch.variables(number, simulation=False)
-            self._enter(lane, plan, {**variables, **master_variables(graph.uri)}, network.prefix)
-            return lane
-        for ours in (False, True):
-            bundle = simulation.bundle if simulation and ours else self._launch.bundle
-            variables = self._launch.variables(number, simulation=ours)
-            environment = node_environment(installation, bundle, graph.uri, home, variables)
+        for source, own in self._divided(plan):
+            variables = self._launch.variables(number, simulation=source == self._launch.simulation)
+            if image := self._images.get(source):
+                self._enter(lane, image, own, {**variables, **master_variables(graph.uri)}, network.prefix)
+                continue
+            environment = node_environment(installation, source.bundle, graph.uri, home, variables)
             if self._modules is not None:
                 environment["PYTHONPATH"] = ":".join(filter(None, (environment["PYTHONPATH"], str(self._modules))))
-            nodes = tuple(node for node in plan.nodes if node.simulation is ours)
-            self._start(lane, plan._replace(nodes=nodes), environment, network.prefix)
+            self._start(lane, own, environment, network.prefix)
         return lane
 
-    def _enter(self, lane: RosLane, plan: LaunchPlan, variables: Mapping[str, str], prefix: Sequence[str] = ()) -> None:
+    def _divided(self, plan: LaunchPlan) -> list[tuple[LaunchSource, LaunchPlan]]:
+        """Returns what of a plan is the robot application's, and then what is the simulation application's."""
+        found = [(self._launch.source, False), (self._launch.simulation or self._launch.source, True)]
+        parts = [(source, tuple(node for node in plan.nodes if node.simulation is ours)) for source, ours in found]
+        return [(source, plan._replace(nodes=nodes)) for source, nodes in parts if nodes]
+
+    def _enter(
+        self,
+        lane: RosLane,
+        image: ImageLaunch,
+        plan: LaunchPlan,
+        variables: Mapping[str, str],
+        prefix: Sequence[str] = (),
+    ) -> None:
         """Starts what a container image runs in a lane; notes why if it cannot be."""
         home = lane.application.home
         try:
-            if self._image:
-                own = {**variables, **episode_environment(home)}
-                self._start(lane, *self._image.entered(plan, own, home), prefix)
+            self._start(lane, *image.entered(plan, {**variables, **episode_environment(home)}, home), prefix)
         except LaunchRefused as exc:
             lane.failure = str(exc)
 

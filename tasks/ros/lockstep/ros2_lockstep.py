@@ -278,21 +278,25 @@ class Ros2Lockstep(Ros1Lockstep):
         """Returns 0: who advertises in an episode is found by DDS when the wall's clock has it, not in lock-step."""
         return 0.0
 
-    @property
-    def _installation(self) -> Ros2Installation:
-        return ros2_installation(self._image.ros2_variables() if self._image else None)
+    def _installation(self, source: LaunchSource) -> Ros2Installation:
+        """Returns the ROS 2 that an application runs with: its image's, or this machine's."""
+        image = self._images.get(source)
+        return ros2_installation(image.ros2_variables() if image else None)
 
     def _resolved(
         self, source: LaunchSource, environments: list[Mapping[str, str]]
     ) -> Sequence[LaunchPlan | LaunchRefused]:
-        home, installation = self._launch.home, self._installation
+        home, installation = self._launch.home, self._installation(source)
         if installation.fault:
             return [LaunchRefused(installation.fault) for _ in environments]
+        middleware = installation.middleware or CYCLONE
         if not self._domains:
-            domains = episode_domains(len(self._launch.environment), installation.middleware or CYCLONE)
-            self._domains, self._of_nodes = tuple(domains), {}
-        if self._image:
-            return [self._image.plan() for _ in environments]
+            self._domains, self._of_nodes = tuple(episode_domains(len(self._launch.environment), middleware)), {}
+        if middleware != (chosen := self._domains[0].middleware):
+            why = f"it runs with {middleware}, and the robot application with {chosen}: choose one for both"
+            return [LaunchRefused(f"the simulation application's ROS 2: {why}") for _ in environments]
+        if image := self._images.get(source):
+            return [image.plan(simulation=source == self._launch.simulation) for _ in environments]
         own = str(len(self._of_nodes))
         try:
             if source.bundle not in self._of_nodes:
@@ -321,7 +325,7 @@ class Ros2Lockstep(Ros1Lockstep):
         started = started_nodes(plan)
         names = frozenset(each.name for each in started)
         processes = sum(runs_ros2(each) or not each.named for each in started)
-        domain, installation = self._domains[number], self._installation
+        domain, installation = self._domains[number], self._installation(self._launch.source)
         cyclone = domain.middleware == CYCLONE
         interface = RobotInterface(
             topics,
@@ -337,19 +341,14 @@ class Ros2Lockstep(Ros1Lockstep):
         detector = IdleDetector(application, graph, self._patience.nap_s)
         network = EpisodeNetwork(socket.socket, ())
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, graph.contended)
-        simulation, domain_own = self._launch.simulation, domain.environment(home, installation.fast_dds)
-        if self._image:
-            self._enter(lane, plan, {**self._launch.environment[number], **domain_own})
-            return lane
-        for ours in (False, True):
-            environment = {
-                **self._launch.variables(number, simulation=ours),
-                **self._of_nodes.get(simulation.bundle if simulation and ours else self._launch.bundle, {}),
-                **domain_own,
-                **episode_environment(home),
-            }
-            nodes = tuple(node for node in started if node.simulation is ours)
-            self._start(lane, plan._replace(nodes=nodes), environment)
+        for source, own in self._divided(plan._replace(nodes=started)):
+            variables = self._launch.variables(number, simulation=source == self._launch.simulation)
+            of_domain = domain.environment(home, self._installation(source).fast_dds)
+            if image := self._images.get(source):
+                self._enter(lane, image, own, {**variables, **of_domain})
+                continue
+            of_nodes = self._of_nodes.get(source.bundle, {})
+            self._start(lane, own, {**variables, **of_nodes, **of_domain, **episode_environment(home)})
         return lane
 
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:

@@ -176,6 +176,9 @@ def _program(
     judge = HostBundle(folders[1], scenario) if scenario.starts_nodes else None
     bundle = HostBundle(folders[0], robot, judge)
     kind = controller_kind(folders[0], robot)
+    if judge and controller_kind(folders[1], scenario) != kind:
+        why = f"its nodes are not of that ROS which those of {robot.name} are of"
+        raise BundleCrash("SimulationApplicationCrash", f"{scenario.name}: {why}")
     host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
     make_controller = host.declare if host else load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
     load_scenario = functools.partial(load_factory, folders[1], scenario, "scenario", "SimulationApplicationCrash")

@@ -18,7 +18,6 @@ from specs.launched_file import (
     is_ros2,
     module_file,
     module_name,
-    names_ros_launch,
     ros_launch_file,
     simulated_file,
 )
@@ -149,7 +148,7 @@ def _template(
     judge = faults.keep(lambda: launches.resolved(place, "simulation-application", scenario))
     if faults or judge is None:
         raise faults.together()
-    if fault := _judge_fault(where, driver, judge):
+    if fault := _judge_fault(where, driver, judge, launches.is_image):
         raise DocumentError([fault])
     judging = scenario.launchConfig.environmentVariables or {}
     driving = (robot and robot.launchConfig.environmentVariables) or {}
@@ -174,19 +173,33 @@ def _template(
     )
 
 
-def _judge_fault(where: str, robot: ApplicationLaunch | None, judge: ApplicationLaunch) -> Fault | None:
-    """Returns why a robot application and a simulation application do not go together; None if they do."""
+def _judge_fault(
+    where: str,
+    robot: ApplicationLaunch | None,
+    judge: ApplicationLaunch,
+    is_image: Callable[[ApplicationLaunch], bool],
+) -> Fault | None:
+    """Returns why a robot application and a simulation application do not go together; None if they do.
+
+    Which ROS lies in an image is known where it is unpacked.
+    """
     place = f"{where}.simulationApplications[0].launchConfig.launchFile"
     if robot is None and not judge.starts_nodes:
         allowed = f"one: {judge.name} launches a module, which only judges; a launch file of ROS may be alone"
         return Fault(path=f"{where}.robotApplications", value="none", allowed=allowed)
     if not judge.starts_nodes:
         return None
-    kind = f"launch file of ROS {2 if is_ros2(judge.launch_file) else 1}"
-    if robot and (not robot.starts_nodes or is_ros2(robot.launch_file) != is_ros2(judge.launch_file)):
+    images = [is_image(each) for each in (robot, judge) if each]
+    known = not any(images) and robot and robot.starts_nodes
+    if robot and not images[0] and (not robot.starts_nodes or (known and _kind(robot) != _kind(judge))):
+        kind = "container image" if images[1] else f"launch file of ROS {_kind(judge)}"
         allowed = f"a module, as the robot application's {robot.launch_file} is no {kind} as this one is"
-        return Fault(path=place, value=repr(judge.launch_file), allowed=allowed)
+        return Fault(path=place, value=repr(judge.launched), allowed=allowed)
     return None
+
+
+def _kind(launch: ApplicationLaunch) -> int:
+    return 2 if is_ros2(launch.launch_file) else 1
 
 
 def _first_of_each(refusal: DocumentError) -> DocumentError:
@@ -223,12 +236,16 @@ class _Launches(NamedTuple):
             package=package,
             launch_file=module_name(named) if self._is_module(kind, digest, package, named) else named,
             architecture=architecture,
-            command=None if named or kind == "simulation-application" else use.launchConfig.command,
+            command=None if named else use.launchConfig.command,
         )
+
+    def is_image(self, launch: ApplicationLaunch) -> bool:
+        """Returns whether a container image is launched."""
+        return self.find_files is not None and IMAGE_FILE in self.find_files(launch.digest)
 
     def _is_module(self, kind: ApplicationKind, digest: str, package: str, named: str) -> bool:
         """Returns whether a module is launched, which loses its ending; other files keep it."""
-        if not names_ros_launch(named) or self.find_files is None:
+        if module_name(named) == named or self.find_files is None:
             return True
         files, module = self.find_files(digest), module_file(package, named)
         if IMAGE_FILE in files:

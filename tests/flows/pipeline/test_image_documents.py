@@ -110,6 +110,46 @@ def test_an_image_without_a_robot_is_refused_unless_it_lies_beside(tmp_path: Pat
     assert _faults(_document(_COMMAND, robot="robot"), tmp_path) == []
 
 
+def _judged(judge: object, *robots: object) -> PipelineSpec:
+    """Returns a document whose simulation application is the image."""
+    document = _document(_COMMAND).model_dump(mode="json", exclude_none=True)
+    document["applications"][0] |= {"name": "examiner", "kind": "simulation"}
+    request = document["simulationBatch"]["createSimulationJobRequests"][0]
+    request["simulationApplications"][0] |= {"application": "examiner", "launchConfig": judge}
+    request["robotApplications"] = [*robots]
+    if not robots:
+        del request["robotApplications"]
+    return PipelineSpec.model_validate(document)
+
+
+_COURIER = {"application": "courier", "launchConfig": {"packageName": "courier", "launchFile": "go_to_goal"}}
+
+
+def test_an_image_judges_by_its_command_or_a_launch_file_and_alone_only_with_a_robot(tmp_path: Path) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(_PROGRAM)])
+    for launch in (_COMMAND, {"packageName": "roamer", "launchFile": "roam.launch"}):
+        assert _faults(_judged(launch, _COURIER), tmp_path) == []
+    assert inert_fields(_judged(_COMMAND, _COURIER)) == []
+    module, _ = _faults(_judged({"packageName": "roamer", "launchFile": "judge"}, _COURIER), tmp_path)
+    assert "what examiner's image runs to judge: a command, or a launch file of ROS" in module
+    (alone,) = _faults(_judged(_COMMAND), tmp_path)
+    assert "a container image with /simyard/robot.xml" in alone
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
+    assert _faults(_judged(_COMMAND), tmp_path) == []
+
+
+def test_an_image_that_judges_is_planned_beside_nodes_alone(tmp_path: Path, file_store: Store) -> None:
+    docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
+    plans = OverlayStore(file_store)
+    found = resolve_references(_with_template(_judged(_COMMAND)), plans, tmp_path).batch
+    assert found is not None
+    (template,) = found.templates
+    assert (template.scenario.starts_nodes, template.alone) == (True, True)
+    assert template.scenario.launched == "roslaunch roamer roam.launch"
+    with pytest.raises(DocumentError, match="a module, as the robot application's go_to_goal is no container image"):
+        resolve_references(_with_template(_judged(_COMMAND, _COURIER)), plans, tmp_path)
+
+
 def test_a_bundle_whose_image_is_damaged_is_refused_with_what_else_is_wrong(tmp_path: Path) -> None:
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
     shutil.copytree(image_bundle("app.tar", tmp_path), tmp_path / "app")

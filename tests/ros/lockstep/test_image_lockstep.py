@@ -10,6 +10,7 @@ import pytest
 
 from specs.bundle_files import ContainerImage
 from specs.launched_file import IMAGE_FILE
+from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.lockstep.exchange import Launch
 from tests.ros.lockstep.room import drive, nothing_left
@@ -53,6 +54,44 @@ def test_an_image_gives_the_commands_that_its_launch_file_gives_outside(
     assert (outside.failures, inside.failures) == ({}, {})
     assert inside.digests == outside.digests
     assert all(tally.late == tally.stray == 0 and tally.commands for tally in inside.tallies)
+
+
+_JUDGE = """#!/usr/bin/env python3
+import rospy
+from nav_msgs.msg import Odometry
+rospy.init_node("judge")
+rospy.Subscriber("/odom", Odometry, lambda seen: print("seen", seen.header.stamp.to_sec(), flush=True))
+rospy.spin()
+"""
+
+
+@pytest.mark.long
+def test_an_image_judges_beside_nodes_and_beside_another_image_as_a_launch_file_does(
+    image: Path, packages: Path, home: Path
+) -> None:
+    judge = packages / "judge"
+    (judge / "launch").mkdir(parents=True)
+    (judge / "package.xml").write_text("<package format='2'><name>judge</name></package>")
+    (judge / "launch/judge.launch").write_text(
+        '<launch><node pkg="judge" type="judge.py" name="judge" output="screen"/></launch>'
+    )
+    (judge / "judge.py").write_text(_JUDGE)
+    (judge / "judge.py").chmod(0o755)
+    words, judging = (
+        ("roslaunch", each, f"{file}.launch") for each, file in (("courier", "fault"), ("judge", "judge"))
+    )
+    outside = Launch(packages, "courier", "fault.launch", home, [{"KIND": "none"}])
+    inside = Launch(image, "", "", home, [{"KIND": "none"}], command=words)
+    judges = LaunchSource(packages, "judge", "judge.launch"), LaunchSource(image, "", "", judging)
+    asked = [(outside, judges[0]), (outside, judges[1]), (inside, judges[1])]
+    found = [drive(robot._replace(simulation=each), [0], _STEPS) for robot, each in asked]
+    assert [each.failures for each in found] == [{}, {}, {}]
+    assert len({each.digests[0] for each in found}) == 1
+    assert all(each.tallies[0].late == each.tallies[0].stray == 0 for each in found)
+    assert all("simulation application:" in each.printed[0] and "seen 2" in each.printed[0] for each in found)
+    crashed = drive(inside._replace(simulation=LaunchSource(image, "", "", ("sh", "-c", "exit 7"))), [0], 1)
+    assert crashed.failures[0] == "node /simulation-image ended with status 7"
+    assert nothing_left(home)
 
 
 @pytest.mark.long
