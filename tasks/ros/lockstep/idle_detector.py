@@ -148,7 +148,9 @@ class IdleDetector:
         self._asleep, self._seen_s, self._slept_s = False, 0.0, 0.0
         self._served = -1
         self._begun_runs: dict[int, bytes] = {}
-        self._noted = self._ticked = self._unlinked = False
+        # Who ran since ``begin`` only because it was its time.
+        self._in_vain: set[int] = set()
+        self._noted = self._ticked = self._unlinked = self._fired = False
         self._usual_ns: dict[int, float] = {}
         # Who has to poll, what was counted of it last, and when it was seen to poll; None while somebody else is awake.
         self._due: dict[int, tuple[Runs, float]] | None = None
@@ -179,7 +181,9 @@ class IdleDetector:
         self._begun_s, self._granted_s, self._begun_runs = now_s, 0.0, self._watch.runs
         self._seen_s, self._slept_s = now_s, 0.0
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
-        self._unlinked = False
+        self._unlinked, self._fired = False, not ticked
+        self._in_vain.clear()
+        self._gate.hold = True
         self._naps.begin()
 
     def look(self, now_s: float) -> IdleState:
@@ -211,9 +215,12 @@ class IdleDetector:
         if awake or anew:
             self._begin_anew(anew, now_s)
             if not self.has_time(self._nap_s, now_s):
+                self._gate.end_births()
                 self._begin_to_poll(woken | self._watch.sleepers(), now_s)
             return IdleState.AWAKE if awake else IdleState.SOON
         self.rest_s = self.rest_s or now_s
+        if not self._timers_fired(now_s):
+            return IdleState.WAITS
         if self._end_nap(now_s):
             return IdleState.SOON
         if not self._proved(now_s) or not self._linked(now_s):
@@ -230,17 +237,27 @@ class IdleDetector:
     def _ran_anew(self, woken: Set[int], now_s: float) -> set[int]:
         """Returns the processes in which polls have to change nothing once more, as some threads were run."""
         unasked = {tid for tid in woken if not self._in_time(tid, now_s)}
+        self._in_vain = (self._in_vain | woken) - unasked
         self._naps.note_runs(unasked)
         anew = {self._watch.process(tid) for tid in unasked}
         if anew:  # what they sent may have come to a poller that waits for it, in another process
             anew |= {self._watch.process(tid) for tid in self.pollers if self._watch.listens(tid)}
         return anew
 
+    def _timers_fired(self, now_s: float) -> bool:
+        """Returns whether timers had their turn at a new time, before naps do: they run by themselves."""
+        if not self._fired:
+            napping = {self._watch.process(tid) for tid in self._gate.held}
+            timing = {self._watch.process(tid) for tid in self.timers & self.pollers.keys()}
+            self._fired = not napping & timing or self._proved(now_s)
+        return self._fired
+
     def _end_nap(self, now_s: float) -> bool:
         """Returns whether a nap ended now that was held: only when all look in vain do the others have to poll."""
         if not self._gate.held and not self._naps.last:
             return False
-        self._naps.touch(self._watch.touched(self._begun_runs, self.pollers.keys()) - self._naps.touched)
+        besides = self.pollers.keys() | self._in_vain
+        self._naps.touch(self._watch.touched(self._begun_runs, besides) - self._naps.touched)
         known = len(self._naps.polling)
         if not self._naps.end_next(patient=self.has_time(self._nap_s, now_s)):
             return False

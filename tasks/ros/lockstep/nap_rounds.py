@@ -39,7 +39,7 @@ class NapRounds:
 
     def begin(self) -> None:
         """Notes that something is sent now, and that whoever naps is at rest."""
-        self._gate.hold, self.last = True, 0
+        self.last = 0
         self._noted, self._little_ns = b"", _LITTLE_NS
         self._ended, self._away = Counter[int](), Counter[int]()
         self.touched: set[int] = set()

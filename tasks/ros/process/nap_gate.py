@@ -2,7 +2,9 @@
 
 ``ros::Rate``, ``ros::Duration`` and ``tf`` nap for a millisecond, look at simulated time, and nap again. Of two threads
 of a process that wait for the same tick, either one may look first. So a filter of system calls (seccomp(2)) hands
-each nap to this process (seccomp_unotify(2)), which holds those of a millisecond and lets all others go on.
+each nap to this process (seccomp_unotify(2)), which holds those of a millisecond and lets all others go on. A thread
+that was just made races with the one that made it, so in nodes that nap it is held as well, in what the C library does
+first in each thread (set_robust_list(2)).
 
 The filter is put up by a small program that stands before a node's. It is text here, because it runs in a bare Python
 that starts in no time. Where no filter can be put up, the node runs without one, and ``gaps`` says so. If this process
@@ -64,9 +66,10 @@ class _Machine(NamedTuple):
     seccomp: int
     nanosleep: int
     clock_nanosleep: int
+    set_robust_list: int
 
 
-_MACHINES = {"x86_64": _Machine(0xC000003E, 317, 35, 230), "aarch64": _Machine(0xC00000B7, 277, 101, 115)}
+_MACHINES = {"x86_64": _Machine(0xC000003E, 317, 35, 230, 273), "aarch64": _Machine(0xC00000B7, 277, 101, 115, 99)}
 # The first that lets a call go on as if nobody had been asked.
 _LEAST_LINUX = (5, 5)
 _LOAD, _EQUAL, _RETURN, _ASK, _ALLOW = 0x20, 0x15, 0x06, 0x7FC00000, 0x7FFF0000
@@ -97,11 +100,13 @@ class HeldNap(NamedTuple):
         order: Among all held naps of the application.
         listener: The file that it came on.
         request: Its number there.
+        birth: Whether it is no nap, but a thread that has not begun.
     """
 
     order: tuple[int, int]
     listener: int
     request: int
+    birth: bool = False
 
 
 class _Listener(NamedTuple):
@@ -135,6 +140,8 @@ class NapGate:
         self._doors, self._most_pids = 0, 0
         self._waiting: dict[int, socket.socket] = {}
         self._listeners: dict[int, _Listener] = {}
+        # Nodes that napped for a millisecond: who waits for simulated time in another way may wait for its threads so.
+        self._napped: set[int] = set()
 
     @contextlib.contextmanager
     def door(self) -> Generator[Door]:
@@ -160,7 +167,12 @@ class NapGate:
     def end(self, tid: int) -> None:
         """Ends a nap that is held, as if its time were over."""
         nap = self.held.pop(tid)
-        _answer(nap.listener, nap.request, 0)
+        _answer(nap.listener, nap.request, _GO_ON if nap.birth else 0)
+
+    def end_births(self) -> None:
+        """Lets all threads begin that were made: whoever made them may wait for them without sleeping."""
+        for tid in [tid for tid, nap in self.held.items() if nap.birth]:
+            self.end(tid)
 
     def let_go(self, pids: Collection[int]) -> None:
         """Ends all naps of some nodes, which are about to end, while nobody runs the loop."""
@@ -214,10 +226,15 @@ class NapGate:
         except FileNotFoundError:  # a signal came first
             return
         number, tid, call, *arguments = _REQUEST.unpack(request)
+        birth = self._machine is not None and call == self._machine.set_robust_list
         address = arguments[0 if self._machine and call == self._machine.nanosleep else 2]
-        if self.hold and tid not in self.free and self._length_ns(tid, address) == round(HELD_S * 1e9):
+        if birth:
+            held = listener.number in self._napped and _made_by_thread(tid)
+        elif held := self._length_ns(tid, address) == round(HELD_S * 1e9):
+            self._napped.add(listener.number)
+        if held and self.hold and tid not in self.free:
             order = (listener.number, (tid - listener.pid) % self._most_pids)
-            self.held[tid] = HeldNap(order, listener.file, number)
+            self.held[tid] = HeldNap(order, listener.file, number, birth)
         else:
             _answer(listener.file, number, _GO_ON)
 
@@ -257,12 +274,13 @@ def _missing() -> str:
 
 
 def _filter(machine: _Machine) -> bytes:
-    """Returns the program of BPF that asks about naps that last from now on; Python's last until a time."""
+    """Returns the program of BPF that asks about new threads, and naps from now on; Python's last until a time."""
     ask, allow = (_RETURN, 0, 0, _ASK), (_RETURN, 0, 0, _ALLOW)
     steps = [
         (_LOAD, 0, 0, _AUDIT_AT),
-        (_EQUAL, 0, 6, machine.audit),
+        (_EQUAL, 0, 7, machine.audit),
         (_LOAD, 0, 0, _NUMBER_AT),
+        (_EQUAL, 4, 0, machine.set_robust_list),
         (_EQUAL, 3, 0, machine.nanosleep),
         (_EQUAL, 0, 3, machine.clock_nanosleep),
         (_LOAD, 0, 0, _SECOND_AT),  # the flags
@@ -271,6 +289,13 @@ def _filter(machine: _Machine) -> bytes:
         allow,
     ]
     return b"".join(struct.pack("HBBI", *step) for step in steps)
+
+
+def _made_by_thread(tid: int) -> bool:
+    """Returns whether a thread is not the first one of its process, which may have been made by any process."""
+    with contextlib.suppress(OSError):
+        return f"\nTgid:\t{tid}\n" not in Path(f"/proc/{tid}/status").read_text()
+    return False
 
 
 def _answer(listener: int, request: int, flags: int) -> None:

@@ -8,6 +8,7 @@ import pytest
 from tasks.ros.graph.graph import Graph
 from tasks.ros.lockstep.idle_detector import IdleDetector, IdleState
 from tasks.ros.process import thread_watch
+from tasks.ros.process.nap_gate import HeldNap
 from tests.ros.lockstep.conftest import POLLER, WORKER, FakeGate
 from tests.ros.process.proc_folder import FakeThread
 
@@ -312,6 +313,56 @@ def test_who_rests_at_the_gate_looks_at_nothing_where_nobody_was_run(
     verdicts = let_go(detector, gate, poller, 2.03)
     assert verdicts == [IdleState.QUIET]
     assert gate.ended == before
+
+
+def test_a_thread_whose_time_it_was_lets_nobody_look_whose_nap_is_held(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread, gate: FakeGate
+) -> None:
+    """It wakes each tenth of a second, also in a message that is another process's."""
+    gate.hold_nap(WORKER)
+    ended: list[int] = []
+    for number in range(100):
+        if number % 50 == 0:
+            ended.append(len(gate.ended))
+            detector.begin(1.0 + 0.01 * number, fresh=False, ticked=True)
+        if number % 10 == 5:
+            poller.run()
+        detector.look(1.0 + 0.01 * number)
+        if not gate.held:
+            worker.run()
+            gate.hold_nap(WORKER)
+    assert ended == [0, len(gate.ended)]
+    assert gate.ended
+
+
+@pytest.mark.parametrize(("ticked", "ended"), [(True, []), (False, [WORKER])])
+def test_timers_have_their_turn_at_a_new_time_before_naps_end(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread, gate: FakeGate, ended: list[int], *, ticked: bool
+) -> None:
+    known(detector, poller)
+    detector.timers.add(POLLER)
+    gate.hold_nap(WORKER)
+    detector.begin(1.0, fresh=False, ticked=ticked)
+    worker.run()
+    for millisecond in range(1, 10):
+        detector.look(1.0 + 0.001 * millisecond)
+    assert gate.ended == ended
+    poller.run()
+    for millisecond in range(10, 14):
+        detector.look(1.0 + 0.001 * millisecond)
+    assert gate.ended == [WORKER]
+
+
+def test_who_waits_awake_for_a_thread_that_has_not_begun_is_helped_when_callbacks_have_no_more_time(
+    detector: IdleDetector, worker: FakeThread, gate: FakeGate
+) -> None:
+    gate.held[POLLER] = HeldNap((0, POLLER), -1, 0, birth=True)
+    detector.begin(1.0, fresh=False, ticked=True)
+    for ran_s, ended in ((0.5, []), (1.1, [POLLER])):
+        worker.ran_ns = round(ran_s * 1e9)
+        worker.be("R")
+        assert detector.look(1.0 + ran_s) is IdleState.AWAKE
+        assert gate.ended == ended
 
 
 def test_a_callback_that_naps_by_the_millisecond_is_waited_for(

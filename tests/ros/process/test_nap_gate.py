@@ -89,6 +89,24 @@ def test_a_nap_of_a_millisecond_ends_when_it_is_ended(pump: EventPump, gate: Nap
     assert process.poll() is None
 
 
+@pytest.mark.parametrize("told", ["end", "end_births"])
+def test_a_thread_that_a_thread_made_begins_when_it_is_told(
+    pump: EventPump, gate: NapGate, start: Start, told: str
+) -> None:
+    """Its process, one that it starts, and threads of one that has not napped begin by themselves."""
+    program = "import _thread, subprocess\n_thread.start_new_thread(say, ('early',))\ntime.sleep(0.1)\n"
+    program += "subprocess.run(['true'], check=True)\nnap()\n"
+    process = start(program + "_thread.start_new_thread(say, ('born',))\nsay('made'); time.sleep(9)")
+    serve_until(pump, lambda: gate.held)
+    gate.end(process.pid)
+    serve_until(pump, lambda: gate.held or process.poll() is not None)
+    assert [said(process), said(process)] == [b"early", b"made"]
+    (tid,) = gate.held
+    assert tid != process.pid
+    gate.end_births() if told == "end_births" else gate.end(tid)
+    assert (said(process), gate.held) == (b"born", {})
+
+
 def test_other_naps_end_by_themselves(pump: EventPump, gate: NapGate, start: Start) -> None:
     """Longer and shorter ones, those until a time, and one that no memory tells of, which fails as it does anywhere."""
     process = start("nap(1001); nap(999); time.sleep(0.001); say(*map(bad, (1 << 63, 16)))")
@@ -102,7 +120,7 @@ def test_naps_are_in_the_order_in_which_nodes_were_started_and_threads_made(
     program = "made = [threading.Thread(target=nap) for _ in range(3)]\nfor each in made: each.start()\n"
     program += "say(*(each.native_id for each in made)); nap()"
     first, second = start(program), start(program)
-    serve_until(pump, lambda: len(gate.held) == 8)
+    serve_until(pump, lambda: gate.end_births() or len(gate.held) == 8)
     made = [[process.pid, *map(int, said(process).split())] for process in (first, second)]
     assert gate.in_order() == [*made[0], *made[1]]
 
@@ -217,13 +235,12 @@ def test_a_node_runs_without_the_gate_where_the_kernel_refuses_it(pump: EventPum
     with gate.door() as outside, inner.door() as inside:
         door = Door((*outside.command, *inside.command), (*outside.files, *inside.files))
         process = launched(door, "say('runs')")
-    serve_until(pump, inner.gaps)
+    serve_until(pump, lambda: inner.gaps() and process.poll() is not None)
     assert said(process) == b"runs"
     busy = f"seccomp: {os.strerror(errno.EBUSY)}"
     assert inner.gaps() == [f"threads of its nodes may race, since their naps do not end one at a time: {busy}"]
     with inner.door() as door:
         assert door == Door()
-    serve_until(pump, lambda: process.poll() is not None)
     process.communicate()
     inner.close()
 
