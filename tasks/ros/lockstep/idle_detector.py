@@ -188,9 +188,8 @@ class IdleDetector:
 
     def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
-        let_go = self._naps.last
         state = self._look(now_s)
-        if self._asleep and not let_go:  # who was let go slept for no longer than it took to find that it naps again
+        if self._asleep:
             self._slept_s += min(now_s - self._seen_s, _LONGEST_SEEN_S)
         self._seen_s = now_s
         return state

@@ -315,21 +315,6 @@ def test_who_rests_at_the_gate_looks_at_nothing_where_nobody_was_run(
     assert gate.ended == before
 
 
-def test_naps_that_end_late_because_others_have_the_cores_are_no_time_of_the_application(
-    detector: IdleDetector, worker: FakeThread, gate: FakeGate
-) -> None:
-    detector.begin(1.0, fresh=False, ticked=True)
-    worker.run()
-    gate.hold_nap(WORKER)
-    for number in range(1, 200):
-        detector.look(1.0 + 0.02 * number)
-        if not gate.held:
-            worker.run()
-            gate.hold_nap(WORKER)
-    assert len(gate.ended) > 90
-    assert detector.has_time(2.0, 5.0)
-
-
 def test_a_thread_whose_time_it_was_lets_nobody_look_whose_nap_is_held(
     detector: IdleDetector, worker: FakeThread, poller: FakeThread, gate: FakeGate
 ) -> None:
