@@ -78,8 +78,8 @@ def publish(
     if bundle and own:
         raise _refused("--architecture", bundle, "one bundle for all architectures, or one for each")
     if bundle or own:
-        folders: dict[Architecture, Path] = {each: _folder(source, kind, robot, each) for each, source in own.items()}
-        source = folders or _folder(bundle or "", kind, robot)
+        folders: dict[Architecture, Path] = {each: _folder(source, robot, each) for each, source in own.items()}
+        source = folders or _folder(bundle or "", robot)
         publish_one = partial(publish_folders, opened, _kind(kind), name, source, current_revision=revision)
     else:
         publish_one = partial(create_version, opened, _kind(kind), name, revision)
@@ -155,16 +155,12 @@ def _bundles(given: Sequence[str]) -> "dict[Architecture, str]":
     return dict(pairs)
 
 
-def _folder(
-    source: str, kind: Literal["robot", "simulation"], robot: Path | None, architecture: Architecture = "X86_64"
-) -> Path:
+def _folder(source: str, robot: Path | None, architecture: Architecture = "X86_64") -> Path:
     """Returns the folder of a bundle; a container image's is made in the cache."""
     if not is_image_source(source, Path()):
         if robot:
             raise _refused("--robot", str(robot), f"nothing: {source} is no container image, and has its own")
         return Path(source)
-    if kind == "simulation":
-        raise _refused("bundle", source, "a folder: a container image drives a robot, and does not judge")
     try:
         return image_bundle(source, Path(), robot, architecture)
     except BundleRefused as exc:

@@ -51,8 +51,7 @@ def test_a_container_image_is_published_as_a_document_would(
         _simyard(file_store, "publish", "mine", "docker://127.0.0.1:1/app:1")
     with pytest.raises(DocumentError, match="it is built for amd64, and ARM64 is asked for"):
         _simyard(file_store, "publish", "mine", "--architecture", f"ARM64={image}")
-    with pytest.raises(DocumentError, match="a container image drives a robot"):
-        _simyard(file_store, "publish", "mine", image, "--kind", "simulation")
+    assert _simyard(file_store, "publish", "judge", image, "--kind", "simulation").startswith("judge version 1: ")
     with pytest.raises(DocumentError, match="is no container image, and has its own"):
         _simyard(file_store, "publish", "mine", folder, "--robot", folder)
 
