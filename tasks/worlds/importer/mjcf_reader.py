@@ -166,7 +166,8 @@ def _take(found: Found, compiled: _Compiled, geom: int, part: Model) -> None:
     if (name, *size) not in meshes:
         meshes[name, *size] = SHAPES[name](size)
     upright = (size[0], size[1]) if name == "cylinder" else None
-    found.parts.append(Placed(part.name, subject, f"a {name}", meshes[name, *size], part.pose, color, upright))
+    ball_m = size[0] if name == "sphere" else None
+    found.parts.append(Placed(part.name, subject, f"a {name}", meshes[name, *size], part.pose, color, upright, ball_m))
 
 
 def _moves(model: mujoco.MjModel, root: int) -> bool:

@@ -406,9 +406,14 @@ class _Reader:
             self.found.note(spot.subject, "dropped", f"{shown(shape.tag)}: a shape that Simyard does not know")
 
     def _place_part(
-        self, spot: "_Spot", shape: str, mesh: TriangleMesh, upright: tuple[float, float] | None = None
+        self,
+        spot: "_Spot",
+        shape: str,
+        mesh: TriangleMesh,
+        upright: tuple[float, float] | None = None,
+        ball_m: float | None = None,
     ) -> None:
-        self.found.parts.append(Placed(spot.piece, spot.subject, shape, mesh, spot.pose, spot.color, upright))
+        self.found.parts.append(Placed(spot.piece, spot.subject, shape, mesh, spot.pose, spot.color, upright, ball_m))
 
     def _plane(self, spot: "_Spot", shape: Element) -> None:
         normal = shape.first("normal")
@@ -435,7 +440,8 @@ class _Reader:
         if key not in self._scaled:
             self._scaled[key] = SHAPES[shape.tag](size)
         upright = (size[0], size[1]) if shape.tag == "cylinder" else None
-        self._place_part(spot, f"a {shape.tag}", self._scaled[key], upright)
+        ball_m = size[0] if shape.tag == "sphere" else None
+        self._place_part(spot, f"a {shape.tag}", self._scaled[key], upright, ball_m)
 
     def _polyline(self, spot: "_Spot", shapes: Sequence[Element]) -> None:
         """Takes upright walls around points; a polyline in another one cuts a hole."""

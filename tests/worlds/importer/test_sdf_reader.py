@@ -140,7 +140,6 @@ def test_upright_shapes_are_exact(tmp_path: Path, geometry: str, shape: str, hal
 @pytest.mark.parametrize(
     "geometry",
     [
-        "<sphere><radius>0.3</radius></sphere>",
         "<capsule><radius>0.3</radius><length>1</length></capsule>",
         "<ellipsoid><radii>0.3 0.3 0.5</radii></ellipsoid>",
         "<cone><radius>0.3</radius><length>0.9</length></cone>",
@@ -152,6 +151,27 @@ def test_round_shapes_are_stacks_that_say_how_far_off_they_are(tmp_path: Path, g
     assert (finding.subject, finding.became, found.exact) == ("ball/link/c", "approximated", 0)
     assert 0.001 < (finding.off_m or 0) <= 0.1
     assert max(solid.half_extents_m[0] for solid in solids(found)) == pytest.approx(0.3, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("z_m", "half", "off_m"),
+    [
+        (0.8, (0.5, 0.5, 0.5), 0.2071),
+        (-0.3, (0.4, 0.4, 0.1), 0.1403),
+        (2.5, (0.4, 0.4, 0.5), 0.1403),
+        (9.0, (0.5,) * 3, 0.2071),
+    ],
+    ids=["on the floor", "in the floor", "at a head", "above all heads"],
+)
+def test_a_ball_is_one_cylinder_as_wide_as_what_a_robot_meets(
+    tmp_path: Path, z_m: float, half: tuple[float, ...], off_m: float
+):
+    ball = f"<pose>0 0 {z_m} 0.4 0 0</pose>{collision('<sphere><radius>0.5</radius></sphere>')}"
+    found = scene(tmp_path, model("ball", ball) + model("post", collision("<box><size>1 1 1</size></box>")))
+    (finding,), (solid, _) = found.findings, solids(found)
+    assert (finding.why, finding.off_m) == ("a sphere as the cylinder around it", pytest.approx(off_m, abs=1e-4))
+    assert solid.shape == "cylinder"
+    assert at(solid.half_extents_m, *half)
 
 
 def test_meshes_are_scaled_and_in_the_unit_of_their_file(tmp_path: Path):
