@@ -10,7 +10,9 @@ from specs.base import Spec
 from specs.bundle_files import (
     BumperDeclaration,
     ColorCameraDeclaration,
+    CompassDeclaration,
     DepthCameraDeclaration,
+    GpsDeclaration,
     ImuDeclaration,
     LidarDeclaration,
     OdometryDeclaration,
@@ -51,6 +53,8 @@ class RosTopics(Spec):
         color_image, color_info: The colour camera: sensor_msgs/Image, CameraInfo; with ``/compressed`` behind the name
             of the pictures, CompressedImage.
         range_finders: sensor_msgs/Range; several have a topic each, with ``_0``, ``_1`` and so on behind this name.
+        compass: sensor_msgs/MagneticField, in the base's frame.
+        gps: sensor_msgs/NavSatFix.
         goal: The goal to go to now: geometry_msgs/PoseStamped, latched, when it changes.
         floor_map: The map of the world: nav_msgs/OccupancyGrid, latched.
         localized: Where it is on the map: geometry_msgs/PoseWithCovarianceStamped.
@@ -69,6 +73,8 @@ class RosTopics(Spec):
     color_image: Topic | None = "/camera/color/image_raw"
     color_info: Topic | None = "/camera/color/camera_info"
     range_finders: Topic | None = "/range"
+    compass: Topic | None = "/imu/mag"
+    gps: Topic | None = "/fix"
     goal: Topic | None = "/move_base_simple/goal"
     floor_map: Topic | None = None
     localized: Topic | None = None
@@ -97,6 +103,7 @@ class RosFrames(Spec):
         imu: The inertial sensor, fixed to the base likewise.
         depth_camera, color_camera: The optical frames of cameras: z ahead, x to the right, y down (REP 103).
         range_finders: Which look along x; several have ``_0``, ``_1`` and so on behind this name.
+        gps: The antenna of the receiver of satellites.
         floor_map: The map's; odometry counts from its origin.
     """
 
@@ -107,6 +114,7 @@ class RosFrames(Spec):
     depth_camera: Frame = "camera_depth_optical_frame"
     color_camera: Frame = "camera_color_optical_frame"
     range_finders: Frame = "range"
+    gps: Frame = "gps"
     floor_map: Frame = "map"
 
 
@@ -187,7 +195,7 @@ class RosRobot(Spec):
     Attributes:
         lidar: None for a robot without.
         odometry: Errors of its wheels; None for none.
-        bumper, depth_camera, color_camera, range_finders: None for a robot without.
+        bumper, depth_camera, color_camera, range_finders, compass, gps: None for a robot without.
         imu: Where it is and how it errs; None for one on the base that tells what is true.
         drive: How a Twist becomes controls; None for a planar base, where it follows from ``robot.xml``.
         command_timeout_s: Simulated time after which a base that gets no command stops; 0 if it goes on for ever.
@@ -208,6 +216,8 @@ class RosRobot(Spec):
     color_camera: ColorCameraDeclaration | None = None
     imu: RosImu | None = None
     range_finders: RosRangeFinders | None = None
+    compass: CompassDeclaration | None = None
+    gps: GpsDeclaration | None = None
     drive: RosDrive | None = None
     command_timeout_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 0.0
     ready_s: Annotated[float, Field(gt=0.0, le=600.0)] = 60.0

@@ -7,7 +7,13 @@ written follows from what is sensed. What nodes tell each other goes past it.
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration, LidarDeclaration
+from specs.bundle_files import (
+    BumperDeclaration,
+    ColorCameraDeclaration,
+    CompassDeclaration,
+    GpsDeclaration,
+    LidarDeclaration,
+)
 from specs.data.episode import CONTROL_S
 from specs.ros_robot import RosDepthCamera, RosRangeFinders, RosRobot
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
@@ -134,6 +140,8 @@ _OPTIONAL = MappingProxyType(
         "depth_camera": RosDepthCamera(),
         "color_camera": ColorCameraDeclaration(),
         "range_finders": RosRangeFinders(),
+        "compass": CompassDeclaration(),
+        "gps": GpsDeclaration(),
     }
 )
 

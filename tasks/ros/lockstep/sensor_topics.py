@@ -16,7 +16,7 @@ from specs.ros_robot import RosRobot, numbered
 from tasks.ros.lockstep.exchange import JointStates, RobotBase, Sensed
 from tasks.ros.message import camera_messages, ros_messages
 from tasks.ros.message.camera_messages import Pinhole
-from tasks.ros.message.ros_messages import Stamp, stamp
+from tasks.ros.message.ros_messages import EarthPlace, Stamp, stamp
 
 _IMAGE, _INFO, _POINTS = "sensor_msgs/Image", "sensor_msgs/CameraInfo", "sensor_msgs/PointCloud2"
 _JPEG = "sensor_msgs/CompressedImage"
@@ -192,6 +192,39 @@ def _scan_mounts(robot: RosRobot) -> Iterator[Mount]:
         yield robot.frames.laser, (robot.lidar.x_m, robot.lidar.y_m, robot.lidar.yaw_rad)
 
 
+def _compass_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
+    compass = base.robot.compass
+    if compass is None:
+        return
+
+    def write(moment: Moment) -> bytes:
+        field_ut = moment.sensed.readings["field_ut"]
+        return ros_messages.magnetic_field(
+            moment.sequence, moment.time, base.robot.frames.base, field_ut, compass.sigma_ut
+        )
+
+    yield SensorTopic(base.robot.topics.compass, "sensor_msgs/MagneticField", write, *_pace(compass, control_s))
+
+
+def _gps_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
+    gps = base.robot.gps
+    if gps is None:
+        return
+    origin = EarthPlace(gps.latitude_deg, gps.longitude_deg, gps.altitude_m)
+    sigma_m = math.hypot(gps.sigma_m, gps.drift_m)
+
+    def write(moment: Moment) -> bytes:
+        place = ros_messages.place_beside(origin, moment.sensed.readings["gps_m"])
+        return ros_messages.satellite_fix(moment.sequence, moment.time, base.robot.frames.gps, place, sigma_m)
+
+    yield SensorTopic(base.robot.topics.gps, "sensor_msgs/NavSatFix", write, *_pace(gps, control_s))
+
+
+def _gps_mounts(robot: RosRobot) -> Iterator[Mount]:
+    if robot.gps is not None:
+        yield robot.frames.gps, (robot.gps.x_m, robot.gps.y_m, 0.0, robot.gps.z_m)
+
+
 class _Camera(NamedTuple):
     """A camera: how it projects, its optical frame, and when its pictures come."""
 
@@ -264,6 +297,8 @@ def _color_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
 ROS_SENSORS: tuple[RosSensor, ...] = (
     RosSensor(_joint_topics),
     RosSensor(_imu_topics, _imu_mounts, ("turn_rad_s", "force_m_s2")),
+    RosSensor(_compass_topics, readings=("field_ut",)),
+    RosSensor(_gps_topics, _gps_mounts, ("gps_m",)),
     RosSensor(_bumper_topics),
     RosSensor(_range_topics, _range_mounts, ("finder_m",)),
     RosSensor(_scan_topics, _scan_mounts),

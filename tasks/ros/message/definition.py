@@ -78,6 +78,20 @@ MESSAGES: Mapping[str, str] = MappingProxyType(
             "Header header\nfloat32 angle_min\nfloat32 angle_max\nfloat32 angle_increment\nfloat32 time_increment\n"
             "float32 scan_time\nfloat32 range_min\nfloat32 range_max\nfloat32[] ranges\nfloat32[] intensities"
         ),
+        "sensor_msgs/MagneticField": (
+            "Header header\ngeometry_msgs/Vector3 magnetic_field\nfloat64[9] magnetic_field_covariance"
+        ),
+        "sensor_msgs/NavSatFix": (
+            "uint8 COVARIANCE_TYPE_UNKNOWN=0\nuint8 COVARIANCE_TYPE_APPROXIMATED=1\n"
+            "uint8 COVARIANCE_TYPE_DIAGONAL_KNOWN=2\nuint8 COVARIANCE_TYPE_KNOWN=3\nHeader header\n"
+            "NavSatStatus status\nfloat64 latitude\nfloat64 longitude\nfloat64 altitude\n"
+            "float64[9] position_covariance\nuint8 position_covariance_type"
+        ),
+        "sensor_msgs/NavSatStatus": (
+            "int8 STATUS_NO_FIX=-1\nint8 STATUS_FIX=0\nint8 STATUS_SBAS_FIX=1\nint8 STATUS_GBAS_FIX=2\n"
+            "uint16 SERVICE_GPS=1\nuint16 SERVICE_GLONASS=2\nuint16 SERVICE_COMPASS=4\nuint16 SERVICE_GALILEO=8\n"
+            "int8 status\nuint16 service"
+        ),
         "sensor_msgs/PointCloud2": (
             "Header header\nuint32 height\nuint32 width\nPointField[] fields\nbool is_bigendian\nuint32 point_step\n"
             "uint32 row_step\nuint8[] data\nbool is_dense"

@@ -310,6 +310,75 @@ def range_reading(
     return header(sequence, time, frame) + _RANGE.pack(radiation, cone_rad, 0.0, range_max, told)
 
 
+_VECTOR_ERRS, _FIX = struct.Struct("<12d"), struct.Struct("<bH12dB")
+_UT_A_TESLA = 1e6
+
+
+def magnetic_field(
+    sequence: int, time: Stamp, frame: str, field_ut: Sequence[float] | Float[np.ndarray, "3"], sigma_ut: float
+) -> bytes:
+    """Returns a ``sensor_msgs/MagneticField``, in tesla.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        frame: The frame that the field is in.
+        field_ut: Along its axes, microtesla.
+        sigma_ut: Standard deviation of each; 0 for unknown.
+    """
+    field = (float(each) / _UT_A_TESLA for each in field_ut)
+    return header(sequence, time, frame) + _VECTOR_ERRS.pack(*field, *_alike(sigma_ut / _UT_A_TESLA))
+
+
+class EarthPlace(NamedTuple):
+    """A place on the earth, of WGS 84."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+
+_RADIUS_M, _FLATNESS = 6_378_137.0, 1 / 298.257223563
+_SQUARED = _FLATNESS * (2 - _FLATNESS)
+
+
+def place_beside(origin: EarthPlace, way_m: Sequence[float] | Float[np.ndarray, "3"]) -> EarthPlace:
+    """Returns where one is that is some metres east, north and up of a place.
+
+    B. Bowring, "Transformation from spatial to geographical coordinates", 1976: exact to less than a micrometre.
+    """
+    east, north, up = map(float, way_m)
+    latitude, longitude = math.radians(origin.latitude_deg), math.radians(origin.longitude_deg)
+    sin, cos = math.sin(latitude), math.cos(latitude)
+    across_m = _RADIUS_M / math.sqrt(1 - _SQUARED * sin**2)
+    # Along the meridian's plane, to the east of it, and along the earth's axis.
+    out_m = (across_m + origin.altitude_m + up) * cos - north * sin
+    axis_m = ((1 - _SQUARED) * across_m + origin.altitude_m + up) * sin + north * cos
+    far_m = math.hypot(out_m, east)
+    turned = math.atan2(axis_m, (1 - _FLATNESS) * far_m)
+    bent = _SQUARED / (1 - _FLATNESS) * _RADIUS_M * math.sin(turned) ** 3
+    found = math.atan2(axis_m + bent, far_m - _SQUARED * _RADIUS_M * math.cos(turned) ** 3)
+    level_m = _RADIUS_M * math.sqrt(1 - _SQUARED * math.sin(found) ** 2)
+    altitude_m = far_m * math.cos(found) + axis_m * math.sin(found) - level_m
+    turn_deg = math.degrees(longitude + math.atan2(east, out_m))
+    return EarthPlace(math.degrees(found), (turn_deg + 180) % 360 - 180, altitude_m)
+
+
+def satellite_fix(sequence: int, time: Stamp, frame: str, place: EarthPlace, sigma_m: float) -> bytes:
+    """Returns a ``sensor_msgs/NavSatFix``, by GPS.
+
+    Args:
+        sequence: Of the message among those of its topic.
+        time: When the data were true.
+        frame: The antenna's.
+        place: Where it is.
+        sigma_m: Standard deviation to the east and to the north, of which upwards it is twice; 0 for unknown.
+    """
+    level, up = sigma_m**2, (2 * sigma_m) ** 2
+    errs = (level, 0.0, 0.0, 0.0, level, 0.0, 0.0, 0.0, up)
+    return header(sequence, time, frame) + _FIX.pack(0, 1, *place, *errs, 2 if sigma_m else 0)
+
+
 def joint_state(
     sequence: int,
     time: Stamp,

@@ -564,6 +564,8 @@ def declared_sensors(robot: RosRobot) -> RosRobot:
         "color_camera": topics.color_image,
         "imu": topics.imu,
         "range_finders": topics.range_finders,
+        "compass": topics.compass,
+        "gps": topics.gps,
     }
     return robot.model_copy(update={name: None for name, topic in told.items() if topic is None})
 

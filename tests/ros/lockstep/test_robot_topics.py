@@ -7,7 +7,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pytest
 
-from specs.bundle_files import BumperDeclaration, ColorCameraDeclaration, LidarDeclaration
+from specs.bundle_files import (
+    BumperDeclaration,
+    ColorCameraDeclaration,
+    CompassDeclaration,
+    GpsDeclaration,
+    LidarDeclaration,
+)
 from specs.ros_robot import RosDepthCamera, RosImu, RosRangeFinders, RosRobot, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog, with_other_topics
 from tasks.ros.lockstep.exchange import ExchangeTotals, FloorMap, GoalEnd, RobotBase, Sensed, TwistCommand
@@ -44,6 +50,8 @@ def test_topics_of_sensors_that_a_robot_may_have_are_known_with_their_declaratio
     assert found == {
         **dict.fromkeys(["/eye", "/eye/compressed", "/camera/color/camera_info"], "color_camera"),
         "/range": "range_finders",
+        "/imu/mag": "compass",
+        "/fix": "gps",
     }
 
 
@@ -95,6 +103,8 @@ SEES = RosRobot(
     color_camera=ColorCameraDeclaration(columns=3, rows=2, rate_hz=4.0),
     imu=RosImu(z_m=0.05, yaw_rad=0.5, gyro_sigma_rad_s=0.1, rate_hz=10.0),
     range_finders=RosRangeFinders(finders=2, first_rad=0.5, apart_rad=-1.0, out_m=0.2, radiation="infrared"),
+    compass=CompassDeclaration(sigma_ut=2.0, rate_hz=10.0),
+    gps=GpsDeclaration(latitude_deg=60.0, longitude_deg=10.0, sigma_m=3.0, drift_m=4.0, z_m=0.3, latency_steps=2),
 )
 READINGS = {
     "depth_m": np.full((2, 4), 1.5, np.float32),
@@ -102,6 +112,8 @@ READINGS = {
     "turn_rad_s": np.array([0.1, 0.2, 0.3], np.float32),
     "force_m_s2": np.array([0.0, 0.0, 9.8], np.float32),
     "finder_m": np.array([1.0, 4.0], np.float32),
+    "field_ut": np.array([20.0, 0.0, -45.0], np.float32),
+    "gps_m": np.array([0.0, 1000.0, 0.3], np.float32),
 }
 
 
@@ -143,6 +155,19 @@ def test_a_picture_has_the_time_at_which_it_was_taken_and_its_own_frame() -> Non
     )
 
 
+def test_a_compass_tells_the_field_and_a_gps_the_place_on_the_earth() -> None:
+    found = messages(SEES)
+    field = round_trip("sensor_msgs/MagneticField", found.write("/imu/mag", at(2)))
+    assert (field.header.frame_id, field.magnetic_field.x, field.magnetic_field.z) == ("base_link", 20e-6, -45e-6)
+    assert field.magnetic_field_covariance[4] == pytest.approx(4e-12)
+    fix = round_trip("sensor_msgs/NavSatFix", found.write("/fix", at(2)))
+    assert (fix.header.frame_id, fix.header.stamp.nanosec, fix.status.status) == ("gps", 500_000_000, 0)
+    # A degree of latitude is 111.4 km long there.
+    assert (fix.latitude, fix.longitude) == (pytest.approx(60.0 + 1 / 111.4, abs=1e-5), pytest.approx(10.0))
+    assert fix.position_covariance.tolist() == [25.0, 0, 0, 0, 25.0, 0, 0, 0, 100.0]
+    assert fix.position_covariance_type == 2
+
+
 def test_a_declared_imu_says_what_it_measures_and_how_it_errs() -> None:
     read = round_trip("sensor_msgs/Imu", messages(SEES).write("/imu", at(2)))
     turn, force = read.angular_velocity, read.linear_acceleration
@@ -170,6 +195,7 @@ def test_frames_are_where_sensors_are_mounted() -> None:
     places = {name: (each.translation.x, each.translation.y, each.translation.z) for name, each in found.items()}
     assert places == {
         "imu_link": (0.0, 0.0, 0.05),
+        "gps": (0.0, 0.0, 0.3),
         "range_0": pytest.approx((0.2 * math.cos(0.5), 0.2 * math.sin(0.5), 0.2)),
         "range_1": pytest.approx((0.2 * math.cos(0.5), -0.2 * math.sin(0.5), 0.2)),
         "laser": (0.0, 0.0, 0.0),

@@ -35,6 +35,9 @@ PUBLISHED = {
     "sensor_msgs/Imu": "6a62c6daae103f4ff57a132d6f95cec2",
     "sensor_msgs/JointState": "3066dcd76a6cfaef579bd0f34173e9fd",
     "sensor_msgs/LaserScan": "90c7ef2dc6895d81024acba2ac42f369",
+    "sensor_msgs/MagneticField": "2f3b0b43eed0c9501de0fa3ff89a45aa",
+    "sensor_msgs/NavSatFix": "2d3a8cd499b9b4a0249fb98fd05cfa48",
+    "sensor_msgs/NavSatStatus": "331cdbddfa4bc96ffc3b9ad98900a54c",
     "sensor_msgs/PointCloud2": "1158d486dd51d683ce2f1be655c3c181",
     "sensor_msgs/PointField": "268eacb2962780ceac86cbd17e328150",
     "sensor_msgs/Range": "c005c34273dc426c67a020a87bc24148",
@@ -68,4 +71,4 @@ def test_a_service_is_no_message(kind: str):
 
 def test_a_type_that_the_robot_does_not_speak_has_no_digest():
     with pytest.raises(KeyError):
-        type_digest("sensor_msgs/NavSatFix")
+        type_digest("sensor_msgs/Joy")

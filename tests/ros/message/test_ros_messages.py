@@ -12,9 +12,11 @@ from hypothesis.extra.numpy import arrays
 
 from tasks.ros.message import ros_messages
 from tasks.ros.message.ros_messages import (
+    EarthPlace,
     FrameTransform,
     Inertia,
     PlanarTwist,
+    place_beside,
     read_tag_keys,
     read_tags,
     stamp,
@@ -174,6 +176,34 @@ def test_a_range_finder_that_hears_nothing_says_inf(range_m: float, told: float)
     )
     read = round_trip("sensor_msgs/Range", data)
     assert (read.radiation_type, read.field_of_view, read.max_range, read.range) == (1, 0.5, 4.0, told)
+
+
+def _from_earth_middle(place: EarthPlace) -> np.ndarray:
+    """Returns a place of WGS 84 in metres from the earth's middle: to 0 N 0 E, to 0 N 90 E, to the north pole."""
+    latitude, longitude = np.radians([place.latitude_deg, place.longitude_deg])
+    squared = (2 - 1 / 298.257223563) / 298.257223563
+    level_m = 6_378_137.0 / np.sqrt(1 - squared * np.sin(latitude) ** 2)
+    out_m = (level_m + place.altitude_m) * np.cos(latitude)
+    axis_m = (level_m * (1 - squared) + place.altitude_m) * np.sin(latitude)
+    return np.array([out_m * np.cos(longitude), out_m * np.sin(longitude), axis_m])
+
+
+@given(
+    latitude=st.floats(-90, 90),
+    longitude=st.floats(-180, 180),
+    altitude_m=st.floats(-400, 9000),
+    way_m=st.tuples(st.floats(-3000, 3000), st.floats(-3000, 3000), st.floats(-50, 50)),
+)
+def test_a_place_some_metres_beside_another_is_so_far_from_it(
+    latitude: float, longitude: float, altitude_m: float, way_m: tuple[float, float, float]
+):
+    origin = EarthPlace(latitude, longitude, altitude_m)
+    found = place_beside(origin, way_m)
+    sin, cos, east_sin, east_cos = (f(np.radians(x)) for x in (latitude, longitude) for f in (np.sin, np.cos))
+    axes = [[-east_sin, east_cos, 0.0], [-sin * east_cos, -sin * east_sin, cos], [cos * east_cos, cos * east_sin, sin]]
+    moved_m = np.array(axes) @ (_from_earth_middle(found) - _from_earth_middle(origin))
+    np.testing.assert_allclose(moved_m, way_m, atol=1e-6)
+    assert -180.0 <= found.longitude_deg <= 180.0
 
 
 @given(names=st.lists(st.text(min_size=1, max_size=10), max_size=5))

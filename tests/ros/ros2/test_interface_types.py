@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tasks.ros.message.camera_messages import Pinhole, camera_info, compressed_image, image, point_cloud
-from tasks.ros.message.ros_messages import range_reading, stamp
+from tasks.ros.message.ros_messages import EarthPlace, magnetic_field, range_reading, satellite_fix, stamp
 from tasks.ros.ros2.interface_types import (
     ADD_TAGS,
     CANCEL,
@@ -39,6 +39,8 @@ PUBLISHED = {
     "sensor_msgs/msg/Imu": "7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
     "sensor_msgs/msg/JointState": "a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
     "sensor_msgs/msg/LaserScan": "64c191398013af96509d518dac71d5164f9382553fce5c1f8cca5be7924bd828",
+    "sensor_msgs/msg/MagneticField": "e80f32f56a20486c9923008fc1a1db07bbb273cbbf6a5b3bfa00835ee00e4dff",
+    "sensor_msgs/msg/NavSatFix": "62223ab3fe210a15976021da7afddc9e200dc9ec75231c1b6a557fc598a65404",
     "sensor_msgs/msg/PointCloud2": "9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     "sensor_msgs/msg/Range": "b42b62562e93cbfe9d42b82fe5994dfa3d63d7d5c90a317981703f7388adff3a",
     "std_msgs/msg/UInt8MultiArray": "5687e861b8d307a5e48b7515467ae7a5fc2daf805bd0ce6d8e9e604bade9f385",
@@ -103,6 +105,8 @@ def _sent() -> dict[str, bytes]:
         "Image": image(1, now, "eye", depth_m),
         "CompressedImage": compressed_image(1, now, "eye", np.zeros((3, 4, 3), np.uint8)),
         "CameraInfo": camera_info(1, now, "eye", camera),
+        "MagneticField": magnetic_field(1, now, "eye", (20.0, 0.0, -45.0), 0.0),
+        "NavSatFix": satellite_fix(1, now, "eye", EarthPlace(48.1, 11.6, 520.0), 2.0),
         "PointCloud2": point_cloud(1, now, "eye", camera, depth_m),
         "Range": range_reading(1, now, "eye", 0.5, radiation=0, cone_rad=0.3, range_max=4.0),
     }
@@ -117,6 +121,7 @@ def test_what_cameras_send_is_the_same_in_ros_2(distribution: str) -> None:
         found[name] = store.deserialize_cdr(cdr, kind)
         assert (found[name].header.frame_id, found[name].header.stamp.nanosec) == ("eye", 500_000_000)
     assert (found["Image"].encoding, found["Image"].step, len(found["Image"].data)) == ("32FC1", 16, 48)
+    assert (found["MagneticField"].magnetic_field.z, found["NavSatFix"].status.service) == (-45e-6, 1)
     assert found["CompressedImage"].format == "rgb8; jpeg compressed bgr8"
     assert (found["CameraInfo"].k[2], found["CameraInfo"].roi.do_rectify) == (1.5, False)
     assert (found["PointCloud2"].fields[2].name, len(found["PointCloud2"].data)) == ("z", 144)
