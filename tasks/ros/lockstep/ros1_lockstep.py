@@ -388,11 +388,11 @@ class Ros1Lockstep:
         status = lane.graph.navigation.status
         if status == "rejected" and moment.time_ns - lane.asked_ns >= _AGAIN_NS and not self._too_late(moment.time_ns):
             lane.goal = None
-        action = ACTIONS.get(self._base.robot.goals)
-        if action and (status in _UNDER_WAY or not lane.graph.outgoing[action]):
-            return False
         x, y = map(float, moment.sensed.goal)
-        return lane.goal != (x, y)
+        action = ACTIONS.get(self._base.robot.goals)
+        if lane.goal == (x, y) or not action:
+            return lane.goal != (x, y)
+        return status not in _UNDER_WAY and bool(lane.graph.outgoing[action])
 
     def _too_late(self, now_ns: int) -> bool:
         """Returns whether a goal that is rejected is not sent again."""
