@@ -190,13 +190,20 @@ def _process_ids() -> set[int]:
     return {int(name) for name in os.listdir("/proc") if name.isdigit()}  # noqa: PTH208 - much quicker
 
 
-# Should this process be killed, its nodes are, too; entering a network would undo it, and comes before.
-_WITH_US = ("setpriv", "--pdeathsig", "KILL", "--")
 _ROUNDS = 500
 _PAUSE_S = 0.002
 _LOG_END_BYTES = 2000
 _RESULTS_BYTES = 64 << 10
 _LAST_WORDS_CHARACTERS = 300
+
+
+def tied_to(parent: int) -> tuple[str, ...]:
+    """Returns what stands before a command that is to be killed when a process is, whose child it is.
+
+    Entering a network would undo it, and comes before. A process that was killed earlier is no parent any more, and
+    nothing is run.
+    """
+    return "setpriv", "--pdeathsig", "KILL", "--", "sh", "-c", '[ "$PPID" = "$0" ] && exec "$@"', str(parent)
 
 
 class _Node(NamedTuple):
@@ -244,7 +251,7 @@ class ApplicationProcesses:
             log = self.home / "log" / f"{node_stem(plan.name)}.out"
             with log.open("wb") as out, self.gate.door() as door:
                 process = subprocess.Popen(  # noqa: S603 - as roslaunch resolved it
-                    [*prefix, *_WITH_US, *self._limits.command(), *door.command, *plan.command],
+                    [*prefix, *tied_to(os.getpid()), *self._limits.command(), *door.command, *plan.command],
                     env={**environment, **plan.own_environment()},
                     stdin=subprocess.DEVNULL,
                     stdout=out,

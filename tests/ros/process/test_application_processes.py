@@ -18,6 +18,7 @@ from tasks.ros.process.application_processes import (
     end_applications,
     end_strays,
     marked,
+    tied_to,
 )
 from tasks.ros.process.lane_limits import LaneLimits, ending
 
@@ -199,6 +200,16 @@ def test_a_file_beyond_the_limit_ends_its_writer(start: Start) -> None:
     program = "import os, signal; signal.signal(signal.SIGXFSZ, signal.SIG_DFL)\n"
     program += "file = open(os.environ['ROS_HOME'] + '/big', 'wb')\nwhile True: file.write(b'1' * 65536)"
     assert "SIGXFSZ: it wrote a file of more bytes" in failure(start(program, limits=LaneLimits(written_bytes=_MIB)))
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_node_whose_parent_was_killed_before_it_could_be_tied_to_it_does_not_begin(*, is_there: bool) -> None:
+    gone = subprocess.Popen(["true"])
+    gone.wait()
+    said = subprocess.run(
+        [*tied_to(os.getpid() if is_there else gone.pid), "echo", "begun"], stdout=subprocess.PIPE, check=False
+    )
+    assert said.stdout == (b"begun\n" if is_there else b"")
 
 
 @pytest.mark.parametrize(("status", "words"), [(0, "ended with status 0"), (-9, "was ended by SIGKILL")])
