@@ -38,6 +38,7 @@ OF_EXTRAS = (
     "tasks.ros.ros2.navigation_client",
     "tasks.ros.ros2.robot_links",
     "tasks.ros.ros2.ros2_node",
+    "tasks.ros.ros2.topic_watch",
 )
 
 
