@@ -232,8 +232,9 @@ class _Drawer:
             return self._asked(request, cameras, length)
         except DrawingEndedError as exc:
             _logger.warning("process %d: %s: started again", self.process.pid, exc)
+        fresh = _started()  # where none starts, whoever asks next finds one that has ended, and tries again
         self.process.close()
-        self.process = _started()
+        self.process = fresh
         self._has.clear()
         try:
             return self._asked(request, cameras, length)

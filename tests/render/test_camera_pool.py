@@ -4,10 +4,13 @@ import itertools
 import math
 import os
 import signal
+import subprocess
 import time
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from pathlib import Path
+from tempfile import TemporaryFile
 from threading import Event
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +27,7 @@ from tasks.export.format.mjcf import add_solid_geom
 from tasks.render import camera_pool
 from tasks.render.camera_pool import CameraPool, Shot, open_cameras
 from tasks.render.camera_scene import FLOOR, camera_scene
+from tasks.render.gl_process import DrawingFailed, GlProcess
 from tests.factories.own_worlds import walled_hall
 from tests.factories.worlds import apartment
 from tests.servers.tools import skip_or_fail
@@ -228,6 +232,19 @@ def test_processes_that_stand_are_the_same_for_whoever_asks_next(monkeypatch: py
     monkeypatch.setenv("MUJOCO_GL", "one of this test")
     assert [len(camera_pool.standing_cameras(most).pids) for most in (1, 2, 1, 9)] == [1, 2, 1, 3]
     assert len(started) == 3
+
+
+def test_a_process_that_could_not_be_started_again_is_started_for_whoever_asks_next(monkeypatch: pytest.MonkeyPatch):
+    with subprocess.Popen(["true"], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as ended, TemporaryFile() as said:
+        sound = SimpleNamespace(gl="none", pid=0, ask=lambda _what, _line, length: bytes(length), close=lambda: None)
+        starts: Iterator[Any] = iter([GlProcess(ended, "none", said), None, sound])
+        monkeypatch.setattr(camera_pool, "start_gl_process", lambda *_, **__: next(starts))
+        monkeypatch.setenv("MUJOCO_GL", "another one of this test")
+        for room in (False, True):
+            pool = camera_pool.standing_cameras(1)
+            pool.add("plain", furnished(), CAMERA)
+            with nullcontext() if room else pytest.raises(DrawingFailed, match="no GL is there"):
+                assert len(pool.color(poses(1))) == 1
 
 
 def test_it_sees_its_own_robot_where_that_stands_if_it_was_given(cameras: CameraPool):
