@@ -120,9 +120,9 @@ class LanePictures:
         return able
 
     def first_camera(self) -> ColorCameraDeclaration | None:
-        """Returns the first lane's camera; None if nothing was drawn for it."""
-        first = self._cameras[0]
-        return first if self.gl and self._keys[0] and isinstance(first, ColorCameraDeclaration) else None
+        """Returns the first lane's camera; None if nothing was drawn for it, or it could not be drawn to the end."""
+        first, drawn = self._cameras[0], self.gl and self._keys[0] and not self.undrawn
+        return first if drawn and isinstance(first, ColorCameraDeclaration) else None
 
     def drawn_again(
         self, steps: Int[np.ndarray, "pictures"], poses: Float32[np.ndarray, "pictures 3"]

@@ -116,7 +116,7 @@ class SeesWorlds(Protocol):
         ...
 
     def first_camera(self) -> ColorCameraDeclaration | None:
-        """Returns the first lane's camera; None if nothing was drawn for it."""
+        """Returns the first lane's camera; None if nothing was drawn for it, or it could not be drawn to the end."""
         ...
 
     def drawn_again(

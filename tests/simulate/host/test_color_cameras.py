@@ -54,7 +54,8 @@ def test_it_drives_by_what_it_sees_whoever_drives_beside_it(pens: dict[str, Worl
     requests = [watching(index) for index in range(6)]
     with collect_timings() as timings:
         rows = run(requests, pens)
-    assert {each.gl.partition(":")[0] for each in timings} <= {"egl", "osmesa"}
+    (gl,) = {each.gl.partition(":")[0] for each in timings}
+    assert gl in {"egl", "osmesa"}
     assert {(row.status, row.outcome_reason, row.failure_reason) for row in rows} == {("Completed", "timeout", "")}
     assert run(requests[2:3], pens) == rows[2:3]
     assert len({row.final_x_m for row in rows}) == len(rows)

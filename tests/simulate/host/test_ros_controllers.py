@@ -275,6 +275,8 @@ def test_nodes_see_colours_until_nothing_can_be_drawn(tmp_path: Path, monkeypatc
     assert set(lanes.crashes.values()) == {"wheels: the GL is gone"}
     assert isinstance(lanes, BlamesCrashes)
     assert {lanes.failure_code(lane) for lane in lanes.crashes} == {"InternalServiceError"}
+    assert isinstance(lanes, SeesWorlds)
+    assert (lanes.gl, lanes.first_camera()) == ("none", None), "a replay does not ask for what cannot be drawn"
     lanes.close()
     assert made[0].closed == 1
 
