@@ -202,5 +202,5 @@ def place_of(body: Body, start_m: Float[Array, ""], *mount: Scalar) -> Float[Arr
         mount: Ahead, to the left, and above the floor that it started on.
     """
     ahead, left, up = (jnp.asarray(each, body.qpos.dtype) for each in mount)
-    way = turned(base_of(body).quaternion, jnp.stack([ahead, left, jnp.zeros_like(up)]))
-    return way + jnp.append(body.qpos[:2], up + height_of(body) - start_m)
+    way = turned(base_of(body).quaternion, jnp.stack([ahead, left, up - start_m]))
+    return way + jnp.append(body.qpos[:2], height_of(body))

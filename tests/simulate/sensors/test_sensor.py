@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tasks.simulate.application.contract import Body, Motion
+from tasks.simulate.application.contract import Body, FreeJoints, Motion
 from tasks.simulate.sensors.gps import GPS, Gps
 from tasks.simulate.sensors.lidar import Lidar, noisy_ranges
 from tasks.simulate.sensors.odometry import WHEEL_ENCODERS, Odometry, WheelEncoders, believed_pose
@@ -180,6 +180,15 @@ def test_a_receiver_tells_where_its_antenna_is_with_noise_and_slow_drift():
         Gps(x_m=0.5), Gps(x_m=0.5), GPS.begin(Gps(), Gps(), at(facing_north, SEED, 0)), at(facing_north, SEED, 0)
     )
     np.testing.assert_allclose(true["gps_m"], [3.0, 4.5, 0.0], atol=1e-6)
+
+    # Of a robot that fell on its nose, what was 1 m above its axis is 1 m ahead of that.
+    upright = FreeJoints(jnp.array([3.0, 4.0, 0.2, 1.0, 0.0, 0.0, 0.0]), jnp.zeros(6))
+    fallen = upright._replace(qpos=upright.qpos.at[3:].set(jnp.array([np.sqrt(0.5), 0.0, np.sqrt(0.5), 0.0])))
+    mast, now = Gps(z_m=1.2), at(jnp.array([3.0, 4.0, 0.0]), SEED, 0)
+    stood, lies = (now._replace(body=now.body._replace(joints=each)) for each in (upright, fallen))
+    sky = GPS.begin(mast, mast, stood)
+    told = [GPS.observe(mast, mast, sky, each)["gps_m"] for each in (stood, lies)]
+    np.testing.assert_allclose(told, [[3.0, 4.0, 1.2], [4.0, 4.0, 0.2]], atol=1e-6)
 
     def errors(gps: Gps) -> np.ndarray:
         def step(memory: Any, k: jax.Array) -> tuple[Any, jax.Array]:  # noqa: ANN401 - the sensor's own
