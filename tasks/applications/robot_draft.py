@@ -30,7 +30,6 @@ from specs.ros_robot import DraftRequest, RobotDraft, RosRobot
 from tasks.applications.robot_description import (
     Joint,
     RobotDescription,
-    Sensor,
     Shape,
     number,
     read_description,
@@ -399,12 +398,13 @@ def _sensors_not_taken(robot: RobotDescription, draft: SensorDraft) -> Iterator[
     """Yields what sensors of a description are in no file."""
     for sensor in robot.sensors:
         if sensor.element not in draft.taken:
-            why = "ros.yaml declares range_finders" if _tells_ranges(sensor) else "Simyard has no such sensor"
+            kind = _RANGES if "ros_range" in library(sensor.element.find("plugin")) else sensor.element.get("type", "")
+            why = f"ros.yaml declares {_DECLARED[kind]}" if kind in _DECLARED else "Simyard has no such sensor"
             yield f"{shown(sensor.element)} of {sensor.link} is not taken: {why}"
 
 
-def _tells_ranges(sensor: Sensor) -> bool:
-    return sensor.element.get("type") == "sonar" or "ros_range" in library(sensor.element.find("plugin"))
+_RANGES = "sonar"
+_DECLARED = {_RANGES: "range_finders", "magnetometer": "compass", "gps": "gps", "navsat": "gps"}
 
 
 def _why(plugin: Element) -> str:

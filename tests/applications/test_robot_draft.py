@@ -197,14 +197,15 @@ def test_an_imu_errs_and_reads_as_often_as_it_says(tmp_path: Path):
     assert found.imu == expected
 
 
-def test_a_second_camera_and_a_range_finder_are_named(tmp_path: Path):
+def test_a_second_camera_and_sensors_that_are_declared_by_hand_are_named(tmp_path: Path):
     sonar = '<sensor name="sonar" type="ray"><plugin name="s" filename="libgazebo_ros_range.so"/></sensor>'
     eyes = (f'<sensor name="{name}" type="camera"/>' for name in ("left", "right"))
-    draft = drafted(with_sensors(*eyes, sonar), tmp_path)
+    draft = drafted(with_sensors(*eyes, sonar, '<sensor name="north" type="magnetometer"/>'), tmp_path)
     assert declared(draft, tmp_path).lidar is None
     assert draft.findings == (
         "<sensor name='right' type='camera'> of mast: a second color camera is not taken",
         "<sensor name='sonar' type='ray'> of mast is not taken: ros.yaml declares range_finders",
+        "<sensor name='north' type='magnetometer'> of mast is not taken: ros.yaml declares compass",
     )
 
 
