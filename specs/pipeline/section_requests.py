@@ -205,7 +205,7 @@ def _faults(where: str, request: object) -> Iterator[Fault]:
                 yield Fault(path=f"{where}.{field}", value="none", allowed=_BOTH)
             continue
         launch = part(uses[0], "launchConfig")
-        if part(launch, "command"):  # of a container image
+        if part(launch, "command") and not part(launch, "launchFile"):  # of a container image
             continue
         for name, what in (("packageName", "folder in the bundle"), ("launchFile", "module in that folder")):
             if not part(launch, name):

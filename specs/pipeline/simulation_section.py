@@ -71,8 +71,9 @@ def two_values(requests: Sequence[object], sweep: object) -> Iterator[Finding]:
 
 
 def runs_nodes(launch: object) -> bool:
-    """Returns whether a launch configuration, right or wrong, names a launch file of ROS or an image's command."""
-    return names_ros_launch(str(part(launch, "launchFile"))) or bool(part(launch, "command"))
+    """Returns whether a launch configuration, right or wrong, names a launch file of ROS, or only a command."""
+    file = part(launch, "launchFile")
+    return names_ros_launch(str(file)) if file else bool(part(launch, "command"))
 
 
 def never_driven(requests: Sequence[object], sweep: object) -> Iterator[str]:

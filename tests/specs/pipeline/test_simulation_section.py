@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 
 
@@ -41,3 +42,19 @@ def test_an_equal_value_or_other_names_are_fine():
 
 def test_a_swept_variable_may_have_two_values_that_nobody_uses():
     assert section({"RANGE": "2"}, {"RANGE": "4"}, environmentVariables={"RANGE": ["1", "3"]})
+
+
+@pytest.mark.parametrize(
+    ("launch", "lacking"),
+    [
+        ({"command": ["x"]}, []),
+        ({"packageName": "a", "launchFile": "a.launch"}, []),
+        ({"packageName": "a", "launchFile": "go", "command": ["x"]}, ["robotApplications"]),
+        ({"launchFile": "go", "command": ["x"]}, ["robotApplications", "packageName"]),
+    ],
+    ids=["command", "launch file", "module", "no package"],
+)
+def test_a_command_beside_a_launch_file_has_no_effect(launch: dict[str, object], lacking: list[str]):
+    alone = {"simulationApplications": [{"launchConfig": launch}]}
+    found = undriven_faults({"createSimulationJobRequests": [alone]})
+    assert [fault.path.rpartition(".")[2] for fault in found] == lacking
