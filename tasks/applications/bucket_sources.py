@@ -146,7 +146,7 @@ def create_version(
     found = known_application(store, kind, reference)
     require_revision(found, current_revision)
     uri = (found.platform.environment and found.platform.environment.uri) or ""
-    if not found.sources and not (uri and kind == "robot-application"):
+    if not found.sources and not uri:
         raise not_found("sources", found.name, "an application with sources; publish a folder, or name some by update")
     _require_image(found, image_digest)
     bundles = [_taken(store, source) for source in found.sources] or [_pulled(store, uri, image_digest)]

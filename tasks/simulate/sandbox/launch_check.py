@@ -132,7 +132,8 @@ def _image_report(image: ImageLaunch) -> LaunchReport:
     """Returns what is known of a container image that nobody has run yet."""
     why = missing_program(image.root, image.image, image.words, ros=True)
     ros = f"ROS {image.image.ros} in the container image {image.image.digest[:12]}"
-    return LaunchReport(ros=ros, has_ros=True, nodes=(shlex.join(image.words),), refusals=(why,) if why else ())
+    nodes = (shlex.join(image.words),)  # which may publish anything
+    return LaunchReport(ros=ros, has_ros=True, nodes=nodes, unknown=nodes, refusals=(why,) if why else ())
 
 
 def _ros1_report(source: LaunchSource, environments: Sequence[Mapping[str, str]], *, own: bool) -> LaunchReport:

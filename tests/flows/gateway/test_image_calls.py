@@ -15,7 +15,7 @@ from tests.repository import ROOT
 from tests.servers.ports import free_port
 from tests.storage.made_images import docker_archive, file, layer
 
-_SUITE = {"name": "General"}
+_SUITE, _RUNTIME = {"name": "General"}, {"name": "SimulationRuntime"}
 _ROBOT = (ROOT / "examples/ros/turtlebot3/robot.xml").read_bytes()
 _CONFIG = """version: 0.1
 storage: {{filesystem: {{rootdirectory: {folder}}}}}
@@ -70,9 +70,13 @@ def test_a_version_is_made_of_the_image_of_that_digest(
         gateway.call("CreateRobotApplicationVersion", application=made["arn"], imageDigest=f"sha256:{'0' * 64}")
 
 
-def test_a_registry_that_nobody_has_named_is_not_asked(gateway: Asked, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("kind", ["Robot", "Simulation"])
+def test_a_registry_that_nobody_has_named_is_not_asked(
+    gateway: Asked, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
     monkeypatch.delenv("SIMYARD_REGISTRIES", raising=False)
+    suites = {"robotSoftwareSuite": _SUITE, **({"simulationSoftwareSuite": _RUNTIME} if kind == "Simulation" else {})}
     uri = {"uri": "127.0.0.1:1/robot"}
-    made = gateway.call("CreateRobotApplication", name="imaged", robotSoftwareSuite=_SUITE, environment=uri)
+    made = gateway.call(f"Create{kind}Application", name="imaged", environment=uri, **suites)
     with pytest.raises(DocumentError, match="SIMYARD_REGISTRIES has none; SIMYARD_REGISTRIES=127"):
-        gateway.call("CreateRobotApplicationVersion", application=made["arn"], imageDigest=f"sha256:{'0' * 64}")
+        gateway.call(f"Create{kind}ApplicationVersion", application=made["arn"], imageDigest=f"sha256:{'0' * 64}")

@@ -91,8 +91,10 @@ def test_what_a_stored_image_lacks_is_named_as_of_one_of_the_document(
 ) -> None:
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), _PROGRAM)])
     source = LaunchSource(image_bundle("app.tar", tmp_path), "app", launch_file, command)
-    (fault,) = ros_launch_faults("launchConfig", source, check_launch_file(source, [{}], own=False))
+    report = check_launch_file(source, [{}], own=False)
+    (fault,) = ros_launch_faults("launchConfig", source, report)
     assert f"{fault.path}: {fault.value}: {fault.allowed}".startswith(f"launchConfig{field}: the image has no program")
+    assert report.unknown == report.nodes  # no topic is told to have no publisher beside it
 
 
 def test_an_image_without_ros_is_refused_before_anything_runs(tmp_path: Path) -> None:
