@@ -94,8 +94,8 @@ def test_a_thread_that_a_thread_made_begins_when_it_is_told(
     pump: EventPump, gate: NapGate, start: Start, told: str
 ) -> None:
     """Its process, one that it starts, and threads of one that has not napped begin by themselves."""
-    program = "import _thread, subprocess\n_thread.start_new_thread(say, ('early',))\ntime.sleep(0.1)\n"
-    program += "subprocess.run(['true'], check=True)\nnap()\n"
+    program = "import _thread, subprocess\nearly = threading.Thread(target=say, args=('early',))\n"
+    program += "early.start(); early.join()\nsubprocess.run(['true'], check=True)\nnap()\n"
     process = start(program + "_thread.start_new_thread(say, ('born',))\nsay('made'); time.sleep(9)")
     serve_until(pump, lambda: gate.held)
     gate.end(process.pid)

@@ -1,6 +1,7 @@
 """What an application gets is of its own episode alone, whatever else its chunk holds, and so are its rows."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -10,9 +11,10 @@ from hypothesis import strategies as st
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.world import World
+from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.contract import HostMap, Placement
 from tasks.simulate.application.robot_model import Hull
-from tasks.simulate.chunk.chunk_placement import alike
+from tasks.simulate.chunk.chunk_placement import alike, program_of
 from tasks.simulate.geometry.lidar_scan import lidar_outlines
 from tasks.simulate.geometry.obstacles import PRISM_COLUMNS, obstacles
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
@@ -143,3 +145,18 @@ def test_noisy_rows_of_random_batches_are_equal_and_20_replays_deviate_by_nothin
         assert simulated(shuffled, lanes=lanes, engine=engine) == together
     for index in rng.choice(len(requests), 20, replace=False).tolist():
         assert simulated([requests[index]], lanes=64, engine=engine)[index] == together[index]
+
+
+def test_nodes_of_another_ros_do_not_judge(tmp_path: Path):
+    robot, judge = (
+        ApplicationLaunch(name=name, version="1", digest=DRIFT, package="own", launch_file=file)
+        for name, file in (("rover", "rover.launch"), ("judge", "judge.launch.py"))
+    )
+    (tmp_path / "own").mkdir()
+    for launch in (robot, judge):
+        (tmp_path / "own" / launch.launch_file).touch()
+    asked = looking(0, "hand/small").model_copy(update={"robot": robot, "scenario": judge})
+    with pytest.raises(BundleCrash) as crash:
+        program_of(asked, {DRIFT: tmp_path}, LANES, "auto")
+    assert crash.value.code == "SimulationApplicationCrash"
+    assert crash.value.reason == "judge: its nodes are not of that ROS which those of rover are of"
