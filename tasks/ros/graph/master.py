@@ -30,8 +30,6 @@ from tasks.ros.graph.xml_rpc import (
 )
 
 ANY_TYPE = "*"
-# roslaunch starts this node wherever it finds none: two that begin at once would end each other's, again and again.
-_OF_CORE = "/rosout"
 
 
 class RegistrationError(ValueError):
@@ -476,7 +474,7 @@ class Master:
         return (-1, f"nobody provides {service}", "") if found is None else (1, found.node, found.uri)
 
     def _look_up_node(self, _: str, name: str) -> Outcome:
-        uri = self._tables.nodes.get(name, self._uri if name == _OF_CORE else None)
+        uri = self._tables.nodes.get(name)
         return (-1, f"no node {name}", "") if uri is None else (1, name, uri)
 
     def _published_topics(self, caller: str, below: str) -> Outcome:

@@ -13,13 +13,6 @@ def test_the_robot_is_a_node_with_its_topics_and_services(episode: Episode):
     assert episode.call("lookupNode", "/simyard") == [1, "/simyard", episode.graph.uri]
 
 
-def test_no_roslaunch_of_an_image_starts_a_rosout_that_another_one_would_end(episode: Episode):
-    assert episode.call("lookupNode", "/rosout") == [1, "/rosout", episode.graph.uri]
-    assert episode.graph.nodes() == set()
-    episode.call("registerPublisher", "/rosout_agg", "rosgraph_msgs/Log", "http://127.0.0.1:1/", caller="/rosout")
-    assert episode.call("lookupNode", "/rosout")[2] == "http://127.0.0.1:1/"
-
-
 def test_topics_have_the_types_that_their_publishers_say(episode: Episode):
     episode.call("registerSubscriber", "/chat", "*", "http://127.0.0.1:1/")
     assert "/chat" not in dict(episode.call("getTopicTypes")[2])
