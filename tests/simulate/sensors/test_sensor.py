@@ -163,6 +163,10 @@ def test_wheels_count_what_they_roll_in_a_curve_and_backwards():
     curve = np.stack([np.sin(turn), 1.0 - np.cos(turn), turn], axis=1)
     np.testing.assert_allclose(rolled_m(wheels, curve, 1)[0], [0.8 * np.pi, 1.2 * np.pi], atol=1e-3)
     np.testing.assert_allclose(rolled_m(wheels, curve[::-1], 1)[0], [-0.8 * np.pi, -1.2 * np.pi], atol=1e-3)
+    # Of a step that turns by much, the chord: it goes ahead as it faces in the middle of the step.
+    chords_m, apart_m = 4 * 2.0 * np.sin(np.pi / 8), 0.2 * np.pi
+    coarse_m = rolled_m(wheels, curve[::25], 1)[0]
+    np.testing.assert_allclose(coarse_m, [chords_m - apart_m, chords_m + apart_m], atol=1e-3)
 
 
 def test_wheels_err_by_their_way_and_by_their_size():
