@@ -6,7 +6,7 @@ Messages come and go in ROS 1's form, so that lanes of both are brought through 
 import os
 import socket
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple
@@ -24,7 +24,8 @@ from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
-from tasks.ros.ros2.dds_domain import CYCLONE, EpisodeDomain, episode_domains
+from tasks.ros.ros2.dds_domain import CYCLONE, FAST, EpisodeDomain, episode_domains
+from tasks.ros.ros2.discovery_watch import DiscoveryWatch
 from tasks.ros.ros2.launch_file.launch_description import make_spaces, resolve_description
 from tasks.ros.ros2.navigation_client import NavigationClient
 from tasks.ros.ros2.robot_links import RobotLink, RobotLinks
@@ -97,10 +98,18 @@ class DdsGraph:
         domain: The episode's.
         interface: What the robot publishes and takes.
         processes: How many processes with nodes of ROS 2 there will be, and their names.
+        pids: Returns all processes of the episode by now.
     """
 
-    def __init__(self, domain: EpisodeDomain, interface: RobotInterface, processes: tuple[int, frozenset[str]]) -> None:
-        self._robot = RobotLinks(domain, interface)
+    def __init__(
+        self,
+        domain: EpisodeDomain,
+        interface: RobotInterface,
+        processes: tuple[int, frozenset[str]],
+        pids: Callable[[], Collection[int]] = tuple,
+    ) -> None:
+        self._robot, self._pids = RobotLinks(domain, interface), pids
+        self._discovery = DiscoveryWatch() if domain.middleware == FAST else None
         self._watch = DomainThreads()
         self._interface, (self._expected, self._names) = interface, processes
         self._quiet, self._other = socket.socketpair()
@@ -234,8 +243,9 @@ class DdsGraph:
         if len(links) < self._expected:
             found.append(f"{len(links)} of {self._expected} processes with nodes are in the DDS domain")
         found += [f"{link.name} {why}" for link in links if (why := self._robot.missing(link))]
-        if not found and not self._robot.settled():
-            found.append("its processes look for each other")
+        if not found and self._discovery and len(links) > 1:
+            told = self._discovery.told(self._pids(), len(links), self._robot.news_s)
+            found += [] if told else ["its processes look for each other"]
         if not found and (topic := self._robot.overhears()):
             found.append(f"the robot does not overhear {topic} yet")
         refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
@@ -335,9 +345,9 @@ class Ros2Lockstep(Ros1Lockstep):
             navigates=self._base.robot.goals == "navigate_to_pose",
             recorded={topic: _ros2_kind(kind) for topic, kind in self._base.robot.record.items()},
         )
-        graph = DdsGraph(domain, interface, (processes, names))
-        self._graphs = {**self._graphs, number: graph}
         application = ApplicationProcesses(home, self._tracker, self._limits)
+        graph = DdsGraph(domain, interface, (processes, names), application.found)
+        self._graphs = {**self._graphs, number: graph}
         detector = IdleDetector(application, graph, self._patience.nap_s)
         network = EpisodeNetwork(socket.socket, ())
         lane = self._lanes[number] = RosLane(detector, network, self._pump, latched, graph.contended)

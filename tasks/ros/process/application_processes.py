@@ -345,6 +345,11 @@ class ApplicationProcesses:
             self._epoch = self._tracker.epoch
             self.watch.refresh(self.processes())
 
+    def found(self) -> list[int]:
+        """Returns its processes as of now."""
+        self.find()
+        return self.processes()
+
     def node_of(self, pid: int) -> str:
         """Returns the name of the node that a process belongs to: that node leads its session; empty for an orphan."""
         with contextlib.suppress(OSError):

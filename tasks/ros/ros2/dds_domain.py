@@ -38,6 +38,8 @@ _AGAIN = "1s"
 _PROFILE = "fastdds.xml"
 # The same of Fast DDS. Its readers say first that they have nothing, again and again until they are answered.
 _BEAT_NS, _FIRST_ACK_NS = 20_000_000, 1_000_000
+# How often its participants say that they are there, 3 s by default; they are forgotten after 20 s of silence.
+_SAYS_S = 8
 # Names of one process's participants with peers of their own; Cyclone DDS has one configuration for each.
 _numbers = itertools.count(1000)
 
@@ -141,6 +143,7 @@ def fast_dds_profile(version: int) -> str:
         version: 2 or 3: each ignores the whole file for a name that it does not know, and then listens everywhere.
     """
     ack, beat, nack, period = "initialAcknackDelay", "heartbeatResponseDelay", "nackResponseDelay", "heartbeatPeriod"
+    says = f"<discovery_config><leaseAnnouncement><sec>{_SAYS_S}</sec></leaseAnnouncement></discovery_config>"
     untold = ""
     if version > 2:
         ack, beat, nack = "initial_acknack_delay", "heartbeat_response_delay", "nack_response_delay"
@@ -163,7 +166,7 @@ def fast_dds_profile(version: int) -> str:
         "<userTransports><transport_id>loopback</transport_id></userTransports>"
         "<useBuiltinTransports>false</useBuiltinTransports>"
         f"<defaultUnicastLocatorList>{place}</defaultUnicastLocatorList>"
-        f"<builtin><metatrafficUnicastLocatorList>{place}</metatrafficUnicastLocatorList>"
+        f"<builtin>{says}<metatrafficUnicastLocatorList>{place}</metatrafficUnicastLocatorList>"
         f"<initialPeersList>{place}</initialPeersList></builtin>{untold}</rtps></participant>"
         '<data_reader profile_name="at_once_reader" is_default_profile="true">'
         f"<times><{ack}><nanosec>{_FIRST_ACK_NS}</nanosec></{ack}><{beat}><nanosec>0</nanosec></{beat}></times></data_reader>"

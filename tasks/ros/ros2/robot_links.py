@@ -7,8 +7,7 @@ process's readers alone. So the robot tells one process at a time, as it does wi
 Two participants know each other when each has taken what the other says of its nodes: the robot tells the graph of
 itself, and listens to it, over a reliable topic and last, after it has told of its readers and writers.
 
-Whether two of the processes know each other, nobody tells the robot. Fast DDS tells of readers and writers reliably,
-and asks each second what has come; so after a second in which nobody has come or gone, they do.
+Whether two of the processes know each other, nobody tells the robot (``tasks.ros.ros2.discovery_watch``).
 
 Sources: DDS 1.4, section 2.2.5, built-in topics; rmw_dds_common, which announces nodes as ``DdsNode.announce`` does.
 """
@@ -29,7 +28,7 @@ from cyclonedds.builtin import (
 from cyclonedds.core import Policy
 
 from tasks.ros.ros2.datagrams import UdpSocket
-from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, domain_of
+from tasks.ros.ros2.dds_domain import EpisodeDomain, domain_of
 from tasks.ros.ros2.dds_node import ENTITIES, KIND, TOPIC, DdsNode, ToldNodes, told_nodes
 from tasks.ros.ros2.interface_types import dds_type_name, ros_type_name, topic_name
 from tasks.ros.ros2.ros2_node import COMMANDS, JobRequests, Matches, RobotInterface, Ros2Node, robot_profile
@@ -40,8 +39,6 @@ _MANY = 1024
 _ADDRESSES, _PROCESS = "__NetworkAddresses", ("__Pid", "fastdds.physical_data.process")
 _NOBODY = Matches({}, 0)
 _OF_TOPICS = topic_name("")
-# How often Fast DDS asks whether others have heard of its readers and writers; its profiles cannot say otherwise.
-_ASKS_S = 1.0
 
 
 @dataclass
@@ -85,6 +82,7 @@ class RobotLinks:
     Attributes:
         job: What the application asked of its job.
         links: By the other participant: those with nodes, in the order that they are told in.
+        news_s: When a participant, a reader or a writer came or went last, by ``time.perf_counter``.
     """
 
     def __init__(self, domain: EpisodeDomain, interface: RobotInterface) -> None:
@@ -93,7 +91,7 @@ class RobotLinks:
         self._domain, self._interface = domain, interface
         self._wanted = {topic_name(topic): topic for topic in interface.topics}
         self._latched: dict[str, bytes] = {}
-        self._came_s = time.perf_counter()
+        self.news_s = time.perf_counter()
         self._seen: dict[UUID, RobotLink] = {}
         self._nodes_told: dict[UUID, ToldNodes] = {}
         self._subscriptions: dict[UUID, Endpoint] = {}
@@ -134,7 +132,7 @@ class RobotLinks:
                 self._link(each.key, {policy.key: policy.value for policy in each.qos if hasattr(policy, "key")})
         counts = [_update(self._subscriptions, subscriptions), _update(self._publications, publications)]
         if came or any(counts):
-            self._came_s = time.perf_counter()
+            self.news_s = time.perf_counter()
             self._watch.follow(*map(self._seen_of, (self._subscriptions, self._publications)))
         self._watch.look()
         # What a participant says of its nodes may come before what says that it is there.
@@ -195,11 +193,6 @@ class RobotLinks:
     def serve(self) -> int:
         """Answers calls of services, and takes answers of the action; returns how many there were."""
         return sum(node.serve() for node in self._nodes())
-
-    def settled(self) -> bool:
-        """Returns whether processes know each other: one alone, or some among whom nobody came or went for a while."""
-        asks_s = _ASKS_S if self._domain.middleware == FAST and len(self.links) > 1 else 0.0
-        return time.perf_counter() - self._came_s >= asks_s
 
     def missing(self, link: RobotLink) -> str:
         """Returns what a process and the robot do not know of each other yet; empty if they know all."""

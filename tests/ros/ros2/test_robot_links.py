@@ -1,13 +1,14 @@
 """The robot among processes with nodes: one participant for each, so that one process at a time is told."""
 
 import itertools
+import time
 from collections.abc import Callable, Iterator
 from uuid import UUID
 
 import pytest
 
 from tasks.ros.lockstep.ros2_lockstep import DdsGraph
-from tasks.ros.ros2 import robot_links
+from tasks.ros.ros2 import discovery_watch
 from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, LinkPlace
 from tasks.ros.ros2.dds_node import DEFAULT, TOPIC, DdsNode, Profile, Reader, Writer, told_nodes
 from tasks.ros.ros2.interface_types import type_store
@@ -86,34 +87,28 @@ def test_one_process_at_a_time_is_told_and_they_are_told_by_their_nodes_names(
 
 
 class Clock:
-    """A clock that a test sets."""
+    """A clock that may be ahead."""
 
-    def __init__(self) -> None:
-        self.now_s = 0.0
+    ahead_s = 0.0
 
     def perf_counter(self) -> float:
         """Returns its time."""
-        return self.now_s
+        return time.perf_counter() + self.ahead_s
 
 
-def test_processes_on_fast_dds_know_each_other_a_second_after_the_last_one_came(
+def test_processes_on_fast_dds_are_waited_for_until_they_know_each_other_and_one_alone_is_not(
     domain: EpisodeDomain, start: Callable[..., Process], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = Clock()
-    monkeypatch.setattr(robot_links, "time", clock)
-    robot = RobotLinks(domain._replace(middleware=FAST), RobotInterface({SCAN: KIND}, "/cmd_vel"))
+    monkeypatch.setattr(discovery_watch, "time", clock)
+    graph = DdsGraph(domain._replace(middleware=FAST), RobotInterface({SCAN: KIND}, "/cmd_vel"), (1, frozenset()))
     start("a")
-    eventually(lambda: _complete(robot, 1))
-    alone = robot.settled()
+    eventually(lambda: graph.changes and not graph.unconnected())
     start("b")
-    clock.now_s = 7.0
-    eventually(lambda: _complete(robot, 2) and _graph_readers(robot) == 2)
-    together = list[bool]()
-    for clock.now_s in (7.0, 7.9, 8.0):
-        robot.find()
-        together.append(robot.settled())
-    robot.close()
-    assert (alone, together) == (True, [False, False, True])
+    eventually(lambda: graph.changes and graph.unconnected() == ["its processes look for each other"])
+    clock.ahead_s = 60.0
+    eventually(lambda: not graph.unconnected())
+    graph.close()
 
 
 def test_an_episode_does_not_begin_where_nobody_offers_the_action(

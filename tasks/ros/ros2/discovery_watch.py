@@ -1,0 +1,91 @@
+"""Whether processes on Fast DDS know all of each other's readers and writers: nobody tells, but their threads do.
+
+A participant asks each one that it knows whether that has heard of its readers and writers, once a second until all of
+them have: by a thread that does what is due at a time. So once all such threads slept for longer at one and the same
+moment, all is told. What wakes one otherwise, as its participant says again that it is there, has let it sleep before.
+
+Sources: Fast DDS 2.14, EDPSimple.cpp (``edp_heartbeat_period``), StatefulWriter.cpp (its periodic heartbeat goes on
+until all is acknowledged); its documentation, "ThreadSettings", for the threads' names.
+"""
+
+import contextlib
+import time
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+_NAME = "dds.ev"
+# How long such a thread sleeps at least if nothing is left to tell.
+_SILENT_S = 1.3
+# Where no thread has that name, or one never sleeps for so long: after so long without news all is told.
+_LATEST_S = 5.0
+_LOOK_S = 0.1
+_Thread = tuple[int, str]
+
+
+class _Sleep(NamedTuple):
+    """How often a thread was run, and since when it was not."""
+
+    runs: bytes
+    since_s: float
+
+
+class DiscoveryWatch:
+    """Watches the processes of one episode.
+
+    Args:
+        proc: Where the kernel tells of processes.
+    """
+
+    def __init__(self, proc: Path = Path("/proc")) -> None:
+        self._proc = proc
+        self._sleeps: dict[_Thread, _Sleep] = {}
+        # The moment at which all shall have slept, for long since the news, and who did.
+        self._moment_s, self._slept = 0.0, set[_Thread]()
+        self._news_s = self._looked_s = 0.0
+        self._told = False
+
+    def told(self, pids: Collection[int], count: int, news_s: float) -> bool:
+        """Returns whether all that there is to tell has been told.
+
+        Args:
+            pids: The episode's processes.
+            count: How many of them are in the DDS domain.
+            news_s: When somebody came or went last, by ``time.perf_counter``.
+        """
+        now_s = time.perf_counter()
+        if news_s != self._news_s:
+            self._news_s, self._told = news_s, False
+            self._begin(now_s)
+        if not self._told and now_s - self._looked_s >= _LOOK_S:
+            self._look(pids, now_s)
+            named = len({pid for pid, _ in self._sleeps}) >= count
+            self._told = (named and self._sleeps.keys() <= self._slept) or now_s - news_s >= _LATEST_S
+        return self._told
+
+    def _begin(self, moment_s: float) -> None:
+        self._moment_s = moment_s
+        self._slept.clear()
+
+    def _look(self, pids: Collection[int], now_s: float) -> None:
+        """Notes who has slept for long around the moment; one who woke up too early makes it a later one."""
+        before, self._sleeps = self._sleeps, {}
+        for thread, runs in self._threads(pids):
+            last = before.get(thread, _Sleep(b"", now_s))
+            ran = last.runs != runs
+            self._sleeps[thread] = _Sleep(runs, now_s) if ran else last
+            # Who ran between two looks slept until the first, and from the second on; what is news is still to be told.
+            slept_s = (self._looked_s if ran else now_s) - max(last.since_s, self._news_s)
+            if last.since_s <= self._moment_s and slept_s >= _SILENT_S:
+                self._slept.add(thread)
+            elif ran and thread not in self._slept:
+                self._begin(now_s)
+        self._looked_s = now_s
+
+    def _threads(self, pids: Collection[int]) -> Iterator[tuple[_Thread, bytes]]:
+        """Yields those threads, and how often they were run."""
+        for pid in pids:
+            with contextlib.suppress(OSError):  # it has ended
+                for each in (self._proc / str(pid) / "task").iterdir():
+                    if (each / "comm").read_text().startswith(_NAME):
+                        yield (pid, each.name), (each / "schedstat").read_bytes()
