@@ -40,8 +40,8 @@ class DiscoveryWatch:
     def __init__(self, proc: Path = Path("/proc")) -> None:
         self._proc = proc
         self._sleeps: dict[_Thread, _Sleep] = {}
-        # The moment at which all shall have slept, for long since the news, and who did.
-        self._moment_s, self._slept = 0.0, set[_Thread]()
+        # Who slept for long around the last moment at which somebody had not, and since the news.
+        self._slept = set[_Thread]()
         self._news_s = self._looked_s = 0.0
         self._told = False
 
@@ -56,19 +56,15 @@ class DiscoveryWatch:
         now_s = time.perf_counter()
         if news_s != self._news_s:
             self._news_s, self._told = news_s, False
-            self._begin(now_s)
+            self._slept.clear()
         if not self._told and now_s - self._looked_s >= _LOOK_S:
             self._look(pids, now_s)
             named = len({pid for pid, _ in self._sleeps}) >= count
             self._told = (named and self._sleeps.keys() <= self._slept) or now_s - news_s >= _LATEST_S
         return self._told
 
-    def _begin(self, moment_s: float) -> None:
-        self._moment_s = moment_s
-        self._slept.clear()
-
     def _look(self, pids: Collection[int], now_s: float) -> None:
-        """Notes who has slept for long around the moment; one who woke up too early makes it a later one."""
+        """Notes who has slept for long; one that wakes up too early makes all others do so once more, from now on."""
         before, self._sleeps = self._sleeps, {}
         for thread, runs in self._threads(pids):
             last = before.get(thread, _Sleep(b"", now_s))
@@ -76,10 +72,10 @@ class DiscoveryWatch:
             self._sleeps[thread] = _Sleep(runs, now_s) if ran else last
             # Who ran between two looks slept until the first, and from the second on; what is news is still to be told.
             slept_s = (self._looked_s if ran else now_s) - max(last.since_s, self._news_s)
-            if last.since_s <= self._moment_s and slept_s >= _SILENT_S:
+            if slept_s >= _SILENT_S:
                 self._slept.add(thread)
             elif ran and thread not in self._slept:
-                self._begin(now_s)
+                self._slept.clear()
         self._looked_s = now_s
 
     def _threads(self, pids: Collection[int]) -> Iterator[tuple[_Thread, bytes]]:
