@@ -4,7 +4,7 @@ A participant asks each one that it knows whether that has heard of its readers 
 them have: by a thread that does what is due at a time. So once all such threads slept for longer at one and the same
 moment, all is told. What wakes one otherwise, as its participant says again that it is there, has let it sleep before.
 
-Sources: Fast DDS 2.14, EDPSimple.cpp (``edp_heartbeat_period``), StatefulWriter.cpp (its periodic heartbeat goes on
+Sources: Fast DDS 2.14, EDPSimple.cpp (its heartbeat period), StatefulWriter.cpp (its periodic heartbeat goes on
 until all is acknowledged); its documentation, "ThreadSettings", for the threads' names.
 """
 
