@@ -52,12 +52,11 @@ def _poses(world: World) -> np.ndarray:
 def _rate(pictures: int, take: Callable[[int], object]) -> str:
     """Returns pictures a second of processor time, the first call apart; at least three calls count."""
     take(0)
-    began_s = time.process_time()
-    for done in itertools.count(1):
+    done, began_s, took_s = 0, time.process_time(), 0.0
+    while took_s < _MEASURED_S or done < 3:
+        done += 1
         take(done % _EYES)
         took_s = time.process_time() - began_s
-        if took_s >= _MEASURED_S and done >= 3:
-            break
     rate = pictures * done / took_s
     return f"{rate:,.0f}" if rate > 10.0 else f"{rate:.1f}"
 

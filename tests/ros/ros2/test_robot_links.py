@@ -10,7 +10,7 @@ import pytest
 from tasks.ros.lockstep.ros2_lockstep import DdsGraph
 from tasks.ros.ros2 import discovery_watch
 from tasks.ros.ros2.dds_domain import FAST, EpisodeDomain, LinkPlace
-from tasks.ros.ros2.dds_node import DEFAULT, TOPIC, DdsNode, Profile, Reader, Writer, told_nodes
+from tasks.ros.ros2.dds_node import DEFAULT, DdsNode, Profile, Reader, Writer, told_nodes
 from tasks.ros.ros2.interface_types import type_store
 from tasks.ros.ros2.robot_links import RobotLinks
 from tasks.ros.ros2.ros2_node import STAMPED, TWIST, RobotInterface
@@ -60,11 +60,6 @@ def start(domain: EpisodeDomain) -> Iterator[Callable[..., Process]]:
 def _complete(robot: RobotLinks, count: int) -> bool:
     robot.find()
     return len(robot.links) == count and not any(map(robot.missing, robot.links.values()))
-
-
-def _graph_readers(robot: RobotLinks) -> int:
-    """Returns of how many processes all is known: their reader of the graph is told of apart from all else."""
-    return sum(each.topic == TOPIC and each.participant in robot.links for each in robot._subscriptions.values())
 
 
 def _message(text: str) -> bytes:
