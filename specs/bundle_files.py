@@ -91,6 +91,7 @@ class CameraDeclaration(PacedDeclaration):
         range_m: What lies farther ahead is not seen.
         x_m, y_m, z_m: Where it is mounted: ahead, to the left, above the floor.
         pitch_rad, yaw_rad: How it is turned: down, counter-clockwise.
+        sees_robot: Whether its own robot is in its pictures, as that stands at the start.
     """
 
     columns: Annotated[int, Field(ge=1, le=640)] = 64
@@ -102,6 +103,7 @@ class CameraDeclaration(PacedDeclaration):
     z_m: Length = 0.3
     pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
     yaw_rad: Place = 0.0
+    sees_robot: bool = False
 
 
 class DepthCameraDeclaration(CameraDeclaration):
@@ -134,7 +136,6 @@ class ColorCameraDeclaration(CameraDeclaration):
         exposure_spread: A picture is brighter or darker by up to this share.
         blur_px: Standard deviation of the blur.
         noise: Standard deviation of each channel of a pixel, as a share of white.
-        sees_robot: Whether its own robot is in its pictures, as that stands at the start.
     """
 
     range_m: Annotated[float, Field(ge=0.1, le=1e4)] = 100.0
@@ -144,7 +145,6 @@ class ColorCameraDeclaration(CameraDeclaration):
     exposure_spread: Share = 0.0
     blur_px: Annotated[float, Field(ge=0.0, le=20.0)] = 0.0
     noise: Share = 0.0
-    sees_robot: bool = False
 
 
 class ImuDeclaration(PacedDeclaration):

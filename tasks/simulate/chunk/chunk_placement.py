@@ -34,6 +34,7 @@ from tasks.simulate.lane.chunk_applications import Applications, check_robot, ch
 from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.lane.staging import Lane, place, stack_lanes, with_shortest_paths
 from tasks.simulate.plan.chunks import split_environment, without_job_variables
+from tasks.simulate.sensors.depth_camera import seen_hull_m
 from tasks.simulate.sensors.sensor_table import read_sensors
 
 _PROGRAMS_KEPT = 8
@@ -104,7 +105,8 @@ def placing(
     applications = program.applications
     world_arrays = arrays_of_worlds(used, program.hull, applications.lidar.height_m, scenes=applications.looks)
     yield
-    placed, rows = yield from _place_all(program, requests, used, world_arrays)
+    robot = bundles[requests[0].robot.digest] / "robot.xml"
+    placed, rows = yield from _place_all(program, robot, requests, used, world_arrays)
     return PlacedChunk(program, alike(placed), rows, used)
 
 
@@ -195,6 +197,7 @@ def _program(
 
 def _place_all(
     program: Program,
+    robot: Path,
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     world_arrays: Mapping[str, WorldArrays],
@@ -213,7 +216,9 @@ def _place_all(
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
         else:
-            placed.append(Lane(request, arrays, placement, lidar=sensors.lidar, camera=sensors.depth_camera))
+            camera = sensors.depth_camera
+            seen_m = seen_hull_m(camera, robot)
+            placed.append(Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m))
         yield
     return placed, rows
 

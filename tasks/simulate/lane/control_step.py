@@ -37,6 +37,7 @@ class LaneInputs(NamedTuple):
         alive: False for a lane that only fills the chunk.
         near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
         scene: What a depth camera can see; None for a robot without.
+        hull_depth_m: What it sees of its own robot; None for one that sees nothing of it.
     """
 
     obstacles: LaneObstacles
@@ -51,6 +52,7 @@ class LaneInputs(NamedTuple):
     alive: Bool[jax.Array, ""]
     near: Any = None
     scene: DepthScene | None = None
+    hull_depth_m: Float[jax.Array, "rows columns"] | None = None
 
 
 class EpisodeTotals(NamedTuple):
@@ -182,7 +184,7 @@ def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motio
 
 
 def _situation(inputs: LaneInputs, body: Body, step: Int[jax.Array, ""]) -> Situation:
-    return Situation(body, inputs.lidar_outlines, inputs.seed, step, inputs.scene)
+    return Situation(body, inputs.lidar_outlines, inputs.seed, step, inputs.scene, inputs.hull_depth_m)
 
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float64
+from jaxtyping import Float32, Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
@@ -36,6 +36,7 @@ class Lane(NamedTuple):
     Attributes:
         shortest_path_m: None where there is none, or where it was not measured yet.
         lidar, camera: The robot's in this episode.
+        hull_depth_m: What the camera sees of its own robot; None for one that sees nothing of it.
     """
 
     request: EpisodeRequest
@@ -44,6 +45,7 @@ class Lane(NamedTuple):
     shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
     camera: DepthCamera | None = None
+    hull_depth_m: Float32[np.ndarray, "rows columns"] | None = None
 
 
 def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: WorldArrays, hull: Hull) -> Placement:
@@ -152,7 +154,13 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         last_step=_canonical([np.int32(last_step(lane.request)) for lane in filled]),
         alive=_canonical([np.bool_(place < len(lanes)) for place in range(count)]),
         scene=_stacked_scenes([lane.arrays.scene for lane in filled]),
+        hull_depth_m=_stacked_hulls([lane.hull_depth_m for lane in filled]),
     )
+
+
+def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "rows columns"] | None]) -> Any:  # noqa: ANN401 - as _stacked
+    some = [picture for picture in pictures if picture is not None]
+    return _stacked(some) if some else None
 
 
 def _stacked_scenes(scenes: Sequence[DepthScene | None]) -> DepthScene | None:

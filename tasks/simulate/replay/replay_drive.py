@@ -132,7 +132,9 @@ def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
         return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
     taken = _some_steps(len(poses), camera.pace.stride, 4 * camera.rows * camera.columns)
     seed = jnp.asarray(seed_words(lane.request.seed))
-    found = pictures_again(camera, lane.arrays.scene, seed, jnp.asarray(poses[taken]), jnp.asarray(taken))
+    hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
+    where = jnp.asarray(poses[taken]), jnp.asarray(taken)
+    found = pictures_again(camera, lane.arrays.scene, seed, *where, hull_depth_m=hull_depth_m)
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))
 
 

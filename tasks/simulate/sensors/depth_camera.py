@@ -6,15 +6,18 @@ Pictures are kept from the control step at which they were taken to the one at w
 import functools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+import numpy as np
+from jaxtyping import Array, Bool, Float, Float32, Int
 
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
+from tasks.simulate.geometry.hull_picture import Mount, hull_picture
 from tasks.simulate.geometry.lidar_scan import lanes_in_front
 from tasks.simulate.sensors.sensor import (
     Drive,
@@ -55,6 +58,7 @@ class DepthCamera(NamedTuple):
     dropout: Scalar = 0.0
     edge_dropout: Scalar = 0.0
     edge_share: Scalar = 0.1
+    sees_robot: int = 0
 
     @property
     def view(self) -> View:
@@ -67,6 +71,18 @@ class DepthCamera(NamedTuple):
         return pace_of(self)
 
 
+def seen_hull_m(camera: DepthCamera | None, robot: Path) -> Float32[np.ndarray, "rows columns"] | None:
+    """Returns what a camera, in plain numbers, sees of its own robot; None if that is nothing.
+
+    Raises:
+        RobotRefused: No engine takes the robot.
+    """
+    if camera is None or not camera.sees_robot:
+        return None
+    mount = Mount(*map(float, (camera.x_m, camera.y_m, camera.z_m, camera.yaw_rad)))
+    return hull_picture(robot, camera.view, mount)
+
+
 class _Shot(NamedTuple):
     """One lane at the end of a control step.
 
@@ -76,6 +92,7 @@ class _Shot(NamedTuple):
         pictures: All that are kept.
         errors: The camera's numbers that may be other than 0, by name.
         step: Which control step comes.
+        hull_depth_m: What is seen of the robot itself; None if that is nothing.
     """
 
     due: Bool[Array, ""]
@@ -86,6 +103,7 @@ class _Shot(NamedTuple):
     errors: dict[str, Array]
     seed: Seed
     step: Int[Array, ""]
+    hull_depth_m: Picture | None
 
 
 def noisy_depths(depth_m: Picture, view: View, errors: dict[str, Any], seed: Seed, step: Int[Array, ""]) -> Picture:
@@ -129,7 +147,10 @@ def _edges(depth_m: Picture, share: Scalar) -> Bool[Array, "rows columns"]:
 
 
 def _picture(view: View, shot: _Shot) -> Picture:
-    return noisy_depths(depth_picture(shot.scene, shot.eye, view), view, shot.errors, shot.seed, shot.step)
+    depth_m = depth_picture(shot.scene, shot.eye, view)
+    if shot.hull_depth_m is not None:
+        depth_m = jnp.minimum(depth_m, shot.hull_depth_m)
+    return noisy_depths(depth_m, view, shot.errors, shot.seed, shot.step)
 
 
 @functools.cache
@@ -190,12 +211,19 @@ def _shot(shared: DepthCamera, own: DepthCamera, pictures: Array, now: Situation
         errors={name: jnp.asarray(getattr(own, name), pose.dtype) for name in _ERRORS if is_set(getattr(own, name))},
         seed=now.seed,
         step=now.step,
+        hull_depth_m=now.hull_depth_m,
     )
 
 
 @functools.partial(jax.jit, static_argnums=0)
 def pictures_again(
-    camera: DepthCamera, scene: DepthScene, seed: Seed, poses: Float[Array, "pictures 3"], steps: Int[Array, "pictures"]
+    camera: DepthCamera,
+    scene: DepthScene,
+    seed: Seed,
+    poses: Float[Array, "pictures 3"],
+    steps: Int[Array, "pictures"],
+    *,
+    hull_depth_m: Picture | None = None,
 ) -> Float[Array, "pictures rows columns"]:
     """Returns the pictures that a robot's camera took, from where the robot was.
 
@@ -205,12 +233,14 @@ def pictures_again(
         seed: The episode's.
         poses: Of the robot.
         steps: At which control steps.
+        hull_depth_m: What the camera sees of its own robot; None if that is nothing.
     """
 
     def again(at: tuple[Array, Array]) -> Picture:
         none: Any = None
         body = Body(at[0], none, none, none)
-        return _picture(camera.view, _shot(camera, camera, none, Situation(body, none, seed, at[1], scene)))
+        now = Situation(body, none, seed, at[1], scene, hull_depth_m)
+        return _picture(camera.view, _shot(camera, camera, none, now))
 
     return jax.lax.map(again, (poses, steps))
 
@@ -245,9 +275,10 @@ DEPTH_CAMERA = Sensor(
         "dropout": (0.0, 1.0),
         "edge_dropout": (0.0, 1.0),
         "edge_share": (0.0, 1.0),
+        "sees_robot": (0, 1),
     },
-    whole=("columns", "rows"),
-    shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad"),
+    whole=("columns", "rows", "sees_robot"),
+    shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad", "sees_robot"),
     streams=(_NOISE, _DROPOUT, _EDGE_DROPOUT),
     keeps=True,
 )

@@ -62,6 +62,7 @@ class Situation(NamedTuple):
         seed: The episode's.
         step: Which control step comes.
         scene: What a depth camera can see; None for a robot without.
+        hull_depth_m: What it sees of its own robot; None for one that sees nothing of it.
     """
 
     body: Body
@@ -69,6 +70,7 @@ class Situation(NamedTuple):
     seed: Seed
     step: Int[jax.Array, ""]
     scene: DepthScene | None = None
+    hull_depth_m: Float[jax.Array, "rows columns"] | None = None
 
 
 class Drive(NamedTuple):

@@ -10,6 +10,7 @@ it can, and how far that is.
 
 import logging
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple, cast
 
 import jax
@@ -32,6 +33,7 @@ from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import LaneInputs
 from tasks.simulate.lane.staging import Lane, place, stack_lanes
 from tasks.simulate.plan.chunks import split_environment
+from tasks.simulate.sensors.depth_camera import seen_hull_m
 from tasks.simulate.training.training_spaces import EpisodeBounds
 
 # A robot may stand where a cell's centre has this much less than its radius: cells are 0.1 m wide.
@@ -175,12 +177,13 @@ class StagedPool(NamedTuple):
 
 
 def stage_pool(
-    applications: Applications, hull: Hull, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World]
+    applications: Applications, robot: Path, hull: Hull, requests: Sequence[EpisodeRequest], worlds: Mapping[str, World]
 ) -> StagedPool:
     """Returns a pool of episodes.
 
     Args:
         applications: Robot and scenario.
+        robot: The ``robot.xml``.
         hull: The robot's.
         requests: The episodes, at least one; those whose scenario finds no start or goals are left out.
         worlds: At least theirs.
@@ -190,7 +193,7 @@ def stage_pool(
     """
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     world_arrays = arrays_of_worlds(used, hull, applications.lidar.height_m, scenes=applications.looks)
-    lanes = _placed(applications, hull, requests, used, world_arrays)
+    lanes = _placed(applications, hull, requests, used, world_arrays, robot=robot)
     _require_same_given(lanes)
     ways = _ways(lanes, hull)
     small = _of_one_form([lane.arrays for lane in lanes])
@@ -207,20 +210,25 @@ def _placed(
     requests: Sequence[EpisodeRequest],
     worlds: Mapping[str, World],
     world_arrays: Mapping[str, WorldArrays],
+    *,
+    robot: Path,
 ) -> list[Lane]:
     lanes: list[Lane] = []
     crashes: list[BundleCrash] = []
     for request in requests:
         numbers, texts = split_environment(request.environment)
-        scenario = applications.placing_scenario(
-            {**texts, **{name: jnp.float32(each) for name, each in numbers.items()}}
-        )
+        environment = {**texts, **{name: jnp.float32(each) for name, each in numbers.items()}}
+        scenario = applications.placing_scenario(environment)
+        camera = applications.sensors.depth_camera
+        if camera and camera.sees_robot:
+            camera = applications.episode_sensors(environment).depth_camera
         try:
             placement = place(scenario, request, worlds[request.world], world_arrays[request.world], hull)
         except BundleCrash as crash:
             crashes.append(crash)
         else:
-            lanes.append(Lane(request, world_arrays[request.world], placement, None))
+            seen_m = seen_hull_m(camera, robot)
+            lanes.append(Lane(request, world_arrays[request.world], placement, hull_depth_m=seen_m))
     if not lanes:
         raise crashes[0]
     if crashes:

@@ -409,7 +409,7 @@ def _program(task: Task, view: View, lanes: int, autoreset: bool, engine: Traini
     robot = task.robot / "robot.xml"
     mechanics = _mechanics(robot, engine)
     applications = _applications(task, mechanics.actuators)
-    pool = stage_pool(applications, mechanics.hull, task.requests, dict(task.worlds))
+    pool = stage_pool(applications, robot, mechanics.hull, task.requests, dict(task.worlds))
     joints = mechanics.first_body(jnp.zeros(3)).joints
     actions = action_map(robot, normalized=view.normalized)
     fields = default_fields(applications.sensors) if view.fields is None else view.fields

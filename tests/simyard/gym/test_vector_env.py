@@ -9,6 +9,9 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import NormalizeObservation, RecordEpisodeStatistics
 
 from simyard.gym import SimyardEnv, SimyardVectorEnv
+from tasks.simulate.geometry.depth_picture import View
+from tasks.simulate.geometry.hull_picture import Mount, hull_picture
+from tests.factories.simulations import COURIER, FOLDERS
 
 STEPS = 45
 SLOW = pytest.param(AutoresetMode.NEXT_STEP, marks=pytest.mark.long)
@@ -84,6 +87,19 @@ def test_pictures_are_observations_and_the_same_bits_however_many_robots_there_a
         other = many.step(np.concatenate([action[:1], np.full((8, 2), 0.5, np.float32)]))[0]["depth_m"]
         require_same(one, other[:1])
     assert len(np.unique(one)) > 20
+
+
+@pytest.mark.long
+def test_a_trainers_pictures_show_the_robot_itself_if_declared(options: dict[str, Any]):
+    camera = {"columns": 16, "rows": 12, "x_m": -0.4, "z_m": 0.3, "pitch_rad": 0.2}
+    seen: list[Any] = []
+    for declared in (camera, {**camera, "sees_robot": True}):
+        sees: Any = {"sensors": {"depth_camera": declared}, "observation": ("depth_m",)}
+        seen.append(SimyardVectorEnv(2, **options, **sees).reset(seed=9)[0]["depth_m"])
+    own_m = hull_picture(FOLDERS[COURIER] / "robot.xml", View(16, 12, 1.2, 0.2, 10.0), Mount(-0.4, 0.0, 0.3, 0.0))
+    assert 20 < (own_m < 10.0).sum() < own_m.size
+    np.testing.assert_array_equal(seen[1], np.minimum(seen[0], own_m))
+    assert (seen[1] < seen[0]).any()
 
 
 def test_a_reset_of_some_leaves_the_others_where_they_are(vector: SimyardVectorEnv):
