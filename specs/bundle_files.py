@@ -13,6 +13,7 @@ from specs.launched_file import is_ros2, names_ros_launch
 Length = Annotated[float, Field(ge=0.0, le=1e4)]
 Place = Annotated[float, Field(ge=-1e4, le=1e4)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_MOST_COLUMNS, _MOST_ROWS = 640, 480
 Latency = Annotated[int, Field(ge=0, le=20)]
 
 
@@ -94,8 +95,8 @@ class CameraDeclaration(PacedDeclaration):
         sees_robot: Whether its own robot is in its pictures, as that stands at the start.
     """
 
-    columns: Annotated[int, Field(ge=1, le=640)] = 64
-    rows: Annotated[int, Field(ge=1, le=480)] = 48
+    columns: Annotated[int, Field(ge=1, le=_MOST_COLUMNS)] = 64
+    rows: Annotated[int, Field(ge=1, le=_MOST_ROWS)] = 48
     fov_rad: Annotated[float, Field(ge=0.01, le=3.0)] = 1.2
     range_m: Annotated[float, Field(ge=0.01, le=1e4)] = 10.0
     x_m: Place = 0.0
@@ -104,6 +105,27 @@ class CameraDeclaration(PacedDeclaration):
     pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
     yaw_rad: Place = 0.0
     sees_robot: bool = False
+
+
+def fitted_size(columns: int, rows: int) -> tuple[int, int]:
+    """Returns the columns and rows of a picture, made smaller alike if a camera here cannot have so many."""
+    scale = max(1.0, columns / _MOST_COLUMNS, rows / _MOST_ROWS)
+    return max(1, round(columns / scale)), max(1, round(rows / scale))
+
+
+def facing(ahead: Sequence[float], up: Sequence[float] = (0.0, 0.0, 1.0)) -> tuple[float, float]:
+    """Returns how a camera is turned, counter-clockwise and then down, that looks along a vector.
+
+    Args:
+        ahead: The vector, of any length.
+        up: What is up in its pictures; it tells where one faces that looks straight down or up.
+    """
+    x, y, z = ahead
+    level = math.hypot(x, y)
+    pitch = math.atan2(-z, level)
+    if level > 1e-6 * abs(z):
+        return math.atan2(y, x), pitch
+    return math.atan2(-z * up[1], -z * up[0]), pitch
 
 
 class DepthCameraDeclaration(CameraDeclaration):

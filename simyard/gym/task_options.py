@@ -89,8 +89,9 @@ def task_of(options: TaskOptions) -> "Task":
     if unknown:
         raise _fault(unknown[0], dict(options)[unknown[0]], f"one of {', '.join(sorted(TaskOptions.__annotations__))}")
     worlds = _worlds(options)
-    sensors = _sensors(options.get("sensors"))
-    robot = _application(options.get("robot", "courier"), options.get("launch"), "robot", bare=sensors is not None)
+    declared = options.get("sensors")
+    robot = _application(options.get("robot", "courier"), options.get("launch"), "robot", bare=declared is not None)
+    sensors = _sensors(declared, robot.folder)
     scenario = _application(options.get("scenario", "delivery"), options.get("scenario_launch"), "scenario")
     requests = _requests(options, [name for name, _ in worlds], robot.launch, scenario.launch)
     return Task(robot.folder, scenario.folder, requests, worlds, sensors)
@@ -192,16 +193,21 @@ def _requests(
     )
 
 
-def _sensors(declared: Mapping[str, Mapping[str, object]] | None) -> object | None:
+def _sensors(declared: Mapping[str, Mapping[str, object]] | None, folder: Path) -> object | None:
     from specs.bundle_files import SensorDeclarations
     from tasks.documents.parse import parse
+    from tasks.simulate.application.mjcf_check import RobotRefused
+    from tasks.simulate.host.declaration import ROBOT_FILE, with_file_sensors
 
     if declared is None:
         return None
     known = SensorDeclarations.model_fields
     if unknown := sorted(set(declared) - set(known)):
         raise _fault("sensors", unknown[0], f"some of {', '.join(known)}")
-    forms = {name: dict(fields) for name, fields in declared.items()}
+    try:
+        forms = with_file_sensors({name: dict(fields) for name, fields in declared.items()}, folder / ROBOT_FILE)
+    except RobotRefused as refused:
+        raise _fault("sensors", "mjcf", str(refused)) from refused
     return parse(SensorDeclarations, cast("Any", forms), "sensors")
 
 

@@ -9,13 +9,13 @@ from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
+from specs.bundle_files import facing, fitted_size
 from specs.data.episode import CONTROL_HZ, control_stride
 from tasks.applications.robot_description import RobotDescription, Sensor, number, said
 
 _LIDARS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
 # Cameras that tell depths as ROS has them tell colours, too, but for gz's own.
 _DEPTHS, _COLORS = ("depth", "depth_camera", "rgbd_camera"), ("camera", "rgbd_camera", "depth")
-_MOST_COLUMNS, _MOST_ROWS = 640, 480
 _NEARLY_AROUND = 2 * math.pi - 0.1
 
 
@@ -121,8 +121,7 @@ def _rate(name: str, draft: SensorDraft, *elements: Element | None) -> Iterator[
 
 def _turned(sensor: Sensor) -> tuple[float, float]:
     """Returns how a sensor is turned: counter-clockwise, and down then."""
-    x, y, z = map(float, sensor.pose[:3, 0])
-    return math.atan2(y, x), math.atan2(-z, math.hypot(x, y))
+    return facing([*map(float, sensor.pose[:3, 0])])
 
 
 def _add_lidar(sensor: Sensor, floor_m: float, draft: SensorDraft) -> None:
@@ -162,9 +161,8 @@ def _add_camera(sensor: Sensor, name: str, floor_m: float, draft: SensorDraft) -
     if frame:
         draft.frames[f"{name}_camera"] = frame
     asked = [max(1, round(number(camera, f"image/{side}", default=side_px))) for side, side_px in _SIZES]
-    scale = max(1.0, asked[0] / _MOST_COLUMNS, asked[1] / _MOST_ROWS)
-    columns, rows = (max(1, round(side / scale)) for side in asked)
-    if scale > 1.0:
+    columns, rows = fitted_size(*asked)
+    if [columns, rows] != asked:
         draft.findings.append(f"{_named(sensor)}: <image> {asked[0]} x {asked[1]}: {columns} x {rows} are taken")
     x, y, z = map(float, sensor.pose[:3, 3])
     yaw, pitch = _turned(sensor)
@@ -179,7 +177,7 @@ def _add_camera(sensor: Sensor, name: str, floor_m: float, draft: SensorDraft) -
         "x_m": round(x, 4),
         "y_m": round(y, 4),
         "z_m": round(max(0.0, z - floor_m), 4),
-        "pitch_rad": round(pitch, 5),
+        "pitch_rad": min(max(round(pitch, 5), -math.pi / 2), math.pi / 2),
         "yaw_rad": round(yaw, 5),
         **dict(_rate(_named(sensor), draft, element, plugin)),
     }

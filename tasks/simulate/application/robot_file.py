@@ -32,6 +32,7 @@ from tasks.simulate.application.robot_model import (
     without_shape,
     word_of,
 )
+from tasks.simulate.application.robot_sensors import FileSensors, file_sensors
 
 _FLOOR_FIELDS = ("condim", "friction", "solref", "solimp", "solmix", "margin", "gap", "priority")
 _REFUSES = "Simyard refuses the robot:"
@@ -64,6 +65,16 @@ def strange_in_robot(path: Path) -> tuple[str, ...]:
     """
     robot = _inspected(_read(path))
     return tuple(dict.fromkeys(line for find in _STRANGE for line in find(robot)))
+
+
+def read_file_sensors(path: Path) -> FileSensors:
+    """Returns the cameras and sensors of a robot's file.
+
+    Raises:
+        RobotRefused: The file cannot be read.
+    """
+    robot = _inspected(_read(path))
+    return file_sensors(robot.spec, robot.model, robot.at_rest)
 
 
 def _read(path: Path) -> mujoco.MjSpec:
@@ -577,11 +588,8 @@ _MOSTLY_HULL = 0.85
 _JAMMED_M = 1e-3
 
 
-def _unread(robot: _Robot) -> Iterator[str]:
-    for camera in robot.spec.cameras:
-        yield f"camera {camera.name!r} is not read: a controller declares its depth_camera"
-    if robot.spec.sensors:
-        yield f"{len(robot.spec.sensors)} <sensor> elements are not read: a controller declares its sensors"
+def _sensing(robot: _Robot) -> Iterator[str]:
+    yield from file_sensors(robot.spec, robot.model, robot.at_rest).lines
 
 
-_STRANGE = (_other_flags, _unlike_earth, _some_motors_off, _carried, _seen_beyond, _jammed, _unread)
+_STRANGE = (_other_flags, _unlike_earth, _some_motors_off, _carried, _seen_beyond, _jammed, _sensing)

@@ -28,7 +28,7 @@ from tasks.simulate.engines.program import Program
 from tasks.simulate.engines.program_cache import applications_identity
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
-from tasks.simulate.host.declaration import controller_kind
+from tasks.simulate.host.declaration import ROBOT_FILE, controller_kind, load_controller
 from tasks.simulate.host.ros_judge import until_judged
 from tasks.simulate.lane.chunk_applications import Applications, check_robot, check_scenario
 from tasks.simulate.lane.control_step import LaneInputs
@@ -105,7 +105,7 @@ def placing(
     applications = program.applications
     world_arrays = arrays_of_worlds(used, program.hull, applications.lidar.height_m, scenes=applications.looks)
     yield
-    robot = bundles[requests[0].robot.digest] / "robot.xml"
+    robot = bundles[requests[0].robot.digest] / ROBOT_FILE
     placed, rows = yield from _place_all(program, robot, requests, used, world_arrays)
     return PlacedChunk(program, alike(placed), rows, used)
 
@@ -182,7 +182,7 @@ def _program(
         why = f"its nodes are not of that ROS which those of {robot.name} are of"
         raise BundleCrash("SimulationApplicationCrash", f"{scenario.name}: {why}")
     host = HOST_KINDS[kind](bundle) if kind in HOST_KINDS else None
-    make_controller = host.declare if host else load_factory(folders[0], robot, "controller", "RobotApplicationCrash")
+    make_controller = host.declare if host else load_controller(folders[0], robot, "controller")
     load_scenario = functools.partial(load_factory, folders[1], scenario, "scenario", "SimulationApplicationCrash")
     make_scenario = until_judged if judge else load_scenario()
     sensors = read_sensors(make_controller, {**dict(texts), **dict.fromkeys(names, jnp.ones(()))})

@@ -21,9 +21,9 @@ from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import ApplicationLaunch
 from specs.data.world import World
 from specs.robomaker.simulation import SimulationJobErrorCode
-from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle, load_factory
+from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import HostMap, Observation
-from tasks.simulate.host.declaration import ControllerKind
+from tasks.simulate.host.declaration import ROBOT_FILE, ControllerKind, load_controller
 from tasks.simulate.host.ros_judge import Judgement
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import split_environment
@@ -211,7 +211,7 @@ class HostBundle(NamedTuple):
     @property
     def robot(self) -> Path:
         """Returns its ``robot.xml``."""
-        return self.folder / "robot.xml"
+        return self.folder / ROBOT_FILE
 
 
 class StandIn:
@@ -258,7 +258,7 @@ def plain_application(bundle: HostBundle) -> HostApplication:
     Raises:
         BundleCrash: The module does not import, or has no ``controller``.
     """
-    make = load_factory(bundle.folder, bundle.launch, "controller", _ROBOT)
+    make = load_controller(bundle.folder, bundle.launch, "controller")
 
     def start(start: HostStart) -> HostControllers:
         return with_color(PlainControllers(make, start), make, start, bundle.robot)
@@ -339,7 +339,7 @@ def batched_application(bundle: HostBundle) -> HostApplication:
     Raises:
         BundleCrash: The module does not import.
     """
-    make = load_factory(bundle.folder, bundle.launch, "controllers", _ROBOT)
+    make = load_controller(bundle.folder, bundle.launch, "controllers")
 
     def declare(environment: Mapping[str, object]) -> object:
         return make([environment])

@@ -7,10 +7,11 @@ would take hours to read is refused.
 
 import ast
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args
+from types import SimpleNamespace
+from typing import Any, Literal, TypeVar, cast, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -18,16 +19,19 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from specs.base import Spec
+from specs.bundle_files import Policy
 from specs.data.episode import ApplicationLaunch, EpisodeRequest
 from specs.launched_file import bundle_files, is_ros2, module_file, names_ros_launch, policy_file, ros_launch_file
 from specs.ros_robot import ROS_FILE, RosRobot
 from tasks.ros.ros2.dds_domain import DOMAINS
+from tasks.simulate.application.bundle_code import load_factory
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.storage.image_files import read_image
 
 ControllerKind = Literal["jax", "plain", "batched", "onnx", "ros", "ros2"]
 _JAX = "jax"
 _BATCHED = "controllers"
+ROBOT_FILE = "robot.xml"
 _MODULES_KNOWN = 64
 
 
@@ -164,13 +168,14 @@ _NO_VALUE = (ValueError, OverflowError, LookupError, AttributeError, TypeError)
 S = TypeVar("S", bound=Spec)
 
 
-def read_declaration(path: Path, name: str, form: type[S]) -> S | None:
+def read_declaration(path: Path, name: str, form: type[S], robot: Path) -> S | None:
     """Returns what a file declares; None if there is no such file.
 
     Args:
         path: The file.
         name: Of it, as its author knows it.
         form: What it may say.
+        robot: The ``robot.xml``, whose sensors it may ask for.
 
     Raises:
         RobotRefused: The file is no YAML, or says what it must not.
@@ -184,8 +189,13 @@ def read_declaration(path: Path, name: str, form: type[S]) -> S | None:
         raise RobotRefused(f"{name}: cannot be read: {exc.strerror}") from exc
     if len(text) > _MOST_BYTES:
         raise RobotRefused(f"{name}: more than {_MOST_BYTES} bytes: a declaration is a page")
+    loaded = _loaded(text, name)
     try:
-        return form.model_validate(_loaded(text, name))
+        return form.model_validate(
+            with_file_sensors(cast("dict[str, Any]", loaded), robot) if isinstance(loaded, dict) else loaded
+        )
+    except RobotRefused as refused:
+        raise RobotRefused(f"{name}: {refused}") from refused
     except ValidationError as exc:
         faults = (
             f"{'.'.join(map(str, each['loc']))}: {_short(each['input'])}: {_words(each, form)}" for each in exc.errors()
@@ -254,4 +264,94 @@ def read_ros_robot(folder: Path) -> RosRobot:
     Raises:
         RobotRefused: The file is no YAML, or says what it must not.
     """
-    return read_declaration(folder / ROS_FILE, ROS_FILE, RosRobot) or RosRobot()
+    return read_declaration(folder / ROS_FILE, ROS_FILE, RosRobot, folder / ROBOT_FILE) or RosRobot()
+
+
+_OF_FILE = "mjcf"
+_FILE_KINDS = {"depth_camera": "camera", "color_camera": "camera", "imu": "imu", "range_finders": "rangefinder"}
+
+
+def with_file_sensors(declared: Mapping[str, Any], robot: Path) -> dict[str, Any]:
+    """Returns declarations with those sensors of a robot's MJCF that they ask for; what they say themselves stays.
+
+    Args:
+        declared: By name; ``mjcf`` in one of them names what of the file it is.
+        robot: The ``robot.xml``.
+
+    Raises:
+        RobotRefused: The file has no such sensor, or cannot be read.
+    """
+    asked = {
+        name: own
+        for name, own in declared.items()
+        if name in _FILE_KINDS and isinstance(own, Mapping) and _OF_FILE in own
+    }
+    return {**declared, **{name: _with_file_sensor(name, dict(own), robot) for name, own in asked.items()}}
+
+
+def _with_file_sensor(name: str, own: dict[str, Any], robot: Path) -> dict[str, Any]:
+    found, asked = _file_sensors(robot)[_FILE_KINDS[name]], own.pop(_OF_FILE)
+    names = [asked] if isinstance(asked, str) or not isinstance(asked, Sequence) else [*asked]
+    if missing := [each for each in names if each not in found] or ([asked] if not names else []):
+        allowed = f"must be one of {', '.join(found)}" if found else "it has none that can be taken"
+        raise RobotRefused(f"{name}.{_OF_FILE}: {missing[0]!r}: no {_FILE_KINDS[name]} of robot.xml: {allowed}")
+    if len(names) == 1:
+        return {**found[names[0]], **own}
+    from tasks.simulate.application.robot_sensors import finders_together  # noqa: PLC0415 - it imports MuJoCo
+
+    together = finders_together([found[each] for each in names]) if name == "range_finders" else None
+    if together is None:
+        allowed = "one name; of range finders several that are alike and equally far apart, counter-clockwise"
+        raise RobotRefused(f"{name}.{_OF_FILE}: {', '.join(names)}: must be {allowed}")
+    return {**together, **own}
+
+
+@lru_cache(maxsize=_MODULES_KNOWN)
+def _file_sensors(robot: Path) -> Mapping[str, Mapping[str, Mapping[str, float]]]:
+    from tasks.simulate.application.robot_file import read_file_sensors  # noqa: PLC0415 - it imports MuJoCo
+
+    return read_file_sensors(robot).found
+
+
+def load_controller(
+    folder: Path, launch: ApplicationLaunch, factory: Literal["controller", "controllers"]
+) -> Callable[..., object]:
+    """Returns the function of that name in a bundle's module, which declares what the robot's file has as that is.
+
+    Args:
+        folder: Where the bundle is unpacked.
+        launch: The package and the launch file.
+        factory: Name of the function.
+
+    Raises:
+        BundleCrash: The module does not import, or has no such function.
+    """
+    make = load_factory(folder, launch, factory, "RobotApplicationCrash")
+
+    def made(environment: object) -> object:
+        controller = make(environment)
+        asking = {name: each for name in _FILE_KINDS if hasattr(each := getattr(controller, name, None), _OF_FILE)}
+        return _Declaring(controller, asking, folder / ROBOT_FILE) if asking else controller
+
+    return made
+
+
+class _Declaring:
+    """A controller whose sensors are those of the robot's file where it asks for them."""
+
+    def __init__(self, controller: object, asking: Mapping[str, object], robot: Path) -> None:
+        self._controller = controller
+        own = {
+            name: {field: getattr(each, field) for field in sorted(_fields_of(name)) if hasattr(each, field)}
+            for name, each in asking.items()
+        }
+        for name, fields in with_file_sensors(own, robot).items():
+            setattr(self, name, SimpleNamespace(**fields))
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._controller, name)
+
+
+def _fields_of(name: str) -> set[str]:
+    forms = Policy.model_fields[name].annotation
+    return {_OF_FILE, *(field for form in get_args(forms) for field in getattr(form, "model_fields", ()))}

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from specs.bundle_files import ChoiceOutput, Policy, PolicyInput
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.host.declaration import read_declaration
+from tasks.simulate.host.declaration import ROBOT_FILE, read_declaration
 
 MOST_BYTES = 256 << 20
 FLOAT32 = 1
@@ -289,7 +289,7 @@ def check_policy(folder: Path, name: str, robot: RobotNumbers | None = None) -> 
     path, declared = folder / name, f"{name.removesuffix('.onnx')}.yaml"
     if not path.resolve().is_relative_to(folder.resolve()):
         raise RobotRefused(f"{name}: leads out of the bundle")
-    policy = read_declaration(folder / declared, declared, Policy)
+    policy = read_declaration(folder / declared, declared, Policy, folder / ROBOT_FILE)
     if policy is None:
         raise RobotRefused(f"{declared}: is missing: it says what {name} is shown (docs/guide/policies.md)")
     network = read_network(path, name)

@@ -35,7 +35,7 @@ from tasks.simulate.engines.program import (
     with_stand_in,
 )
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
-from tasks.simulate.host.declaration import controller_kind
+from tasks.simulate.host.declaration import ROBOT_FILE, controller_kind, load_controller
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import (
     Decision,
@@ -406,7 +406,7 @@ def training_program(
 @functools.lru_cache(maxsize=_PROGRAMS_KEPT)
 def _program(task: Task, view: View, lanes: int, autoreset: bool, engine: TrainingEngine) -> TrainingProgram:  # noqa: FBT001 - a part of a key
     """Returns a program; kept, so that environments of one task share a pool and a compilation."""
-    robot = task.robot / "robot.xml"
+    robot = task.robot / ROBOT_FILE
     mechanics = _mechanics(robot, engine)
     applications = _applications(task, mechanics.actuators)
     pool = stage_pool(applications, robot, mechanics.hull, task.requests, dict(task.worlds))
@@ -446,7 +446,7 @@ def _declaration(folder: Path, launch: ApplicationLaunch) -> Callable[..., objec
     kind = controller_kind(folder, launch)
     if kind in HOST_KINDS:
         return HOST_KINDS[kind](bundle).declare
-    return load_factory(folder, launch, "controller", "RobotApplicationCrash")
+    return load_controller(folder, launch, "controller")
 
 
 # A reward and two flags, and how the episode stands, go before what is seen.

@@ -173,13 +173,13 @@ def test_what_is_only_strange_is_said(tmp_path: Path, changes: dict[str, str], l
     assert strange_in_robot(path) == (line,)
 
 
-def test_cameras_and_sensors_of_the_file_are_told_to_have_no_effect(tmp_path: Path):
+def test_of_cameras_and_sensors_of_the_file_it_is_said_how_they_have_an_effect(tmp_path: Path):
     path = planar(tmp_path, inside='<camera name="front"/><site name="imu"/>')
     sensor = '<sensor><gyro site="imu"/></sensor>'
     path.write_text(path.read_text().replace("</actuator>", f"</actuator>{sensor}"))
     assert strange_in_robot(path) == (
-        "camera 'front' is not read: a controller declares its depth_camera",
-        "1 <sensor> elements are not read: a controller declares its sensors",
+        "robot.xml: camera 'front' (line 4) has no effect unless a depth_camera or color_camera says `mjcf: front`",
+        "robot.xml: imu of site 'imu', <gyro> (line 6), has no effect unless an imu says `mjcf: imu`",
     )
 
 

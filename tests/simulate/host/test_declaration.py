@@ -1,8 +1,10 @@
 """How an application is driven follows from its files, without running any of them."""
 
 import ast
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,10 +16,17 @@ from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.host import declaration
 from tasks.simulate.host.controllers import HostBundle
-from tasks.simulate.host.declaration import available_bytes, controller_kind, launch_path, most_lanes, read_ros_robot
+from tasks.simulate.host.declaration import (
+    available_bytes,
+    controller_kind,
+    launch_path,
+    load_controller,
+    most_lanes,
+    read_ros_robot,
+)
 from tasks.simulate.host.ros_controllers import ros_application
 from tasks.simulate.sensors.lidar import Lidar
-from tasks.simulate.sensors.sensor_table import Sensors, read_sensors
+from tasks.simulate.sensors.sensor_table import Sensors, read_color_camera, read_sensors
 from tests.factories.simulations import FOLDERS, delivery
 from tests.simulate.host.fake_lockstep import BUNDLE, ROS_ROBOT, FakeLocksteps, ros_bundle
 
@@ -229,3 +238,81 @@ def test_a_refused_declaration_is_the_applications_crash(tmp_path: Path, declara
     assert crash.value.code == "RobotApplicationCrash"
     assert crash.value.reason.startswith("wheels: ")
     assert why in crash.value.reason
+
+
+SENSING = """<mujoco><worldbody><body name="base" pos="0 0 0.2">
+<joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 1 0"/><joint name="yaw" type="hinge" axis="0 0 1"/>
+<geom size="0.1"/><camera name="eye" resolution="80 60" pos="0.1 0 0.2" xyaxes="0 -1 0 0 0 1"/>
+<site name="left" euler="-90 0 0"/><site name="front" euler="0 90 0"/><site name="right" euler="90 0 0"/>
+</body></worldbody><actuator><velocity joint="yaw"/></actuator>
+<sensor><rangefinder site="left"/><rangefinder site="front"/><rangefinder site="right"/></sensor></mujoco>"""
+
+
+def test_a_declaration_has_what_it_asks_the_robots_file_for_and_what_it_says_itself(tmp_path: Path):
+    (tmp_path / "robot.xml").write_text(SENSING)
+    declared = "depth_camera: {mjcf: eye, columns: 40, rate_hz: 10}\nrange_finders: {mjcf: [right, front, left]}\n"
+    (tmp_path / "ros.yaml").write_text(declared)
+    robot = read_ros_robot(tmp_path)
+    camera, finders = robot.depth_camera, robot.range_finders
+    assert camera is not None
+    assert finders is not None
+    assert (camera.columns, camera.rows, camera.x_m, camera.z_m, camera.rate_hz) == (40, 60, 0.1, 0.4, 10.0)
+    assert (finders.finders, finders.first_rad, finders.apart_rad) == (3, -1.570796, 1.570796)
+    assert robot.color_camera is None, "nobody asks for it"
+
+
+@pytest.mark.parametrize(
+    ("declared", "refusal"),
+    [
+        ("depth_camera: {mjcf: ey}", "'ey': no camera of robot.xml: must be one of eye"),
+        ("imu: {mjcf: chip}", "'chip': no imu of robot.xml: it has none that can be taken"),
+        ("depth_camera: {mjcf: [eye, eye]}", "eye, eye: must be one name; of range finders several that are alike"),
+        ("range_finders: {mjcf: [left, front]}\nlidar: {mjcf: eye}", "lidar.mjcf: 'eye': an unknown key"),
+    ],
+)
+def test_what_the_robots_file_does_not_have_is_refused(tmp_path: Path, declared: str, refusal: str):
+    (tmp_path / "robot.xml").write_text(SENSING)
+    (tmp_path / "ros.yaml").write_text(declared)
+    with pytest.raises(RobotRefused, match=re.escape(refusal)):
+        read_ros_robot(tmp_path)
+
+
+CONTROLLER = """
+class Eye:
+    mjcf = "{name}"
+    range_m = 4.0
+    rate_hz = 5.0
+
+
+class Seer:
+    depth_camera = color_camera = Eye()
+    answer = 42
+
+
+def controller(environment):
+    return Seer()
+"""
+
+
+def seer(folder: Path, digest: str, name: str) -> Callable[..., object]:
+    (folder / "robot.xml").write_text(SENSING)
+    (folder / "seer").mkdir()
+    (folder / "seer/seer.py").write_text(CONTROLLER.format(name=name))
+    launch = ApplicationLaunch(name="r", version="1", digest=digest * 64, package="seer", launch_file="seer")
+    return load_controller(folder, launch, "controller")
+
+
+def test_a_controller_has_the_camera_of_the_robots_file_that_it_asks_for(tmp_path: Path):
+    make = seer(tmp_path, "d", "eye")
+    camera, color = read_sensors(make, {}).depth_camera, read_color_camera(make, {})
+    assert camera is not None
+    assert color is not None
+    for each in (camera, color):
+        assert (each.columns, each.rows, each.x_m, each.z_m) == (80, 60, 0.1, 0.4)
+        assert (each.range_m, each.rate_hz) == (4.0, 5.0)
+    assert make({}).answer == 42  # type: ignore[attr-defined]
+
+
+def test_a_controller_that_asks_for_what_is_not_there_has_crashed(tmp_path: Path):
+    with pytest.raises(BundleCrash, match=r"depth_camera\.mjcf: 'nose': no camera of robot"):
+        read_sensors(seer(tmp_path, "e", "nose"), {})

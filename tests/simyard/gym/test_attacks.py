@@ -119,6 +119,7 @@ def test_worlds_of_different_sizes_go_together():
         ({"robot": "no-such-robot"}, "robot: 'no-such-robot'"),
         ({"sensors": {"radar": {}}}, "sensors: 'radar'"),
         ({"sensors": {"lidar": {"rays": 0}}}, "rays"),
+        ({"sensors": {"depth_camera": {"mjcf": "eye"}}}, "'eye': no camera of robot.xml"),
         ({"seeds": 0}, "seeds: 0"),
         ({"seeds": [-1]}, "seeds:"),
         ({"duration_s": 0.0}, "duration_s: 0.0"),
