@@ -33,6 +33,7 @@ from tasks.results.statistics.power import effective_episodes
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.simulate.application.mjcf_check import refusal_lines
 from tasks.simulate.forecast.batch_times import Span
+from tasks.simulate.forecast.camera_costs import CameraPlan
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.geometry.obstacles import grid_cells
 from tasks.simulate.host.declaration import controller_kind
@@ -357,8 +358,25 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, s
         yield f"                  about {took}; from the last batch of these programs here"
     else:
         yield f"                  time and memory unknown until these programs have run here: perhaps {took}"
+    yield from (f"                  {_camera(each, plan)}" for each in plan.cameras)
     yield f"                  {_recordings(section)}{_bags(batch)}; {_audit(plan)}"
     yield f"                  applications run {confinement().sentence}"
+
+
+def _camera(camera: CameraPlan, plan: EnginePlan) -> str:
+    """Returns what a camera costs, and the batch's time without it."""
+    size = f"of {camera.columns}x{camera.rows} at {camera.rate_hz:g} Hz"
+    shown = f"{camera.kind} {'whose size its code knows; one ' if camera.assumed else ''}{size}"
+    pictures = f"{_rounded(camera.pictures.low)} to {_rounded(camera.pictures.high)} pictures a second of a core"
+    part = Span(low=min(camera.batch_s.low, plan.wall_s.low), high=min(camera.batch_s.high, plan.wall_s.high))
+    least, most = plan.wall_s.low - part.low, plan.wall_s.high - part.high
+    without = _time(Span(low=min(least, most), high=max(least, most)), known=False)
+    return f"{camera.robot}: {shown}: {pictures}; at most {_time(part, known=False)}, without it {without}"
+
+
+def _rounded(number: float) -> str:
+    """Returns a number with two digits that count."""
+    return f"{float(f'{number:.2g}'):,.0f}"
 
 
 def _count(number: int, thing: str) -> str:

@@ -14,6 +14,7 @@ takes 2 MB.
 
 import hashlib
 import logging
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
@@ -30,9 +31,10 @@ from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engines.engine_table import ENGINES, REFERENCE, EngineChoice, choose_engine
 from tasks.simulate.forecast.batch_times import Span, recall_batches, remembered_bytes, remembered_wall_s
+from tasks.simulate.forecast.camera_costs import CameraPlan, Driven, camera_plans
 from tasks.simulate.host.declaration import ControllerKind, controller_kind
 from tasks.simulate.host.policy_check import check_policy
-from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.batch_plan import BatchPlan, JobTemplate
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.storage.base.local_files import cache_folder, whole_file
 
@@ -141,6 +143,7 @@ class EnginePlan(Spec):
         wall_s: From the command to the batch's tables and audit.
         memory_bytes: The most that the process holds.
         known: Whether both follow from the last batch of these programs here; else they are wide guesses.
+        cameras: Of its robots, and what of the time is theirs.
     """
 
     episodes: int
@@ -155,6 +158,7 @@ class EnginePlan(Spec):
     wall_s: Span
     memory_bytes: Span
     known: bool
+    cameras: tuple[CameraPlan, ...] = ()
 
 
 def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
@@ -183,6 +187,10 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         few = drives[0]._replace(episodes=audited, lanes=min(audited, plan.lanes))
         drives += [few._replace(engine=engine) for engine in engines]
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
+    cameras = camera_plans(_driven(plan, folders, controllers), kind)
+    guessed = _guessed_wall_s(drives, layout.episodes, longest_s)
+    for camera in cameras:
+        guessed = guessed.plus(camera.batch_s)
     return EnginePlan(
         episodes=layout.episodes,
         robots=tuple(choices.values()),
@@ -193,11 +201,26 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         compilations=len(layout.programs()),
         audited=audited,
         lane_steps_at_most=_lane_steps(plan),
-        wall_s=remembered_wall_s(known, plan, layout.episodes, load_s)
-        or _guessed_wall_s(drives, layout.episodes, longest_s),
+        wall_s=remembered_wall_s(known, plan, layout.episodes, load_s) or guessed,
         memory_bytes=remembered_bytes(known) or _guessed_bytes(drives),
         known=bool(known),
+        cameras=tuple(cameras),
     )
+
+
+def _driven(
+    plan: BatchPlan,
+    folders: Mapping[str, Path],
+    controllers: Mapping[ApplicationLaunch, ControllerKind],
+) -> list[Driven]:
+    """Returns a batch's robot applications, and for how long all episodes of each last at most."""
+    simulated_s = dict.fromkeys(controllers, 0.0)
+    for template in plan.templates:
+        simulated_s[template.robot] += _simulated_s(plan, template)
+    return [
+        Driven(_label(launch, _robots(plan)), launch, folders[launch.digest], controller, simulated_s[launch])
+        for launch, controller in controllers.items()
+    ]
 
 
 def _robots(plan: BatchPlan) -> list[ApplicationLaunch]:
@@ -244,11 +267,13 @@ def _policy_refusal(folder: Path, launch: ApplicationLaunch) -> str:
 
 
 def _lane_steps(plan: BatchPlan) -> int:
-    settings = 1
-    for values in plan.sweep.values():
-        settings *= len(values)
-    each = settings * len(plan.seeds) * PHYSICS_HZ
-    return round(sum(len(plan.worlds_of(template)) * template.duration_s * each for template in plan.templates))
+    return round(PHYSICS_HZ * sum(_simulated_s(plan, template) for template in plan.templates))
+
+
+def _simulated_s(plan: BatchPlan, template: JobTemplate) -> float:
+    """Returns how long a request's episodes last together, if each takes its full duration."""
+    settings = math.prod(map(len, plan.sweep.values()))
+    return settings * len(plan.seeds) * len(plan.worlds_of(template)) * template.duration_s
 
 
 class _Drive(NamedTuple):

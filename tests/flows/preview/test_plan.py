@@ -172,6 +172,17 @@ def test_what_is_strange_in_a_robot_and_drives_all_the_same_is_told(file_store: 
     assert "wide: strange: geom 'nose' reaches 0.25 m from its axis, and what collides 0.18 m" in told
 
 
+def test_what_a_camera_costs_is_told_with_the_time_without_it(file_store: Store, tmp_path: Path):
+    spec = own_robots(tmp_path, robot=(ROOT / "applications/courier/robot.xml").read_text())
+    (module,) = (each for each in tmp_path.rglob("*.py") if "def controller(" in each.read_text())
+    seeing = "class Eye:\n    columns, rows, rate_hz = 64, 48, 10.0\n\n\nclass Seer:\n    depth_camera = Eye()\n"
+    module.write_text(f"{module.read_text()}\n\n{seeing}")
+    told = "\n".join(plan_lines(spec, tmp_path, file_store))
+    pictures = r"depth_camera of 64x48 at 10 Hz: [\d,]+ to [\d,]+ pictures a second of a core"
+    line = pictures + r"; at most \S+ to \S+ (s|min|h), without it \S+ to"
+    assert re.search(line, told), told
+
+
 def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
     assert "32 episodes driven twice, and no audit: mujoco is the reference itself" in lines(engine="mujoco")
 
