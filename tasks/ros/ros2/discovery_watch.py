@@ -17,8 +17,8 @@ from typing import NamedTuple
 _NAME = "dds.ev"
 # How long such a thread sleeps at least if nothing is left to tell.
 _SILENT_S = 1.3
-# Where no thread has that name, or one never sleeps for so long: after so long without news all is told.
-_LATEST_S = 5.0
+# After so long without news all is told where no thread has that name, and where one never sleeps for so long.
+_UNNAMED_S, _RESTLESS_S = 5.0, 20.0
 _LOOK_S = 0.1
 _Thread = tuple[int, str]
 
@@ -60,7 +60,8 @@ class DiscoveryWatch:
         if not self._told and now_s - self._looked_s >= _LOOK_S:
             self._look(pids, now_s)
             named = len({pid for pid, _ in self._sleeps}) >= count
-            self._told = (named and self._sleeps.keys() <= self._slept) or now_s - news_s >= _LATEST_S
+            slept = named and self._sleeps.keys() <= self._slept
+            self._told = slept or now_s - news_s >= (_RESTLESS_S if named else _UNNAMED_S)
         return self._told
 
     def _look(self, pids: Collection[int], now_s: float) -> None:
