@@ -61,7 +61,12 @@ class Ruled(Spec):
         try:
             handler(data)
         except ValidationError as exc:
-            errors = [*repeated(exc, ()), *errors]
+            # What a rule says of an unknown key is more than that it is one.
+            told = [error.get("loc") for error in errors]
+            others = [
+                each for each in repeated(exc, ()) if each["type"] != "extra_forbidden" or each.get("loc") not in told
+            ]
+            errors = [*others, *errors]
         raise ValidationError.from_exception_data(cls.__name__, errors)
 
 

@@ -83,6 +83,10 @@ Place = Annotated[Number, Field(ge=-1e5, le=1e5)]
 MeshUnit = Literal["m", "cm", "mm", "in", "ft"]
 
 
+_NO_CUT = (
+    "nothing: no cut is made of a mesh or a scan; leave it out, and a mesh with triangles is taken whole, "
+    "or make a map of ROS (.yaml and .pgm) of the cut"
+)
 _OF_VARIANTS = ("seed", "move", "remove", "clutter", "robotRadius")
 
 
@@ -147,6 +151,8 @@ class WorldImport(Ruled):
         for name in _OF_VARIANTS:
             if part(data, name) is not None and part(data, "variants") is None:
                 yield Finding((name,), part(data, name), "variants beside it, of which it says what they are like")
+        if part(data, "at") is not None:
+            yield Finding(("at",), part(data, "at"), _NO_CUT)
         source = part(data, "source")
         if not isinstance(source, str):
             return

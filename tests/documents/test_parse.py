@@ -62,6 +62,13 @@ def test_a_key_in_another_number_is_meant_before_one_of_another_section():
     assert faults(pipeline(deployment=fleet))["deployment.fleet.robots"][1] == "known keys are name, localAgents"
 
 
+def test_an_unknown_key_that_a_rule_speaks_of_is_told_by_the_rule():
+    scan = {"name": "dock", "source": "scan.ply", "at": 0.05}
+    ((place, (_, allowed)),) = faults({"name": "nightly", "worlds": [scan]}).items()
+    assert place == "worlds[0].at"
+    assert "or make a map of ROS (.yaml and .pgm) of the cut" in allowed
+
+
 def test_the_value_of_an_unknown_key_is_not_repeated():
     assert "hunter2" not in str(faults(pipeline(awsSecretAccessKey="hunter2")))
 

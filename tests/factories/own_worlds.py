@@ -77,7 +77,7 @@ def walled_hall(
     )
     return World(
         version="2",
-        generator="simyard-import-4",
+        generator="simyard-import-5",
         template_digest="",
         seed=0,
         generation="import-000000000000",

@@ -33,13 +33,14 @@ from tasks.worlds.importer.own_floor import cell_at, measured, own_floor, reache
 from tasks.worlds.importer.source_scene import MOST_SOLIDS, Scene, SourceError
 from tasks.worlds.survey import ExactGrid
 
-IMPORTER = "simyard-import-4"
+IMPORTER = "simyard-import-5"
 """Changes whenever the same source would give another world."""
 MOST_CELLS = 1 << 24
 """Of a floor, whose map would grow beyond what a machine holds for every lane: 42,000 m2."""
 LEAST_RADIUS_M = 0.05
 """Of the smallest robot; a start has room for it."""
-_WALL = "wall"
+_WALL, _BUILDING = "wall", "building"
+"""What is in the name of walls, and what an export calls all of them together."""
 _WALL_M = 0.1
 _BESIDE_START_M = 1.0
 _FURTHEST_START_M = 20.0
@@ -135,7 +136,7 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
 
 def _is_wall(piece: Furniture) -> bool:
     """Returns whether a piece is a part of the building, as its name or its model's tells."""
-    return _WALL in f"{piece.name} {piece.model_type}".lower()
+    return piece.name == _BUILDING or _WALL in f"{piece.name} {piece.model_type}".lower()
 
 
 def _source(scene: Scene, described: ImportedAs) -> WorldSource:

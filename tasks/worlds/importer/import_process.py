@@ -108,6 +108,8 @@ def read_mesh(
             found.parts.append(Placed(name, name, "a mesh", mesh, np.eye(4)))
     except (MeshUnreadable, OSError) as exc:
         allowed = f"a mesh: {', '.join(MESH_SUFFIXES)}"
+        if path.suffix.lower() == ".ply":
+            allowed += "; of a scan, make a mesh of its points, or a map of ROS (.yaml and .pgm) of a cut"
         raise files.refuse(path.name, str(exc), allowed) from exc
     return scene_of(found, files, start, tolerance_m)
 

@@ -270,6 +270,8 @@ class _Pieces:
 
     def _named(self, name: str, part: Placed, solid: Upright) -> Solid:
         half_x, half_y, half_z = (rounded(max(each, _LEAST_HALF_M)) for each in solid.half_m)
+        if solid.outline_m:  # which tells how wide it is
+            half_x, half_y = map(rounded, solid.half_m[:2])
         x, y, z = map(rounded, solid.center_m)
         outline = solid.outline_m and tuple((rounded(px), rounded(py)) for px, py in solid.outline_m)
         return Solid(
@@ -302,7 +304,7 @@ class _Pieces:
             stack = f"{part.shape} of {len(part.mesh.faces):,} triangles as {len(fit.solids)} upright solids"
             why = f"{part.shape} as the cylinder around it" if ball else stack
             self._found.note(part.subject, "approximated", why, off_m=round(fit.off_m, 4))
-        return [_turned(each, yaw, float(x), float(y)) for each in fit.solids]
+        return [_turned(each, yaw, float(x), float(y)) for each in fit.solids if _stands_up(each)]
 
     def _cylinder(self, part: Placed, tilt: Float[np.ndarray, "3 3"], z: float) -> Fit | None:
         if part.upright is None or abs(abs(tilt[2, 2]) - 1.0) > 1e-6:
@@ -318,6 +320,11 @@ class _Pieces:
             points = part.mesh.points @ tilt.T + np.array([0.0, 0.0, z])
             self._fits[key] = upright_solids(points, part.mesh.faces, self._tolerance_m, floor_m=0.0, head_m=OVERHEAD_M)
         return self._fits[key]
+
+
+def _stands_up(solid: Upright) -> bool:
+    """Returns whether a robot could meet a solid."""
+    return rounded(solid.center_m[2] + solid.half_m[2]) > FLAT_M
 
 
 def _around_ball(radius_m: float, z_m: float) -> Fit:

@@ -11,7 +11,17 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from specs.data.world import MOST_CORNERS, OVERHEAD_M, is_convex
-from tasks.worlds.importer.mesh_sections import Faces, Points, Slab, areas, components, merged, slabs, without
+from tasks.worlds.importer.mesh_sections import (
+    Component,
+    Faces,
+    Points,
+    Slab,
+    areas,
+    components,
+    merged,
+    slabs,
+    without,
+)
 
 TOLERANCE_M = 0.01
 COARSE_M = 0.05
@@ -28,6 +38,7 @@ _BORDER_M = 0.2
 _BARE_M = 0.008
 _MOST_LAYERS = 12
 """Of so many a common core is looked for: more are a round thing's, which has none."""
+_SAME_M = 1e-5
 _LEAST_M = 1e-3
 """Slivers narrower than this are no part of a piece."""
 
@@ -112,8 +123,12 @@ def upright_solids(
         floor_m: What lies below this is left out.
         head_m: What begins above this is kept coarsely.
     """
-    parts = [slabs(part, tolerance_m / 2, floor_m, head_m) for part in components(points, faces)]
-    made = [_within(part, tolerance_m, head_m) for part in parts]
+    parts: list[list[Slab]] = []
+    made: list[tuple[list[_Placed], float]] = []
+    for part in components(points, faces):
+        own = _own_prism(part, floor_m)
+        parts.append([] if own else slabs(part, tolerance_m / 2, floor_m, head_m))
+        made.append(([own], 0.0) if own else _within(parts[-1], tolerance_m, head_m))
     for wider, many in _WIDER:
         enough = sum(len(each) for each, _ in made) <= many
         for k, part in enumerate(parts):
@@ -123,6 +138,23 @@ def upright_solids(
                 made[k] = fewer if carved or len(fewer[0]) <= _LESS * len(made[k][0]) else made[k]
     solids = tuple(_solid(*each) for found, _ in made for each in found)
     return Fit(solids, max((off_m for _, off_m in made), default=0.0))
+
+
+def _own_prism(part: Component, floor_m: float) -> "_Placed | None":
+    """Returns a component that is an upright convex prism of few corners as it is; None for another.
+
+    It is where its corners lie at two heights, and it fills all of the outline around them.
+    """
+    z, corners = part.points[:, 2], part.points[part.faces]
+    low, high = float(z.min()), float(z.max())
+    if not part.is_closed or high - max(low, floor_m) <= _LEAST_M or np.minimum(z - low, high - z).max() > _SAME_M:
+        return None
+    ring = _ring(shapely.get_coordinates(shapely.convex_hull(shapely.multipoints(part.points[:, :2])))[:-1])
+    if not (3 <= len(ring) <= MOST_CORNERS and is_convex(ring)) or _width(ring) <= _LEAST_M:
+        return None
+    volume_m3, whole = float((corners[:, 0] * np.cross(corners[:, 1], corners[:, 2])).sum()) / 6, Polygon(ring)
+    fills = abs(whole.area - volume_m3 / (high - low)) <= _SAME_M * whole.length
+    return (_Footprint(ring), max(low, floor_m), high) if fills else None
 
 
 def _within(found: Sequence[Slab], tolerance_m: float, head_m: float) -> "tuple[list[_Placed], float]":

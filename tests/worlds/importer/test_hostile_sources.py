@@ -146,6 +146,13 @@ def test_files_that_are_no_mesh_are_refused(tmp_path: Path, name: str, text: byt
         read_mesh(tmp_path / name)
 
 
+def test_a_scan_without_triangles_is_refused_with_what_to_make_of_it(tmp_path: Path):
+    corner = "element vertex 3\nproperty float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n1 0 1\n1 1 2\n"
+    (tmp_path / "scan.ply").write_text(f"ply\nformat ascii 1.0\n{corner}")
+    with pytest.raises(SourceError, match=r"has no triangles: a mesh: .*; of a scan, make a mesh of its points"):
+        read_mesh(tmp_path / "scan.ply")
+
+
 def test_a_file_larger_than_any_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(source_files, "_MOST_FILE_BYTES", 100)
     assert "MiB" in refusal(tmp_path, model("m"))
