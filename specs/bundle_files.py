@@ -309,6 +309,13 @@ class SensorDeclarations(Spec):
     gps: GpsDeclaration | None = None
 
 
+class SeeingDeclarations(SensorDeclarations):
+    """Sensors of a robot that is driven on the host, which draws what its ``color_camera`` sees; None for none."""
+
+    color_camera: ColorCameraDeclaration | None = None
+
+
+MOST_FRAMES = 64
 PolicyField = Literal[
     "ranges_m",
     "goal_robot_m",
@@ -341,6 +348,7 @@ class PolicyPart(Spec):
         field: Its name (docs/guide/applications.md); ``qpos`` and ``qvel`` are those of ``joints``.
         scale, offset: What it is multiplied with, and what is added then.
         low, high: Between which the result is held; None for no bound.
+        frames: How many control steps' results it is shown, the newest last, an episode's first repeated.
     """
 
     field: PolicyField
@@ -348,6 +356,7 @@ class PolicyPart(Spec):
     offset: Number = 0.0
     low: Number | None = None
     high: Number | None = None
+    frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] = 1
 
     @model_validator(mode="after")
     def _bounds_in_order(self) -> Self:
@@ -422,17 +431,15 @@ class ChoiceOutput(Spec):
 PolicyOutput = Annotated[ActionOutput | ControlsOutput | ChoiceOutput, Field(discriminator="kind")]
 
 
-class Policy(SensorDeclarations):
+class Policy(SeeingDeclarations):
     """A network that drives a robot, and the robot's sensors.
 
     Attributes:
-        color_camera: What the host draws for it; None for a robot without.
         inputs: What the network is shown.
         states: What it keeps.
         output: What its answer means.
     """
 
-    color_camera: ColorCameraDeclaration | None = None
     inputs: Annotated[tuple[PolicyInput, ...], Field(min_length=1, max_length=64)]
     states: Annotated[tuple[PolicyState, ...], Field(max_length=64)] = ()
     output: PolicyOutput = ActionOutput()

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypedDict, cast
 
+from specs.bundle_files import MOST_FRAMES
+
 if TYPE_CHECKING:
     from simyard.answer.run_answers import Run, Worlds
     from specs.data.episode import ApplicationLaunch, EpisodeRequest
@@ -40,15 +42,17 @@ class TaskOptions(TypedDict, total=False):
         robot: A shipped robot's name, or the folder of a bundle with a ``robot.xml``; ``courier``.
         launch: ``<package>/<launch file>`` of the application in it that declares the robot's sensors.
         sensors: The sensors themselves, as ``{"lidar": {"rays": 32, ...}, "odometry": {...}, "bumper": {...},
-            "depth_camera": {...}, "imu": {...}, "range_finders": {...}}``.
+            "depth_camera": {...}, "color_camera": {...}, "imu": {...}, "range_finders": {...}}``.
         scenario: A shipped scenario's name, or the folder of a bundle; ``delivery``.
         scenario_launch: ``<package>/<launch file>`` in it.
         environment: Environment variables of both, such as ``{"GOALS": "1"}``.
         seeds: The pool's seeds for each world: how many, counted from 1,000,000, or the seeds themselves. As many as
             give 256 episodes, if left out.
         duration_s: Simulated seconds after which an episode is truncated; 60.
-        observation: Names of the fields that are seen, in their order; scan, picture, goal and bumper, if left out.
+        observation: Names of the fields that are seen, in their order; scan, pictures, goal and bumper, if left out.
         flatten: Whether they are one array, in that order, instead of a dictionary.
+        frames: How many observations one after the other are seen together, as with ``FrameStackObservation`` of
+            Gymnasium: the newest last, an episode's first repeated; one, without a dimension for it, if left out.
         actions: ``normalized`` (from -1 to 1 over each control range) or ``raw`` (controls).
         reward: A function in JAX of a ``Transition``; ``progress``, if left out.
         engine: ``planar``, ``mjx``, or ``auto`` for the first of them that can represent the robot.
@@ -66,6 +70,7 @@ class TaskOptions(TypedDict, total=False):
     duration_s: float
     observation: Sequence[str] | None
     flatten: bool
+    frames: int | None
     actions: Literal["normalized", "raw"]
     reward: "Reward | None"
     engine: "TrainingEngine"
@@ -112,6 +117,18 @@ def view_of(options: TaskOptions) -> "View":
     fields = options.get("observation")
     named = None if fields is None else tuple(fields)
     return View(named, normalized=actions == "normalized", reward=options.get("reward") or progress)
+
+
+def frames_of(options: TaskOptions) -> int | None:
+    """Returns how many observations are seen together; None for one that is no stack.
+
+    Raises:
+        DocumentError: It is no number of frames.
+    """
+    frames = options.get("frames")
+    if frames is not None and (type(frames) is not int or not 1 <= frames <= MOST_FRAMES):
+        raise _fault("frames", frames, f"a whole number from 1 to {MOST_FRAMES}")
+    return frames
 
 
 def _worlds(options: TaskOptions) -> "tuple[tuple[str, World], ...]":
@@ -194,21 +211,21 @@ def _requests(
 
 
 def _sensors(declared: Mapping[str, Mapping[str, object]] | None, folder: Path) -> object | None:
-    from specs.bundle_files import SensorDeclarations
+    from specs.bundle_files import SeeingDeclarations
     from tasks.documents.parse import parse
     from tasks.simulate.application.mjcf_check import RobotRefused
     from tasks.simulate.host.declaration import ROBOT_FILE, with_file_sensors
 
     if declared is None:
         return None
-    known = SensorDeclarations.model_fields
+    known = SeeingDeclarations.model_fields
     if unknown := sorted(set(declared) - set(known)):
         raise _fault("sensors", unknown[0], f"some of {', '.join(known)}")
     try:
         forms = with_file_sensors({name: dict(fields) for name, fields in declared.items()}, folder / ROBOT_FILE)
     except RobotRefused as refused:
         raise _fault("sensors", "mjcf", str(refused)) from refused
-    return parse(SensorDeclarations, cast("Any", forms), "sensors")
+    return parse(SeeingDeclarations, cast("Any", forms), "sensors")
 
 
 def _fault(path: str, value: object, allowed: str) -> Exception:

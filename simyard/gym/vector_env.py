@@ -6,7 +6,7 @@ The lanes behind an environment are made once, stepped and begun anew, with spac
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
@@ -15,7 +15,7 @@ from gymnasium import error, spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from simyard.gym.task_options import TaskOptions, task_of, view_of
+from simyard.gym.task_options import TaskOptions, frames_of, task_of, view_of
 from tasks.progress.listener import waiting_for
 
 if TYPE_CHECKING:
@@ -35,6 +35,38 @@ class Step(NamedTuple):
     reward: np.ndarray
     terminated: np.ndarray
     truncated: np.ndarray
+
+
+class _Stacks:
+    """The last observations of all lanes, each lane's own one after the other, as in ``FrameStackObservation``."""
+
+    def __init__(self, frames: int) -> None:
+        self._frames = frames
+        self._kept: dict[str, np.ndarray] = {}
+
+    def begin(self, observation: Observation, marked: np.ndarray) -> Observation:
+        """Returns stacks of the marked lanes that are full of what is seen, and the others as they are."""
+        return self._each(observation, lambda kept, _: kept, marked)
+
+    def step(self, observation: Observation, begun: np.ndarray) -> Observation:
+        """Returns stacks with what is seen as their last, those of lanes that have begun full of it."""
+        return self._each(observation, lambda kept, seen: np.concatenate([kept[:, 1:], seen[:, None]], axis=1), begun)
+
+    def _each(
+        self, observation: Observation, after: Callable[[np.ndarray, np.ndarray], np.ndarray], fresh: np.ndarray
+    ) -> Observation:
+        if not isinstance(observation, dict):
+            return self._stacked("", observation, after, fresh)
+        return {name: self._stacked(name, seen, after, fresh) for name, seen in observation.items()}
+
+    def _stacked(
+        self, name: str, seen: np.ndarray, after: Callable[[np.ndarray, np.ndarray], np.ndarray], fresh: np.ndarray
+    ) -> np.ndarray:
+        full = np.repeat(seen[:, None], self._frames, axis=1)
+        kept = after(self._kept.get(name, full), seen).copy()
+        kept[fresh] = full[fresh]
+        self._kept[name] = kept
+        return kept.copy()
 
 
 class EnvironmentLanes:
@@ -67,6 +99,11 @@ class EnvironmentLanes:
         self.action_space = spaces.Box(actions.least, actions.most, dtype=np.float32)
         self._fields = dict(program.bounds)
         self.observation_space = _flat_space(self._fields) if self._flat else _dict_space(self._fields)
+        self._stacks: _Stacks | None = None
+        if (frames := frames_of(options)) is not None:
+            self._stacks = _Stacks(frames)
+            self.observation_space = batch_space(self.observation_space, frames)
+        self._autoreset, self._over = autoreset, np.zeros(count, bool)
         self._requests = program.pool.requests
         self._worlds = np.array([each.world for each in self._requests], object)
         self._seeds = np.array([each.seed for each in self._requests], np.int64)
@@ -89,7 +126,9 @@ class EnvironmentLanes:
             raise error.Error(f"seed: {negative[0]}: must be at least 0")
         with self._compiled("reset"):
             self._begun = True
-            return self._shown(self._lanes.reset(marked, seeds))
+            shown = self._shown(self._lanes.reset(marked, seeds))
+        self._over = self._over & ~marked
+        return self._stacks.begin(shown, marked) if self._stacks else shown
 
     def step(self, actions: object) -> Step:
         """Drives all lanes a control step.
@@ -104,9 +143,11 @@ class EnvironmentLanes:
         checked = self._checked(actions)
         with self._compiled("step"):
             result = self._lanes.step(checked)
-        return Step(
-            self._shown(result.observation), result.reward.astype(np.float64), result.terminated, result.truncated
-        )
+        shown, begun = self._shown(result.observation), self._over
+        if self._stacks:
+            shown = self._stacks.step(shown, begun)
+        self._over = (result.terminated | result.truncated) & self._autoreset
+        return Step(shown, result.reward.astype(np.float64), result.terminated, result.truncated)
 
     def beginnings(self) -> dict[str, np.ndarray]:
         """Returns which episodes the lanes are in: their world and seed, as a batch has them."""
@@ -147,8 +188,8 @@ class EnvironmentLanes:
 
     def _shown(self, fields: dict[str, np.ndarray]) -> Observation:
         if not self._flat:
-            return {name: fields[name] for name in self.observation_space.spaces}  # pyright: ignore[reportAttributeAccessIssue] - a Dict unless flat
-        return self._lanes.seen
+            return {name: fields[name] for name in sorted(self._fields)}
+        return np.concatenate([fields[name].reshape(self.count, -1) for name in self._fields], axis=1, dtype=np.float32)
 
     def _require_own_process(self) -> None:
         if os.getpid() != self._process:
@@ -182,7 +223,10 @@ def lane_info(values: dict[str, np.ndarray], lane: int) -> Info:
 
 
 def _dict_space(fields: "dict[str, FieldBounds]") -> spaces.Dict:
-    return spaces.Dict({name: spaces.Box(each.low, each.high, dtype=np.float32) for name, each in fields.items()})
+    boxes: dict[str, spaces.Space[Any]] = {
+        name: spaces.Box(each.low, each.high, dtype=each.low.dtype.type) for name, each in fields.items()
+    }
+    return spaces.Dict(boxes)
 
 
 def _flat_space(fields: "dict[str, FieldBounds]") -> spaces.Box:

@@ -16,6 +16,8 @@ from jaxtyping import Bool, Float32, Int, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import control_stride
+from specs.data.robot_shape import RobotPart
+from specs.data.world import World
 from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.render.camera_pool import CameraPool, Shot, standing_cameras
 from tasks.render.gl_process import DrawingFailed
@@ -45,6 +47,30 @@ class _Taken(NamedTuple):
     able: Bool[np.ndarray, "lanes"]
 
 
+class CameraKeys:
+    """Names of cameras in worlds, for processes that stay: others may have their worlds' names later."""
+
+    def __init__(self, worlds: Mapping[str, World], robot: tuple[RobotPart, ...]) -> None:
+        """Begins.
+
+        Args:
+            worlds: By name.
+            robot: What cameras may see of their own robots.
+        """
+        self._worlds, self._robot, self._digests = worlds, robot, dict[str, str]()
+
+    def name(self, world: str, camera: ColorCameraDeclaration) -> str:
+        """Returns the name of a camera in a world."""
+        if world not in self._digests:
+            text = f"{self._robot}{self._worlds[world].model_dump_json()}"
+            self._digests[world] = hashlib.sha256(text.encode()).hexdigest()
+        return f"{self._digests[world]} {camera.model_dump_json()}"
+
+    def add(self, pool: CameraPool, world: str, camera: ColorCameraDeclaration) -> None:
+        """Adds a camera in a world to a pool."""
+        pool.add(self.name(world, camera), self._worlds[world], camera, self._robot if camera.sees_robot else ())
+
+
 class LanePictures:
     """What the colour cameras of a chunk's robots see, for whoever drives them. Nothing is drawn that nobody asks for.
 
@@ -72,9 +98,8 @@ class LanePictures:
         self.undrawn, self.gl = set[int](), ""
         self._pool: CameraPool | None = None
         self._moving = np.zeros(start.width, np.bool_)
-        self._digests: dict[str, str] = {}
         seen = any(isinstance(each, ColorCameraDeclaration) and each.sees_robot for each in cameras)
-        self._robot = robot_shape(robot) if seen else ()
+        self._names = CameraKeys(start.worlds, robot_shape(robot) if seen else ())
         self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
         self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
         self._blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
@@ -162,8 +187,7 @@ class LanePictures:
             _logger.info("colour cameras are drawn by %s", self.gl)
             for lane, camera, key in zip(self._start.lanes, self._cameras, self._keys, strict=True):
                 if isinstance(camera, ColorCameraDeclaration) and key:
-                    seen = self._robot if camera.sees_robot else ()
-                    self._pool.add(key, self._start.worlds[lane.request.world], camera, seen)
+                    self._names.add(self._pool, lane.request.world, camera)
         return self._pool
 
     def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
@@ -173,15 +197,8 @@ class LanePictures:
         elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
             self.crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
         else:
-            return f"{self._digest(self._start.lanes[lane].request.world)} {camera.model_dump_json()}"
+            return self._names.name(self._start.lanes[lane].request.world, camera)
         return ""
-
-    def _digest(self, world: str) -> str:
-        """Returns what names a world and the robot to processes that stay: others may have their names later."""
-        if world not in self._digests:
-            text = f"{self._robot}{self._start.worlds[world].model_dump_json()}"
-            self._digests[world] = hashlib.sha256(text.encode()).hexdigest()
-        return self._digests[world]
 
     def _shot(self, lane: int, taken: _Taken) -> Shot:
         x_m, y_m, yaw_rad = taken.poses[lane].tolist()

@@ -266,6 +266,7 @@ class OnnxPolicies:
         self.crashes: dict[int, str] = {}
         self._policy, self._ranges, self._width = checked.policy, ranges, start.width
         self._network: LaneNetwork | None = None
+        self._frames: dict[tuple[int, int], Float32[np.ndarray, "lanes frames numbers"]] = {}
         try:
             self._network = LaneNetwork(checked, start.width)
             self._states = self._network.first_states()
@@ -283,7 +284,7 @@ class OnnxPolicies:
         if self._network is None:
             return nothing
         try:
-            shown = [_shown(each.parts, observed) for each in self._policy.inputs]
+            shown = [self._shown(number, each.parts, observed) for number, each in enumerate(self._policy.inputs)]
             output, self._states = self._network.answer(shown, self._states)
             return self._controls(output.reshape(self._width, -1))
         except BundleCrash as crash:
@@ -298,6 +299,27 @@ class OnnxPolicies:
     def close(self) -> None:
         """Lets go of the network."""
         self._network = None
+
+    def _shown(
+        self, number: int, parts: tuple[PolicyPart, ...], observed: "Observation"
+    ) -> Float32[np.ndarray, "lanes numbers"]:
+        """Returns what an input is shown of all lanes, lanes first, flat."""
+        joints = {} if observed.joints is None else observed.joints._asdict()
+        fields = observed._asdict() | joints
+        values = [
+            self._framed((number, place), part, _scaled(part, fields[part.field])) for place, part in enumerate(parts)
+        ]
+        return np.concatenate(values, axis=1)
+
+    def _framed(
+        self, place: tuple[int, int], part: PolicyPart, values: Float32[np.ndarray, "lanes numbers"]
+    ) -> Float32[np.ndarray, "lanes frames*numbers"]:
+        """Returns a part of the last control steps; all lanes of a chunk begin together."""
+        if part.frames == 1:
+            return values
+        before = self._frames.get(place, np.repeat(values[:, None], part.frames, axis=1))
+        self._frames[place] = np.concatenate([before[:, 1:], values[:, None]], axis=1)
+        return self._frames[place].reshape(len(values), -1)
 
     def _controls(self, answer: Float32[np.ndarray, "lanes numbers"]) -> Float32[np.ndarray, "lanes nu"]:
         meant, ranges = self._policy.output, self._ranges
@@ -318,13 +340,6 @@ class OnnxPolicies:
         if numbers not in allowed:
             wanted = " or ".join(map(str, sorted(allowed)))
             raise BundleCrash(_ROBOT, f"{self._policy.output.name}: {numbers} numbers a lane, not {wanted}")
-
-
-def _shown(parts: tuple[PolicyPart, ...], observed: "Observation") -> Float32[np.ndarray, "lanes numbers"]:
-    """Returns what an input is shown of all lanes, lanes first, flat."""
-    joints = {} if observed.joints is None else observed.joints._asdict()
-    fields = observed._asdict() | joints
-    return np.concatenate([_scaled(part, fields[part.field]) for part in parts], axis=1)
 
 
 def _scaled(part: PolicyPart, field: np.ndarray) -> Float32[np.ndarray, "lanes numbers"]:

@@ -316,8 +316,8 @@ def check_policy(folder: Path, name: str, robot: RobotNumbers | None = None) -> 
 def part_numbers(policy: Policy, shown: PolicyInput, robot: RobotNumbers | None) -> int | None:
     """Returns how many numbers an input is shown of a lane; None if that needs the robot, which is not looked at."""
     sizes = _sizes(policy, robot)
-    counts = [sizes.get(part.field) for part in shown.parts]
-    return None if None in counts else sum(count or 0 for count in counts)
+    counts = [(sizes.get(part.field), part.frames) for part in shown.parts]
+    return None if any(size is None for size, _ in counts) else sum((size or 0) * frames for size, frames in counts)
 
 
 # Of each field: the sensor that it comes from, and how many numbers it has for what is declared of that.

@@ -15,8 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Bool, Float, Float32, Int, UInt32
+from jaxtyping import Array, Bool, Float, Float32, Int, UInt8, UInt32
 
+from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import load_factory
@@ -49,9 +50,11 @@ from tasks.simulate.lane.control_step import (
 )
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.sensor import seed_words
-from tasks.simulate.sensors.sensor_table import Sensors, read_sensors
+from tasks.simulate.sensors.sensor_table import Sensors, read_color_camera, read_sensors
 from tasks.simulate.training.episode_pool import EpisodePool, StagedPool, WayFields, stage_pool, way_left_m
+from tasks.simulate.training.lane_colors import ColorTask, LaneColors
 from tasks.simulate.training.training_spaces import (
+    COLOR,
     ActionMap,
     FieldBounds,
     Reward,
@@ -292,6 +295,8 @@ def _copied(
 def _seen(kernels: LaneKernels, observed: Observation) -> Float[Array, "lanes seen"]:
     """Returns what trainers see, one field's numbers after another's."""
     fields = jax.vmap(functools.partial(observed_fields, kernels.bounds))(observed)
+    if not fields:
+        return jnp.zeros((observed.time_s.shape[0], 0))
     return jnp.concatenate([fields[name].reshape(observed.time_s.shape[0], -1) for name in kernels.bounds], axis=1)
 
 
@@ -373,6 +378,7 @@ class TrainingProgram:
 
     Attributes:
         lanes: How many there are at least, so that they fill whole vectors on each device.
+        colors: What the host draws of the robot's colour camera; None if nobody sees it.
     """
 
     pool: StagedPool
@@ -381,6 +387,7 @@ class TrainingProgram:
     bounds: Mapping[str, FieldBounds]
     compiled: VectorProgram
     lanes: int
+    colors: ColorTask | None
 
 
 def training_program(
@@ -408,15 +415,17 @@ def _program(task: Task, view: View, lanes: int, autoreset: bool, engine: Traini
     """Returns a program; kept, so that environments of one task share a pool and a compilation."""
     robot = task.robot / ROBOT_FILE
     mechanics = _mechanics(robot, engine)
-    applications = _applications(task, mechanics.actuators)
+    applications, camera = _applications(task, mechanics.actuators)
     pool = stage_pool(applications, robot, mechanics.hull, task.requests, dict(task.worlds))
     joints = mechanics.first_body(jnp.zeros(3)).joints
     actions = action_map(robot, normalized=view.normalized)
-    fields = default_fields(applications.sensors) if view.fields is None else view.fields
-    bounds = field_bounds(fields, applications.sensors, joints, pool.bounds)
-    kernels = LaneKernels(mechanics, applications, actions, bounds, view.reward, autoreset)
+    fields = default_fields(applications.sensors, camera) if view.fields is None else view.fields
+    bounds = field_bounds(fields, applications.sensors, joints, pool.bounds, camera)
+    sensed = {name: each for name, each in bounds.items() if name != COLOR}
+    kernels = LaneKernels(mechanics, applications, actions, sensed, view.reward, autoreset)
     compiled = vector_program(kernels, lane_mesh())
-    return TrainingProgram(pool, applications.sensors, actions, bounds, compiled, lanes)
+    colors = ColorTask(camera, pool.requests, dict(task.worlds), robot) if camera and COLOR in bounds else None
+    return TrainingProgram(pool, applications.sensors, actions, bounds, compiled, lanes, colors)
 
 
 def _mechanics(robot: Path, engine: TrainingEngine) -> Mechanics:
@@ -429,15 +438,16 @@ def _mechanics(robot: Path, engine: TrainingEngine) -> Mechanics:
     raise RobotRefused("\n".join(dict.fromkeys(refusals)))
 
 
-def _applications(task: Task, actuators: int) -> Applications:
-    """Returns the applications, with a stand-in for the controller that has its sensors."""
+def _applications(task: Task, actuators: int) -> tuple[Applications, ColorCameraDeclaration | None]:
+    """Returns the applications, with a stand-in for the controller that has its sensors, and its colour camera."""
     first = task.requests[0]
     numbers, texts = split_environment(first.environment)
     make_scenario = load_factory(task.scenario, first.scenario, "scenario", "SimulationApplicationCrash")
     declare = (lambda _: task.sensors) if task.sensors is not None else _declaration(task.robot, first.robot)
-    sensors = read_sensors(declare, {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}})
+    variables = {**texts, **{name: jnp.float32(value) for name, value in numbers.items()}}
+    sensors, camera = read_sensors(declare, variables), read_color_camera(declare, variables)
     names = tuple(sorted(numbers))
-    return with_stand_in(Applications(declare, make_scenario, texts, names, sensors), actuators, host=True)
+    return with_stand_in(Applications(declare, make_scenario, texts, names, sensors), actuators, host=True), camera
 
 
 def _declaration(folder: Path, launch: ApplicationLaunch) -> Callable[..., object]:
@@ -456,7 +466,7 @@ _GIVEN, _FIRST = 3, 12
 class LaneStep(NamedTuple):
     """What a step gives, lanes first; arrays of the caller's own."""
 
-    observation: dict[str, Float32[np.ndarray, "lanes ..."]]
+    observation: dict[str, np.ndarray]
     reward: Float32[np.ndarray, "lanes"]
     terminated: Bool[np.ndarray, "lanes"]
     truncated: Bool[np.ndarray, "lanes"]
@@ -488,11 +498,7 @@ class TrainingLanes:
         self._pool = jax.device_put(program.pool.arrays, NamedSharding(mesh, PartitionSpec()))
         self._lanes: PackedTraining = program.compiled.blank(self._pool, self._put(np.ones(count, bool)))
         self._first, self._seen = np.zeros((count, _FIRST), np.float32), np.zeros((count, 0), np.float32)
-
-    @property
-    def seen(self) -> Float32[np.ndarray, "lanes numbers"]:
-        """Returns the last observation, one field's numbers after another's; the same memory as its fields."""
-        return self._seen
+        self._colors = program.colors and LaneColors(program.colors, count)
 
     def reset(self, marked: Bool[np.ndarray, "lanes"], seeds: Sequence[int | None]) -> dict[str, np.ndarray]:
         """Begins the next episodes of some lanes, and returns all lanes' observations.
@@ -557,7 +563,15 @@ class TrainingLanes:
         fields: dict[str, np.ndarray] = {}
         begin = 0
         for name, bounds in self.program.bounds.items():
+            if name == COLOR:
+                fields[name] = self._pictures()
+                continue
             end = begin + bounds.low.size
             fields[name] = self._seen[:, begin:end].reshape(self.count, *bounds.low.shape)
             begin = end
         return fields
+
+    def _pictures(self) -> UInt8[np.ndarray, "lanes rows columns 3"]:
+        assert self._colors is not None  # noqa: S101 - a program that has their bounds has them
+        standing = self._standing()
+        return self._colors.shown(standing.step.astype(np.int32), standing.pose, standing.episode.astype(np.int32))

@@ -12,9 +12,10 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Float32, Int
+from jaxtyping import Float, Float32, Int, UInt8
 
 from specs.base import Fault
+from specs.bundle_files import ColorCameraDeclaration
 from specs.errors import DocumentError
 from tasks.simulate.application.contract import TIMEOUT, Joints, Observation, Truth, Verdict
 from tasks.simulate.application.robot_file import read_robot_mjcf
@@ -97,11 +98,15 @@ _MOST_TICKS = 2.0**24
 _JOINT_FIELDS = ("qpos", "qvel")
 
 
-class FieldBounds(NamedTuple):
-    """The bounds of an observation's field, in the field's shape."""
+# The one field that the host draws, whose numbers are bytes.
+COLOR = "color"
 
-    low: Float32[np.ndarray, "..."]
-    high: Float32[np.ndarray, "..."]
+
+class FieldBounds(NamedTuple):
+    """The bounds of an observation's field, in the field's shape and of its type."""
+
+    low: Float32[np.ndarray, "..."] | UInt8[np.ndarray, "..."]
+    high: Float32[np.ndarray, "..."] | UInt8[np.ndarray, "..."]
 
 
 class EpisodeBounds(NamedTuple):
@@ -118,15 +123,19 @@ class EpisodeBounds(NamedTuple):
     reach_m: float
 
 
-def default_fields(sensors: Sensors) -> tuple[str, ...]:
-    """Returns what a reactive controller needs: the scan, the picture, the goal as the robot sees it, and contacts."""
+def default_fields(sensors: Sensors, camera: ColorCameraDeclaration | None) -> tuple[str, ...]:
+    """Returns what a reactive controller needs: the scan, the pictures, the goal as the robot sees it, and contacts."""
     scan = ("ranges_m",) if sensors.lidar.rays else ()
-    picture = ("depth_m",) if sensors.depth_camera else ()
-    return (*scan, *picture, "goal_robot_m", *(("bumper",) if sensors.bumper.sectors else ()))
+    pictures = (*(("depth_m",) if sensors.depth_camera else ()), *((COLOR,) if camera else ()))
+    return (*scan, *pictures, "goal_robot_m", *(("bumper",) if sensors.bumper.sectors else ()))
 
 
 def field_bounds(
-    fields: Sequence[str], sensors: Sensors, joints: Joints | None, episodes: EpisodeBounds
+    fields: Sequence[str],
+    sensors: Sensors,
+    joints: Joints | None,
+    episodes: EpisodeBounds,
+    camera: ColorCameraDeclaration | None = None,
 ) -> dict[str, FieldBounds]:
     """Returns the bounds of the fields that a trainer wants, in its order.
 
@@ -135,11 +144,15 @@ def field_bounds(
         sensors: The robot's.
         joints: Of a robot that is more than a planar base.
         episodes: The pool's.
+        camera: The robot's, if it has one that sees colours.
 
     Raises:
         DocumentError: There is no such field, or the robot has none such, or one comes twice.
     """
     known = _all_bounds(sensors, joints, episodes)
+    if camera:
+        size = (camera.rows, camera.columns, 3)
+        known[COLOR] = FieldBounds(np.zeros(size, np.uint8), np.full(size, 255, np.uint8))
     wrong = [name for name in dict.fromkeys(fields) if name not in known]
     twice = sorted({name for name in fields if list(fields).count(name) > 1})
     allowed = f"fields of this robot's observation, each once: {', '.join(known)}"
