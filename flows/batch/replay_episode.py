@@ -260,7 +260,7 @@ def write_files(again: JobReplay, folder: Path, wanted: Wanted) -> list[Path]:
 def _write_film(path: Path, world: World, playback: Playback) -> None:
     """Writes the film: in three dimensions where a GL is there, else from above."""
     from tasks.export.picture.renderer import FilmScene, open_film  # noqa: PLC0415 - it loads MuJoCo
-    from tasks.results.playback.replay_video import frames, with_caption, write_video  # noqa: PLC0415 - an extra
+    from tasks.results.playback.replay_video import frames, with_captions, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
     scene = FilmScene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m, shape=playback.shape)
@@ -269,5 +269,5 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
             write_video(path, frames(world, playback), _FROM_ABOVE_HZ)
             return
         shown = playback.every(_STEPS_A_PICTURE).tolist()
-        pictures = (with_caption(shoot(*playback.pose[each].tolist()), playback, each) for each in shown)
-        write_video(path, pictures, _FROM_ABOVE_HZ // _STEPS_A_PICTURE)
+        shot = (shoot(*playback.pose[each].tolist()) for each in shown)
+        write_video(path, with_captions(shot, playback, shown), _FROM_ABOVE_HZ // _STEPS_A_PICTURE)

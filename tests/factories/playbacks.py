@@ -1,9 +1,12 @@
 """A playback made by hand: along +x for a second, turning beyond half a turn, bumping into something on the way."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
 from specs.data.robot_shape import RobotPart
-from tasks.results.playback.playback import Playback, Sight
+from tasks.results.playback.playback import CameraFilm, Playback, Sight
 
 SAMPLES, RAYS = 21, 4
 _SQUARE_M = ((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1))
@@ -44,3 +47,13 @@ def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:
         ranges_m=np.full((samples, rays), 1.5, np.float32),
         impulse_ns=np.where((number == last // 2) | (number == last // 2 + 1), 0.25, 0.0).astype(np.float32),
     )
+
+
+def seen_playback() -> Playback:
+    """Returns the same of a robot that sees a wall come nearer, picture by picture, and grey become lighter."""
+    eye, lens = DepthCameraDeclaration(columns=8, rows=4, range_m=6.0), ColorCameraDeclaration(columns=6, rows=4)
+    depth_m = np.full((3, 4, 8), 6.0, np.float32)  # nothing on the right
+    depth_m[:, :, :4] = np.array([4.0, 2.0, 0.1])[:, None, None]
+    colors = np.repeat([40, 120, 200], 4 * 6 * 3).astype(np.uint8).reshape(3, 4, 6, 3)
+    t_s = np.array([0.0, 0.4, 0.8])
+    return replace(playback(), depth=CameraFilm(eye, t_s, depth_m), color=CameraFilm(lens, t_s, colors))

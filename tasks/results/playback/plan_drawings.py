@@ -19,6 +19,7 @@ from specs.data.episode import EpisodeResult, reason
 from specs.data.outcomes import mark_of
 from specs.data.world import Rectangle
 from tasks.results.playback.playback import Playback
+from tasks.results.playback.robot_view import RobotView, picture_url, robot_views
 
 _END = "</svg>"
 
@@ -99,6 +100,8 @@ _MOST_RAYS = 72
 _MOST_TIMES = 120
 _BESIDE_M = 0.06
 _GOAL_M = 0.1
+# What a camera saw, beside the plan: how wide, from where on, how many pictures, of how many pixels a side.
+_VIEW, _VIEW_TOP, _VIEW_EDGE, _MOST_PICTURES, _PICTURE_PX = 360.0, 64.0, 24.0, 120, 160
 _STYLE = """
 .replay .way{fill:none;stroke:#b06000;stroke-width:2;stroke-opacity:.35}
 .replay .driven{fill:none;stroke:#b06000;stroke-width:3;stroke-linecap:round;stroke-linejoin:round}
@@ -114,6 +117,7 @@ _STYLE = """
 .replay .clock{font-size:15px;font-weight:600;text-anchor:end;font-variant-numeric:tabular-nums}
 .replay .told{font-size:12px;text-anchor:end;fill:#5f6870}
 .replay .bar{fill:#dadce0}.replay .past{fill:#b06000}
+.replay .seen{image-rendering:pixelated}.replay .seen-by{font-size:13px}
 .replay .still{display:none}
 @media (prefers-reduced-motion:reduce){.replay .moving{display:none}.replay .still{display:inline}}
 @media print{.replay .moving{display:none}.replay .still{display:inline}}
@@ -158,7 +162,48 @@ class _Film:
         self._robot(moving)
         self._clock(moving)
         self._still(still)
-        return draw_over(plan, root)
+        bottom = _VIEW_TOP
+        for view in robot_views(self._playback):
+            bottom = self._view(moving, still, view, bottom)
+        return draw_over(self._widened(plan, bottom) if bottom > _VIEW_TOP else plan, root)
+
+    def _widened(self, plan: str, bottom: float) -> str:
+        """Returns the plan with room for what the robot saw to the right of it, down to there at least."""
+        width, height = self._page.width, self._page.height
+        before, after = (
+            f'viewBox="0 0 {x:.0f} {y:.0f}" width="{x:.0f}" height="{y:.0f}"'
+            for x, y in ((width, height), (width + _VIEW, max(height, bottom)))
+        )
+        return plan.replace(before, after, 1)
+
+    def _view(self, moving: ET.Element, still: ET.Element, view: RobotView, y: float) -> float:
+        """Adds what a camera saw: each picture until the next one, and the last one for good.
+
+        Args:
+            moving: Of the animation.
+            still: Of the drawing without motion.
+            view: What it saw.
+            y: Where its pictures begin on the page.
+
+        Returns:
+            Where the next camera's begin.
+        """
+        rows, columns = view.film.pictures.shape[1:3]
+        x, width = self._page.width, _VIEW - _VIEW_EDGE
+        height = width * rows / columns
+        shown = view.film.t_s <= self._playback.duration_s
+        numbers = np.flatnonzero(shown)[:: -(-int(shown.sum()) // _MOST_PICTURES)].tolist()
+        times = [float(view.film.t_s[each]) for each in numbers]
+        place = {"x": f"{x:.0f}", "y": f"{y:.0f}", "width": f"{width:.0f}", "height": f"{height:.0f}"}
+        for number, begin_s, end_s in zip(numbers, times, [*times[1:], None], strict=True):
+            image = {"class": "seen", "href": picture_url(view, number, _PICTURE_PX), **place}
+            self._from(ET.SubElement(moving, "image", image), begin_s, end_s)
+            if end_s is None:
+                ET.SubElement(still, "image", image)
+        for parent in (moving, still):
+            label = ET.SubElement(parent, "text", {"class": "seen-by", "x": f"{x:.0f}", "y": f"{y - 8:.0f}"})
+            label.text = view.label
+        return y + height + _VIEW_TOP
 
     def _goals(self, root: ET.Element) -> None:
         for number, goal in enumerate(self._playback.goals_m):

@@ -15,11 +15,14 @@ from PIL import Image, ImageChops, ImageDraw
 
 from specs.data.world import Color, Solid, World, below_heads, corners_m
 from tasks.results.playback.playback import Playback
+from tasks.results.playback.robot_view import RobotView, robot_views
 
 Pixels = UInt8[np.ndarray, "rows columns 3"]
 _SIDE = 960
 _EDGE = 24
 _HEADING = 34
+# What a camera saw, beside the plan: how wide, and the room for its label. The whole is even.
+_VIEW, _LABEL = 400, 26
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
@@ -30,26 +33,49 @@ _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 def frames(world: World, playback: Playback, stride: int = 1) -> Iterator[Pixels]:
     """Yields a picture for every ``stride`` samples of an episode, and for its end; all of one even size.
 
+    Beside the plan is what the robot's cameras saw, if it has any.
+
     Args:
         world: Where it took place.
         playback: What the robot did.
         stride: At least 1.
     """
-    stage = _Stage(world, playback)
+    stage, views = _Stage(world, playback), tuple(robot_views(playback))
     for sample in playback.every(stride):
-        yield stage.picture(int(sample))
+        yield _beside_views(stage.picture(int(sample)), views, float(playback.t_s[sample]))
 
 
-def with_caption(picture: Pixels, playback: Playback, sample: int) -> Pixels:
-    """Returns a picture of a sample with the job, the time and the ending written on it."""
-    image = Image.fromarray(picture)
-    _caption(ImageDraw.Draw(image), playback, sample)
-    return np.asarray(image)
+def with_captions(pictures: Iterable[Pixels], playback: Playback, samples: Sequence[int]) -> Iterator[Pixels]:
+    """Yields pictures of samples with the job, the time and the ending on each, and what the robot saw beside it."""
+    views = tuple(robot_views(playback))
+    for picture, sample in zip(pictures, samples, strict=True):
+        image = Image.fromarray(picture)
+        _caption(ImageDraw.Draw(image), playback, sample)
+        yield _beside_views(image, views, float(playback.t_s[sample]))
 
 
 def _caption(draw: ImageDraw.ImageDraw, playback: Playback, sample: int) -> None:
     text = f"{playback.job}   {playback.t_s[sample]:6.2f} s   {playback.ending}"
     draw.text((_EDGE, 10), text, fill=_INK, font_size=18)
+
+
+def _beside_views(image: Image.Image, views: Sequence[RobotView], t_s: float) -> Pixels:
+    """Returns a picture with what each camera of the robot saw last at a time in a column to the right of it."""
+    if not views:
+        return np.asarray(image)
+    page = Image.new("RGB", (image.width + _VIEW + _EDGE, image.height), _PAPER)
+    page.paste(image)
+    draw, top = ImageDraw.Draw(page), _EDGE + _HEADING
+    most = (image.height - top) // len(views) - _LABEL - _EDGE
+    for view in views:
+        seen = Image.fromarray(view.pixels(view.at(t_s)))
+        shrunk = min(1.0, most * seen.width / (_VIEW * seen.height))
+        width = round(_VIEW * shrunk)
+        shown = seen.resize((width, round(width * seen.height / seen.width)), Image.Resampling.NEAREST)
+        draw.text((image.width, top), view.label, fill=_INK, font_size=16)
+        page.paste(shown, (image.width, top + _LABEL))
+        top += _LABEL + shown.height + _EDGE
+    return np.asarray(page)
 
 
 class _Stage:
@@ -70,7 +96,7 @@ class _Stage:
         self._way = [self._at(pose[:2]) for pose in playback.pose]
         self._touches = playback.touches()
 
-    def picture(self, sample: int) -> Pixels:
+    def picture(self, sample: int) -> Image.Image:
         """Returns the picture of one sample."""
         image = self._with_scan(sample)
         draw = ImageDraw.Draw(image)
@@ -90,7 +116,7 @@ class _Stage:
         tip = (x + playback.radius_m * math.cos(yaw), y + playback.radius_m * math.sin(yaw))
         draw.line([self._at((x, y)), self._at(tip)], fill=_INK, width=3)
         _caption(draw, playback, sample)
-        return np.asarray(image)
+        return image
 
     def _robot(self, draw: ImageDraw.ImageDraw, x: float, y: float, yaw: float) -> None:
         """Draws the robot's parts, the lowest first, then all of their edges: one inside another is seen as well."""

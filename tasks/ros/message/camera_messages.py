@@ -66,13 +66,17 @@ def image(sequence: int, time: Stamp, frame: str, pixels: Shaped[np.ndarray, "ro
 
 def compressed_image(sequence: int, time: Stamp, frame: str, pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
     """Returns a ``sensor_msgs/CompressedImage``: JPEG, as ROS's image transport has it; arguments as of ``image``."""
+    data, said = jpeg_bytes(pixels), text_bytes("rgb8; jpeg compressed bgr8")
+    return b"".join((header(sequence, time, frame), said, _COUNT.pack(len(data)), data))
+
+
+def jpeg_bytes(pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
+    """Returns a picture as JPEG."""
     from PIL import Image  # noqa: PLC0415 - where somebody asks for such a picture
 
     packed = BytesIO()
     Image.fromarray(pixels).save(packed, "jpeg", quality=_JPEG_QUALITY)
-    data = packed.getvalue()
-    said = text_bytes("rgb8; jpeg compressed bgr8")
-    return b"".join((header(sequence, time, frame), said, _COUNT.pack(len(data)), data))
+    return packed.getvalue()
 
 
 def depths_in_m(depth_m: Depths, range_m: float) -> Float32[np.ndarray, "rows columns"]:

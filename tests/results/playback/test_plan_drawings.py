@@ -1,15 +1,20 @@
 """Drawings on the plan of a world: an episode as an animation, and the paths of failures."""
 
+import base64
+import io
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from specs.bundle_files import DepthCameraDeclaration
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import failure_map_svg, plan_page, replay_svg
+from tasks.results.playback.playback import CameraFilm
 from tests.factories.episodes import collided, passed
-from tests.factories.playbacks import DECK, WHEEL, playback
+from tests.factories.playbacks import DECK, WHEEL, playback, seen_playback
 from tests.factories.worlds import apartment
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -116,6 +121,48 @@ def test_a_long_episode_is_shown_faster_and_stays_small():
 def test_a_robot_without_lidar_and_one_that_never_moved_are_drawn():
     assert 'class="scan"' not in replay_svg(PLAN, playback(rays=0), WORLD.footprint)
     assert "0.00 s" in replay_svg(PLAN, playback(1), WORLD.footprint)
+
+
+def test_what_the_robot_saw_is_shown_beside_the_plan_while_it_saw_it():
+    drawing = replay_svg(PLAN, seen_playback(), WORLD.footprint)
+    root = ET.fromstring(drawing)  # noqa: S314 - our own document
+    images = list(_of(root, "moving").iter(f"{SVG}image"))
+    assert len(images) == 2 * 3
+    assert {float(each.get("x", "")) for each in images} == {PAGE.width}
+    assert float((root.get("viewBox") or "").split()[2]) == float(root.get("width", "")) > PAGE.width + 300
+    moves = [move for each in images[:3] for move in _moves(each)]
+    length_s = float(moves[0].get("dur", "").rstrip("s"))
+    begun = [[float(each) * length_s for each in move.get("keyTimes", "").split(";")] for move in moves]
+    assert begun == [
+        pytest.approx([0.0, 0.4], abs=1e-4),
+        pytest.approx([0.0, 0.4, 0.8], abs=1e-4),
+        pytest.approx([0.0, 0.8], abs=1e-4),
+    ]
+    near = [_decoded(each)[0, 0].astype(int).sum() for each in images[:3]]
+    assert near[0] < near[1] < near[2]  # nearer is lighter
+    assert len({tuple(_decoded(each)[0, -1]) for each in images[:3]}) == 1  # nothing is seen there in any
+    grey = [_decoded(each).mean() for each in images[3:]]
+    assert grey == pytest.approx([40, 120, 200], abs=3)
+    assert [each.get("href") for each in _of(root, "still").iter(f"{SVG}image")] == [
+        images[2].get("href"),
+        images[5].get("href"),
+    ]
+
+
+def test_a_camera_of_many_pixels_and_pictures_leaves_a_small_drawing():
+    rng, count = np.random.default_rng(1), 300
+    depth_m = rng.uniform(0.5, 5.0, (1, 480, 640)).astype(np.float32).repeat(count, 0)
+    film = CameraFilm(DepthCameraDeclaration(columns=640, rows=480), np.arange(count) / 5, depth_m)
+    drawing = replay_svg(PLAN, replace(playback(20 * 60 + 1), depth=film), WORLD.footprint)
+    assert 10 < drawing.count("<image") <= 121
+    assert len(drawing) < 4_000_000  # noise, which no PNG makes small
+    (width,) = {_decoded(each).shape[1] for each in ET.fromstring(drawing).iter(f"{SVG}image")}  # noqa: S314 - our own
+    assert width == 160
+
+
+def _decoded(image: ET.Element) -> np.ndarray:
+    body = base64.b64decode(image.get("href", "").partition("base64,")[2])
+    return np.asarray(Image.open(io.BytesIO(body)).convert("RGB"))
 
 
 EMPTY_PLAN = (

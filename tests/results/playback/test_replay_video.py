@@ -7,9 +7,10 @@ import av
 import numpy as np
 
 from specs.data.world import FloorZone
-from tasks.results.playback.replay_video import frames, write_video
+from tasks.results.playback.replay_video import frames, with_captions, write_video
+from tasks.results.playback.robot_view import PALETTE, depth_shades
 from tests.factories.own_worlds import piece, wedge
-from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback
+from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback, seen_playback
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
@@ -58,6 +59,30 @@ def test_a_scan_that_sees_nothing_ends_at_the_edge_of_the_world():
     far.ranges_m[:] = 50.0
     picture = next(frames(WORLD, far))
     assert (picture[-4:] == 255).all()
+
+
+def test_what_the_robot_saw_is_filmed_beside_the_plan():
+    plain, seen = list(frames(WORLD, playback())), list(frames(WORLD, seen_playback()))
+    width = plain[0].shape[1]
+    assert all((each[:, :width] == alone).all() for each, alone in zip(seen, plain, strict=True))
+    assert all(side % 2 == 0 for side in seen[0].shape[:2])
+    beside = [each[:, width:] for each in seen]
+    shades = PALETTE[depth_shades(np.array([[4.0, 2.0, 0.1]]), 4.0, 6.0)][0]
+    for sample, number in ((0, 0), (7, 0), (8, 1), (15, 1), (16, 2), (20, 2)):
+        for pixel in (shades[number], PALETTE[-1], np.full(3, (40, 120, 200)[number])):
+            assert (beside[sample] == pixel).all(axis=2).sum() > 1000
+        others = [shades[other] for other in range(3) if other != number]
+        assert not any((beside[sample] == pixel).all(axis=2).any() for pixel in others)
+
+
+def test_a_rendered_picture_has_it_beside_itself_too():
+    picture = np.full((200, 300, 3), 77, np.uint8)
+    (shown,) = with_captions([picture], seen_playback(), [20])
+    assert shown.shape[0] == 200
+    assert shown.shape[1] > 600
+    assert (shown[100:, :300] == 77).all()
+    (alone,) = with_captions([picture], playback(), [20])
+    assert alone.shape == picture.shape
 
 
 def test_zones_are_filmed_and_roofs_are_not():
