@@ -46,6 +46,7 @@ from tasks.simulate.batch.result_stream import give_up, result_parts
 from tasks.simulate.lane.recording import Columns
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.simulate.plan.plan_batch import recorded_location
+from tasks.simulate.replay.recorded_pictures import with_pictures
 from tasks.storage.base.keys import checked_name, claim_key, output_key, trend_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
@@ -77,7 +78,10 @@ class RecordedEpisodes:
         """
         before, now = self._written.get(chunk, set[str]()), set[str]()
         kept = self._with_bags(parts, now) if bags_written(self._batch) else parts
-        name = write_recordings(self._batch.store.url, self._location, self._batch.id, chunk, kept)
+        pictures = self._batch.plan.recordings.picturesHz is not None
+        seen = (with_pictures(self._batch, part, self._folders) for part in kept) if pictures else kept
+        where = (self._batch.store.url, self._location, self._batch.id, chunk)
+        name = write_recordings(*where, seen, pictures=pictures)
         for key in sorted(before - now):
             self._bucket().delete(key)
         self._written[chunk] = now
@@ -274,6 +278,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),
         trend=_trend(record, run, beside_tables=beside_tables),
+        pictures=plan.recordings.picturesHz is not None,
     )
 
 

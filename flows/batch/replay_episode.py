@@ -26,12 +26,13 @@ from tasks.results.playback.playback import (
     row_deviations,
 )
 from tasks.results.playback.replay_formats import is_installed, require_extra
-from tasks.results.tables.recordings import recording_table
+from tasks.results.tables.recordings import DEPTH_PNG, recording_table
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, changed_tables, recorded_samples, stored_rows
 from tasks.ros.bag.message_log import MessageLog, with_other_topics
 from tasks.simulate.batch.batch_record import OpenBatch, job_of
 from tasks.simulate.batch.provenance import another_gl, batch_metadata, recorded_machines, this_machine
 from tasks.simulate.plan.plan_batch import recorded_location
+from tasks.simulate.replay.recorded_pictures import with_pictures
 from tasks.simulate.replay.replay_run import Replay, replay
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
@@ -87,7 +88,7 @@ def replay_job(store: Store, text: str) -> JobReplay:
         ending=reason(again.driven.row) or again.driven.row.outcome,
         deviations=(
             *row_deviations(recorded, batch.id, again.request, again.driven.row),
-            *_in_recording(batch, location, recorded, again),
+            *_in_recording(batch, location, recorded, again, folders),
         ),
         causes=(*_tables_changed(batch, record, location), *_causes(record, recorded, again)),
         playback=playback(batch.id, again, folders[again.request.robot.digest]),
@@ -149,14 +150,19 @@ def _recorded_row(batch: OpenBatch, record: JobRecord, location: OutputLocation,
 
 
 def _in_recording(
-    batch: OpenBatch, location: OutputLocation, recorded: pa.Table, again: Replay
+    batch: OpenBatch, location: OutputLocation, recorded: pa.Table, again: Replay, bundles: Mapping[str, Path]
 ) -> list[ColumnDeviation]:
     name = str(recorded.column("recording")[0])
     if not name:
         return []
     before = recorded_samples(batch.store, location, batch.id, name, again.request.index)
-    after = before.slice(0, 0) if again.driven.samples is None else recording_table(again.driven.samples)
-    return recording_deviations(before, after)
+    samples = again.driven.samples
+    if samples is None:
+        return recording_deviations(before, before.slice(0, 0))
+    pictures = DEPTH_PNG in before.column_names
+    return recording_deviations(
+        before, recording_table(with_pictures(batch, samples, bundles) if pictures else samples)
+    )
 
 
 def _tables_changed(batch: OpenBatch, record: JobRecord, location: OutputLocation) -> list[str]:

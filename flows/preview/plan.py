@@ -402,7 +402,8 @@ def _recordings(section: SimulationBatch) -> str:
     if asked.episodes == "none":
         return f"recordings of {also} at {asked.rateHz:g} Hz" if also else "no recordings"
     more = f", and {also}" if also else ""
-    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz{more}"
+    seen = f", pictures at {asked.picturesHz:g} Hz" if asked.picturesHz else ""
+    return f"recordings of {asked.episodes} episodes at {asked.rateHz:g} Hz{seen}{more}"
 
 
 def _bags(batch: BatchPlan) -> str:

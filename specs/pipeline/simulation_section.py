@@ -197,6 +197,11 @@ class Recordings(Spec):
         title="Rate (Hz)",
         description="Samples a simulated second; the nearest of 20, 10, 6.7, 5, ... (20 / n) is kept, of 15 it is 20.",
     )
+    picturesHz: Annotated[Number, Field(gt=0.0, le=MAX_RECORDING_HZ)] | None = Field(
+        default=None,
+        title="Pictures (Hz)",
+        description="At most so many pictures a simulated second of each of a robot's cameras, and its last.",
+    )
     # None, not empty: documents without them keep the digest that they had before there were such fields.
     bags: Annotated[tuple[BagFormat, ...], AfterValidator(distinct)] | None = Field(default=None, title="Bags")
 

@@ -44,7 +44,9 @@ from tasks.simulate.sandbox.protocol import (
     Defect,
     LanesWork,
     NoMemory,
+    PicturesWork,
     Progress,
+    Question,
     Ready,
     RecordingBegins,
     RecordingEnds,
@@ -138,7 +140,7 @@ class Service:
         """Sends an answer."""
         send(self._connection, answer.model_dump_json(), arrays)
 
-    def answer(self, work: LanesWork | AuditWork | ReplayWork) -> None:
+    def answer(self, work: Question) -> None:
         """Answers a question, whatever happens."""
         self._stopped, self._asked = False, True
         self._keep(work.worlds)
@@ -157,9 +159,9 @@ class Service:
         finally:
             self._asked = False
 
-    def _work(self, work: LanesWork | AuditWork | ReplayWork) -> None:
+    def _work(self, work: Question) -> None:
         bundles = {digest: Path(folder) for digest, folder in work.bundles.items()}
-        if not isinstance(work, LanesWork):
+        if not isinstance(work, LanesWork | PicturesWork):
             self._pipeline = None  # with all chunks that were begun early
         match work:
             case LanesWork():
@@ -168,6 +170,8 @@ class Service:
                 self._audit(work, bundles)
             case ReplayWork():
                 self._again(work, bundles)
+            case PicturesWork():
+                self._pictures(work, bundles)
 
     def _keep(self, worlds: SentWorlds) -> None:
         for name in worlds.gone:
@@ -228,6 +232,11 @@ class Service:
             work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
         )
         self.say(*replay_message(replay))
+
+    def _pictures(self, work: PicturesWork, bundles: Mapping[str, Path]) -> None:
+        from tasks.simulate.replay.picture_drive import pictures_again  # noqa: PLC0415
+
+        self.say(*pictures_again(work, self._worlds, bundles))
 
     def _progress(self, done: int) -> None:
         self.say(Progress(done=done))

@@ -184,6 +184,8 @@ def _text(values: Sequence[object]) -> str:
     if isinstance(value, list):
         number = len(cast("list[object]", value))
         return f"{number} value" if number == 1 else f"{number} values"
+    if isinstance(value, bytes):
+        return f"a picture of {len(value)} bytes"
     return f"{value:.9g}" if isinstance(value, float) else str(value)
 
 

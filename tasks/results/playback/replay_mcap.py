@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World, corners_m
 from tasks.results.playback.playback import CameraFilm, Playback
+from tasks.ros.message.camera_messages import depths_in_mm, jpeg_bytes, optical_turn
 
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 _CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
@@ -292,6 +293,9 @@ SCHEMAS: Mapping[str, Schema] = {
         step=_WHOLE,
         data={"type": "string", "contentEncoding": "base64"},
     ),
+    "foxglove.CompressedImage": _object(
+        timestamp=_TIME, frame_id=_TEXT, format=_TEXT, data={"type": "string", "contentEncoding": "base64"}
+    ),
     "foxglove.CameraCalibration": _object(
         timestamp=_TIME,
         frame_id=_TEXT,
@@ -327,7 +331,9 @@ TOPICS = {
 
 def camera_topics(name: str) -> dict[str, str]:
     """Returns the same of a robot's camera, which has topics of its own."""
-    return {f"/{name}": "foxglove.RawImage", f"/{name}/calibration": "foxglove.CameraCalibration"}
+    # Viewers show raw depths in colours; a PNG of them is a third smaller, and nearly black (docs/guide/replay.md).
+    picture = "foxglove.RawImage" if name == "depth" else "foxglove.CompressedImage"
+    return {f"/{name}": picture, f"/{name}/calibration": "foxglove.CameraCalibration"}
 
 
 def write_mcap(path: Path, world: World, playback: Playback) -> None:
@@ -382,17 +388,9 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
 def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, Message]]:
     """Yields where the camera is, how it projects, and what it saw: in its optical frame, ahead along z (REP 103)."""
     camera, frame = film.camera, _CAMERA_FRAMES[name]
-    half_rad = camera.yaw_rad / 2, camera.pitch_rad / 2
-    (cos_y, cos_p), (sin_y, sin_p) = map(math.cos, half_rad), map(math.sin, half_rad)
-    w, x, y, z = cos_y * cos_p, -sin_y * sin_p, cos_y * sin_p, sin_y * cos_p
-    optical: Message = {
-        "x": (-w + x - y - z) / 2,
-        "y": (w + x + y - z) / 2,
-        "z": (-w + x + y + z) / 2,
-        "w": (w + x - y + z) / 2,
-    }
     at = _frame(0.0, ROBOT_FRAME, frame, (camera.x_m, camera.y_m, camera.z_m), 0.0)
-    at["rotation"] = optical
+    x, y, z, w = optical_turn(camera.yaw_rad, camera.pitch_rad)
+    at["rotation"] = {"x": x, "y": y, "z": z, "w": w}
     yield 0.0, "/tf", at
     focal_px = camera.columns / 2 / math.tan(camera.fov_rad / 2)
     across, down = camera.columns / 2, camera.rows / 2
@@ -408,20 +406,14 @@ def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, 
     }
     yield 0.0, f"/{name}/calibration", calibration
     for time_s, pixels in zip(film.t_s.tolist(), film.pictures, strict=True):
-        shown = pixels if pixels.dtype == np.uint8 else _millimetres(pixels, camera.range_m)
-        picture: Message = {
-            **size,
-            "timestamp": time_of(time_s),
-            "encoding": "rgb8" if shown.dtype == np.uint8 else "16UC1",
-            "step": shown[0].nbytes,
-            "data": base64.b64encode(shown.tobytes()).decode(),
-        }
-        yield time_s, f"/{name}", picture
-
-
-def _millimetres(depth_m: np.ndarray, range_m: float) -> np.ndarray:
-    """Returns depths as ROS has them; what is farther, or not there, is 0 (REP 118)."""
-    return np.where(depth_m < range_m, np.minimum(np.round(1000.0 * depth_m), 65535), 0).astype("<u2")
+        picture: Message = {"format": "jpeg"}
+        if pixels.dtype == np.uint8:
+            data = jpeg_bytes(pixels)
+        else:
+            shown = depths_in_mm(pixels, camera.range_m).astype("<u2")
+            data, picture = shown.tobytes(), {**size, "encoding": "16UC1", "step": shown[0].nbytes}
+        stamp: Message = {"timestamp": time_of(time_s), "frame_id": frame}
+        yield time_s, f"/{name}", {**stamp, **picture, "data": base64.b64encode(data).decode()}
 
 
 def _frame(time_s: float, parent: str, child: str, place_m: tuple[float, float, float], yaw_rad: float) -> Message:

@@ -96,6 +96,7 @@ class BatchFacts(Spec):
         stages: How long the run's stages took, or nothing where that is not recorded.
         links: Files of the batch.
         trend: Link to the page of the document's nights, or empty where it is of no document's run.
+        pictures: Whether its recordings keep what robots' cameras saw.
     """
 
     batch: str
@@ -118,6 +119,7 @@ class BatchFacts(Spec):
     stages: tuple[StageTime, ...] = ()
     links: tuple[Link, ...] = Field(default=())
     trend: str = ""
+    pictures: bool = False
 
 
 _CONFIDENCE = 0.95

@@ -17,6 +17,7 @@ from specs.base import Spec
 from specs.data.outcomes import mark_of
 from specs.data.world import FloorZone, Rectangle, Room, Solid, World, corners_m, start_pose
 from tasks.results.report.batch_facts import BatchFacts
+from tasks.results.report.last_pictures import LastSeen, SeenPicture
 from tasks.results.report.rate_tables import clip, short_world
 from tasks.results.report.report_columns import (
     NOT_SET,
@@ -281,7 +282,7 @@ class WayDrawing(Spec):
 
 
 class ListedFailure(Spec):
-    """A failure in words, and how to see it again."""
+    """A failure in words, what its robot saw last, and how to see it again."""
 
     number: str
     job: int
@@ -290,6 +291,7 @@ class ListedFailure(Spec):
     circumstances: str
     what: str
     replay: str
+    seen: tuple[SeenPicture, ...] = ()
 
 
 class WorldMap(Spec):
@@ -326,6 +328,8 @@ def world_maps(
     failures: Failures,
     failures_file: Path,
     worlds: DrivenWorlds,
+    *,
+    seen: LastSeen,
 ) -> list[WorldMap]:
     """Returns maps of the worlds with most failures, as many as are looked at.
 
@@ -335,6 +339,7 @@ def world_maps(
         failures: Those that did not pass.
         failures_file: ``failures.parquet``, for the ways.
         worlds: Its worlds.
+        seen: Finds what robots saw last.
     """
     names = worlds_to_map(failures, [name for name in facts.worlds if name in worlds.rooms])
     picks = choose_failures(failures, names)
@@ -352,7 +357,7 @@ def world_maps(
                 drawing=draw_floor(worlds.load(name)),
                 dots=dots_path(_ends(episodes, name)),
                 ways=tuple(_way(each, ways[each.row], numbers.get(each.row, "")) for each in drawn),
-                listed=tuple(_listed(facts, each, numbers[each.row]) for each in drawn if each.row in numbers),
+                listed=tuple(_listed(facts, each, numbers[each.row], seen) for each in drawn if each.row in numbers),
                 failures=pick.failures,
                 not_drawn=pick.failures - len(pick.drawn),
                 not_listed=pick.failures - len(pick.listed),
@@ -375,7 +380,7 @@ def _way(failure: FailedEpisode, way_m: Float[np.ndarray, "poses 2"], number: st
     return WayDrawing(mark=mark_of(failure.reason).name, title=title, path=way_path(line), x=x, y=y, number=number)
 
 
-def _listed(facts: BatchFacts, failure: FailedEpisode, number: str) -> ListedFailure:
+def _listed(facts: BatchFacts, failure: FailedEpisode, number: str, seen: LastSeen) -> ListedFailure:
     said = [f"seed {failure.seed}"]
     said += [
         f"{name} {clip(failure.environment.get(name, NOT_SET), 40)}"
@@ -393,4 +398,5 @@ def _listed(facts: BatchFacts, failure: FailedEpisode, number: str) -> ListedFai
         circumstances=", ".join(said),
         what=clip(failure.failure_reason, _LONGEST),
         replay=f"simyard replay {arn('simulation-job', facts.store, f'{facts.batch}/{failure.index}')}",
+        seen=seen(failure),
     )

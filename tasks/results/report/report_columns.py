@@ -28,7 +28,7 @@ _LAUNCHED = (
 )
 _LISTED = (
     *("index", "world", "seed", "reason", "failure_reason", "simulated_s", "environment"),
-    *("goals_reached", "goals_total", "final_x_m", "final_y_m", "late", "stray"),
+    *("goals_reached", "goals_total", "final_x_m", "final_y_m", "late", "stray", "recording"),
 )
 # Of episodes of an hour these are some 60 MB.
 _ROWS_AT_ONCE = 512
@@ -73,6 +73,7 @@ class FailedEpisode:
     environment: Mapping[str, str]
     late: int | None
     stray: int | None
+    recording: str
 
 
 @dataclass(frozen=True)

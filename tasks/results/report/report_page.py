@@ -23,6 +23,7 @@ from specs.errors import ObjectNotFound, WorldChanged
 from specs.field_types import OutputLocation
 from specs.untrusted_text import escape_markdown, xml_text
 from tasks.results.report.batch_facts import BatchFacts
+from tasks.results.report.last_pictures import last_seen, no_pictures
 from tasks.results.report.rate_tables import RateRow, RateTable
 from tasks.results.report.report_columns import DrivenWorlds
 from tasks.results.report.report_view import ReportView, RoomsView, report_view
@@ -171,7 +172,8 @@ def batch_view(store: Store, facts: BatchFacts, location: OutputLocation) -> Rep
             key = file_key(location, facts.batch, path.name)
             bucket.download(key, path)
             _require_as_written(path, facts, f"{bucket.url}/{key}")
-        return report_view(facts, results, failures, stored_worlds(store, facts))
+        seen = last_seen(bucket, location, facts.batch, Path(folder)) if facts.pictures else no_pictures
+        return report_view(facts, results, failures, stored_worlds(store, facts), seen)
 
 
 def put_report(store: Store, location: OutputLocation, batch: str, page: bytes) -> str:

@@ -10,6 +10,7 @@ from specs.data.parity_audit import ApartQuantiles, AuditControl, AuditReport, F
 from specs.data.world import Room
 from tasks.results.report.batch_facts import BatchFacts, Judgement, RuleAnswer
 from tasks.results.report.failure_maps import WorldMap, world_maps
+from tasks.results.report.last_pictures import LastSeen, no_pictures
 from tasks.results.report.rate_tables import (
     Grouped,
     JudgedRate,
@@ -231,7 +232,9 @@ class ReportView(Spec):
     stages: tuple[StageRow, ...]
 
 
-def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: DrivenWorlds) -> ReportView:
+def report_view(
+    facts: BatchFacts, results: Path, failures: Path, worlds: DrivenWorlds, seen: LastSeen = no_pictures
+) -> ReportView:
     """Returns what a report shows.
 
     Args:
@@ -239,6 +242,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Driven
         results: Its ``results.parquet``, a local file.
         failures: Its ``failures.parquet``, likewise.
         worlds: Its worlds.
+        seen: Finds what robots saw last in episodes that failed.
     """
     swept = [name for name, values in facts.variables.items() if len(values) > 1]
     episodes, failed = read_episodes(results, swept), read_failures(failures)
@@ -264,7 +268,7 @@ def report_view(facts: BatchFacts, results: Path, failures: Path, worlds: Driven
         family=family,
         misses=f"{family.size * (1.0 - confidence):.2g}",
         columns=_columns([rate_table(each, family, goal) for each in groups]),
-        maps=tuple(world_maps(facts, episodes, failed, failures, worlds)),
+        maps=tuple(world_maps(facts, episodes, failed, failures, worlds, seen=seen)),
         worlds=len(facts.worlds),
         failures=failed.table.num_rows,
         simulated=_duration(facts.simulated_s),

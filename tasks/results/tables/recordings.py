@@ -5,6 +5,7 @@ many objects, each with a footer larger than what most episodes leave. Rows stan
 every row group says which episodes it holds, so that a reader fetches one episode without the others.
 """
 
+import functools
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -43,6 +44,18 @@ RECORDING = pa.schema(
     metadata={"simyard.table": "recording", "simyard.schema_version": SCHEMA_VERSION},
 )
 
+DEPTH_PNG, COLOR_JPEG = "depth_png", "color_jpeg"
+PICTURES = pa.schema(
+    [
+        described_field(name, pa.binary(), "", meaning, nullable=True)
+        for name, meaning in (
+            (DEPTH_PNG, "What its depth camera saw, as PNG in millimetres (16 bits); null at most rows."),
+            (COLOR_JPEG, "What its colour camera saw, as JPEG; null at most rows."),
+        )
+    ]
+)
+"""The columns of a batch that keeps pictures, behind the others."""
+
 
 def recordings_url(store_url: str, location: OutputLocation, batch_id: str) -> str:
     """Returns where a batch's recordings lie."""
@@ -56,6 +69,8 @@ def write_recordings(
     batch_id: str,
     number: int,
     parts: Iterable[Mapping[str, np.ndarray]],
+    *,
+    pictures: bool = False,
 ) -> str:
     """Writes the recordings of one chunk, and returns the name of their file; empty if there are none.
 
@@ -68,13 +83,15 @@ def write_recordings(
         number: The chunk's number.
         parts: Samples as columns, in the order of episodes and time: ``index``, ``t_s``, ``pose``, ``velocity``,
             ``goal_index``, ``acted`` (whether there is a control), ``control``, ``ranges_m``, ``impulse_ns``.
+        pictures: Whether they have ``PICTURES`` as well.
     """
     bucket = open_bucket(open_store(store_url), location.s3Bucket or "")
     name = f"{number:06d}.parquet"
     key = f"{_key(location, batch_id)}/{name}"
     with tempfile.TemporaryDirectory(prefix="simyard-recordings-") as folder:
         rows = 0
-        with ParquetFile(Path(folder) / name, RECORDING, dictionary=_REPEATED) as file:
+        schema = recording_schema(pictures=pictures)
+        with ParquetFile(Path(folder) / name, schema, dictionary=_REPEATED) as file:
             for part in parts:
                 file.add(recording_table(part))
                 rows += len(part["index"])
@@ -85,8 +102,13 @@ def write_recordings(
     return ""
 
 
+def recording_schema(*, pictures: bool) -> pa.Schema:
+    """Returns the columns of a recording."""
+    return functools.reduce(pa.Schema.append, PICTURES if pictures else (), RECORDING)
+
+
 def recording_table(samples: Mapping[str, np.ndarray]) -> pa.Table:
-    """Returns samples as rows with the columns of ``RECORDING``."""
+    """Returns samples as rows with the columns of ``RECORDING``, and with those of ``PICTURES`` if they have them."""
     pose, velocity, acted = samples["pose"], samples["velocity"], samples["acted"]
     columns: dict[str, pa.Array] = {
         "index": pa.array(samples["index"], pa.int32()),
@@ -98,7 +120,9 @@ def recording_table(samples: Mapping[str, np.ndarray]) -> pa.Table:
         "ranges_m": _lists(samples["ranges_m"], acted),
         "impulse_ns": _real(samples["impulse_ns"]),
     }
-    return pa.table([columns[field.name] for field in RECORDING], schema=RECORDING)
+    kept = {field.name: pa.array(samples[field.name], field.type) for field in PICTURES if field.name in samples}
+    schema = recording_schema(pictures=bool(kept))
+    return pa.table([(columns | kept)[field.name] for field in schema], schema=schema)
 
 
 def _key(location: OutputLocation, batch_id: str) -> str:

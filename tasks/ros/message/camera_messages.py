@@ -72,10 +72,19 @@ def compressed_image(sequence: int, time: Stamp, frame: str, pixels: UInt8[np.nd
 
 def jpeg_bytes(pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
     """Returns a picture as JPEG."""
+    return _saved(pixels, "jpeg", quality=_JPEG_QUALITY)
+
+
+def depth_png(depth_m: Depths, range_m: float) -> bytes:
+    """Returns depths as a PNG of 16 bits a pixel, in whole millimetres as of ``depths_in_mm``."""
+    return _saved(depths_in_mm(depth_m, range_m), "png")
+
+
+def _saved(pixels: Shaped[np.ndarray, "rows columns *channels"], form: str, **options: int) -> bytes:
     from PIL import Image  # noqa: PLC0415 - where somebody asks for such a picture
 
     packed = BytesIO()
-    Image.fromarray(pixels).save(packed, "jpeg", quality=_JPEG_QUALITY)
+    Image.fromarray(pixels).save(packed, form, **options)
     return packed.getvalue()
 
 

@@ -23,7 +23,7 @@ from specs.field_types import EngineName
 from tasks.simulate.application.contract import Body
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.engines.program_cache import ProgramCache
-from tasks.simulate.host.controllers import HostControllers, StandIn
+from tasks.simulate.host.controllers import HostApplication, HostControllers, StandIn
 from tasks.simulate.lane.chunk_applications import Applications
 from tasks.simulate.lane.control_step import LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.staging import Lane
@@ -63,6 +63,11 @@ class Program(Protocol):
     @property
     def applications(self) -> Applications:
         """Returns the robot application and the scenario."""
+        ...
+
+    @property
+    def host(self) -> HostApplication | None:
+        """Returns the robot application, if it runs on the host."""
         ...
 
     @property

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from specs.errors import BundleRefused
 from tasks.simulate.sandbox.process_environment import passed_variable
-from tasks.simulate.sandbox.protocol import AuditWork, ReplayWork
+from tasks.simulate.sandbox.protocol import Question
 from tasks.simulate.sandbox.simulator import OnAnswer, Simulator, SimulatorEnded, Told
 from tasks.storage.sealed_bundle import FILES_FOLDER, changed_bundle
 
@@ -108,7 +108,7 @@ def simulator(bundles: Mapping[str, Path]) -> Generator[Simulator, None, None]:
 
 def ask_exclusive(
     bundles: Mapping[str, Path],
-    question: Callable[[Simulator], AuditWork | ReplayWork],
+    question: Callable[[Simulator], Question],
     on_answer: OnAnswer = lambda _answer, _arrays: None,
 ) -> Told:
     """Returns the last answer to a question that is about no chunk, and its arrays.
@@ -134,7 +134,9 @@ def ask_exclusive(
 
 
 def _ask_one(
-    bundles: Mapping[str, Path], question: Callable[[Simulator], AuditWork | ReplayWork], on_answer: OnAnswer
+    bundles: Mapping[str, Path],
+    question: Callable[[Simulator], Question],
+    on_answer: OnAnswer,
 ) -> Told:
     with simulator(bundles) as process:
         return process.ask(question(process), on_answer=on_answer)

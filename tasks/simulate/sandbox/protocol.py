@@ -167,6 +167,8 @@ def _exactly(connection: Source, length: int) -> bytearray:
 
 
 LOG_ARRAYS = 4
+PICTURE_ARRAYS = 3
+"""Of one camera: control steps at which it took pictures, the pictures' lengths, and all of their bytes."""
 # A robot has a dozen, and the command that drives it (tasks.ros.lockstep.robot_topics).
 _TOPICS = 64
 
@@ -283,11 +285,30 @@ class ReplayWork(Spec):
     rate_hz: float
 
 
-Work = Annotated[LanesWork | AuditWork | ReplayWork, Field(discriminator="kind")]
-WORK: TypeAdapter[LanesWork | AuditWork | ReplayWork] = TypeAdapter(Work)
+class PicturesWork(Spec):
+    """Pictures to take again of what a robot's cameras saw.
+
+    Attributes:
+        steps, poses: At which control steps it is known where the robot was (x m, y m, yaw rad): some of all.
+        pictures_hz: How many of each camera's pictures a simulated second to take at most.
+    """
+
+    kind: Literal["pictures"] = "pictures"
+    request: EpisodeRequest
+    worlds: SentWorlds
+    bundles: dict[str, str]
+    lanes: int
+    engine: str
+    steps: tuple[int, ...]
+    poses: tuple[tuple[float, float, float], ...]
+    pictures_hz: float
 
 
-def answer_bounds(work: LanesWork | AuditWork | ReplayWork, chunk: Sequence[EpisodeRequest] = ()) -> Bounds:
+Question = LanesWork | AuditWork | ReplayWork | PicturesWork
+WORK: TypeAdapter[Question] = TypeAdapter(Annotated[Question, Field(discriminator="kind")])
+
+
+def answer_bounds(work: Question, chunk: Sequence[EpisodeRequest] = ()) -> Bounds:
     """Returns what an answer to a question has at most.
 
     Args:
@@ -305,6 +326,8 @@ def answer_bounds(work: LanesWork | AuditWork | ReplayWork, chunk: Sequence[Epis
         case ReplayWork():
             steps = most_steps([work.request])
             return _bounds(1, steps, 3 * steps * _STEP_BYTES + _END_BYTES + _MAP_BYTES + 2 * FILM_BYTES)
+        case PicturesWork():
+            return _bounds(1, len(work.steps), 2 * FILM_BYTES)
 
 
 def _bounds(episodes: int, steps: int, array_bytes: int) -> Bounds:
@@ -409,6 +432,17 @@ class Replayed(Spec):
     gl: Annotated[str, Field(max_length=200, pattern="^[ -~]*$")] = ""
 
 
+class Pictures(Spec):
+    """What a robot's cameras saw; of the depth camera and then of the colour camera ``PICTURE_ARRAYS`` arrays follow.
+
+    Attributes:
+        why: Why nothing was drawn in colour; empty if it was, or had not to be.
+    """
+
+    kind: Literal["pictures"] = "pictures"
+    why: str = ""
+
+
 class Crashed(Spec):
     """An application crashed, and with it all that was asked."""
 
@@ -447,6 +481,7 @@ Answer = (
     | Rows
     | Audited
     | Replayed
+    | Pictures
     | Crashed
     | NoMemory
     | Defect

@@ -37,17 +37,17 @@ from tasks.simulate.sandbox.protocol import (
     READY,
     Answer,
     Audited,
-    AuditWork,
     Compiles,
     Defect,
     LanesWork,
     Message,
     MessageRefused,
+    PicturesWork,
     Progress,
+    Question,
     Ready,
     RecordingBegins,
     RecordingEnds,
-    ReplayWork,
     Rows,
     Samples,
     SentWorlds,
@@ -229,6 +229,7 @@ class Simulator:
         """
         self.bundles = dict(bundles)
         self._worlds: dict[str, World] = {}
+        self._room = _WORLDS_KEPT
         self._chunks: dict[int, tuple[EpisodeRequest, ...]] = {}
         with tempfile.TemporaryFile(prefix="simyard-calls-") as file:
             file.truncate(CLOCK_BYTES)
@@ -251,7 +252,7 @@ class Simulator:
 
     def ask(
         self,
-        work: LanesWork | AuditWork | ReplayWork,
+        work: Question,
         *,
         on_answer: OnAnswer = _ignore,
         should_stop: Callable[[], bool] = lambda: False,
@@ -270,7 +271,8 @@ class Simulator:
         first = self._chunks.get(work.numbers[0], ()) if isinstance(work, LanesWork) else ()
         self._bounds = answer_bounds(work, first)
         ahead = isinstance(work, LanesWork) and len(work.numbers) > 1
-        before, self._knows_ahead = self._knows_ahead, ahead
+        before = self._knows_ahead
+        self._knows_ahead = before if isinstance(work, PicturesWork) else ahead
         self._beside_others = before or ahead
         try:
             return self._asked(work, on_answer, should_stop)
@@ -288,7 +290,8 @@ class Simulator:
         for name, world in worlds.items():
             self._worlds.pop(name, None)
             self._worlds[name] = world
-        gone = tuple(self._worlds)[: max(0, len(self._worlds) - max(_WORLDS_KEPT, len(worlds)))]
+        self._room = max(self._room, len(worlds))  # a question about one must not take away those of chunks ahead
+        gone = tuple(self._worlds)[: max(0, len(self._worlds) - self._room)]
         for name in gone:
             del self._worlds[name]
         return SentWorlds(new=new, gone=gone)
@@ -320,9 +323,7 @@ class Simulator:
         self._folder.cleanup()
         self.output.wait(1.0)
 
-    def _asked(
-        self, work: LanesWork | AuditWork | ReplayWork, on_answer: OnAnswer, should_stop: Callable[[], bool]
-    ) -> Told:
+    def _asked(self, work: Question, on_answer: OnAnswer, should_stop: Callable[[], bool]) -> Told:
         if not self._ready:
             self._await_ready()
         try:

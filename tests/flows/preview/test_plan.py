@@ -101,6 +101,10 @@ def test_requests_that_record_everything_are_told(lines: Tell):
     assert "at 10 Hz, and all of 1 request with recordAllRosTopics, bags as rosbag;" in told
 
 
+def test_that_pictures_are_kept_is_told(lines: Tell):
+    assert "failed episodes at 10 Hz, pictures at 2 Hz;" in lines(recordings={"picturesHz": 2})
+
+
 def test_the_formats_of_bags_are_told_or_what_is_missing(lines: Tell, monkeypatch: pytest.MonkeyPatch):
     asked = {"episodes": "failed", "bags": ["rosbag", "rosbag2"]}
     assert "recordings of failed episodes at 10 Hz, bags as rosbag and rosbag2;" in lines(recordings=asked)

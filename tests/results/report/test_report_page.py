@@ -14,6 +14,7 @@ from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
 from specs.untrusted_text import escape_markdown
 from tasks.results.report.batch_facts import Judgement, Link, RuleAnswer
+from tasks.results.report.last_pictures import SeenPicture
 from tasks.results.report.report_page import report_markdown, report_page, report_picture, report_styles
 from tasks.results.statistics.intervals import Interval
 from tests.factories.episodes import collided, crashed, passed, request
@@ -457,3 +458,15 @@ def test_it_says_how_many_intervals_it_shows_and_of_which_worlds_each_is(tmp_pat
     assert "4 intervals of groups; all 4 hold together in 95 % of such reports" in text
     assert intervals(text) == 4 + 3
     assert without_estimand(text) == []
+
+
+def test_what_a_robot_saw_last_stands_beside_its_failure_with_what_it_shows(tmp_path: Path):
+    plain = view(tmp_path)
+    (first, *others), url = plain.maps, "data:image/png;base64,iVBORw0KGgo="
+    seen = (SeenPicture(url=url, label="depth, light 0 m to dark 2.0 m", when="7.50 s"),)
+    listed = (first.listed[0].model_copy(update={"seen": seen}), *first.listed[1:])
+    page = report_page(plain.model_copy(update={"maps": (first.model_copy(update={"listed": listed}), *others)}))
+    found = elements(page)
+    assert [attrs for tag, attrs in found.found if tag == "img"] == [{"src": url, "alt": seen[0].label}]
+    assert {"7.50 s", "What it saw last: depth, light 0 m to dark 2.0 m."} <= set(found.text)
+    assert b"<img" not in report_page(plain)

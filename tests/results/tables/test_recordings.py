@@ -8,31 +8,15 @@ import pytest
 
 from specs.field_types import OutputLocation
 from tasks.results.tables import parquet
-from tasks.results.tables.recordings import RECORDING, recordings_url, write_recordings
+from tasks.results.tables.recordings import PICTURES, RECORDING, recordings_url, write_recordings
 from tasks.storage.store_url import open_store
 from tests.docs.reference.test_schema_document import described
 from tests.docs.reference.test_schema_document import documented as documented_in
+from tests.factories.recordings import samples
 from tests.repository import ROOT
 
 WHERE = OutputLocation(s3Bucket="results", s3Prefix="/nightly/")
 DOCUMENT = (ROOT / "docs/reference/recordings-schema.md").read_text()
-
-
-def samples(*indices: int, rows: int = 4) -> dict[str, np.ndarray]:
-    """Returns so many samples of each episode; in the last of each nothing was decided."""
-    count = rows * len(indices)
-    number = np.arange(count)
-    return {
-        "index": np.repeat(indices, rows),
-        "t_s": np.tile(np.arange(rows) / 10, len(indices)),
-        "pose": np.stack([number, -number, number / 10], 1).astype(np.float32),
-        "velocity": np.stack([number, number + 0.5, -number], 1).astype(np.float32),
-        "goal_index": number % 3,
-        "acted": np.tile(np.arange(rows) < rows - 1, len(indices)),
-        "control": np.stack([number, number + 0.25], 1).astype(np.float32),
-        "ranges_m": np.tile(number[:, None], 3).astype(np.float32),
-        "impulse_ns": (number % 2).astype(np.float32),
-    }
 
 
 @pytest.fixture
@@ -41,8 +25,8 @@ def store_url(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return open_store((tmp_path / "store").as_uri()).url
 
 
-def written(store_url: str, *parts: dict[str, np.ndarray]) -> Path:
-    name = write_recordings(store_url, WHERE, "simb-1", 3, parts)
+def written(store_url: str, *parts: dict[str, np.ndarray], pictures: bool = False) -> Path:
+    name = write_recordings(store_url, WHERE, "simb-1", 3, parts, pictures=pictures)
     return Path(recordings_url(store_url, WHERE, "simb-1").removeprefix("file://")) / name
 
 
@@ -73,6 +57,15 @@ def test_a_robot_without_a_lidar_has_empty_scans(store_url: str):
     assert pq.read_table(written(store_url, blind)).column("ranges_m").to_pylist() == [[]] * 4
 
 
+def test_pictures_stand_at_the_samples_at_which_they_were_taken_and_only_where_they_are_kept(store_url: str):
+    kept = {"depth_png": np.array([b"\x89PNG", None, None, None], object), "color_jpeg": np.full(4, None, object)}
+    table = pq.read_table(written(store_url, {**samples(5), **kept}, pictures=True))
+    assert table.column("depth_png").to_pylist() == [b"\x89PNG", None, None, None]
+    assert table.column("color_jpeg").null_count == 4
+    assert table.schema.names == [*RECORDING.names, *PICTURES.names]
+    assert pq.read_schema(written(store_url, samples(5))).names == RECORDING.names
+
+
 def test_however_the_samples_come_the_bytes_are_the_same(store_url: str, tmp_path: Path):
     whole = written(store_url, samples(5, 7)).read_bytes()
     first, second = ({name: values[part] for name, values in samples(5, 7).items()} for part in (np.s_[:3], np.s_[3:]))
@@ -97,7 +90,7 @@ def test_a_reader_of_one_episode_reads_few_row_groups(store_url: str, monkeypatc
 
 
 def test_every_column_is_documented_with_its_unit():
-    assert documented_in("recordings/*.parquet", DOCUMENT) == [described(field) for field in RECORDING]
+    assert documented_in("recordings/*.parquet", DOCUMENT) == [described(field) for field in (*RECORDING, *PICTURES)]
     for field in RECORDING:
         unit = (field.metadata or {})[b"unit"].decode().lower().replace("/", "_")
         assert not unit or field.name.endswith(f"_{unit}")
