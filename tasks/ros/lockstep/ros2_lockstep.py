@@ -14,7 +14,7 @@ from typing import NamedTuple
 from specs.errors import LaunchRefused
 from tasks.ros.launch.gazebo_launch import started_nodes
 from tasks.ros.launch.launch_plan import LaunchPlan, LaunchSource, NodePlan, episode_environment
-from tasks.ros.lockstep.exchange import Sensed, TwistCommand
+from tasks.ros.lockstep.exchange import FloorMap, Sensed, TwistCommand
 from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import NAVIGATE, STATIC
 from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
@@ -198,6 +198,11 @@ class DdsGraph:
         """Returns how many of some datagrams that sockets dropped were meant for this episode."""
         return 0 if self._closed else self._robot.dropped(lost)
 
+    @property
+    def guessed(self) -> bool:
+        """Returns whether the episode began although its nodes may not know each other."""
+        return self._discovery is not None and self._discovery.guessed
+
     def contended(self) -> bool:
         """Returns whether two processes told a third one something since the last call."""
         return not self._closed and self._robot.contended()
@@ -360,6 +365,12 @@ class Ros2Lockstep(Ros1Lockstep):
             of_nodes = self._of_nodes.get(source.bundle, {})
             self._start(lane, own, {**variables, **of_nodes, **of_domain, **episode_environment(home)})
         return lane
+
+    def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
+        """Waits as with ROS 1; an episode whose nodes may not know each other is late once."""
+        super().begin(sensed, floors)
+        for number, graph in self._graphs.items():
+            self._lanes[number].unordered += graph.guessed
 
     def exchange(self, sensed: Sequence[Sensed | None]) -> list[TwistCommand]:
         """Returns each lane's command for the control step to come; datagrams that were dropped in it count as late."""

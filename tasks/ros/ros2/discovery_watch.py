@@ -35,10 +35,13 @@ class DiscoveryWatch:
 
     Args:
         proc: Where the kernel tells of processes.
+
+    Attributes:
+        guessed: Whether they were taken to know each other although a thread never slept for long.
     """
 
     def __init__(self, proc: Path = Path("/proc")) -> None:
-        self._proc = proc
+        self._proc, self.guessed = proc, False
         self._sleeps: dict[_Thread, _Sleep] = {}
         # Who slept for long around the last moment at which somebody had not, and since the news.
         self._slept = set[_Thread]()
@@ -62,6 +65,7 @@ class DiscoveryWatch:
             named = len({pid for pid, _ in self._sleeps}) >= count
             slept = named and self._sleeps.keys() <= self._slept
             self._told = slept or now_s - news_s >= (_RESTLESS_S if named else _UNNAMED_S)
+            self.guessed = self._told and named and not slept
         return self._told
 
     def _look(self, pids: Collection[int], now_s: float) -> None:

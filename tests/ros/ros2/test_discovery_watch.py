@@ -16,7 +16,7 @@ class Machine:
     def __init__(self, proc: Path) -> None:
         self.proc, self.now_s = proc, 100.0
         self.runs = {1: 0, 2: 0}
-        self._watch = DiscoveryWatch(proc)
+        self.watch = DiscoveryWatch(proc)
         for pid in self.runs:
             self.name(pid, "dds.ev.0")
             self.run(pid)
@@ -43,7 +43,7 @@ class Machine:
             for at_s in [each for each in due if each <= self.now_s - news_s]:
                 for pid in due.pop(at_s):
                     self.run(pid)
-            if self._watch.told([1, 2], _COUNT, news_s):
+            if self.watch.told([1, 2], _COUNT, news_s):
                 return round(self.now_s - news_s, 1)
             self.now_s += 0.05
         return None
@@ -85,8 +85,10 @@ def test_who_comes_later_makes_all_wait_once_more(machine: Machine) -> None:
 def test_where_a_thread_has_no_name_five_seconds_without_news_are_enough(machine: Machine) -> None:
     machine.name(1, "python3")
     assert machine.told_after({}) == pytest.approx(5.0, abs=0.3)
+    assert not machine.watch.guessed
 
 
 def test_where_a_thread_never_sleeps_for_long_twenty_seconds_without_news_are_enough(machine: Machine) -> None:
     restless: dict[float, list[int]] = {each / 4: [1] for each in range(1, 100)}
     assert machine.told_after(restless, until_s=25.0) == pytest.approx(20.0, abs=0.3)
+    assert machine.watch.guessed

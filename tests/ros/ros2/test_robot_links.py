@@ -103,6 +103,7 @@ def test_processes_on_fast_dds_are_waited_for_until_they_know_each_other_and_one
     eventually(lambda: graph.changes and graph.unconnected() == ["its processes look for each other"])
     clock.ahead_s = 60.0
     eventually(lambda: not graph.unconnected())
+    assert not graph.guessed
     graph.close()
 
 

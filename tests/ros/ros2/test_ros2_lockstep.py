@@ -11,6 +11,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import SensorMessages
+from tasks.ros.lockstep.ros2_lockstep import DdsGraph
 from tasks.ros.lockstep.sensor_topics import Moment
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
@@ -51,6 +52,14 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError:
         return b""
+
+
+def test_an_episode_whose_nodes_may_not_know_each_other_is_late_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(DdsGraph, "guessed", property(lambda _: True))
+    run = drive(tmp_path, "avoider", steps=3)
+    assert (run.failures, run.tallies[0].late) == ({}, 1)
 
 
 def test_datagrams_that_are_dropped_within_a_control_step_count_as_late(
