@@ -12,26 +12,42 @@ HERE = Path(__file__).resolve().parent
 ROBOT = HERE.parents[1] / "applications" / "courier" / "robot.xml"
 
 
-def write_bundle(folder, actor, lidar, parts):
-    package = folder / "reactive"
+class Graph:
+    """A network that is put together, operator by operator."""
+
+    def __init__(self, name):
+        self.name = name
+        self.nodes, self.tensors = [], []
+
+    def add(self, operator, inputs, output, **attributes):
+        """Adds an operator, whose inputs are names or arrays, and returns its output's name."""
+        names = []
+        for number, each in enumerate(inputs):
+            names.append(each if isinstance(each, str) else f"{output}.{number}")
+            if not isinstance(each, str):
+                self.tensors.append(numpy_helper.from_array(np.asarray(each), names[-1]))
+        self.nodes.append(helper.make_node(operator, names, [output], **attributes))
+        return output
+
+    def dense(self, shown, layers):
+        """Adds layers (weight, bias) with tanh between them; the last one's output is the action."""
+        for number, layer in enumerate(layers[:-1]):
+            shown = self.add("Tanh", [self.add("Gemm", [shown, *layer], f"sum{number}")], f"layer{number}")
+        self.add("Gemm", [shown, *layers[-1]], "action")
+
+
+def write_bundle(folder, graph, inputs, actions, declared):
+    """Writes it; ``inputs`` are the shapes of what the network is shown of one robot, by name."""
+    name = graph.name
+    package = folder / name
     package.mkdir(parents=True, exist_ok=True)
     shutil.copy(ROBOT, folder / "robot.xml")
     shutil.copy(HERE / "run.sh", package / "run.sh")
-    nodes, tensors, name = [], [], "shown"
-    for number, (weight, bias) in enumerate(actor):
-        for kind, array in (("weight", weight), ("bias", bias)):
-            tensors.append(numpy_helper.from_array(np.asarray(array), f"{kind}{number}"))
-        last = number == len(actor) - 1
-        nodes.append(
-            helper.make_node("Gemm", [name, f"weight{number}", f"bias{number}"], ["action" if last else f"sum{number}"])
-        )
-        name = f"layer{number}"
-        nodes += [] if last else [helper.make_node("Tanh", [f"sum{number}"], [name])]
-    ends = [("shown", actor[0][0].shape[0]), ("action", actor[-1][1].shape[0])]
-    taken, given = (helper.make_tensor_value_info(end, TensorProto.FLOAT, ["lanes", width]) for end, width in ends)
-    graph = helper.make_graph(nodes, "reactive", [taken], [given], tensors)
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    ends = [(each, shape) for each, shape in inputs.items()] + [("action", (actions,))]
+    *taken, given = (helper.make_tensor_value_info(end, TensorProto.FLOAT, ["lanes", *shape]) for end, shape in ends)
+    made = helper.make_graph(graph.nodes, name, taken, [given], graph.tensors)
+    model = helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     onnx.checker.check_model(model)
-    onnx.save(model, package / "reactive.onnx")
-    declared = {"lidar": lidar, "inputs": [{"parts": parts}], "output": {"kind": "action"}}
-    (package / "reactive.yaml").write_text(yaml.safe_dump(declared, sort_keys=False))
+    onnx.save(model, package / f"{name}.onnx")
+    declared = {**declared, "output": {"kind": "action"}}
+    (package / f"{name}.yaml").write_text(yaml.safe_dump(declared, sort_keys=False))

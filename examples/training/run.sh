@@ -3,7 +3,7 @@
 set -eu
 
 trap 'rm -f heartbeat; exit 0' TERM INT
-echo "reactive up: $(wc -c <reactive/reactive.onnx) bytes of network"
+echo "up: $(cat ./*/*.onnx | wc -c) bytes of network"
 while :; do
     date +%s >heartbeat.new
     mv heartbeat.new heartbeat

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from bundle_files import ROBOT, write_bundle
+from bundle_files import ROBOT, Graph, write_bundle
 
 import simyard
 import simyard.gym  # before JAX, whose settings it makes
@@ -169,7 +169,10 @@ def main():
     )
     began = time.monotonic()
     weights = train(envs, given.steps, given.seed)
-    write_bundle(given.output, weights["actor"], LIDAR, PARTS)
+    graph, actor = Graph("reactive"), weights["actor"]
+    graph.dense("shown", actor)
+    declared = {"lidar": LIDAR, "inputs": [{"parts": PARTS}]}
+    write_bundle(given.output, graph, {"shown": (len(actor[0][0]),)}, len(actor[-1][1]), declared)
     print(f"{given.output}: trained in {time.monotonic() - began:.0f} s")
 
 

@@ -1,5 +1,6 @@
 """The training example trains, and its document gates what it trained."""
 
+import importlib.util
 import os
 import re
 import subprocess
@@ -25,6 +26,23 @@ def test_a_short_training_writes_a_policy_that_fits_its_robot(tmp_path: Path):
     checked = check_policy(bundle, "reactive/reactive.onnx")
     assert [part.field for part in checked.policy.inputs[0].parts] == ["ranges_m", "ranges_m"] + ["goal_robot_m"] * 2
     assert os.access(bundle / "reactive" / "run.sh", os.X_OK)
+
+
+@pytest.mark.long
+@pytest.mark.integration
+@pytest.mark.parametrize(("sensor", "field"), [("depth", "depth_m"), ("color", "color")])
+def test_a_short_training_on_pictures_writes_a_policy_that_fits_its_robot(sensor: str, field: str, tmp_path: Path):
+    missing = [name for name in ("skrl", "flax", "optax") if importlib.util.find_spec(name) is None]
+    if missing:
+        pytest.skip(f"{', '.join(missing)}: no part of Simyard: pip install skrl flax optax")
+    bundle = tmp_path / "bundle"
+    asked = ["--sensor", sensor, "--steps", "256", "--envs", "8", "--output", str(bundle)]
+    command = [sys.executable, "examples/training/pictures.py", *asked]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    checked = check_policy(bundle, "seeing/seeing.onnx")
+    assert [part.field for each in checked.policy.inputs for part in each.parts] == [field] + ["goal_robot_m"] * 2
 
 
 DOCUMENT = ROOT / "docs/guide/training.md"
