@@ -1,13 +1,17 @@
 """The training example trains, and its document gates what it trained."""
 
 import importlib.util
+import json
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import onnx
 import pytest
+from onnx.numpy_helper import to_array
 
 from simyard.gym.task_options import TaskOptions
 from tasks.simulate.host.policy_check import check_policy
@@ -28,21 +32,65 @@ def test_a_short_training_writes_a_policy_that_fits_its_robot(tmp_path: Path):
     assert os.access(bundle / "reactive" / "run.sh", os.X_OK)
 
 
+def trained_on_pictures(program: list[str], bundle: Path, sensor: str, steps: int) -> subprocess.CompletedProcess[str]:
+    missing = [name for name in ("skrl", "flax", "optax") if importlib.util.find_spec(name) is None]
+    if missing:
+        pytest.skip(f"{', '.join(missing)}: no part of Simyard: pip install skrl flax optax")
+    asked = ["--sensor", sensor, "--steps", str(steps), "--envs", "8", "--output", str(bundle)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
+    command = [sys.executable, *program, *asked]
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
 @pytest.mark.long
 @pytest.mark.integration
 @pytest.mark.parametrize(("sensor", "field"), [("depth", "depth_m"), ("color", "color")])
 def test_a_short_training_on_pictures_writes_a_policy_that_fits_its_robot(sensor: str, field: str, tmp_path: Path):
-    missing = [name for name in ("skrl", "flax", "optax") if importlib.util.find_spec(name) is None]
-    if missing:
-        pytest.skip(f"{', '.join(missing)}: no part of Simyard: pip install skrl flax optax")
     bundle = tmp_path / "bundle"
-    asked = ["--sensor", sensor, "--steps", "256", "--envs", "8", "--output", str(bundle)]
-    command = [sys.executable, "examples/training/pictures.py", *asked]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    done = trained_on_pictures(["examples/training/pictures.py"], bundle, sensor, 1024)
+    assert "1,024 steps" in done.stdout
     checked = check_policy(bundle, "seeing/seeing.onnx")
     assert [part.field for each in checked.policy.inputs for part in each.parts] == [field] + ["goal_robot_m"] * 2
+    assert "<polyline" in (bundle / "curve.svg").read_text()
+
+
+# The example, whose trials are told how many robots arrive, and which keeps the weights of each trial's network.
+TRIALS_BY_ROTE = """
+import sys
+sys.path.insert(0, "examples/training")
+import numpy as np
+import pictures
+
+shares, folder = iter([{shares}]), "{folder}/"
+
+def trial(envs, policy):
+    share = next(shares)
+    np.save(f"{{folder}}{{share}}.npy", policy.state_dict.params["params"]["last"]["kernel"])
+    return share
+
+pictures.trial = trial
+pictures.main()
+"""
+
+
+@pytest.mark.long
+@pytest.mark.integration
+@pytest.mark.parametrize(("shares", "tried"), [("0.6, 0.2", [0.6, 0.2]), ("0.99", [0.99])])
+def test_the_best_policy_of_all_trials_is_written_and_one_that_is_good_enough_ends_the_training(
+    shares: str, tried: list[float], tmp_path: Path
+):
+    bundle = tmp_path / "bundle"
+    trained_on_pictures(["-c", TRIALS_BY_ROTE.format(shares=shares, folder=tmp_path)], bundle, "depth", 2048)
+    assert [each["trial"] for each in json.loads((bundle / "curve.json").read_text())] == tried
+    kernels = [np.load(tmp_path / f"{share}.npy") for share in tried]
+    (written,) = [
+        each
+        for each in map(to_array, onnx.load(bundle / "seeing" / "seeing.onnx").graph.initializer)
+        if each.shape == kernels[0].shape
+    ]
+    assert [np.array_equal(written, each) for each in kernels] == [True, *[False] * (len(tried) - 1)]
 
 
 DOCUMENT = ROOT / "docs/guide/training.md"
