@@ -1,4 +1,4 @@
-"""Trains a controller that sees pictures and the way to its goal with skrl's PPO in JAX, and writes it as a bundle.
+"""Trains a controller that is shown pictures and the way to its goal with skrl's PPO in JAX, and writes it as a bundle.
 
 Run it from the repository: `python examples/training/pictures.py --sensor depth`, or `--sensor color`, then
 `simyard run examples/training/pictures.yaml`. It needs `pip install skrl flax optax` (https://skrl.readthedocs.io).
