@@ -194,8 +194,9 @@ def write(folder, weights, sensors, part):
 def drawing(points):
     """Returns the curve as SVG: thin what arrived in training, bold what arrived in trials, over thousands of steps."""
     wide, high, most = 560, 240, points[-1][0]
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-50 -20 {wide + 70} {high + 60}" font-size="12">']
-    parts.append('<rect x="-50" y="-20" width="100%" height="100%" fill="#fff"/>')
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide + 70} {high + 60}">']
+    ground = '<rect width="100%" height="100%" fill="#fff"/>'
+    parts.append(f'<style>text{{font-size:12px}}</style>{ground}<g transform="translate(50 20)">')
     for part in range(5):
         x, y = wide * part / 4, high * (1 - part / 4)
         parts.append(f'<path d="M0 {y}H{wide}" stroke="#ddd"/><text x="-44" y="{y + 4}">{25 * part} %</text>')
@@ -204,7 +205,7 @@ def drawing(points):
         line = " ".join(f"{wide * each[0] / most:.1f},{high * (1 - each[column]):.1f}" for each in points)
         parts.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="{width}"/>')
     legend = "thousand steps; who arrives: gray in training, with noise; blue in trials, without"
-    return "\n".join([*parts, f'<text x="{wide / 2}" y="{high + 36}" text-anchor="middle">{legend}</text></svg>\n'])
+    return "\n".join([*parts, f'<text x="{wide / 2}" y="{high + 36}" text-anchor="middle">{legend}</text></g></svg>\n'])
 
 
 def main():
