@@ -15,6 +15,7 @@ from simyard.batch_calls import (  # noqa: E402 - only where Simyard's own packa
     replay,
     report,
     results,
+    search,
     trend,
 )
 from simyard.document_calls import plan, run, validate  # noqa: E402 - same
@@ -28,6 +29,7 @@ __all__ = [
     "report",
     "results",
     "run",
+    "search",
     "trend",
     "validate",
     "world_import",

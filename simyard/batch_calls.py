@@ -1,4 +1,4 @@
-"""What Python asks about batches: `results`, `report`, `replay`, `compare`, `gate`, and `trend` about nights of them.
+"""What Python asks about batches, and about nights of them: `results`, `report`, `replay`, `search`, `trend` and others.
 
 Each imports what it needs when it is called.
 """
@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from pydantic import JsonValue
 
-    from simyard.answer.batch_answers import Comparison, Judgement, Replay, Report, Results
+    from simyard.answer.batch_answers import Comparison, Judgement, Replay, Report, Results, SearchAnswer
     from simyard.answer.run_answers import Run, Trend
     from simyard.document_calls import DocumentLike
     from specs.errors import DocumentError
@@ -160,6 +161,48 @@ def _batch(batch: "str | Run", store: Place | None) -> "tuple[Store, str]":
         allowed = "a run of a document with a simulationBatch"
         raise DocumentError.of("run", batch.id, allowed, source=batch.report.name)
     return open_existing_store(store_url(store) or batch.store), batch.batch
+
+
+def search(
+    batch: "str | Run",
+    over: Mapping[str, "Mapping[str, JsonValue]"],
+    *,
+    measure: str = "min_clearance_m",
+    episodes: int = 20_000,
+    confidence: float = 0.95,
+    seed: int = 0,
+    store: Place | None = None,
+) -> "SearchAnswer":
+    """Finds rare failures of a batch's robot, and returns how probable a failure is; simulates thousands of episodes.
+
+    What was simulated is in the store: a search that was killed goes on where it was.
+
+    Args:
+        batch: As for `results`; with one request.
+        over: Its environment variables that vary, each with `uniform` or `logUniform` bounds, a `normal` distribution
+            or a `choice`.
+        measure: A column of the results that is near 0 close to a failure, and below it in one.
+        episodes: How many may be simulated, 1,000 to 1,000,000.
+        confidence: Of the interval.
+        seed: Everything that is drawn follows from it.
+        store: As for `results`.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or what it needs is gone.
+        DocumentError: The settings are wrong, or the batch does not have the variables; with all faults.
+        StageFailed: An episode did not come to an end of its own.
+    """
+    from flows.batch.search_batch import search_batch
+    from simyard.answer.batch_answers import SearchAnswer
+    from specs.pipeline.search_section import Search
+    from tasks.documents.parse import parse
+    from tasks.simulate.devices import prepare_devices
+
+    opened, named = _batch(batch, store)
+    settings = {"measure": measure, "episodes": episodes, "confidence": confidence, "seed": seed}
+    asked = parse(Search, {"over": {name: {**each} for name, each in over.items()}, **settings}, "search")
+    prepare_devices()
+    return SearchAnswer(search_batch(opened, named, asked))
 
 
 def trend(

@@ -18,6 +18,7 @@ EXPORT_ZIP = "{export}.zip"
 FLOOR_PLANS = ("{export}/{world}.svg", "{export}/{generation}/{world}.svg")
 CHUNK = "chunks/{batch}/{number:06d}.json"
 CHUNK_START = "chunks/{batch}/{number:06d}.started.json"
+SEARCH_STEP = "searches/{batch}/{digest}/{number:06d}.json"
 AUDIT_NOTE = "results/{batch}/audit-begun.json"
 BATCH_FILES = tuple(
     f"{{batch}}/{name}" for name in ("results.parquet", "failures.parquet", "report.html", "audit.json")
@@ -123,6 +124,7 @@ _DECLARATIONS = (
         objects=(
             JobObjects("chunks", (CHUNK, CHUNK_START)),
             JobObjects("audit notes", (AUDIT_NOTE,)),
+            JobObjects("searches", (SEARCH_STEP,)),
             JobObjects("recordings", (RECORDING,), in_bucket=True, from_elsewhere=True),
             JobObjects("bags", BAGS, in_bucket=True, from_elsewhere=True),
             JobObjects("results", BATCH_FILES, in_bucket=True, from_elsewhere=True),

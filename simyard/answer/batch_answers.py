@@ -1,4 +1,4 @@
-"""What `simyard.results`, `simyard.report`, `simyard.gate`, `simyard.compare` and `simyard.replay` return."""
+"""What `simyard.results`, `report`, `gate`, `search`, `compare` and `replay` return."""
 
 import os
 from collections.abc import Sequence
@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from flows.batch.replay_episode import JobReplay
+from flows.batch.search_batch import FoundFailure, SearchResult
 from flows.pipeline.judge_again import LaterVerdict
 from simyard.answer.html import MOST_ROWS, Html, badge, block, heading, link, paragraph, picture, table, text
 from specs.data.run_report import Verdict
@@ -206,6 +207,63 @@ class Judgement:
             *map(paragraph, (*self.found.warnings, *filter(None, [self.found.notice]))),
             paragraph(link(self.found.evidence.url, "the evidence")),
             paragraph("a later judgement ships nothing: to deploy, run the document"),
+        )
+
+
+@dataclass(frozen=True, repr=False)
+class SearchAnswer:
+    """How probable a failure is, and failures that were found.
+
+    Attributes:
+        found: The batch, the probability, its interval, how it was found, and the failures.
+    """
+
+    found: SearchResult
+
+    @property
+    def probability(self) -> float:
+        """The estimate."""
+        return self.found.probability.estimate
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its lower and its upper end."""
+        return self.found.probability.interval.lower, self.found.probability.interval.upper
+
+    @property
+    def failures(self) -> tuple[FoundFailure, ...]:
+        """Episodes that failed, with world, seed and variables; see `flows.batch.search_batch`."""
+        return self.found.failures
+
+    @property
+    def sentence(self) -> str:
+        """The probability, its interval, what it took and how it was found."""
+        found, (lower, upper) = self.found.probability, self.interval
+        how = "multilevel splitting" if found.method == "splitting" else "plain draws"
+        return (
+            f"fails with probability {found.estimate:.3g} ({lower:.3g} to {upper:.3g}), by {found.episodes:,} episodes "
+            f"of {how}: {found.why}"
+        )
+
+    def __repr__(self) -> str:
+        """Returns the batch and the sentence."""
+        return f"<SearchAnswer of {self.found.batch}: {self.sentence}>"
+
+    def _repr_html_(self) -> str:
+        rows = (
+            (
+                each.reason,
+                each.world,
+                each.seed,
+                ", ".join(f"{name}={value}" for name, value in each.environment.items()),
+            )
+            for each in self.failures
+        )
+        headings = ("failure", "world", "seed", "variables")
+        return block(
+            heading("Search", self.found.batch),
+            paragraph(self.sentence),
+            table(headings, rows, self.found.failed, "; only the first are kept"),
         )
 
 

@@ -108,14 +108,18 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
     return Replay(request, worlds[request.world], driven)
 
 
-def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: Simulate) -> list[EpisodeResult]:
+def resimulate(
+    batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: Simulate, lanes: int = 0
+) -> list[EpisodeResult]:
     """Returns the results of some episodes, simulated again; a lane's do not depend on those beside it.
 
     Args:
         batch: The batch.
-        requests: Some of its episodes, in any order.
+        requests: Some of its episodes, or others like them, in any order.
         simulate: Simulates a part of a chunk.
+        lanes: How many at a time; the batch's, if left out.
     """
+    lanes = lanes or batch.plan.lanes
     worlds, missing = load_worlds(batch, requests)
     mounted = batch_mounts(batch)
     why_not = {each.index: missing.get(each.world) or mounted.failure(each) for each in requests}
@@ -126,7 +130,7 @@ def resimulate(batch: OpenBatch, requests: Sequence[EpisodeRequest], simulate: S
         asked = tuple(mounted.resolved(each) for each in chunk.requests)
         return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None))
 
-    for chunk in plan_chunks([each for each in requests if each.index not in rows], batch.plan.lanes):
-        found = retry_with_fewer_lanes(chunk, batch.plan.lanes, part, lambda: False).rows
+    for chunk in plan_chunks([each for each in requests if each.index not in rows], lanes):
+        found = retry_with_fewer_lanes(chunk, lanes, part, lambda: False).rows
         rows |= {row.index: row for row in found}
     return [rows[each.index] for each in requests]

@@ -9,7 +9,7 @@ import re
 from string import Formatter
 
 from specs.errors import DocumentError
-from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, TAGS, TAGS_WITHIN, WORLD
+from specs.job_kinds import CHUNK, CHUNK_START, CONTACT_SHEET, EXPORT_PART, SEARCH_STEP, TAGS, TAGS_WITHIN, WORLD
 
 NAME_RULE = "1 to 64 of A-Z a-z 0-9 _ -, the first a letter or a digit"
 MOST_KEY_BYTES = 1024
@@ -249,6 +249,11 @@ def chunk_start_key(batch: str, number: int) -> str:
 def chunks_prefix(batch: str) -> str:
     """Returns the folder that holds the chunks of a batch."""
     return folder(CHUNK, batch=batch)
+
+
+def search_step_key(batch: str, digest: str, number: int) -> str:
+    """Returns the key of what came of a step of a search over a batch; the digest is of what is searched for."""
+    return fill(SEARCH_STEP, batch=batch, digest=digest, number=number)
 
 
 def result_key(batch: str, name: str) -> str:

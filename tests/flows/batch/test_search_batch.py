@@ -1,0 +1,196 @@
+"""A search over a batch: what it draws, what it keeps, that it goes on where it was, and that failures are failures."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import flows.batch.search_batch as module
+from flows.batch.replay_episode import bundles
+from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, search_batch
+from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
+from specs.pipeline.search_section import Distribution, Search
+from tasks.results.statistics.multilevel_splitting import Particles
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
+from tasks.simulate.batch.chunk_run import ChunkRunner
+from tasks.simulate.replay.replay_run import resimulate
+from tasks.storage.base.keys import world_key
+from tasks.storage.base.store import Store
+from tasks.storage.store_url import open_store
+from tests.factories.batches import pushing_plan
+from tests.factories.episodes import collided, crashed, passed
+from tests.factories.planned_batches import request
+
+SEARCH = Search(over={"FAULT": Distribution(uniform=(0.0, 1.0))}, episodes=2_000)
+Row = EpisodeResult
+
+
+class Killed(Exception):  # noqa: N818 - what happens to a process
+    """Stands for the end of the process."""
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return open_store((tmp_path / "store").as_uri())
+
+
+def made(store: Store, **changes: object) -> OpenBatch:
+    plan = pushing_plan(store, **changes)
+    return load_batch(store, open_batch(store, plan, request(plan), "tok").id)
+
+
+@pytest.fixture
+def batch(store: Store) -> OpenBatch:
+    return made(store)
+
+
+class Simulated:
+    """Episodes whose clearance follows from their variable, in place of a simulator; ends after some steps."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, steps: int = 1_000_000) -> None:
+        self.asked: list[list[EpisodeRequest]] = []
+        self._steps = steps
+        monkeypatch.setattr(module, "resimulate", self)
+
+    def __call__(self, batch: OpenBatch, requests: Sequence[EpisodeRequest], *_: object) -> list[Row]:
+        if len(self.asked) == self._steps:
+            raise Killed
+        self.asked.append([*requests])
+        return [self.row(each) for each in requests]
+
+    def row(self, each: EpisodeRequest) -> Row:
+        clearance_m = float(each.environment["FAULT"]) - 0.002
+        if clearance_m < 0.0:
+            return collided(each.index)
+        return passed(each.index).model_copy(update={"min_clearance_m": clearance_m})
+
+
+def found(batch: OpenBatch, search: Search = SEARCH) -> SearchResult:
+    return search_batch(batch.store, batch.id, search)
+
+
+def test_a_rare_failure_is_found_with_what_it_takes_to_drive_it_again(
+    batch: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    simulated = Simulated(monkeypatch)
+    search = SEARCH.model_copy(update={"episodes": 20_000})
+    answer = found(batch, search)
+    assert answer.probability.method == "splitting"
+    assert answer.probability.interval.lower < 0.002 < answer.probability.interval.upper
+    assert answer.simulated == sum(map(len, simulated.asked)) == answer.probability.episodes <= 20_000
+    assert answer.failed >= len(answer.failures) == module.FAILURES_KEPT
+    for each in answer.failures:
+        assert float(each.environment["FAULT"]) < 0.002
+        assert (each.reason, each.world in batch.plan.worlds) == ("collision", True)
+    assert len({(each.world, each.seed, each.environment["FAULT"]) for each in answer.failures}) == 100
+
+
+@pytest.mark.parametrize("steps", [0, 1, 7])
+def test_a_search_that_was_killed_goes_on_to_the_same_answer(
+    batch: OpenBatch, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, steps: int
+):
+    other = made(open_store((tmp_path / "other").as_uri()))
+    Simulated(monkeypatch)
+    whole = found(other)
+    first = Simulated(monkeypatch, steps)
+    with pytest.raises(Killed):
+        found(batch)
+    rest = Simulated(monkeypatch)
+    again = found(batch)
+    assert (again.probability, again.failures, again.failed) == (whole.probability, whole.failures, whole.failed)
+    assert sum(map(len, first.asked)) + again.simulated == whole.simulated
+    assert again.simulated == sum(map(len, rest.asked))
+
+
+def test_one_that_is_asked_for_again_simulates_nothing(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    whole = found(batch)
+    assert found(batch) == whole._replace(simulated=0)
+    assert found(batch, SEARCH.model_copy(update={"seed": 1})).simulated > 0
+
+
+def test_worlds_seeds_and_variables_are_those_of_the_distributions(batch: OpenBatch):
+    drawn = _DrawnEpisodes(batch, SEARCH)
+    generator = np.random.default_rng(0)
+    particles = Particles(generator.standard_normal((400, 1)), generator.random((400, 2)))
+    requests = drawn.requests(particles)
+    assert {each.world for each in requests} == set(batch.plan.worlds)
+    assert len({each.seed for each in requests}) == 400
+    assert np.mean([float(each.environment["FAULT"]) for each in requests]) == pytest.approx(0.5, abs=0.05)
+    assert [each.index for each in requests] == list(range(batch.layout.episodes, batch.layout.episodes + 400))
+    assert {each.environment["GOALS"] for each in requests} == {"1"}
+
+
+@pytest.mark.parametrize(
+    ("over", "least", "median", "most"),
+    [
+        ({"uniform": (0.2, 0.8)}, 0.2, 0.5, 0.8),
+        ({"logUniform": (0.01, 1.0)}, 0.01, 0.1, 1.0),
+        ({"normal": {"mean": 1.0, "sd": 0.1}}, 0.2, 1.0, 1.8),
+        ({"normal": {"mean": 1.0, "sd": 0.1, "atLeast": 0.9, "atMost": 1.1}}, 0.9, 1.0, 1.1),
+        ({"normal": {"mean": 0.0, "sd": 1.0, "atLeast": 0.0}}, 0.0, 0.67449, 8.2),
+    ],
+)
+def test_a_distribution_has_its_bounds_and_its_median(
+    over: Mapping[str, object], least: float, median: float, most: float
+):
+    low, middle, high = map(float, _values(Distribution.model_validate(over), np.array([-8.0, 0.0, 8.0])))
+    assert low == pytest.approx(least, abs=1e-6)
+    assert middle == pytest.approx(median, rel=1e-4)
+    assert high == pytest.approx(most, abs=0.2 if math.isclose(most, 8.2) else 1e-6)
+
+
+def test_choices_are_as_likely_as_each_other(batch: OpenBatch):
+    search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, episodes=1_000)
+    drawn = _DrawnEpisodes(batch, search)
+    assert drawn.space == (0, 3)
+    places = (np.arange(10) + 0.5) / 10
+    requests = drawn.requests(Particles(np.zeros((10, 0)), np.stack([places, places, places], axis=1)))
+    assert [each.environment["FAULT"] for each in requests] == ["0"] * 5 + ["7"] * 5
+
+
+def test_variables_that_the_batch_does_not_set_are_refused_all_at_once(batch: OpenBatch):
+    one = Distribution(uniform=(0.0, 1.0))
+    with pytest.raises(DocumentError) as refused:
+        found(batch, Search(over={"SPEED": one, "MASS": one}))
+    assert [each.path for each in refused.value.faults] == ["over.SPEED", "over.MASS"]
+    assert "FAULT, GOALS" in refused.value.faults[0].allowed
+
+
+def test_a_world_that_is_gone_is_told_before_anything_is_simulated(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    batch.store.delete(world_key("hand", "pen-1"))
+    with pytest.raises(ResourceNotFound, match="hand/pen-1"):
+        found(batch)
+    assert not simulated.asked
+
+
+def test_a_crash_of_the_robot_is_a_failure(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    monkeypatch.setattr(simulated, "row", lambda each: crashed(each.index))
+    answer = found(batch)
+    assert answer.probability.estimate == 1.0
+    assert answer.failures[0].reason == "RobotApplicationCrash"
+
+
+def test_what_is_not_the_robots_fault_ends_the_search(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    broken = {"failure_code": "InternalServiceError", "failure_reason": "no memory"}
+    monkeypatch.setattr(simulated, "row", lambda each: crashed(each.index).model_copy(update=broken))
+    with pytest.raises(StageFailed, match="no memory"):
+        found(batch)
+
+
+@pytest.mark.long
+def test_each_failure_fails_again_when_it_is_simulated_alone(batch: OpenBatch):
+    answer = found(batch, Search(over={}, episodes=1_000))
+    assert answer.probability.episodes == answer.simulated
+    assert answer.failures
+    runner = ChunkRunner(bundles(batch), batch.plan.engine, 1.0, lambda _: None)
+    for each in answer.failures[:3]:
+        alone = batch.layout.request(0).model_copy(update={"world": each.world, "seed": each.seed})
+        (row,) = resimulate(batch, [alone], runner.run)
+        assert success(row) is False

@@ -1,0 +1,202 @@
+"""Rare failures: estimates without bias, intervals that cover, and the same numbers wherever a search is taken up."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.special import ndtr, ndtri
+
+from tasks.results.statistics.intervals import clopper_pearson
+from tasks.results.statistics.multilevel_splitting import (
+    FAILED,
+    FailureProbability,
+    Particles,
+    Scores,
+    Space,
+    _next_level,
+    _scatter_interval,
+    failure_probability,
+)
+
+Score = Callable[[Particles], Scores]
+_SMOOTH = 4
+_WORLDS = 6
+
+
+def plane(rare: float) -> Score:
+    """Returns the distance from a plane, beyond which lies a share of all draws: the analytic limit state."""
+    return lambda each: -ndtri(rare) - each.smooth.sum(1) / np.sqrt(each.smooth.shape[1])
+
+
+def atoms(rare: float) -> Score:
+    """Returns the same in steps of one half, so that many draws have one score."""
+
+    def score(each: Particles) -> Scores:
+        exact = plane(rare)(each)
+        return np.where(exact < 0.0, FAILED, np.ceil(2.0 * exact) / 2.0)
+
+    return score
+
+
+def jumps(rare: float) -> Score:
+    """Returns scores that stay at 0.2 beyond the plane; there one in twenty seeds fails at once."""
+
+    def score(each: Particles) -> Scores:
+        exact = plane(20.0 * rare)(each)
+        return np.where((exact < 0.0) & (each.drawn[:, 0] < 0.05), FAILED, np.maximum(exact, 0.2))
+
+    return score
+
+
+def worlds(rare: float) -> Score:
+    """Returns scores to which worlds and seeds contribute as much as what is smooth."""
+    shifts = 0.3 * np.arange(_WORLDS)
+    low, high = 0.0, 9.0
+    for _ in range(60):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if ndtr(-middle - shifts).mean() > rare else (low, middle)
+
+    def score(each: Particles) -> Scores:
+        world = np.floor(_WORLDS * each.drawn[:, 0])
+        noise = np.sqrt(0.3) * ndtri(each.drawn[:, 1]) + np.sqrt(0.7) * each.smooth.sum(1) / np.sqrt(_SMOOTH)
+        return low + 0.3 * world - noise
+
+    return score
+
+
+CASES: dict[str, tuple[Callable[[float], Score], Space]] = {
+    "plane": (plane, Space(_SMOOTH, 1)),
+    "atoms": (atoms, Space(_SMOOTH, 1)),
+    "jumps": (jumps, Space(_SMOOTH, 1)),
+    "worlds": (worlds, Space(_SMOOTH, 2)),
+}
+
+
+def found(score: Score, space: Space, *, budget: int = 20_000, seed: int = 0) -> FailureProbability:
+    going = failure_probability(space, budget=budget, confidence=0.95, seed=seed)
+    particles = next(going)
+    while True:
+        try:
+            particles = going.send(score(particles))
+        except StopIteration as end:
+            return end.value
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("rare", [1e-3, 1e-4])
+def test_a_few_thousand_episodes_are_enough_for_the_order_of_magnitude(name: str, rare: float):
+    make, space = CASES[name]
+    answer = found(make(rare), space)
+    assert answer.method == "splitting"
+    assert rare / 2.0 < answer.estimate < 2.0 * rare
+    assert answer.interval.lower < answer.estimate < answer.interval.upper
+    assert answer.episodes <= 20_000
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("rare", [1e-3, 1e-4])
+def test_estimates_have_no_bias_and_intervals_cover(name: str, rare: float):
+    make, space = CASES[name]
+    answers = [found(make(rare), space, seed=seed) for seed in range(200)]
+    estimates = np.array([each.estimate for each in answers])
+    assert abs(estimates.mean() / rare - 1.0) < 3.0 * estimates.std() / rare / np.sqrt(len(answers))
+    assert np.mean([each.interval.lower <= rare <= each.interval.upper for each in answers]) >= 0.93
+
+
+@pytest.mark.long
+def test_one_in_ten_thousand_takes_a_tenth_of_plain_draws():
+    answers = [found(plane(1e-4), Space(_SMOOTH, 1), budget=50_000, seed=seed) for seed in range(100)]
+    error = np.std([each.estimate for each in answers]) / 1e-4
+    plain = np.sqrt((1.0 - 1e-4) / (1e-4 * 50_000))
+    assert (plain / error) ** 2 > 10.0
+
+
+def test_what_lies_within_a_tie_is_one_level():
+    steps = np.repeat([1.0, 0.5, 0.0], [60, 30, 10])
+    assert _next_level(steps, 10) == 0.0
+    assert _next_level(steps, 20) == 0.5
+
+
+def test_a_value_of_most_of_a_population_is_no_level():
+    assert _next_level(np.array([0.3] * 9 + [0.2]), 5) == 0.2
+    level = _next_level(np.array([0.3] * 9 + [FAILED]), 5)
+    assert level is not None
+    assert FAILED <= level < 0.0
+
+
+def test_where_all_are_as_near_there_is_no_step():
+    assert _next_level(np.full(10, 0.3), 2) is None
+
+
+def test_a_score_of_zero_is_no_failure():
+    on_the_edge = found(lambda each: np.maximum(plane(0.2)(each), 0.0), Space(1, 1), budget=2_000)
+    assert on_the_edge.estimate == 0.0
+
+
+def test_frequent_failures_are_counted_and_it_says_why():
+    answer = found(plane(0.05), Space(_SMOOTH, 1))
+    assert answer.method == "draws"
+    assert "so that plain draws come within" in answer.why
+    assert answer.interval.lower < 0.05 < answer.interval.upper
+    assert answer.episodes == 20_000
+
+
+def test_a_measure_that_says_nothing_is_left_alone_and_failures_are_counted():
+    answer = found(lambda each: np.where(each.drawn[:, 0] < 1e-4, FAILED, 1.0), Space(_SMOOTH, 1))
+    assert (answer.method, answer.levels) == ("draws", ())
+    assert "the measure does not lead to a failure" in answer.why
+    assert answer.interval.lower < 1e-4 < answer.interval.upper
+
+
+def test_what_never_fails_has_an_upper_bound():
+    answer = found(lambda each: 10.0 + plane(0.5)(each) ** 2, Space(_SMOOTH, 1))
+    assert answer.method == "draws"
+    assert answer.estimate == answer.interval.lower == 0.0
+    assert 0.0 < answer.interval.upper < 1e-3
+
+
+def test_all_populations_that_died_out_leave_the_bound_of_plain_draws():
+    plain = clopper_pearson(0, 1000, 0.025)
+    assert _scatter_interval(np.zeros(12), 0.95, plain) == plain
+
+
+def test_worlds_and_seeds_alone_may_vary():
+    answer = found(lambda each: each.drawn[:, 1] - 1e-3, Space(0, 2))
+    assert answer.method == "splitting"
+    assert 5e-4 < answer.estimate < 2e-3
+
+
+def test_the_same_seed_gives_the_same_answer_and_another_another():
+    first, again, other = (found(worlds(1e-3), Space(_SMOOTH, 2), seed=seed) for seed in (3, 3, 4))
+    assert first == again
+    assert first.estimate != other.estimate
+
+
+def test_a_search_that_is_sent_the_scores_that_were_kept_asks_for_the_same_particles():
+    kept: list[Scores] = []
+
+    def keep(each: Particles) -> Scores:
+        kept.append(worlds(1e-3)(each))
+        return kept[-1]
+
+    whole = found(keep, Space(_SMOOTH, 2))
+    left = iter(kept[:10])
+    assert found(lambda each: next(left, worlds(1e-3)(each)), Space(_SMOOTH, 2)) == whole
+
+
+@pytest.mark.parametrize("budget", [1_000, 3_333, 20_000])
+def test_no_more_is_simulated_than_the_budget_allows(budget: int):
+    asked: list[int] = []
+
+    def count(each: Particles) -> Scores:
+        asked.append(len(each.smooth))
+        return plane(1e-3)(each)
+
+    answer = found(count, Space(_SMOOTH, 1), budget=budget)
+    assert sum(asked) == answer.episodes <= budget
+
+
+def test_too_small_a_budget_is_refused():
+    with pytest.raises(ValueError, match="budget: 999: at least 1000"):
+        next(failure_probability(Space(1, 1), budget=999, confidence=0.95, seed=0))

@@ -1,0 +1,68 @@
+"""What a search may vary: distributions, each of one kind, and all faults at once."""
+
+import pytest
+from pydantic import JsonValue
+
+from specs.errors import DocumentError
+from specs.pipeline.search_section import Search
+from tasks.documents.parse import parse
+
+OVER: dict[str, JsonValue] = {
+    "MAX_SPEED": {"uniform": [0.2, 0.8]},
+    "ODOMETRY_SIGMA": {"logUniform": [0.01, 0.3]},
+    "MASS": {"normal": {"mean": 1.0, "sd": 0.1, "atLeast": 0.5}},
+    "PLANNER": {"choice": ["a", "b"]},
+}
+
+
+def faults(**changes: JsonValue) -> list[str]:
+    with pytest.raises(DocumentError) as refused:
+        parse(Search, {"over": {**OVER}, **changes}, "search")
+    return [str(each.path) for each in refused.value.faults]
+
+
+def test_four_kinds_of_distributions_and_defaults():
+    search = parse(Search, {"over": {**OVER}}, "search")
+    assert (search.measure, search.episodes, search.confidence, search.seed) == ("min_clearance_m", 20_000, 0.95, 0)
+    assert search.over["PLANNER"].choice == ("a", "b")
+
+
+def test_nothing_but_worlds_and_seeds_may_vary():
+    assert parse(Search, {"over": {}}, "search").over == {}
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {},
+        {"uniform": [0.2, 0.8], "choice": ["a", "b"]},
+    ],
+)
+def test_a_distribution_is_of_exactly_one_kind(wrong: dict[str, JsonValue]):
+    assert faults(over={"SPEED": wrong}) == ["over.SPEED"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "place"),
+    [
+        ({"uniform": [0.8, 0.2]}, "uniform"),
+        ({"logUniform": [0.0, 0.2]}, "logUniform[0]"),
+        ({"uniform": [0.2]}, "uniform[1]"),
+        ({"normal": {"mean": 0, "sd": 0}}, "normal.sd"),
+        ({"normal": {"mean": 0, "sd": 1, "atLeast": 2, "atMost": 1}}, "normal.atMost"),
+        ({"choice": ["a"]}, "choice"),
+        ({"triangular": [0, 1]}, ""),
+    ],
+)
+def test_bounds_that_leave_nothing_are_refused(wrong: dict[str, JsonValue], place: str):
+    assert f"over.SPEED.{place}".rstrip(".") in faults(over={"SPEED": wrong})
+
+
+def test_all_faults_are_told_at_once():
+    found = faults(over={"robot.mass": {"uniform": [0.9, 1.1]}}, measure="distance", episodes=10, confidence=1.0)
+    assert sorted(found) == ["confidence", "episodes", "measure", "over.robot.mass"]
+
+
+def test_physical_parameters_are_refused_with_what_may_be_varied():
+    with pytest.raises(DocumentError, match="an environment variable: physical parameters are not searched yet"):
+        parse(Search, {"over": {"robot.mass": {"uniform": [0.9, 1.1]}}}, "search")
