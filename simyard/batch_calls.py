@@ -1,4 +1,4 @@
-"""What Python asks about batches, and about nights of them: `results`, `report`, `replay`, `search`, `trend` and others.
+"""What Python asks about batches: `results`, `report`, `replay`, `compare`, `gate`, `search`; and `trend` of nights.
 
 Each imports what it needs when it is called.
 """

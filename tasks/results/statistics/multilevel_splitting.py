@@ -37,8 +37,8 @@ _LENGTH = 10  # states of a chain: of a level a tenth is kept
 _FEWEST_CHAINS = 10  # of a population: fewer die out
 _PILOT_SHARE = 50  # of the budget, for each of the pilot's levels
 _PILOT_MOST = 4  # of the budget, for the pilot in all
-# How much more a chain's states scatter than as many draws; Au and Beck 2001 find 2 to 4.
-_CORRELATION = 2.0
+# How much more a chain's states scatter than as many draws: what Au and Beck 2001 find at most.
+_CORRELATION = 4.0
 # Of proposals along smooth coordinates (Papaioannou et al. 2015, Probabilistic Engineering Mechanics 41:89).
 _ACCEPTED = 0.44
 _NARROWEST = 1e-4

@@ -55,7 +55,7 @@ class Simulated:
         self._steps = steps
         monkeypatch.setattr(module, "resimulate", self)
 
-    def __call__(self, batch: OpenBatch, requests: Sequence[EpisodeRequest], *_: object) -> list[Row]:
+    def __call__(self, _batch: OpenBatch, requests: Sequence[EpisodeRequest], *_: object) -> list[Row]:
         if len(self.asked) == self._steps:
             raise Killed
         self.asked.append([*requests])

@@ -1,0 +1,55 @@
+"""docs/guide/search.md: its program runs, and finds failures; its words are those of the code."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from flows.batch.search_batch import FAILURES_KEPT
+from specs.pipeline.search_section import MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
+from tests.repository import ROOT
+
+DOCUMENT = (ROOT / "docs/guide/search.md").read_text()
+(PROGRAM,) = re.findall(r"^```python\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.long
+@pytest.mark.integration
+def test_the_program_says_how_probable_a_failure_is_and_lists_some(tmp_path: Path):
+    for name in ("applications", "examples"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    environment = {name: value for name, value in os.environ.items() if name != "SIMYARD_STORE"}
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        cwd=tmp_path,
+        env={**environment, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    sentence, *failures = done.stdout.splitlines()[-4:]
+    assert re.match(
+        r"fails with probability 0\.\d+ \(0\.\d+ to 0\.\d+\), by [\d,]+ episodes of plain draws: ", sentence
+    )
+    for line in failures:
+        assert re.match(
+            r"\w+ wgj-[0-9a-f]{16}/world-\d-\d \d+ \{'MAX_SPEED': '0\.\d+', 'ODOMETRY_SIGMA': '0\.\d+'\}", line
+        )
+
+
+def test_each_argument_and_each_distribution_is_named():
+    arguments = re.findall(r"^\| `(\w+)` \|", DOCUMENT, re.MULTILINE)
+    assert arguments == list(Search.model_fields)
+    for kind in Distribution.model_fields:
+        assert f"`{kind}: " in DOCUMENT
+
+
+def test_its_numbers_are_those_of_the_code():
+    assert f"{MIN_SEARCHED:,} to {MAX_SEARCHED:,}" in DOCUMENT
+    assert f"up to {FAILURES_KEPT} failures" in DOCUMENT
+    assert f"{Search(over={}).episodes:,} if left out" in DOCUMENT
