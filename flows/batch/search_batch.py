@@ -20,7 +20,7 @@ from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, StageF
 from specs.pipeline.search_section import Distribution, Search
 from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
-from tasks.results.statistics.multilevel_splitting import (
+from tasks.results.statistics.rare_failures import (
     FAILED,
     FailureProbability,
     Particles,

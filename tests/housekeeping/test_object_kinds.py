@@ -6,7 +6,7 @@ import pytest
 
 from flows.batch.batch_end import BAGS_FOLDER
 from specs.job_kinds import BAGS, BATCH_FILES, RECORDING
-from tasks.housekeeping.object_kinds import ObjectKind, digests_in, ids_in, is_record, job_of_id, kind_of_key
+from tasks.housekeeping.object_kinds import ObjectKind, StoredJob, digests_in, ids_in, is_record, job_of_id, kind_of_key
 from tasks.results.report.report_page import REPORT_FILE
 from tasks.results.tables.recordings import RECORDINGS_FOLDER
 from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE
@@ -121,6 +121,11 @@ def test_evidence_and_every_job_application_robot_and_fleet_is_a_record() -> Non
     )
 
 
+def test_the_steps_of_a_search_are_their_batchs() -> None:
+    key = keys.search_step_key(BATCH, "a" * 64, 7)
+    assert kind_of_key(key) == ObjectKind("searches", StoredJob("simulation-job-batch", BATCH))
+
+
 def test_a_name_is_found_wherever_it_stands() -> None:
     text = f'{{"arn:simyard:world:s:{GENERATION}/w": "token-of-{BATCH}-worlds", "x{EXPORT}": "{EXPORT}0"}}'
     assert ids_in(text) == {GENERATION, BATCH}
@@ -143,6 +148,7 @@ def test_every_folder_of_the_store_was_thought_of() -> None:
         "world-templates",
         "template-names",
         "attempts",
+        "searches",
     }
     assert len(forms) > 15
 

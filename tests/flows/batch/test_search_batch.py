@@ -13,7 +13,7 @@ from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, sear
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search
-from tasks.results.statistics.multilevel_splitting import Particles
+from tasks.results.statistics.rare_failures import Particles
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
 from tasks.simulate.batch.chunk_run import ChunkRunner
 from tasks.simulate.replay.replay_run import resimulate

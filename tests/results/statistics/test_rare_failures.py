@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr, ndtri
 
 from tasks.results.statistics.intervals import clopper_pearson
-from tasks.results.statistics.multilevel_splitting import (
+from tasks.results.statistics.rare_failures import (
     FAILED,
     FailureProbability,
     Particles,
