@@ -141,8 +141,7 @@ class _DrawnEpisodes:
         """Returns the episodes of particles; their indices follow those of the batch."""
         columns = {name: _values(self._over[name], particles.smooth[:, at]) for at, name in enumerate(self._smooth)}
         for at, name in enumerate(self._choices):
-            options = self._over[name].choice or ()
-            columns[name] = [options[int(place * len(options))] for place in particles.drawn[:, at].tolist()]
+            columns[name] = _chosen(self._over[name].choice or (), particles.drawn[:, at])
         world, seed = (particles.drawn[:, at].tolist() for at in (-2, -1))
         return [
             self._request(row, self._worlds[int(world[row] * len(self._worlds))], int(seed[row] * _SEEDS), columns)
@@ -161,6 +160,10 @@ class _DrawnEpisodes:
                 "judge_environment": judges and {**judges, **own},
             }
         )
+
+
+def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> list[str]:
+    return [options[int(place * len(options))] for place in drawn.tolist()]
 
 
 def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"]) -> list[str]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ def store(tmp_path: Path) -> Store:
     return open_store((tmp_path / "store").as_uri())
 
 
-def made(store: Store, **changes: object) -> OpenBatch:
+def made(store: Store, **changes: Any) -> OpenBatch:
     plan = pushing_plan(store, **changes)
     return load_batch(store, open_batch(store, plan, request(plan), "tok").id)
 
