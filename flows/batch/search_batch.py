@@ -122,12 +122,13 @@ class _DrawnEpisodes:
         unknown = [name for name in search.over if name not in known]
         allowed = f"a variable that the batch's request or matrix sets: {', '.join(sorted(known)) or 'there is none'}"
         refused = [Fault(path=f"over.{name}", value=name, allowed=allowed) for name in unknown]
-        if len(plan.templates) > 1:
+        template, *others = plan.templates
+        if others:
             one = "a batch of one request: which of several is to be searched is not said"
             refused.append(Fault(path=KIND, value=batch.id, allowed=one))
         if refused:
             raise DocumentError(refused, "simyard")
-        self._worlds = plan.worlds_of(plan.templates[0])
+        self._worlds = plan.worlds_of(template)
         requests = [self._first.model_copy(update={"world": world}) for world in self._worlds]
         if missing := load_worlds(batch, requests)[1]:
             world, why = next(iter(missing.items()))

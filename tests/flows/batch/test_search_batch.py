@@ -38,7 +38,7 @@ def store(tmp_path: Path) -> Store:
     return open_store((tmp_path / "store").as_uri())
 
 
-def made(store: Store, **changes: Any) -> OpenBatch:
+def made(store: Store, **changes: Any) -> OpenBatch:  # noqa: ANN401 - what a plan is made of
     plan = pushing_plan(store, **changes)
     return load_batch(store, open_batch(store, plan, request(plan), "tok").id)
 
