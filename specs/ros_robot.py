@@ -34,6 +34,9 @@ OWN_TOPICS = frozenset(
     ]
 )
 """Topics of every robot and of every recording, which no robot has for something else."""
+RECOVERIES, ERROR_CODE = "navigation_recoveries", "navigation_error_code"
+NAVIGATION_METRICS = frozenset({RECOVERIES, ERROR_CODE})
+"""What Nav2 says of its goals, as metrics of an episode."""
 Frame = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_/]*$", max_length=255)]
 
 

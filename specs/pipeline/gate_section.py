@@ -11,6 +11,7 @@ from specs.base import Fault, Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
+from specs.ros_robot import NAVIGATION_METRICS
 from specs.rules import Finding, Location, Ruled, broken, items, meant, nearest_name, part
 
 MAX_QUANTILES = 20
@@ -234,7 +235,7 @@ METRIC_PREFIX = "metrics."
 
 
 def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
-    """Returns a fault for each rule about a metric that is not among those that are known."""
+    """Returns a fault for each rule about a metric that is not among those that are known, and none of navigation."""
     return [
         Fault(
             path=f"gate.quantiles[{number}].column",
@@ -242,7 +243,8 @@ def metric_faults(gate: Gate, known: Sequence[str]) -> list[Fault]:
             allowed=metric_rule(asked.column.removeprefix(METRIC_PREFIX), known),
         )
         for number, asked in enumerate(gate.quantiles or ())
-        if asked.column.startswith(METRIC_PREFIX) and asked.column.removeprefix(METRIC_PREFIX) not in known
+        if asked.column.startswith(METRIC_PREFIX)
+        and asked.column.removeprefix(METRIC_PREFIX) not in {*known, *NAVIGATION_METRICS}
     ]
 
 

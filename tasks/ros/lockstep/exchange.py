@@ -204,11 +204,13 @@ class ExchangeTotals(NamedTuple):
         late: Stages in which the lane did not come to rest in time, or two processes told a third one something; and
             datagrams to its nodes or its robot that the kernel dropped.
         stray: Commands, and places to set the robot to, that came after the lane was taken for quiet.
+        recoveries: How often navigation recovered, as its feedback says; None if that says nothing.
     """
 
     commands: int = 0
     late: int = 0
     stray: int = 0
+    recoveries: int | None = None
 
 
 class GoalEnd(NamedTuple):

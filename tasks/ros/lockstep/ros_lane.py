@@ -246,4 +246,4 @@ class RosLane:
 
     def tally(self) -> ExchangeTotals:
         """Returns how the exchange went."""
-        return ExchangeTotals(self.commands, self.late + self.unordered, self.stray)
+        return ExchangeTotals(self.commands, self.late + self.unordered, self.stray, self.graph.navigation.recoveries)

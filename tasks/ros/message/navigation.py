@@ -30,16 +30,27 @@ class Navigation:
         goals: How many were sent.
         error_code: What the result says of why it was aborted.
         fault: Why what a node answered is no answer; empty if there is nothing to say.
+        recoveries: How often it recovered, in all goals, as its feedback says; None if that says nothing.
     """
 
     status: GoalStatus = "none"
     goals: int = 0
     error_code: int = 0
     fault: str = ""
+    recoveries: int | None = None
+    _earlier: int = 0
+
+    def begin(self) -> None:
+        """Notes that the next goal is sent."""
+        self.status, self.goals, self._earlier = "asked", self.goals + 1, self.recoveries or 0
+
+    def recovered(self, times: int) -> None:
+        """Notes what feedback says of the present goal: how often it recovered so far."""
+        self.recoveries = self._earlier + times
 
     def ask(self, pose: bytes) -> bytes:
         """Returns the next goal, given as a ``PoseStamped``, as a ``move_base_msgs/MoveBaseActionGoal``."""
-        self.status, self.goals = "asked", self.goals + 1
+        self.begin()
         number, time = pose[:_NUMBER_BYTES], pose[_NUMBER_BYTES:][:_TIME_BYTES]
         return number + time + text_bytes("") + time + text_bytes(self._id) + pose
 

@@ -21,7 +21,7 @@ _ROBOMAKER = "robomaker_simulation_msgs"
 TAG, ADD_TAGS, CANCEL = f"{_ROBOMAKER}/msg/Tag", f"{_ROBOMAKER}/srv/AddTags", f"{_ROBOMAKER}/srv/Cancel"
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 POSE, UUID = "geometry_msgs/msg/PoseStamped", "unique_identifier_msgs/msg/UUID"
-_RANGE = "sensor_msgs/msg/Range"
+_RANGE, _DURATION = "sensor_msgs/msg/Range", "builtin_interfaces/msg/Duration"
 _TEXT: FieldDesc = (Nodetype.BASE, ("string", 0))
 _ANSWER: list[tuple[str, FieldDesc]] = [("success", (Nodetype.BASE, ("bool", 0))), ("message", _TEXT)]
 
@@ -42,11 +42,19 @@ _RESULTS: Mapping[str, list[tuple[str, FieldDesc]]] = {
 
 
 def navigation_types(distribution: str) -> Typesdict:
-    """Returns the definitions of the action's goal and result, and of its services, in a release of ROS 2."""
+    """Returns the definitions of the action's goal, result and feedback, and of its services, in a release of ROS 2."""
     goal_id = ("goal_id", _named(UUID))
     fields: Mapping[str, list[tuple[str, FieldDesc]]] = {
         "Goal": [("pose", _named(POSE)), ("behavior_tree", _TEXT)],
         "Result": _RESULTS.get(distribution, [_CODE, _WORDS]),
+        "Feedback": [
+            ("current_pose", _named(POSE)),
+            ("navigation_time", _named(_DURATION)),
+            ("estimated_time_remaining", _named(_DURATION)),
+            ("number_of_recoveries", _base("int16")),
+            ("distance_remaining", _base("float32")),
+        ],
+        "FeedbackMessage": [goal_id, ("feedback", _named(f"{NAVIGATE}_Feedback"))],
         "SendGoal_Request": [goal_id, ("goal", _named(f"{NAVIGATE}_Goal"))],
         "SendGoal_Response": [("accepted", _base("bool")), ("stamp", _named("builtin_interfaces/msg/Time"))],
         "GetResult_Request": [goal_id],

@@ -11,6 +11,7 @@ from rosbags.typesys.store import Typestore
 
 from tasks.ros.message.navigation import GoalStatus, Navigation
 from tasks.ros.ros2.dds_node import (
+    DEFAULT,
     ENCAPSULATION_BYTES,
     HEADER_BYTES,
     NO_MESSAGE,
@@ -23,6 +24,7 @@ from tasks.ros.ros2.interface_types import NAVIGATE, POSE, UUID, reply_name, req
 
 ACTION = "/navigate_to_pose"
 _SEND, _RESULT = f"{ACTION}/_action/send_goal", f"{ACTION}/_action/get_result"
+_FEEDBACK = f"{NAVIGATE}_FeedbackMessage"
 _ID_BYTES = 16
 # Whose requests these are: 8 bytes of a client's identity, which no other one draws.
 _CLIENT = b"simyard\0"
@@ -45,11 +47,12 @@ class NavigationClient:
         self._store, self._navigation, self._headers = store, navigation, headers
         self._goals, self._answers = _service(node, _SEND, "SendGoal", headers=headers)
         self._asks, self._results = _service(node, _RESULT, "GetResult", headers=headers)
+        self._feedback = node.subscription(f"{ACTION}/_action/feedback", _FEEDBACK, DEFAULT)
 
     @property
     def ready(self) -> bool:
         """Returns whether a node of the process offers the action."""
-        asks, answers = (self._goals, self._asks), (self._answers, self._results)
+        asks, answers = (self._goals, self._asks), (self._answers, self._results, self._feedback)
         return all(each.readers for each in asks) and all(each.writers for each in answers)
 
     def acknowledged(self) -> bool:
@@ -58,16 +61,18 @@ class NavigationClient:
 
     def send(self, pose: bytes) -> None:
         """Sends a goal, given as a ``geometry_msgs/PoseStamped`` in ROS 1's form."""
-        own, kind = self._navigation, f"{NAVIGATE}_Goal"
-        own.status, own.goals = "asked", own.goals + 1
+        self._navigation.begin()
+        kind = f"{NAVIGATE}_Goal"
         stamped: Any = self._store.deserialize_cdr(bytes(self._store.ros1_to_cdr(pose, POSE)), POSE)
         goal = self._store.types[kind](pose=stamped, behavior_tree="")
         self._write(self._goals, "SendGoal", goal_id=self._goal_id(), goal=goal)
 
     def serve(self) -> int:
-        """Takes what was answered; returns how much that was."""
+        """Takes what was answered, and feedback; returns how much was answered."""
         answers, results = self._answers.take(), self._results.take()
         try:
+            for each in self._feedback.take():
+                self._note_feedback(self._store.deserialize_cdr(each, _FEEDBACK))
             for each in filter(None, map(self._own, answers)):
                 self._note_answer(self._read(each, "SendGoal"))
             for each in filter(None, map(self._own, results)):
@@ -75,6 +80,10 @@ class NavigationClient:
         except NO_MESSAGE as exc:
             self._navigation.fault = f"{ACTION}: an answer that is none: {exc}"
         return len(answers) + len(results)
+
+    def _note_feedback(self, said: Any) -> None:  # noqa: ANN401 - a class that rosbags makes
+        if bytes(said.goal_id.uuid) == self._goal_number():
+            self._navigation.recovered(int(said.feedback.number_of_recoveries))
 
     def _note_answer(self, answer: Any) -> None:  # noqa: ANN401 - a class that rosbags makes
         if self._navigation.status != "asked":
@@ -91,8 +100,10 @@ class NavigationClient:
 
     def _goal_id(self) -> Any:  # noqa: ANN401 - a class that rosbags makes
         """Returns the goal's number as its identity: the same in each repeat."""
-        number = self._navigation.goals.to_bytes(_ID_BYTES)
-        return self._store.types[UUID](uuid=np.frombuffer(number, np.uint8))
+        return self._store.types[UUID](uuid=np.frombuffer(self._goal_number(), np.uint8))
+
+    def _goal_number(self) -> bytes:
+        return self._navigation.goals.to_bytes(_ID_BYTES)
 
     def _write(self, writer: Writer, service: str, **fields: Any) -> None:  # noqa: ANN401 - what rosbags takes
         kind = f"{NAVIGATE}_{service}_Request"

@@ -24,7 +24,7 @@ from tasks.simulate.chunk.chunk_placement import PlacedChunk
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.compiled_program import CompiledProgram
 from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lanes
-from tasks.simulate.host.controllers import BlamesCrashes, HostControllers, JudgesJobs, TagsJobs
+from tasks.simulate.host.controllers import BlamesCrashes, HostControllers, JudgesJobs, TagsJobs, TellsMetrics
 from tasks.simulate.host.ros_judge import judged_row
 from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
@@ -69,6 +69,8 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
     if isinstance(host, TagsJobs):
         give_tags(lane.request.index, host.tags(position))
     row = row.model_copy(update=host.measures(position))
+    if isinstance(host, TellsMetrics) and (measured := host.metrics(position)):
+        row = row.model_copy(update={"metrics": {**row.metrics, **measured}})
     if position in host.crashes:
         code = {"failure_code": host.failure_code(position)} if isinstance(host, BlamesCrashes) else {}
         return row.model_copy(update={"failure_reason": host.crashes[position], **code})

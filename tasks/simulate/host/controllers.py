@@ -66,6 +66,15 @@ class HostControllers(Protocol):
 
 
 @runtime_checkable
+class TellsMetrics(Protocol):
+    """Controllers that measure something themselves."""
+
+    def metrics(self, lane: int) -> Mapping[str, float]:
+        """Returns metrics of the lane's row, by name."""
+        ...
+
+
+@runtime_checkable
 class TagsJobs(Protocol):
     """Controllers that may give tags to the jobs of their lanes."""
 

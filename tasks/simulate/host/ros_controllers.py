@@ -25,7 +25,7 @@ from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S
 from specs.errors import SimyardError
 from specs.robomaker.simulation import SimulationJobErrorCode
-from specs.ros_robot import ROS_FILE, RosRobot
+from specs.ros_robot import ERROR_CODE, RECOVERIES, ROS_FILE, RosRobot
 from tasks.ros.bag.message_log import MessageLog
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.lockstep.exchange import (
@@ -331,6 +331,11 @@ class RosLanes:
         tally = self._end(lane)[0]
         return {"late": tally.late, "stray": tally.stray}
 
+    def metrics(self, lane: int) -> Mapping[str, float]:
+        """Returns what a lane's navigation says of itself."""
+        recoveries = self._end(lane)[0].recoveries
+        return {} if recoveries is None else {RECOVERIES: float(recoveries)}
+
     def tags(self, lane: int) -> Mapping[str, str]:
         """Returns the tags that a lane's application gave to its job."""
         return self._end(lane)[1]
@@ -338,7 +343,7 @@ class RosLanes:
     def judgement(self, lane: int) -> Judgement | None:
         """Returns what a lane's application or its navigation says of it; None where the scenario alone judges."""
         if (end := self._goal_ends.get(lane)) is not None:
-            code = {"navigation_error_code": str(end.error_code)}
+            code = {ERROR_CODE: str(end.error_code)}
             time_over = self._setup.robot.time_over
             return Judgement(passed=False, ended=True, time_over=time_over, tags=code, reason=end.reason)
         if self._setup.bundle.judge is None:

@@ -71,9 +71,34 @@ class ResultResponse(IdlStruct, typename="nav2_msgs.action.dds_.NavigateToPose_G
     result: Result
 
 
+@final
+@dataclass
+class Duration(IdlStruct, typename="builtin_interfaces.msg.dds_.Duration_"):
+    sec: types.int32 = 0
+    nanosec: types.uint32 = 0
+
+
+@final
+@dataclass
+class Feedback(IdlStruct, typename="nav2_msgs.action.dds_.NavigateToPose_Feedback_"):
+    current_pose: PoseStamped
+    navigation_time: Duration
+    estimated_time_remaining: Duration
+    number_of_recoveries: types.int16
+    distance_remaining: types.float32
+
+
+@final
+@dataclass
+class FeedbackMessage(IdlStruct, typename="nav2_msgs.action.dds_.NavigateToPose_FeedbackMessage_"):
+    goal_id: UUID
+    feedback: Feedback
+
+
 ACTION = "/navigate_to_pose/_action"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 PLAYS = os.environ.get("PLAYS", "")
+RECOVERS_EACH = 8
 
 
 class Navigator:
@@ -87,6 +112,7 @@ class Navigator:
         self.drive = node.publisher("/cmd_vel", Twist)
         self.answer = node.publisher("", SendResponse, name=f"rr{ACTION}/send_goalReply")
         self.end = node.publisher("", ResultResponse, name=f"rr{ACTION}/get_resultReply")
+        self.tell = node.publisher("", FeedbackMessage, name=f"rt{ACTION}/feedback")
         node.subscribe("", SendRequest, self.on_goal, quality(10), name=f"rq{ACTION}/send_goalRequest")
         node.subscribe("", ResultRequest, self.on_asked, quality(10), name=f"rq{ACTION}/get_resultRequest")
         node.subscribe("/odom", Odometry, self.on_odometry)
@@ -99,6 +125,7 @@ class Navigator:
         self.answer(SendResponse(request.guid + 1, request.sequence, not accepted, Time()))
         self.answer(SendResponse(request.guid, request.sequence, accepted, Time()))
         self.goal = request.goal.pose.pose if accepted else None
+        self.stamped = request.goal.pose
 
     def on_asked(self, request: ResultRequest) -> None:
         self.asked = request
@@ -113,6 +140,10 @@ class Navigator:
         there = math.hypot(x, y) < 0.3
         ahead = 0.0 if there else 0.5 * max(0.0, math.cos(off))
         self.drive(Twist(Vector3(ahead), Vector3(z=math.sin(off))))
+        # Of somebody else's goal first.
+        for goal_id, recoveries in ((UUID([255] * 16), 99), (self.asked.goal_id, self.steps // RECOVERS_EACH)):
+            feedback = Feedback(self.stamped, Duration(), Duration(), recoveries, math.hypot(x, y))
+            self.tell(FeedbackMessage(goal_id, feedback))
         if there or (PLAYS and PLAYS != "late" and self.steps == 20):
             status = {"aborts": ABORTED, "cancels": CANCELED}.get(PLAYS, SUCCEEDED)
             code = 9002 if status == ABORTED else 0

@@ -33,6 +33,7 @@ def test_a_goal_that_is_aborted_ends_its_lane_with_nav2s_error_code(tmp_path: Pa
     assert (run.failures, run.goal_ends) == ({}, {0: GoalEnd("aborted", 9002)})
     assert (run.tallies[0].late, run.tallies[0].stray) == (0, 0)
     assert run.commands[0][0].turn_rad_s
+    assert run.tallies[0].recoveries == 20 // 8, "as its own feedback says, not another goal's"
 
 
 @pytest.mark.long
@@ -85,4 +86,5 @@ def test_a_document_whose_goals_are_actions_passes_its_gate(tmp_path: Path) -> N
     assert done.returncode == 0, done.stdout + done.stderr
     (path,) = tmp_path.glob("store/buckets/results/nav/*/results.parquet")
     rows = pq.read_table(path).to_pylist()
-    assert [(row["outcome"], row["late"], row["stray"]) for row in rows] == [("Passed", 0, 0)] * 4
+    found = [(row["outcome"], row["late"], row["stray"], dict(row["metrics"])["navigation_recoveries"]) for row in rows]
+    assert found == [("Passed", 0, 0, 0.0)] * 4

@@ -62,7 +62,7 @@ class FakeLockstep:
             self.failures |= dict.fromkeys(self._of_kind(CRASHES), "node /patrol ended with status 7")
             self.cancelled |= frozenset(self._of_kind(CANCELS))
             self.goal_ends |= dict.fromkeys(self._of_kind(GIVES_UP), GoalEnd("aborted", 9002))
-            self._tallies |= dict.fromkeys(self._of_kind(STRAYS), ExchangeTotals(3, late=2, stray=1))
+            self._tallies |= dict.fromkeys(self._of_kind(STRAYS), ExchangeTotals(3, late=2, stray=1, recoveries=4))
             self._tags |= {lane: {"lane": str(lane), "seen": "much"} for lane in self._of_kind(TAGS)}
         spoilt = set(self._of_kind(NOT_A_NUMBER)) if len(self.seen) == _FAULT_STEP else set[int]()
         return [

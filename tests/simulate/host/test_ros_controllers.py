@@ -380,10 +380,15 @@ def test_a_type_that_nobody_knows_is_not_recorded(tmp_path: Path):
 def test_measures_and_tags_outlive_the_applications(tmp_path: Path):
     lanes, _ = started(tmp_path, [STRAYS, TAGS])
     driven(lanes, 3, 0, 1)
-    before = [(lanes.measures(number), lanes.tags(number)) for number in range(2)]
+
+    def told() -> list[object]:
+        return [(lanes.measures(number), lanes.metrics(number), lanes.tags(number)) for number in range(2)]
+
+    before = told()
     lanes.close()
-    assert before == [({"late": 2, "stray": 1}, {}), ({"late": 0, "stray": 0}, {"lane": "1", "seen": "much"})]
-    assert [(lanes.measures(number), lanes.tags(number)) for number in range(2)] == before
+    strays = ({"late": 2, "stray": 1}, {"navigation_recoveries": 4.0}, {})
+    assert before == [strays, ({"late": 0, "stray": 0}, {}, {"lane": "1", "seen": "much"})]
+    assert told() == before
 
 
 def test_closing_twice_ends_the_applications_once_and_leaves_no_file(tmp_path: Path):

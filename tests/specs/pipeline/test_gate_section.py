@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from specs.base import canonical_document
 from specs.data.result_columns import MEASURED, MEASURES
 from specs.pipeline.document import PipelineSpec
-from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.gate_section import Gate, metric_faults, stops_early
 from tests.specs.pipeline.test_document import BATCH, GENERATION
 
 QUANTILE: dict[str, Any] = {"column": "min_clearance_m", "quantile": 0.05, "atLeast": 0.1}
@@ -63,6 +63,12 @@ def test_a_column_is_one_of_the_results_or_a_scenarios_own():
     assert found["gate.quantiles.0.column"].startswith('did you mean "min_clearance_m"? one of simulated_s, ')
     assert "metrics.<name>" in found["gate.quantiles.0.column"]
     Gate.model_validate({"quantiles": [{**QUANTILE, "column": "metrics.parcels per hour"}]})
+
+
+def test_a_rule_about_what_navigation_says_of_itself_is_no_fault_of_any_scenario():
+    quantiles = [{**QUANTILE, "column": f"metrics.{name}"} for name in ("navigation_recoveries", "recoveries")]
+    (fault,) = metric_faults(Gate.model_validate({"quantiles": quantiles}), ["waiting_s"])
+    assert fault.value == '"metrics.recoveries"'
 
 
 def test_the_columns_are_the_numbers_that_the_results_have():
