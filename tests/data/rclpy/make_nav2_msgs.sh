@@ -11,7 +11,8 @@ prefix="$(cd "$1" && pwd)"
 # The wheels' configurations name folders of the machine that they were made on.
 include="$("$prefix/bin/python3" -c 'import sysconfig; print(sysconfig.get_path("include"))')"
 modules="$("$prefix/bin/python3" -c 'import sysconfig; print(sysconfig.get_path("platlib"))')"
-grep -rl /opt/python/cp311-cp311 "$prefix/share" --include='*.cmake' | xargs sed -i \
+# None does any more where it was interrupted after this line.
+{ grep -rl /opt/python/cp311-cp311 "$prefix/share" --include='*.cmake' || [ $? = 1 ]; } | xargs --no-run-if-empty sed -i \
   -e "s#/opt/python/cp311-cp311/include/python3.11#$include#g" \
   -e "s#/opt/python/cp311-cp311/lib/python3.11/site-packages#$modules#g"
 export AMENT_PREFIX_PATH="$prefix" CMAKE_PREFIX_PATH="$prefix" PATH="$prefix/bin:$PATH"
