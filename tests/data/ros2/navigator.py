@@ -3,6 +3,7 @@
 import math
 import os
 from dataclasses import dataclass
+from typing import Any
 
 from cyclonedds.idl import IdlStruct, types
 from cyclonedds.idl.annotations import final
@@ -99,6 +100,7 @@ ACTION = "/navigate_to_pose/_action"
 SUCCEEDED, CANCELED, ABORTED = 4, 5, 6
 PLAYS = os.environ.get("PLAYS", "")
 RECOVERS_EACH = 8
+OTHERS: Any = [255] * 16
 
 
 class Navigator:
@@ -141,7 +143,7 @@ class Navigator:
         ahead = 0.0 if there else 0.5 * max(0.0, math.cos(off))
         self.drive(Twist(Vector3(ahead), Vector3(z=math.sin(off))))
         # Of somebody else's goal first.
-        for goal_id, recoveries in ((UUID([255] * 16), 99), (self.asked.goal_id, self.steps // RECOVERS_EACH)):
+        for goal_id, recoveries in ((UUID(OTHERS), 99), (self.asked.goal_id, self.steps // RECOVERS_EACH)):
             feedback = Feedback(self.stamped, Duration(), Duration(), recoveries, math.hypot(x, y))
             self.tell(FeedbackMessage(goal_id, feedback))
         if there or (PLAYS and PLAYS != "late" and self.steps == 20):
