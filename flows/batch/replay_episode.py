@@ -31,6 +31,7 @@ from tasks.results.tables.result_files import FAILURES_FILE, RESULTS_FILE, chang
 from tasks.ros.bag.message_log import MessageLog, with_other_topics
 from tasks.simulate.batch.batch_record import OpenBatch, job_of
 from tasks.simulate.batch.provenance import another_gl, batch_metadata, recorded_machines, this_machine
+from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.simulate.replay.recorded_pictures import with_pictures
 from tasks.simulate.replay.replay_run import Replay, replay
@@ -131,10 +132,16 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
         control=steps["control"],
         ranges_m=steps["ranges_m"],
         impulse_ns=steps["impulse_ns"],
+        people_m=_walking(np.asarray(steps["people_m"])),
         shape=robot_shape(robot / "robot.xml"),
         depth=CameraFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
         color=CameraFilm(setting.color_camera, setting.colored_s, setting.colors) if setting.color_camera else None,
     )
+
+
+def _walking(people_m: np.ndarray) -> np.ndarray:
+    """Returns the people who are there of those that a program has room for: the others are far away."""
+    return people_m[:, np.abs(people_m[0, :, 0]) < PARKING_M]
 
 
 def _recorded_row(batch: OpenBatch, record: JobRecord, location: OutputLocation, index: int) -> pa.Table:

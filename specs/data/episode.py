@@ -7,6 +7,7 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.data.outcomes import OutcomeReason
+from specs.data.people import People
 from specs.field_types import Architecture
 from specs.launched_file import module_name, names_ros_launch
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
@@ -107,6 +108,7 @@ class EpisodeRequest(Spec):
         scenario: What judges.
         environment: Environment variables as the launch configurations and the matrix give them.
         judge_environment: Those that the simulation application's own nodes have otherwise; None for none.
+        people: Who walks in its world; None for nobody.
         duration_s: Simulated seconds at most (maxJobDurationInSeconds).
     """
 
@@ -119,6 +121,7 @@ class EpisodeRequest(Spec):
     duration_s: float
     failure_behavior: FailureBehavior = "Fail"
     judge_environment: dict[str, str] | None = None
+    people: People | None = None
 
     @property
     def judge_variables(self) -> dict[str, str]:
@@ -169,6 +172,12 @@ class EpisodeResult(Spec):
             told a third one something; and datagrams to nodes of ROS 2 or their robot that were dropped; None for other
             robots.
         stray: Commands and places that a ROS application gave its robot after it was taken for quiet; None likewise.
+        person_contacts: Control steps in which a contact with a person began; None in an episode without people, as the
+            four that follow.
+        person_contact_m_s: The highest speed of robot and person against each other at which one began; 0 without any.
+        min_person_m: Smallest distance, seen from above, from the robot's hull to a person.
+        person_personal_s: Simulated time within 1.2 m of a person (Hall 1966).
+        person_intimate_s: Simulated time within 0.45 m of one.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.
         rooms_unreachable: Names of the rooms that a disc of the hull's radius cannot get to from the start, with doors
@@ -205,6 +214,11 @@ class EpisodeResult(Spec):
     odometry_error_m: float | None = None
     late: int | None = None
     stray: int | None = None
+    person_contacts: int | None = None
+    person_contact_m_s: float | None = None
+    min_person_m: float | None = None
+    person_personal_s: float | None = None
+    person_intimate_s: float | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     rooms_entered: tuple[str, ...] = ()
     rooms_unreachable: tuple[str, ...] = ()

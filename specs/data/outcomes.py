@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 if TYPE_CHECKING:
     from specs.data.episode import EpisodeResult
 
-OutcomeReason = Literal["", "collision", "timeout", "stuck", "out of bounds", "crash", "judged", "aborted", "canceled"]
+OutcomeReason = Literal[
+    "", "collision", "timeout", "stuck", "out of bounds", "crash", "judged", "aborted", "canceled", "person"
+]
 
 
 # The order is the code that scenarios return: 1 is the first (docs/guide/applications.md); 0 says that the robot did
@@ -71,6 +73,7 @@ OUTCOME_REASONS = (
     ReasonRecord("judged", "The simulation application says that the robot did not do its task.", OTHER_MARK),
     ReasonRecord("aborted", "The navigation gave a goal up, or would not take it.", OTHER_MARK),
     ReasonRecord("canceled", "Somebody cancelled a goal of the navigation.", OTHER_MARK),
+    ReasonRecord("person", "The robot touched a person harder than the scenario allows of anything.", _HIT),
 )
 
 REASON_CODES: tuple[OutcomeReason, ...] = ("", *(reason.name for reason in OUTCOME_REASONS))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # who checks a document needs the names of columns, and no Nu
 
     from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
-SCHEMA_VERSION = "6"
+SCHEMA_VERSION = "7"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
@@ -170,6 +170,13 @@ REQUESTED = (
         _shared(lambda request: tuple(sorted(request.told_variables.items()))),
     ),
     _requested("duration_s", "double", "s", "Simulated time at most (maxJobDurationInSeconds)."),
+    Column(
+        "people",
+        "int32",
+        "",
+        "How many people walk in the world.",
+        _shared(lambda request: request.people.count if request.people else 0),
+    ),
     _requested("failure_behavior", "string", "", "What a crash does to the job: Fail or Continue."),
 )
 """What was asked for."""
@@ -233,6 +240,14 @@ _LATE = (
 _STRAY = (
     "Commands and places that a ROS application gave its robot after it was taken for quiet; null for other robots."
 )
+_PERSON_CONTACTS = (
+    "Control steps in which a contact with a person began, which is none of collisions; null without people, as the "
+    "four columns that follow."
+)
+_PERSON_SPEED = "Highest speed of robot and person against each other at which such a contact began; 0 without any."
+_PERSON_DISTANCE = "Smallest distance, seen from above, from the hull to a person; below 0 only in contact."
+_PERSONAL = "Simulated time within 1.2 m of a person, the personal distance of Hall (1966)."
+_INTIMATE = "Simulated time within 0.45 m of a person, his intimate distance."
 _CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended.", course="grows"),
@@ -242,7 +257,7 @@ MEASURED = (
     _measured("path_length_m", "double", "m", "Length of the driven path.", course="grows"),
     _measured("shortest_path_m", "double", "m", _SHORTEST, nullable=True),
     _measured("spl", "double", "", _SPL, nullable=True),
-    _measured("collisions", "int32", "", "Control steps in which a contact began.", course="grows"),
+    _measured("collisions", "int32", "", "Control steps in which a contact with a solid began.", course="grows"),
     _measured(
         "impulse_ns", "double", "Ns", "What contacts pushed the robot with in the plane, summed up.", course="grows"
     ),
@@ -255,6 +270,11 @@ MEASURED = (
     _measured("odometry_error_m", "double", "m", _ODOMETRY, nullable=True, course="grows"),
     _measured("late", "int32", "", _LATE, nullable=True, course="grows"),
     _measured("stray", "int32", "", _STRAY, nullable=True, course="grows"),
+    _measured("person_contacts", "int32", "", _PERSON_CONTACTS, nullable=True, course="grows"),
+    _measured("person_contact_m_s", "double", "m/s", _PERSON_SPEED, nullable=True, course="grows"),
+    _measured("min_person_m", "double", "m", _PERSON_DISTANCE, nullable=True, course="falls"),
+    _measured("person_personal_s", "double", "s", _PERSONAL, nullable=True, course="grows"),
+    _measured("person_intimate_s", "double", "s", _INTIMATE, nullable=True, course="grows"),
     _answered("rooms_entered", "list<string>", "", _ENTERED),
     _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
     _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
+from specs.data.people import MOST_PEOPLE, PEOPLE_ENGINE, People
 from specs.field_types import (
     GENERIC_PATTERN,
     Architecture,
@@ -214,6 +215,27 @@ class Audit(Spec):
     )
 
 
+PeopleChoice = Annotated[
+    Annotated[Integer, Field(ge=1, le=MOST_PEOPLE), member("number")] | Annotated[People, member("People")],
+    by_shape("how many people (1, 2, ...), or {count: ...}", number=(int, float), People=dict),
+]
+
+
+def unpeopled(section: object) -> Iterator[Finding]:
+    """Yields what else a section with people asks for that is there without people alone.
+
+    Args:
+        section: The document's, right or wrong.
+    """
+    if part(section, "people") is None:
+        return
+    engine, lanes = part(section, "engine"), part(part(section, "audit"), "lanes")
+    if engine not in {None, "auto", PEOPLE_ENGINE}:
+        yield Finding(("engine",), engine, f"auto or {PEOPLE_ENGINE}, as people walk in no other engine")
+    if lanes:
+        yield Finding(("audit", "lanes"), lanes, "0 or nothing, as C MuJoCo drives no episode with people again")
+
+
 class PipelineWorldConfig(Spec):
     """The world of a request that names its own.
 
@@ -274,6 +296,7 @@ class SimulationBatch(Ruled):
         matrix: What multiplies every request.
         createSimulationJobRequests: What is driven, from 1 to 1000 of them; each is multiplied by the matrix.
         engine: What simulates; auto takes the fastest that can, on this machine.
+        people: Who walks in each world while the robot drives; nobody, if left out.
         recordings: Which episodes can be looked at afterwards.
         audit: How much is driven again on C MuJoCo.
         tags: At most 50 keys and values.
@@ -290,6 +313,8 @@ class SimulationBatch(Ruled):
         tuple[PipelineJobRequest, ...], Field(min_length=1, max_length=MAX_REQUESTS)
     ] = Field(title="Requests")
     engine: Engine = Field(default="auto", title="Engine")
+    # None, not empty: documents without them keep the digest that they had before there was such a field.
+    people: PeopleChoice | None = Field(default=None, title="People")
     recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
     audit: Audit = Field(default_factory=Audit, title="Parity audit")
     tags: TagMap | None = Field(default=None, title="Tags of the batch")
@@ -297,9 +322,10 @@ class SimulationBatch(Ruled):
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
-        """Yields jobs that last too long for a batch, too many jobs for a call, and variables with two values."""
+        """Yields jobs that last too long for a batch, too many jobs for a call, and what excludes one another."""
         requests = items(part(data, "createSimulationJobRequests"))
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
+        yield from unpeopled(data)
         if part(data, "operation") == "CreateSimulationJob":
             if len(requests) > 1:
                 allowed = "one; a CreateSimulationJob makes one job"

@@ -55,7 +55,8 @@ def _through(row: Row) -> bool:
 
 def _pushes_disagree(row: Row) -> bool:
     # Rows of older batches say collisions alone.
-    return (row["impulse_ns"] > 0 and not row["collisions"]) or row["max_impulse_ns"] > row["impulse_ns"] * (1 + _HAIR)
+    contacts = row["collisions"] + (row.get("person_contacts") or 0)
+    return (row["impulse_ns"] > 0 and not contacts) or row["max_impulse_ns"] > row["impulse_ns"] * (1 + _HAIR)
 
 
 def _leap(row: Row) -> bool:

@@ -17,6 +17,7 @@ import numpy as np
 
 from specs.data.episode import EpisodeResult, reason
 from specs.data.outcomes import mark_of
+from specs.data.people import PERSON_RADIUS_M
 from specs.data.world import Rectangle
 from tasks.results.playback.playback import Playback
 from tasks.results.playback.robot_view import RobotView, picture_url, robot_views
@@ -110,6 +111,7 @@ _STYLE = """
 .replay .robot polygon{fill-opacity:.8;stroke:#202124;stroke-width:1}
 .replay .robot .edges polygon{fill:none;stroke-opacity:.6}
 .replay .robot path{fill:none;stroke:#202124;stroke-width:2.2;stroke-linecap:round;stroke-linejoin:round}
+.replay .person{fill:#a142f4;fill-opacity:.75;stroke:#202124;stroke-width:1}
 .replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
 .replay .reached{fill:#188038;fill-opacity:.45;stroke:none}
 .replay .goal-name{fill:#0d652d;font-size:12px;font-weight:600;text-anchor:middle}
@@ -159,6 +161,7 @@ class _Film:
             self._from(mark, time_s)
         list(self._marks(still))
         self._driven(moving)
+        self._people(moving)
         self._robot(moving)
         self._clock(moving)
         self._still(still)
@@ -262,6 +265,13 @@ class _Film:
         )
         self._animated(shape, "points", outlines, mode="discrete")
 
+    def _people(self, moving: ET.Element) -> None:
+        for person_m in np.moveaxis(self._playback.people_m, 1, 0):
+            places = [self._page.at(place) for place in person_m[self._shown]]
+            dot = ET.SubElement(moving, "circle", {"class": "person", **self._ring(person_m[0], PERSON_RADIUS_M)})
+            for axis, name in enumerate(("cx", "cy")):
+                self._animated(dot, name, [f"{place[axis]:.1f}" for place in places])
+
     def _robot(self, moving: ET.Element) -> None:
         poses = self._playback.pose[self._shown]
         places = [" ".join(f"{each:.1f}" for each in self._page.at(pose[:2])) for pose in poses]
@@ -272,7 +282,9 @@ class _Film:
         self._animated(group[0], "transform", turns, kind="rotate")
 
     def _still(self, still: ET.Element) -> None:
-        """Adds the robot where it ended, and how long it took."""
+        """Adds robot and people where they ended, and how long it took."""
+        for person_m in self._playback.people_m[-1]:
+            ET.SubElement(still, "circle", {"class": "person", **self._ring(person_m, PERSON_RADIUS_M)})
         x, y, yaw = (float(each) for each in self._playback.pose[-1])
         place = " ".join(f"{each:.1f}" for each in self._page.at((x, y)))
         self._body(still, place, f"{-np.degrees(yaw):.1f}")

@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 from pydantic import JsonValue
 from scipy.spatial import ConvexHull
 
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World, corners_m
 from tasks.results.playback.playback import CameraFilm, Playback
@@ -26,7 +27,7 @@ from tasks.ros.message.camera_messages import depths_in_mm, jpeg_bytes, optical_
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 _CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
 Message = dict[str, JsonValue]
-_ROBOT, _NOSE = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14)
+_ROBOT, _NOSE, _PERSON = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14), (0.63, 0.26, 0.96)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
@@ -182,6 +183,18 @@ def _robot(playback: Playback) -> Message:
     return _entity("robot", ROBOT_FRAME, **shapes)
 
 
+def _people(playback: Playback, sample: int, time_s: float) -> Message:
+    """Returns the people of a sample as upright cylinders; the next sample's take their place."""
+    across = 2 * PERSON_RADIUS_M
+    size = vector(across, across, PERSON_HEIGHT_M)
+    cylinders: list[Message] = [
+        {"pose": pose(x, y, PERSON_HEIGHT_M / 2), "size": size, **_STRAIGHT, "color": _color(_PERSON)}
+        for x, y in playback.people_m[sample].tolist()
+    ]
+    people = {**_entity("people", cylinders=cylinders), "timestamp": time_of(time_s)}
+    return {"deletions": [], "entities": [people]}
+
+
 def _part(part: RobotPart) -> Iterator[tuple[str, Message]]:
     """Yields the primitives that a part is made of, each with its kind."""
     w, x, y, z = part.turn
@@ -328,6 +341,9 @@ TOPICS = {
 }
 """The schema of each topic."""
 
+PEOPLE_TOPICS = {"/people": "foxglove.SceneUpdate"}
+"""The same of an episode with people."""
+
 
 def camera_topics(name: str) -> dict[str, str]:
     """Returns the same of a robot's camera, which has topics of its own."""
@@ -348,7 +364,11 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="simyard")
         films = {name: film for name, film in (("depth", playback.depth), ("color", playback.color)) if film}
-        topics = {**TOPICS, **{topic: schema for name in films for topic, schema in camera_topics(name).items()}}
+        topics = {
+            **TOPICS,
+            **(PEOPLE_TOPICS if playback.people_m.shape[1] else {}),
+            **{topic: schema for name in films for topic, schema in camera_topics(name).items()},
+        }
         channels = {topic: _channel(writer, topic, schema) for topic, schema in topics.items()}
         writer.add_metadata("simyard", {"job": playback.job, "world": world.name, "ending": playback.ending})
         seen = (_camera_messages(name, film) for name, film in films.items())
@@ -379,6 +399,8 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
             "/pose",
             {"timestamp": time_of(time_s), "frame_id": WORLD_FRAME, "pose": pose(x, y, 0.0, yaw)},
         )
+        if playback.people_m.shape[1]:
+            yield time_s, "/people", _people(playback, sample, time_s)
         if playback.acted[sample]:
             if playback.ranges_m.shape[1]:
                 yield time_s, "/scan", _scan(playback, sample, time_s)

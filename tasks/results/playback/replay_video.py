@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageChops, ImageDraw
 
+from specs.data.people import PERSON_RADIUS_M
 from specs.data.world import Color, Solid, World, below_heads, corners_m
 from tasks.results.playback.playback import Playback
 from tasks.results.playback.robot_view import RobotView, robot_views
@@ -26,6 +27,7 @@ _VIEW, _LABEL = 400, 26
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
+_PERSON = (161, 66, 244)
 _ZONE = (95, 104, 112)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 
@@ -108,6 +110,8 @@ class _Stage:
             draw.line(self._way[: sample + 1], fill=_WAY, width=3, joint="curve")
         for touch in self._touches[self._touches <= sample]:
             self._disc(draw, playback.pose[touch, :2], playback.radius_m + 0.06, outline=_TOUCH)
+        for person_m in playback.people_m[sample]:
+            self._disc(draw, person_m, PERSON_RADIUS_M, outline=_INK, fill=_PERSON)
         x, y, yaw = (float(each) for each in playback.pose[sample])
         if playback.shape:
             self._robot(draw, x, y, yaw)

@@ -206,6 +206,7 @@ class Scenario(Protocol):
 
 
 REASONS: tuple[OutcomeReason, ...] = REASON_CODES
+COLLISION, PERSON = REASONS.index("collision"), REASONS.index("person")
 TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")
 
 
@@ -240,14 +241,29 @@ class Work(NamedTuple):
     energy_j: Float[jax.Array, ""]
 
 
+class PeopleWork(NamedTuple):
+    """What a control step's physics did with people.
+
+    Attributes:
+        impulse_ns: How much they and the robot pushed each other.
+        distance_m: From its hull to the nearest of them at the step's end, seen from above; below 0 where they overlap.
+    """
+
+    impulse_ns: Float[jax.Array, ""]
+    distance_m: Float[jax.Array, ""]
+
+
 class Motion(NamedTuple):
     """What an engine makes of a control step.
 
     Attributes:
         body: The robot at the step's end.
+        work: What solids and people did to it.
         clearance_m: From its hull to the nearest solid then, seen from above; below 0 where they overlap.
+        people: What people did; None where there are none.
     """
 
     body: Body
     work: Work
     clearance_m: Float[jax.Array, ""]
+    people: PeopleWork | None = None

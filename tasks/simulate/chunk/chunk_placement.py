@@ -18,14 +18,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, failed_result
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
+from specs.data.people import PEOPLE_ENGINE
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, load_factory
+from tasks.simulate.application.contract import Placement
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.engine_table import ENGINES, choose_engine
 from tasks.simulate.engines.program import Program
 from tasks.simulate.engines.program_cache import applications_identity
+from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, walks_in
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
 from tasks.simulate.host.declaration import ROBOT_FILE, controller_kind, load_controller
@@ -138,13 +141,15 @@ def _shape(lane: Lane) -> Shape:
     placement, arrays = lane.placement, lane.arrays
     prisms = [part.prisms for part in (arrays.contact_obstacles, arrays.lidar_outlines, arrays.scene) if part]
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
-    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, *map(len, prisms))
+    people = lane.people and (lane.people.place_m.shape, lane.people.room_m.shape)
+    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, people, *map(len, prisms))
 
 
 def lane_forms(lane: Lane) -> tuple[object, ...]:
     """Returns the shapes of all arrays of a lane, and the types of what may have any."""
     own = lane.arrays
-    arrays = (*own.contact_obstacles, *own.lidar_outlines, *own.floor, *(own.scene or ()), lane.placement.goals_m)
+    others = (*(own.scene or ()), *(lane.people or ()))
+    arrays = (*own.contact_obstacles, *own.lidar_outlines, *own.floor, *others, lane.placement.goals_m)
     given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
     return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
 
@@ -213,14 +218,31 @@ def _place_all(
             scenario = program.applications.placing_scenario(environment)
             arrays = world_arrays[request.world]
             placement = place(scenario, request, worlds[request.world], arrays, program.hull)
+            people = _people(request, worlds[request.world], placement, program)
         except BundleCrash as crash:
             rows.append(failed_result(request.index, crash.failure))
+        except PeopleRefused as narrow:
+            rows.append(failed_result(request.index, Failure("InvalidInput", str(narrow))))
         else:
             camera = sensors.depth_camera
             seen_m = seen_hull_m(camera, robot)
-            placed.append(Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m))
+            lane = Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m, people=people)
+            placed.append(lane)
         yield
     return placed, rows
+
+
+def _people(request: EpisodeRequest, world: World, placement: Placement, program: Program) -> HostPeople | None:
+    """Returns who walks about in an episode.
+
+    Raises:
+        PeopleRefused: The world has no room for them, or the engine knows no people.
+    """
+    if request.people is None:
+        return None
+    if program.engine != PEOPLE_ENGINE:
+        raise PeopleRefused(f"people: {request.people.count}: on engine {PEOPLE_ENGINE} alone, not {program.engine}")
+    return walks_in(world).people(request.people, request.seed, placement.start[:2], program.hull.radius_m)
 
 
 @functools.lru_cache(maxsize=_NUMBERS_KEPT)

@@ -83,6 +83,7 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
 def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
     """Returns how lanes ended, for their recorder."""
     most_goals = max(len(lane.placement.goals_m) for lane in lanes)
+    nobody = np.zeros((len(lanes), 0, 2), np.float32)
     return Ends(
         steps=np.asarray(state.step),
         crashed=np.asarray(state.crash) != NO_CRASH,
@@ -92,6 +93,8 @@ def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
         goal_index=np.asarray(state.goal_index),
         goals_m=np.stack([filled_up(lane.placement.goals_m, most_goals) for lane in lanes]),
         lidars=np.array([_lidar_numbers(lane.lidar) for lane in lanes]),
+        people_start_m=np.stack([nobody[0] if lane.people is None else lane.people.place_m for lane in lanes]),
+        people_m=nobody if state.people is None else np.asarray(state.people.place_m)[: len(lanes)],
     )
 
 

@@ -57,6 +57,7 @@ from tasks.simulate.lane.control_step import (
     begin_lane,
     finish_step,
     observe,
+    people_walk,
 )
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -135,7 +136,7 @@ Row = Float[jax.Array, "numbers"]
 Rows = Float32[np.ndarray, "lanes numbers"]
 PackedInputs = PackedLanes[LaneInputs]
 PackedState = PackedLanes[LaneState]
-# Of what a row tells a record: the pose, the velocity, the goal's index and the impulse.
+# Of what a row tells a record: the pose, the velocity, the goal's index and the impulse; people follow.
 _RECORDED = 8
 
 
@@ -174,6 +175,7 @@ class StepwiseRun:
         self._calls, self._transfer = calls, LaneTransfer(mesh)
         self._inputs: Any = inputs  # packed, once it has begun
         self._poses = np.asarray(inputs.start)
+        self._people = None if inputs.people is None else inputs.people.there.shape[1]
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -186,7 +188,8 @@ class StepwiseRun:
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
         lanes = len(self._rows)
-        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), ()]
+        people = () if self._people is None else (self._people, 2)
+        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), (), *([people] if people else [])]
         blank: list[Any] = [np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes]
         blank[2] = np.empty((lanes, SLICE_STEPS), np.int32)
         packed, record, steps = self._calls.pack(state), StepRecord(*blank), 0
@@ -199,7 +202,7 @@ class StepwiseRun:
                 packed = self._calls.place(packed, self._transfer.put(poses))
             packed, after = self._calls.step(self._inputs, packed, self._transfer.put(controls))
             self._rows = self._fetched(after)
-            recorded = self._rows[:, -_RECORDED:]
+            recorded = self._rows[:, -_RECORDED - math.prod(people or (0,)) :]
             self._poses = recorded[:, :3]
             _keep(record, steps, observed, controls, recorded)
             steps += 1
@@ -253,9 +256,10 @@ def step_lane(
     before = unflatten_state(applications, inputs, unpack_lane(packed))
     # The host has the scan that the controller saw, for the record.
     decided = Decision(before.controller, control, jnp.zeros(0))
-    motion = mechanics.drive(inputs, before.body, control)
-    state, record = finish_step(applications, inputs, before, decided, motion)
-    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns)
+    inputs, walked = people_walk(mechanics, inputs, before)
+    motion = mechanics.drive(inputs, walked.body, control)
+    state, record = finish_step(applications, inputs, walked, decided, motion)
+    recorded = jax.tree.leaves((record.pose, record.velocity, record.goal_index, record.impulse_ns, record.people_m))
     return pack_lane(flatten_state(state)), jnp.concatenate(
         [sense_lane(applications, inputs, state), *map(_numbers, recorded)]
     )
@@ -271,6 +275,8 @@ def _keep(record: Any, step: int, observed: Observation, controls: Rows, recorde
     record.pose[:, step], record.velocity[:, step] = recorded[:, :3], recorded[:, 3:6]
     record.goal_index[:, step], record.impulse_ns[:, step] = recorded[:, 6], recorded[:, 7]
     record.control[:, step], record.ranges_m[:, step] = controls, observed.ranges_m
+    if record.people_m is not None:
+        record.people_m[:, step] = recorded[:, _RECORDED:].reshape(record.people_m[:, step].shape)
 
 
 def _numbers(array: jax.Array) -> Row:
@@ -445,6 +451,7 @@ def _advance_slice(
             control=jnp.zeros((lanes.step.shape[0], mechanics.actuators)),
             ranges_m=jnp.zeros((lanes.step.shape[0], applications.lidar.rays)),
             impulse_ns=jnp.zeros_like(lanes.totals.impulse_ns),
+            people_m=None if lanes.people is None else lanes.people.place_m,
         )
         return lanes, jax.tree.map(lambda array: jnp.repeat(array[:, None], SLICE_STEPS, 1), one)
 

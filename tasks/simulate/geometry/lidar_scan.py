@@ -64,6 +64,7 @@ class LidarOutlines(NamedTuple):
             and how far out from the middle; empty where no world of the chunk has any.
         counts: How many of each there are; what follows them is padding.
         within: How many of each are near for some control steps; None if nobody looked.
+        people: Who walks about, as circles; None where there is nobody.
     """
 
     upright: Float[jax.Array, "upright 4"]
@@ -74,6 +75,7 @@ class LidarOutlines(NamedTuple):
     octagons: Float[jax.Array, "octagons 26"]
     counts: Int[jax.Array, "6"]
     within: WithinRange | None = None
+    people: Float[jax.Array, "people 3"] | None = None
 
     @property
     def kinds(self) -> tuple[jax.Array, ...]:
@@ -290,6 +292,8 @@ def _scan_lanes(
     nearest = _past_all(past_upright, nearest, seen.upright, most[0])
     nearest = _past_all(past_turned, nearest, seen.turned, most[1])
     nearest = _past_all(past_circle, nearest, seen.circles, most[2])
+    if seen.people is not None:
+        nearest = functools.reduce(past_circle, jnp.moveaxis(seen.people, 1, 0), nearest)
     if not seen.quads.shape[1]:
         return nearest
     for prisms, count in zip(seen.kinds[_PRISMS:], most[_PRISMS:], strict=True):

@@ -326,7 +326,7 @@ def _lengths(
     stops = _onto_free_floor(graph, given.reshape(-1, 2), near_m.ravel()).reshape(given.shape)
     near_m = np.where(np.all(stops == given, axis=-1), near_m, 0.0)
     roomy = np.all(has_room(graph.floor, stops.reshape(-1, 2)).reshape(near_m.shape), axis=1)
-    legs = _lines(graph, stops)
+    legs = shortest_lines(graph, stops)
     found = np.flatnonzero(roomy & np.all([leg.counts > 0 for leg in legs], axis=0))
     lengths = np.full(len(placements), np.inf)
     if len(found):
@@ -347,7 +347,7 @@ def _onto_free_floor(graph: TangentGraph, points: Points, within_m: Float64[np.n
     return moved
 
 
-def _lines(graph: TangentGraph, stops: Float64[np.ndarray, "tasks stops 2"]) -> list[Lines]:
+def shortest_lines(graph: TangentGraph, stops: Float64[np.ndarray, "tasks stops 2"]) -> list[Lines]:
     """Returns for each leg the shortest lines of all tasks from stop to stop; without corners where there is no way."""
     points, nodes = np.unique(stops.reshape(-1, 2), axis=0, return_inverse=True)
     nodes = nodes.reshape(stops.shape[:2])

@@ -12,13 +12,34 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
+from specs.data.people import PERSON_HEIGHT_M
 from specs.field_types import EngineName
-from tasks.simulate.application.contract import CRASH, TIMEOUT, Body, FloorMap, Motion, Observation, State, Truth, Work
+from tasks.simulate.application.contract import (
+    COLLISION,
+    CRASH,
+    PERSON,
+    TIMEOUT,
+    Body,
+    FloorMap,
+    Motion,
+    Observation,
+    State,
+    Truth,
+)
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
+from tasks.simulate.lane.people import (
+    PeopleInputs,
+    PeopleState,
+    begin_people,
+    meet,
+    people_circles,
+    people_cylinders,
+    walk,
+)
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Seed, Situation, rotate
 from tasks.simulate.sensors.sensor_table import begin_sensors, feel_all, observe_all
 
@@ -38,6 +59,8 @@ class LaneInputs(NamedTuple):
         near: What the engine picked out of the obstacles for some control steps; its own, and None if it did not.
         scene: What a depth camera can see; None for a robot without.
         hull_depth_m: What it sees of its own robot; None for one that sees nothing of it.
+        people: Who walks about; None in a lane without people.
+        standing_m: Where they stand while an engine drives a control step (x, y); likewise.
     """
 
     obstacles: LaneObstacles
@@ -53,6 +76,8 @@ class LaneInputs(NamedTuple):
     near: Any = None
     scene: DepthScene | None = None
     hull_depth_m: Float[jax.Array, "rows columns"] | None = None
+    people: PeopleInputs | None = None
+    standing_m: Float[jax.Array, "people 2"] | None = None
 
 
 class EpisodeTotals(NamedTuple):
@@ -74,6 +99,7 @@ class LaneState(NamedTuple):
         sensed: What the sensors remember, by name (``tasks.simulate.sensors``).
         goal_steps: After how many control steps each goal was reached; 0 for one that was not.
         metrics: What the scenario measures by itself, by name.
+        people: Who walks about; None in a lane without people.
     """
 
     body: Body
@@ -88,6 +114,7 @@ class LaneState(NamedTuple):
     done: Bool[jax.Array, ""]
     reason: Int[jax.Array, ""]
     crash: Int[jax.Array, ""]
+    people: PeopleState | None = None
 
 
 class Decision(NamedTuple):
@@ -113,6 +140,7 @@ class StepRecord(NamedTuple):
         control: What drove it during the step.
         ranges_m: The scan at the step's beginning, which the control was decided on.
         impulse_ns: What contacts pushed the robot with during the step.
+        people_m: Where people are at the step's end; None in a lane without.
     """
 
     pose: Float[jax.Array, "3"]
@@ -121,13 +149,15 @@ class StepRecord(NamedTuple):
     control: Float[jax.Array, "actuators"]
     ranges_m: Float[jax.Array, "rays"]
     impulse_ns: Float[jax.Array, ""]
+    people_m: Float[jax.Array, "people 2"] | None = None
 
 
 def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
     """Returns a lane's state before its first control step."""
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
-    start = _situation(inputs, body._replace(qpos=inputs.start), none)
+    people = None if inputs.people is None else begin_people(inputs.people)
+    start = _situation(applications, inputs, body._replace(qpos=inputs.start), none, people)
     return LaneState(
         body=body,
         sensed=begin_sensors(applications.sensors, applications.lane_sensors(inputs.numbers), start),
@@ -141,6 +171,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
         done=~inputs.alive,
         reason=none,
         crash=none,
+        people=people,
     )
 
 
@@ -154,7 +185,7 @@ def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
     """Returns what the robot senses before a control step; without sensors of its pose it knows the true one."""
     own, body = applications.lane_sensors(inputs.numbers), state.body
-    situation = _situation(inputs, body, state.step)
+    situation = _situation(applications, inputs, body, state.step, state.people)
     sensed: Fields = {"pose": body.qpos, "velocity": body.qvel}
     sensed |= observe_all(applications.sensors, own, state.sensed, situation)
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
@@ -179,12 +210,30 @@ def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motio
         motion: What the engine made of it.
     """
     own = applications.lane_sensors(inputs.numbers)
-    drive = Drive(_situation(inputs, state.body, state.step), motion)
+    drive = Drive(_situation(applications, inputs, state.body, state.step, state.people), motion)
     return feel_all(applications.sensors, own, state.sensed, drive)
 
 
-def _situation(inputs: LaneInputs, body: Body, step: Int[jax.Array, ""]) -> Situation:
-    return Situation(body, inputs.lidar_outlines, inputs.seed, step, inputs.scene, inputs.hull_depth_m)
+def _situation(
+    applications: Applications, inputs: LaneInputs, body: Body, step: Int[jax.Array, ""], people: PeopleState | None
+) -> Situation:
+    outlines, scene = inputs.lidar_outlines, inputs.scene
+    if people is not None:
+        place_m = people.place_m
+        if applications.lidar.height_m < PERSON_HEIGHT_M:
+            outlines = outlines._replace(people=people_circles(place_m))
+        if scene is not None:
+            scene = scene._replace(cylinders=jnp.concatenate([scene.cylinders, people_cylinders(place_m)]))
+    return Situation(body, outlines, inputs.seed, step, scene, inputs.hull_depth_m)
+
+
+def people_walk(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) -> tuple[LaneInputs, LaneState]:
+    """Returns a lane whose people have gone a control step, before an engine drives it; one that is done stays."""
+    if inputs.people is None or state.people is None:
+        return inputs, state
+    gone = walk(inputs.people, state.people, state.body, mechanics.hull.radius_m)
+    people = jax.tree.map(lambda old, new: jnp.where(state.done, old, new), state.people, gone)
+    return inputs._replace(standing_m=people.place_m), state._replace(people=people)
 
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.
@@ -205,31 +254,31 @@ def finish_step(
         decided: By the controller.
         motion: What the engine made of it.
     """
-    body, work, _ = motion
-    step = state.step + 1
+    body, step = motion.body, state.step + 1
     truth = truth_after(inputs, motion, step)
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
     crash = _crash(decided, body)
     timeout = ~verdict.done & (step >= inputs.last_step)
-    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, verdict.reason))
+    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, _whose(verdict.reason, motion)))
     moved = LaneState(
         body=body,
         sensed=feel(applications, inputs, state, motion),
         controller=decided.controller,
         scenario=scenario_state,
         metrics=applications.metrics(inputs.numbers, scenario_state),
-        totals=_totals(state, body, work, truth.clearance_m),
+        totals=_totals(state, motion, truth),
         step=step,
         goal_index=verdict.goal_index,
         goal_steps=_goal_steps(state, verdict.goal_index, step),
         done=verdict.done | timeout,
         reason=reason,
         crash=crash,
+        people=_met(state, motion),
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
     final = _select(state.done, state, _select(crash > 0, crashed, moved))
-    return final, _record(final, decided, work)
+    return final, _record(final, decided, truth.impulse_ns)
 
 
 def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) -> Truth:
@@ -240,12 +289,28 @@ def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) ->
         motion: What the engine made of the step.
         step: How many control steps there were with it.
     """
-    body, work, apart_m = motion
+    body, work, apart_m, people = motion
+    pushed_ns = work.impulse_ns if people is None else work.impulse_ns + people.impulse_ns
     # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
     clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
     bounds, place = inputs.floor.bounds_m, body.qpos[:2]
     inside = jnp.all((place >= bounds[:2]) & (place <= bounds[2:]))
-    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, work.impulse_ns, inside)
+    return Truth(step * CONTROL_S, body.qpos, body.qvel, clearance_m, pushed_ns, inside)
+
+
+def _whose(reason: Int[jax.Array, ""], motion: Motion) -> Int[jax.Array, ""]:
+    """Returns the reason of a verdict: a collision in a step in which people alone pushed is one with a person."""
+    if motion.people is None:
+        return reason
+    alone = (motion.people.impulse_ns > 0.0) & (motion.work.impulse_ns <= 0.0)
+    return jnp.where(alone & (reason == COLLISION), PERSON, reason)
+
+
+def _met(state: LaneState, motion: Motion) -> PeopleState | None:
+    """Returns the people after the robot met them, or did not."""
+    if state.people is None or motion.people is None:
+        return state.people
+    return state.people._replace(meetings=meet(state.people, state.body, motion.people))
 
 
 def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:
@@ -255,27 +320,28 @@ def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:
     return jnp.where(~finite_control, ROBOT_CRASH, jnp.where(~sound_body, SIMULATION_CRASH, NO_CRASH))
 
 
-def _record(final: LaneState, decided: Decision, work: Work) -> StepRecord:
+def _record(final: LaneState, decided: Decision, impulse_ns: Float[jax.Array, ""]) -> StepRecord:
     return StepRecord(
         pose=final.body.qpos,
         velocity=final.body.qvel,
         goal_index=final.goal_index,
         control=decided.control,
         ranges_m=decided.ranges_m,
-        impulse_ns=work.impulse_ns,
+        impulse_ns=impulse_ns,
+        people_m=None if final.people is None else final.people.place_m,
     )
 
 
-def _totals(state: LaneState, body: Body, work: Work, clearance_m: Float[jax.Array, ""]) -> EpisodeTotals:
-    totals, touching = state.totals, work.impulse_ns > 0.0
-    way = body.qpos[:2] - state.body.qpos[:2]
+def _totals(state: LaneState, motion: Motion, truth: Truth) -> EpisodeTotals:
+    totals, work, touching = state.totals, motion.work, motion.work.impulse_ns > 0.0
+    way = motion.body.qpos[:2] - state.body.qpos[:2]
     return EpisodeTotals(
         path_length_m=totals.path_length_m + jnp.sqrt(jnp.sum(way**2)),
         collisions=totals.collisions + (touching & ~totals.touching),
         touching=touching,
-        impulse_ns=totals.impulse_ns + work.impulse_ns,
-        max_impulse_ns=jnp.maximum(totals.max_impulse_ns, work.impulse_ns),
-        min_clearance_m=jnp.minimum(totals.min_clearance_m, clearance_m),
+        impulse_ns=totals.impulse_ns + truth.impulse_ns,
+        max_impulse_ns=jnp.maximum(totals.max_impulse_ns, truth.impulse_ns),
+        min_clearance_m=jnp.minimum(totals.min_clearance_m, truth.clearance_m),
         energy_j=totals.energy_j + work.energy_j,
     )
 
@@ -332,5 +398,6 @@ def advance_lane(
         state: Before the step.
     """
     decided = decide(applications, inputs, state)
+    inputs, state = people_walk(mechanics, inputs, state)
     motion = mechanics.drive(inputs, state.body, decided.control)
     return finish_step(applications, inputs, state, decided, motion)

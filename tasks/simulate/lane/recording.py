@@ -73,6 +73,11 @@ class Steps(Protocol):
         """Returns contact impulses during the steps."""
         ...
 
+    @property
+    def people_m(self) -> object:
+        """Returns where people are at the steps' ends; None in lanes without."""
+        ...
+
 
 class Ends(NamedTuple):
     """How the lanes ended, for lanes in their order.
@@ -83,6 +88,7 @@ class Ends(NamedTuple):
         goals_m: Where each lane's robot should go, in order; its last goal again where other lanes have more.
         lidars: Each robot's lidar: where it is mounted (x m, y m, yaw rad), the height of its plane and its range (m),
             the direction of its first ray and the turn from one to the next (rad).
+        people_start_m, people_m: Where people began and ended; of lanes without, none.
     """
 
     steps: Int[np.ndarray, "lanes"]
@@ -93,6 +99,8 @@ class Ends(NamedTuple):
     goal_index: Int[np.ndarray, "lanes"]
     goals_m: Float[np.ndarray, "lanes goals 2"]
     lidars: Float[np.ndarray, "lanes 7"]
+    people_start_m: Float[np.ndarray, "lanes people 2"]
+    people_m: Float[np.ndarray, "lanes people 2"]
 
 
 class SliceSamples(NamedTuple):
@@ -104,6 +112,7 @@ class SliceSamples(NamedTuple):
         control, ranges_m: Of the steps for which a sample is due.
         last_control, last_ranges_m: Of each lane's last step in the slice.
         impulse_ns: Of every step.
+        people_m: As the poses; of lanes without people, none.
     """
 
     steps: int
@@ -115,6 +124,7 @@ class SliceSamples(NamedTuple):
     last_control: np.ndarray
     last_ranges_m: np.ndarray
     impulse_ns: np.ndarray
+    people_m: np.ndarray
 
 
 def sample_stride(rate_hz: float, control_s: float) -> int:
@@ -142,6 +152,7 @@ def slice_samples(
     last = np.clip(steps[:lanes] - before, 0, length - 1)
     control, ranges_m = np.asarray(slice_.control)[:lanes], np.asarray(slice_.ranges_m)[:lanes]
     every = np.arange(lanes)
+    people_m = np.zeros((lanes, length, 0, 2), np.float32) if slice_.people_m is None else np.asarray(slice_.people_m)
     return SliceSamples(
         steps=length,
         pose=np.asarray(slice_.pose)[:lanes, ended],
@@ -152,6 +163,7 @@ def slice_samples(
         last_control=control[every, last],
         last_ranges_m=ranges_m[every, last],
         impulse_ns=impulse.astype(np.float32),
+        people_m=people_m[:lanes, ended],
     )
 
 
@@ -343,7 +355,8 @@ class Recorder:
 
         Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
         ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``; and
-        ``goal_m``, where the goal is, and ``lidar``, as ``Ends.lidars`` has it.
+        ``goal_m``, where the goal is, ``lidar``, as ``Ends.lidars`` has it, and
+        ``people_m``.
         """
         for run in self._runs:
             yield from run.parts(unwanted)
@@ -355,14 +368,14 @@ class _RunSamples:
     def __init__(self, lanes: int, control_s: float, stride: int, overflow: ArrayStore) -> None:
         self.lanes, self.stride, self.steps = lanes, stride, 0
         self.kept: list[tuple[int, int]] = []
-        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns")
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns", "people_m")
         self._blocks: dict[str, list[StoredArray]] = {name: [] for name in names}
         self._last: dict[str, np.ndarray] = {}
         self._ends: Ends | None = None
         self._control_s, self._overflow = control_s, overflow
 
     def add(self, samples: SliceSamples, steps: Int[np.ndarray, "lanes"]) -> None:
-        for name in ("impulse_ns", "pose", "velocity", "goal_index", "control", "ranges_m"):
+        for name in self._blocks:
             self._add(name, getattr(samples, name))
         self._note_last("control", samples.last_control, steps)
         self._note_last("ranges_m", samples.last_ranges_m, steps)
@@ -408,7 +421,9 @@ class _RunSamples:
         there = slots <= final[:, None]
         at_end = slots == final[:, None]
         acted = np.where(at_end, ends.crashed[lanes][:, None], there)
-        states = {name: self._states(name, lanes, ends, at_end) for name in ("pose", "velocity", "goal_index")}
+        states = {
+            name: self._states(name, lanes, ends, at_end) for name in ("pose", "velocity", "goal_index", "people_m")
+        }
         actions = {name: self._actions(name, lanes, at_end) for name in ("control", "ranges_m")}
         columns = {
             "index": np.broadcast_to(indices[:, None], there.shape),
@@ -424,7 +439,8 @@ class _RunSamples:
 
     def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
         final = getattr(ends, name)[lanes]
-        first = ends.start[lanes].astype(final.dtype) if name == "pose" else np.zeros_like(final)
+        begun = {"pose": ends.start, "people_m": ends.people_start_m}.get(name)
+        first = np.zeros_like(final) if begun is None else begun[lanes].astype(final.dtype)
         slots = _fitted([first[:, None], *self._of(name, lanes)], at_end.shape[1])
         slots[at_end] = final
         return slots

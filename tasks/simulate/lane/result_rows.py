@@ -13,6 +13,7 @@ from tasks.simulate.application.contract import REASONS
 from tasks.simulate.geometry.rooms import Visit, visits
 from tasks.simulate.geometry.shortest_path import shortest_paths_m
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
+from tasks.simulate.lane.people import PeopleState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.sensors.odometry import ODOMETRY
 
@@ -113,6 +114,7 @@ def _rows_together(
         "energy_j": Cells(_reals(totals.energy_j, at)),
         **{name: Cells(pose[:, axis].astype(np.float64)) for axis, name in enumerate(_FINAL)},
         "odometry_error_m": _odometry_errors_m(state, at, pose),
+        **_people_columns(state.people, at),
         "metrics": _metrics(state.metrics, at),
         **_room_columns(lanes, ways),
         "trajectory": _trajectories(ways, np.where(passed, -1, steps)),
@@ -196,6 +198,25 @@ def _room_columns(lanes: Sequence[Lane], ways: Float32[np.ndarray, "ended steps 
         "rooms_total": Cells(np.array([len(lane.arrays.rooms.names) for lane in lanes], np.int64)),
         "goals_reachable": field_cells(RESULT_KINDS["goals_reachable"], [each.goals_reachable for each in visited]),
     }
+
+
+def _people_columns(people: PeopleState | None, at: Int[np.ndarray, " ended"]) -> dict[str, Cells]:
+    """Returns how robots met people; nothing of episodes without."""
+    if people is None:
+        return {}
+    met = people.meetings
+    return {
+        "person_contacts": Cells(_counts(met.contacts, at)),
+        "person_contact_m_s": Cells(_reals(met.contact_m_s, at)),
+        "min_person_m": field_cells(RESULT_KINDS["min_person_m"], _finite(_reals(met.least_m, at))),
+        "person_personal_s": Cells(_seconds(_counts(met.personal_steps, at))),
+        "person_intimate_s": Cells(_seconds(_counts(met.intimate_steps, at))),
+    }
+
+
+def _finite(values: Float64[np.ndarray, " ended"]) -> list[float | None]:
+    """Returns values that are numbers; an episode that ended before its first control step has none."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _metrics(metrics: Mapping[str, object], at: Int[np.ndarray, " ended"]) -> Cells:

@@ -18,8 +18,10 @@ from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
+from tasks.simulate.geometry.walks import HostPeople
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.control_step import LaneInputs
+from tasks.simulate.lane.people import PeopleInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.depth_camera import DepthCamera
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
@@ -37,6 +39,7 @@ class Lane(NamedTuple):
         shortest_path_m: None where there is none, or where it was not measured yet.
         lidar, camera: The robot's in this episode.
         hull_depth_m: What the camera sees of its own robot; None for one that sees nothing of it.
+        people: Who walks about; None for nobody.
     """
 
     request: EpisodeRequest
@@ -46,6 +49,7 @@ class Lane(NamedTuple):
     lidar: Lidar = NO_LIDAR
     camera: DepthCamera | None = None
     hull_depth_m: Float32[np.ndarray, "rows columns"] | None = None
+    people: HostPeople | None = None
 
 
 def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: WorldArrays, hull: Hull) -> Placement:
@@ -155,6 +159,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         alive=_canonical([np.bool_(place < len(lanes)) for place in range(count)]),
         scene=_stacked_scenes([lane.arrays.scene for lane in filled]),
         hull_depth_m=_stacked_hulls([lane.hull_depth_m for lane in filled]),
+        people=_stacked_people([lane.people for lane in filled]),
     )
 
 
@@ -166,6 +171,11 @@ def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "rows columns"] | None
 def _stacked_scenes(scenes: Sequence[DepthScene | None]) -> DepthScene | None:
     some = [scene for scene in scenes if scene is not None]
     return DepthScene(*map(_stacked, zip(*some, strict=True))) if some else None
+
+
+def _stacked_people(people: Sequence[HostPeople | None]) -> PeopleInputs | None:
+    some = [each for each in people if each is not None]
+    return PeopleInputs(*map(_canonical, zip(*some, strict=True))) if some else None
 
 
 def last_step(request: EpisodeRequest) -> int:

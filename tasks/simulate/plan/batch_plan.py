@@ -7,6 +7,7 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.data.episode import ApplicationLaunch, is_alone
+from specs.data.people import People
 from specs.field_types import BagFormat
 from specs.pipeline.simulation_section import AUDITED_LANES, Recordings
 from specs.robomaker.bundle import ApplicationKind
@@ -74,6 +75,7 @@ class BatchPlan(Spec):
         data_sources: What episodes read from buckets, by digest.
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
         audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
+        people: Who walks in each world; None for nobody.
         shuffled: What chunks take from all over the batch, so that it may be ended after any of them: episodes, or the
             same episodes for both versions in turn. False if nothing.
     """
@@ -90,6 +92,7 @@ class BatchPlan(Spec):
     recordings: Recordings = Recordings()
     audit: int = AUDITED_LANES
     shuffled: Shuffled = False
+    people: People | None = None
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""

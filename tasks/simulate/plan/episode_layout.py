@@ -277,6 +277,7 @@ class Layout:
             judge_environment=asked.judge_environment and {**asked.judge_environment, **swept},
             duration_s=asked.duration_s,
             failure_behavior=asked.failure_behavior,
+            people=self.plan.people,
         )
 
     def _values(self, setting: int) -> dict[str, str]:

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, TypedDict, runtime_checkable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Float64, Int, UInt8
@@ -15,6 +16,7 @@ from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.host.controllers import HostControllers, SeesWorlds, drawn_by
+from tasks.simulate.lane.people import people_cylinders
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
@@ -113,7 +115,7 @@ def _setting(ready: ReadyChunk, steps: Columns, host: HostControllers | None) ->
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
         camera=None if lane.camera is None else DepthCameraDeclaration(**lane.camera._asdict()),
-        **_pictures(lane, poses),
+        **_pictures(lane, poses, np.asarray(steps["people_m"], np.float32)),
         **_colors(host, poses),
     )
 
@@ -125,7 +127,9 @@ class _Pictures(TypedDict):
     pictures_m: Float32[np.ndarray, "pictures rows columns"]
 
 
-def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
+def _pictures(
+    lane: Lane, poses: Float32[np.ndarray, "samples 3"], people_m: Float32[np.ndarray, "samples people 2"]
+) -> _Pictures:
     """Returns some of an episode's pictures, taken again from where the robot was: a few a second, of no great size."""
     camera = lane.camera
     if camera is None or lane.arrays.scene is None:
@@ -133,7 +137,8 @@ def _pictures(lane: Lane, poses: Float32[np.ndarray, "samples 3"]) -> _Pictures:
     taken = _some_steps(len(poses), camera.pace.stride, 4 * camera.rows * camera.columns)
     seed = jnp.asarray(seed_words(lane.request.seed))
     hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
-    where = jnp.asarray(poses[taken]), jnp.asarray(taken)
+    beside = jax.vmap(people_cylinders)(jnp.asarray(people_m[taken]))
+    where = jnp.asarray(poses[taken]), jnp.asarray(taken), beside
     found = pictures_again(camera, lane.arrays.scene, seed, *where, hull_depth_m=hull_depth_m)
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))
 

@@ -216,12 +216,13 @@ def _shot(shared: DepthCamera, own: DepthCamera, pictures: Array, now: Situation
 
 
 @functools.partial(jax.jit, static_argnums=0)
-def pictures_again(
+def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
     camera: DepthCamera,
     scene: DepthScene,
     seed: Seed,
     poses: Float[Array, "pictures 3"],
     steps: Int[Array, "pictures"],
+    beside: Float[Array, "pictures cylinders 5"],
     *,
     hull_depth_m: Picture | None = None,
 ) -> Float[Array, "pictures rows columns"]:
@@ -233,16 +234,18 @@ def pictures_again(
         seed: The episode's.
         poses: Of the robot.
         steps: At which control steps.
+        beside: What moved about then, as the scene's cylinders.
         hull_depth_m: What the camera sees of its own robot; None if that is nothing.
     """
 
-    def again(at: tuple[Array, Array]) -> Picture:
+    def again(at: tuple[Array, Array, Array]) -> Picture:
         none: Any = None
         body = Body(at[0], none, none, none)
-        now = Situation(body, none, seed, at[1], scene, hull_depth_m)
+        seen = scene._replace(cylinders=jnp.concatenate([scene.cylinders, at[2]]))
+        now = Situation(body, none, seed, at[1], seen, hull_depth_m)
         return _picture(camera.view, _shot(camera, camera, none, now))
 
-    return jax.lax.map(again, (poses, steps))
+    return jax.lax.map(again, (poses, steps, beside))
 
 
 def _observe(shared: DepthCamera, _own: DepthCamera, pictures: Memory, now: Situation) -> Fields:

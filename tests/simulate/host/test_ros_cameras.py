@@ -76,7 +76,10 @@ def told(camera: RosDepthCamera) -> Told:
     seen = sensors_of(declared_sensors(robot)).depth_camera
     assert seen is not None
     poses, steps, seed = jnp.array([POSE], jnp.float32), jnp.zeros(1, jnp.int32), jnp.asarray(seed_words(1))
-    empty, full = (np.asarray(pictures_again(seen, each, seed, poses, steps))[0] for each in (scene(), scene(BOX)))
+    empty, full = (
+        np.asarray(pictures_again(seen, each, seed, poses, steps, jnp.zeros((1, 0, 5))))[0]
+        for each in (scene(), scene(BOX))
+    )
     zeros, readings = np.zeros(3), {"depth_m": full}
     sensed = Sensed(np.array(POSE), zeros, zeros[:2], np.ones(4), np.zeros(0, bool), zeros[:2], None, readings)
     messages = SensorMessages(RobotBase(robot, 4, 0.0, 1.0, 8.0), 0.05)

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from specs.base import canonical_document
 from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 
@@ -58,3 +59,37 @@ def test_a_command_beside_a_launch_file_has_no_effect(launch: dict[str, object],
     alone = {"simulationApplications": [{"launchConfig": launch}]}
     found = undriven_faults({"createSimulationJobRequests": [alone]})
     assert [fault.path.rpartition(".")[2] for fault in found] == lacking
+
+
+def peopled(**fields: object) -> SimulationBatch:
+    """Returns a section with two people."""
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{"application": "mine", "launchConfig": {}}],
+        "simulationApplications": [{"application": "mine", "launchConfig": {}}],
+    }
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [request], "people": 2, **fields})
+
+
+@pytest.mark.parametrize(
+    ("fields", "path", "allowed"),
+    [
+        ({"engine": "mujoco"}, ("engine",), "auto or planar, as people walk in no other engine"),
+        ({"engine": "mjx"}, ("engine",), "auto or planar, as people walk in no other engine"),
+        ({"audit": {"lanes": 8}}, ("audit", "lanes"), "0 or nothing, as C MuJoCo drives no episode with people again"),
+    ],
+)
+def test_what_is_not_there_with_people_is_refused(fields: dict[str, Any], path: tuple[str, ...], allowed: str):
+    with pytest.raises(ValidationError) as caught:
+        peopled(**fields)
+    (error,) = caught.value.errors()
+    assert (error["loc"], error["msg"]) == (path, allowed)
+
+
+@pytest.mark.parametrize("fields", [{}, {"engine": "planar"}, {"audit": {"lanes": 0}}])
+def test_people_walk_on_the_planar_engine(fields: dict[str, Any]):
+    assert peopled(**fields).people == 2
+
+
+def test_a_document_without_people_says_nothing_of_them():
+    assert "people" not in canonical_document(section({}, {}))

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from tasks.simulate.engines.planar.near_obstacles import Neighbours, nearest
 from tasks.simulate.engines.planar.planar_algebra import Planar, Scalar
 from tasks.simulate.engines.planar.planar_robot import Disc, Softness
@@ -29,6 +30,7 @@ class Obstacle(NamedTuple):
         round: Whether it is a cylinder.
         prism: Whether it is a prism; None in a program without any.
         outline: A prism's, around its middle; likewise.
+        person: Whether it is a person; None in a program without people.
     """
 
     x: Scalar
@@ -43,6 +45,7 @@ class Obstacle(NamedTuple):
     round: Bool[jax.Array, ""]
     prism: Bool[jax.Array, ""] | None
     outline: Outline | None
+    person: Bool[jax.Array, ""] | None = None
 
 
 def window(
@@ -75,6 +78,39 @@ def window(
         )
         for k in range(found.round.shape[0])
     ]
+
+
+def with_people(
+    nearest: list[Obstacle], people_m: Float[jax.Array, "people 2"], center_m: Float[jax.Array, "2"]
+) -> list[Obstacle]:
+    """Returns the nearest of obstacles and people, as many as there were obstacles, nearest first.
+
+    Args:
+        nearest: The obstacles nearest to a point, nearest first.
+        people_m: Where people are (x, y).
+        center_m: The point.
+    """
+    solids = [each._replace(person=jnp.zeros((), bool)) for each in nearest]
+    blank = jax.tree.map(jnp.zeros_like, solids[0])
+    half_m = jnp.full_like(blank.x, PERSON_HEIGHT_M / 2)
+    person = blank._replace(
+        cos=blank.cos + 1.0,
+        radius=jnp.full_like(blank.x, PERSON_RADIUS_M),
+        height=half_m,
+        half_height=half_m,
+        round=jnp.ones((), bool),
+        person=jnp.ones((), bool),
+    )
+    people = [person._replace(x=place[0] - center_m[0], y=place[1] - center_m[1]) for place in people_m]
+    nil = jnp.zeros_like(blank.x)
+    apart_m = jnp.stack([distance_m([each], nil, nil) for each in (*solids, *people)])
+    together: Obstacle = jax.tree.map(lambda *each: jnp.stack(each), *solids, *people)
+    chosen: list[Obstacle] = []
+    for _ in solids:
+        first = jnp.argmin(apart_m)
+        chosen.append(jax.tree.map(lambda each, at=first: each[at], together))
+        apart_m = jnp.where(jnp.arange(len(apart_m)) == first, jnp.inf, apart_m)
+    return chosen
 
 
 def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:

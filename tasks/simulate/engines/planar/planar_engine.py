@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Float
 
-from tasks.simulate.application.contract import Body, Motion, Work
+from specs.data.people import PERSON_RADIUS_M
+from tasks.simulate.application.contract import Body, Motion, PeopleWork, Work
 from tasks.simulate.engines.planar.disc_contact import (
     Bearing,
     Contact,
@@ -25,6 +26,7 @@ from tasks.simulate.engines.planar.disc_contact import (
     distance_m,
     touch,
     window,
+    with_people,
 )
 from tasks.simulate.engines.planar.near_obstacles import (
     Neighbours,
@@ -198,6 +200,7 @@ class _Spent(NamedTuple):
     push_x_ns: Scalar
     push_y_ns: Scalar
     energy_j: Scalar
+    people_ns: Scalar
 
 
 def planar_mechanics(path: Path) -> Mechanics:
@@ -237,7 +240,7 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near)
+    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near, people_m=inputs.standing_m)
 
 
 def drive_among(
@@ -247,6 +250,7 @@ def drive_among(
     control: Float[jax.Array, "actuators"],
     *,
     near: Neighbours | None = None,
+    people_m: Float[jax.Array, "people 2"] | None = None,
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles.
 
@@ -256,9 +260,11 @@ def drive_among(
         body: The robot at the step's beginning.
         control: One number for each actuator.
         near: Those of the obstacles that were picked out before.
+        people_m: Where people stand meanwhile (x, y); None without any.
     """
     origin = Planar(*body.qpos)
-    obstacles = window(given, body.qpos[:2], _window_size(robot), near)
+    solids = window(given, body.qpos[:2], _window_size(robot), near)
+    obstacles = solids if people_m is None else with_people(solids, people_m, body.qpos[:2])
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     nil = jnp.zeros_like(origin.x)
     around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control))
@@ -274,13 +280,30 @@ def drive_among(
     def physics_step(carry: tuple[_Robot, _Spent], _: None) -> tuple[tuple[_Robot, _Spent], None]:
         return _physics_step(robot, around, *carry), None
 
-    nothing = _Spent(nil, nil, nil, nil)
+    nothing = _Spent(nil, nil, nil, nil, nil)
     (end, spent), _ = jax.lax.scan(physics_step, (begin, nothing), None, length=robot.physics_steps)
     place = jnp.stack([start + moved for start, moved in zip(origin, end.moved, strict=True)])
     activations = jnp.stack(end.activations) if end.activations else body.act
     after = Body(place, jnp.stack(end.rate), activations, jnp.stack(end.acceleration))
     work = Work(spent.impulse_ns, jnp.stack([spent.push_x_ns, spent.push_y_ns]), spent.energy_j)
-    return Motion(after, work, _clearance_m(robot, around, end))
+    if people_m is None:
+        return Motion(after, work, _clearance_m(robot, around, end))
+    among_solids = around._replace(obstacles=solids)
+    apart = (_clearance_m(robot, among_solids, end), _to_people_m(robot, around, end, people_m))
+    return Motion(after, work, apart[0], PeopleWork(spent.people_ns, apart[1]))
+
+
+def _to_people_m(
+    robot: PlanarRobot, around: _Surroundings, end: _Robot, people_m: Float[jax.Array, "people 2"]
+) -> Scalar:
+    """Returns how far the nearest disc is, seen from above, from the nearest person."""
+    moving = Moving(plus(around.origin, end.moved), end.cos, end.sin, end.rate)
+    found: list[Scalar] = []
+    for disc in robot.discs:
+        x, y = moving.turned(disc.forward_m, disc.left_m)
+        away_m = jnp.sqrt((people_m[:, 0] - moving.place.x - x) ** 2 + (people_m[:, 1] - moving.place.y - y) ** 2)
+        found.append(away_m.min() - PERSON_RADIUS_M - disc.radius_m)
+    return functools.reduce(jnp.minimum, found)
 
 
 def _clearance_m(robot: PlanarRobot, around: _Surroundings, end: _Robot) -> Scalar:
@@ -325,35 +348,62 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
     among = among_fewest(functools.partial(_among, robot), few_counts(len(around.obstacles)))
     touchable = obstacles_needed(around.free_m, before.moved, before.acceleration)
-    acceleration, contact_n = among(touchable, (around.obstacles, around.bearings, instant))
+    acceleration, contact_n, people_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
     moved = plus(before.moved, rate, robot.step_s)
     yaw = around.origin.yaw + moved.yaw
     after = _Robot(moved, jnp.cos(yaw), jnp.sin(yaw), rate, pushed.activations, acceleration)
-    return after, _spent(robot, spent, pushed.power_w, contact_n)
+    return after, _spent(robot, spent, pushed.power_w, contact_n, people_n)
 
 
 def _among(
     robot: PlanarRobot, count: int, given: tuple[list[Obstacle], list[list[Bearing]], _Instant]
-) -> tuple[Planar, tuple[Scalar, Scalar]]:
-    """Returns the acceleration that the first obstacles leave to a robot, and what they push with along x and y."""
+) -> tuple[Planar, tuple[Scalar, Scalar], tuple[Scalar, Scalar] | None]:
+    """Returns the acceleration that the first obstacles leave to a robot, and what they push with along x and y.
+
+    And what people among them push with; None in a program without people.
+    """
     obstacles, bearings, instant = given
     contacts = _contacts(robot, obstacles[:count], [each[:count] for each in bearings], instant)
     rate = instant.moving.rate
     targets = [-friction.damping * rate[friction.axis] for friction in robot.dry_frictions]
     dry = list(zip(robot.dry_frictions, targets, strict=True))
     acceleration = minimizer(_mass(robot, instant.moving), instant.acting, contacts, dry, instant.before)
-    return acceleration, contact_force(contacts, acceleration)
+    if any(each.person is None for each in obstacles):
+        return acceleration, contact_force(contacts, acceleration), None
+    people = [each.person for _ in robot.discs for each in obstacles[:count]]
+    solid, alive = (
+        [
+            touch._replace(weight=jnp.where(person == which, touch.weight, 0.0))
+            for touch, person in zip(contacts, people, strict=True)
+        ]
+        for which in (False, True)
+    )
+    return acceleration, contact_force(solid, acceleration), contact_force(alive, acceleration)
 
 
-def _spent(robot: PlanarRobot, before: _Spent, power_w: Scalar, contact_n: tuple[Scalar, Scalar]) -> _Spent:
+def _spent(
+    robot: PlanarRobot,
+    before: _Spent,
+    power_w: Scalar,
+    contact_n: tuple[Scalar, Scalar],
+    people_n: tuple[Scalar, Scalar] | None,
+) -> _Spent:
     x_n, y_n = contact_n
-    return _Spent(
-        before.impulse_ns + robot.step_s * jnp.sqrt(x_n**2 + y_n**2),
-        before.push_x_ns + robot.step_s * x_n,
-        before.push_y_ns + robot.step_s * y_n,
-        before.energy_j + robot.step_s * power_w,
+    after = before._replace(
+        impulse_ns=before.impulse_ns + robot.step_s * jnp.sqrt(x_n**2 + y_n**2),
+        push_x_ns=before.push_x_ns + robot.step_s * x_n,
+        push_y_ns=before.push_y_ns + robot.step_s * y_n,
+        energy_j=before.energy_j + robot.step_s * power_w,
+    )
+    if people_n is None:
+        return after
+    x_n, y_n = people_n
+    return after._replace(
+        push_x_ns=after.push_x_ns + robot.step_s * x_n,
+        push_y_ns=after.push_y_ns + robot.step_s * y_n,
+        people_ns=before.people_ns + robot.step_s * jnp.sqrt(x_n**2 + y_n**2),
     )
 
 

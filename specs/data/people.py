@@ -1,0 +1,34 @@
+"""People who walk in the world of an episode: how many, how fast, and who of them sees the robot."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from specs.base import Spec
+from specs.field_types import EngineName, Integer, Number
+
+MOST_PEOPLE = 8
+PERSON_RADIUS_M = 0.25
+"""Of the upright cylinder that stands for a person: half of the widest shoulders."""
+
+PERSON_HEIGHT_M = 1.7
+PEOPLE_ENGINE: EngineName = "planar"
+"""The engine that people walk in."""
+
+PERSONAL_M, INTIMATE_M = 1.2, 0.45
+"""How near strangers and friends come to one another (E. Hall, The Hidden Dimension, 1966)."""
+
+
+class People(Spec):
+    """People who walk in the rooms while the robot drives."""
+
+    count: Annotated[Integer, Field(ge=1, le=MOST_PEOPLE)] = Field(
+        title="Count", description="How many walk in each world."
+    )
+    speed_ms: Annotated[Number, Field(ge=0.1, le=2.0)] = Field(
+        default=1.0, title="Speed (m/s)", description="How fast they walk; each has its own pace, a fifth more or less."
+    )
+    unaware: Annotated[Number, Field(ge=0.0, le=1.0)] = Field(
+        default=0.0, title="Unaware", description="How probable it is of each of them not to see the robot."
+    )
+    model: Literal["orca"] = Field(default="orca", title="Model", description="How they keep clear of one another.")

@@ -1,0 +1,286 @@
+"""People in a lane: how they walk in a control step, and how near the robot comes to them.
+
+Each follows the corners of its round, keeps clear of the others and, unless it does not see it, of the robot
+(``orca``), and of solids by the map of the room that a person has. Whoever gets no further for longer than its patience
+turns back to the place that it came from.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Bool, Float, Int
+
+from specs.data.episode import CONTROL_S
+from specs.data.people import INTIMATE_M, PERSON_HEIGHT_M, PERSON_RADIUS_M, PERSONAL_M
+from tasks.simulate.application.contract import Body, PeopleWork
+from tasks.simulate.geometry.obstacles import PARKING_M
+from tasks.simulate.lane.orca import Disc, HalfPlane, Scalar, Vector, choose, nearest_velocity, neighbour_plane
+
+# Of other people and the robot, so many of the nearest are kept clear of.
+_NEIGHBOURS = 4
+_HORIZON_S = 2.0
+# Who likes to walk at a pace can be so much faster to get out of the way.
+_TOP_SPEED = 1.3
+# The point on its way that a person walks to is so far ahead.
+_AHEAD_M = 0.6
+# How near to a place, and to a bend of the way, is there.
+_THERE_M, _BEND_M = 0.3, 0.15
+# For how long a person looks ahead at solids: beside it, and where it would be.
+_WALL_S, _LOOK_S = 0.2, 0.4
+# Less than this share of its pace is no progress.
+_SLOW = 0.25
+# A person stops this deep in a robot that it walks into.
+_PRESS_M = 0.005
+_FLAT = 0.1
+_TINY_M = 1e-6
+
+
+class PeopleInputs(NamedTuple):
+    """The people of a lane; fields as in ``HostPeople``."""
+
+    there: Bool[jax.Array, "people"]
+    aware: Bool[jax.Array, "people"]
+    speed_m_s: Float[jax.Array, "people"]
+    lean_rad: Float[jax.Array, "people"]
+    patience_s: Float[jax.Array, "people"]
+    corners_m: Float[jax.Array, "people corners 2"]
+    corner_count: Int[jax.Array, "people"]
+    stay_s: Float[jax.Array, "people corners"]
+    toward: Int[jax.Array, "people"]
+    place_m: Float[jax.Array, "people 2"]
+    room_m: Float[jax.Array, "rows columns"]
+    low_m: Float[jax.Array, "2"]
+    cell_m: Float[jax.Array, ""]
+
+
+class Meetings(NamedTuple):
+    """How the robot met people until now; fields as in EpisodeResult, times in control steps."""
+
+    contacts: Int[jax.Array, ""]
+    touching: Bool[jax.Array, ""]
+    contact_m_s: Float[jax.Array, ""]
+    least_m: Float[jax.Array, ""]
+    personal_steps: Int[jax.Array, ""]
+    intimate_steps: Int[jax.Array, ""]
+
+
+class PeopleState(NamedTuple):
+    """What changes of the people in a lane.
+
+    Attributes:
+        place_m, velocity: Of each; far away where there is nobody.
+        toward: The corner that each walks to.
+        way: 1 along its round, -1 back.
+        stay_s: How long it still stays where it is.
+        stalled_s: For how long it has made no progress.
+        meetings: With the robot.
+    """
+
+    place_m: Float[jax.Array, "people 2"]
+    velocity: Float[jax.Array, "people 2"]
+    toward: Int[jax.Array, "people"]
+    way: Int[jax.Array, "people"]
+    stay_s: Float[jax.Array, "people"]
+    stalled_s: Float[jax.Array, "people"]
+    meetings: Meetings
+
+
+def begin_people(people: PeopleInputs) -> PeopleState:
+    """Returns the people of a lane before the first control step."""
+    zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
+    meetings = Meetings(none, jnp.zeros((), bool), zero, jnp.full((), jnp.inf), none, none)
+    still = jnp.zeros_like(people.speed_m_s)
+    away = PARKING_M + jnp.arange(len(people.there), dtype=jnp.float32)[:, None]
+    place_m = jnp.where(people.there[:, None], people.place_m, away)
+    velocity, way = jnp.zeros_like(place_m), jnp.ones_like(people.toward)
+    return PeopleState(place_m, velocity, people.toward, way, still, still, meetings)
+
+
+def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: float) -> PeopleState:
+    """Returns the people a control step later.
+
+    Args:
+        people: Of the lane.
+        state: Before the step.
+        robot: Likewise.
+        robot_radius_m: Of its hull.
+    """
+    place, velocity = _vector(state.place_m), _vector(state.velocity)
+    state, onward = _next_corner(people, state, place)
+    stays = state.stay_s > 0.0
+    own = Disc(place, velocity, jnp.full_like(place.x, PERSON_RADIUS_M))
+    met = Disc(_vector(robot.qpos), _vector(robot.qvel), jnp.full((), robot_radius_m))
+    cos, sin = jnp.cos(people.lean_rad), jnp.sin(people.lean_rad)
+    lean = Vector(cos * onward.x - sin * onward.y, sin * onward.x + cos * onward.y)
+    preferred = lean.scaled(jnp.where(stays, 0.0, people.speed_m_s))
+    beside_m, out = _room(people, place)
+    planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, met)]
+    chosen = nearest_velocity(planes, 2, preferred, _TOP_SPEED * people.speed_m_s)
+    walked = _on_the_floor(people, place, beside_m, out, _stopped_by(met, place, chosen))
+    walked = choose(people.there, walked, Vector(jnp.zeros_like(place.x), jnp.zeros_like(place.y)))
+    slow = walked.dot(onward) < _SLOW * people.speed_m_s
+    stalled_s = jnp.where(slow & ~stays, state.stalled_s + CONTROL_S, 0.0)
+    back = stalled_s > people.patience_s
+    return state._replace(
+        place_m=_together(place.plus(walked, CONTROL_S)),
+        velocity=_together(walked),
+        toward=jnp.where(back, _before(people, state), state.toward),
+        way=jnp.where(back, -state.way, state.way),
+        stalled_s=jnp.where(back, 0.0, stalled_s),
+    )
+
+
+def _next_corner(people: PeopleInputs, state: PeopleState, place: Vector) -> tuple[PeopleState, Vector]:
+    """Returns the people with the corners that they walk to now, and in which direction each goes on."""
+    to, stay_s = _corner(people, state.toward), jnp.take_along_axis(people.stay_s, state.toward[:, None], 1)[:, 0]
+    is_place, away = stay_s > 0.0, to.plus(place, -1.0)
+    since = _corner(people, _before(people, state))
+    leg = to.plus(since, -1.0)
+    passed = place.plus(since, -1.0).dot(leg) >= leg.dot(leg)
+    near = away.dot(away) <= jnp.where(is_place, _THERE_M, _BEND_M) ** 2
+    arrived = near | (passed & ~is_place)
+    way = jnp.where(arrived & is_place, 1, state.way)  # whoever went back for others sets out again
+    toward = jnp.where(arrived, (state.toward + way) % people.corner_count, state.toward)
+    left_s = jnp.maximum(state.stay_s - CONTROL_S, 0.0)
+    after = state._replace(toward=toward, way=way, stay_s=jnp.where(arrived & is_place, stay_s, left_s))
+    return after, _onward(_corner(people, _before(people, after)), _corner(people, toward), place)
+
+
+def _before(people: PeopleInputs, state: PeopleState) -> Int[jax.Array, "people"]:
+    """Returns the corner that each comes from."""
+    return (state.toward - state.way) % people.corner_count
+
+
+def _corner(people: PeopleInputs, number: Int[jax.Array, "people"]) -> Vector:
+    return _vector(jnp.take_along_axis(people.corners_m, number[:, None, None], axis=1)[:, 0])
+
+
+def _onward(since: Vector, to: Vector, place: Vector) -> Vector:
+    """Returns the direction to a point on the leg, somewhat ahead of where a person is beside it."""
+    leg = to.plus(since, -1.0)
+    length_m = jnp.sqrt(leg.dot(leg))
+    along = leg.scaled(1.0 / jnp.maximum(length_m, _TINY_M))
+    gone_m = jnp.clip(place.plus(since, -1.0).dot(along) + _AHEAD_M, 0.0, length_m)
+    return since.plus(along, gone_m).plus(place, -1.0).unit()
+
+
+def _neighbours(people: PeopleInputs, own: Disc, robot: Disc) -> list[HalfPlane]:
+    """Returns what the nearest of others leave to each, nearest first; nobody does a robot's share."""
+    count = len(people.there)
+    x, y, vx, vy = (
+        jnp.append(mine, its)
+        for mine, its in zip((*own.place, *own.velocity), (*robot.place, *robot.velocity), strict=True)
+    )
+    radius_m = jnp.append(own.radius_m, robot.radius_m)
+    seen = jnp.concatenate([people.there[None] & ~jnp.eye(count, dtype=bool), people.aware[:, None]], axis=1)
+    squared = (x[None] - own.place.x[:, None]) ** 2 + (y[None] - own.place.y[:, None]) ** 2
+    squared = jnp.where(seen, squared, jnp.inf)
+    planes: list[HalfPlane] = []
+    for _ in range(_NEIGHBOURS):
+        nearest = jnp.argmin(squared, axis=1)
+        there = jnp.take_along_axis(squared, nearest[:, None], 1)[:, 0] < jnp.inf
+        other = Disc(Vector(x[nearest], y[nearest]), Vector(vx[nearest], vy[nearest]), radius_m[nearest])
+        share = jnp.where(nearest == count, 1.0, 0.5)
+        planes.append(neighbour_plane(own, other, share=share, horizon_s=_HORIZON_S, step_s=CONTROL_S, there=there))
+        squared = jnp.where(jnp.arange(count + 1)[None] == nearest[:, None], jnp.inf, squared)
+    return planes
+
+
+def _room(people: PeopleInputs, place: Vector) -> tuple[Scalar, Vector]:
+    """Returns how much room is left around each person, and in which direction there is more."""
+    rows, columns = people.room_m.shape
+    x = jnp.clip((place.x - people.low_m[0]) / people.cell_m, 0.0, columns - 1.001)
+    y = jnp.clip((place.y - people.low_m[1]) / people.cell_m, 0.0, rows - 1.001)
+    column, row = x.astype(jnp.int32), y.astype(jnp.int32)
+    right, up = x - column, y - row
+    flat, first = people.room_m.reshape(-1), row * columns + column
+    low, beside, above, across = flat[first], flat[first + 1], flat[first + columns], flat[first + columns + 1]
+    room_m = (1.0 - up) * ((1.0 - right) * low + right * beside) + up * ((1.0 - right) * above + right * across)
+    rise = Vector(
+        ((1.0 - up) * (beside - low) + up * (across - above)) / people.cell_m,
+        ((1.0 - right) * (above - low) + right * (across - beside)) / people.cell_m,
+    )
+    return room_m, rise
+
+
+def _wall(out: Vector, speed_m_s: Scalar) -> HalfPlane:
+    """Returns the velocities that go out from a wall by at least as much; who rests is always in it."""
+    steep = out.dot(out) > _FLAT**2
+    away = out.unit()
+    return HalfPlane(away.scaled(jnp.minimum(speed_m_s, 0.0)), Vector(away.y, -away.x), steep)
+
+
+def _wall_beside(room_m: Scalar, out: Vector) -> HalfPlane:
+    return _wall(out, -room_m / _WALL_S)
+
+
+def _wall_ahead(people: PeopleInputs, place: Vector, preferred: Vector) -> HalfPlane:
+    room_m, out = _room(people, place.plus(preferred, _LOOK_S))
+    return _wall(out, preferred.dot(out.unit()) - room_m / _LOOK_S)
+
+
+def _stopped_by(robot: Disc, place: Vector, velocity: Vector) -> Vector:
+    """Returns the velocities with which people walk against the robot, but not into it."""
+    apart = robot.place.plus(place, -1.0)
+    to_robot = apart.unit()
+    room_m = jnp.sqrt(apart.dot(apart)) - robot.radius_m - PERSON_RADIUS_M + _PRESS_M
+    too_fast = velocity.dot(to_robot) - jnp.maximum(room_m, 0.0) / CONTROL_S
+    return velocity.plus(to_robot, -jnp.maximum(too_fast, 0.0))
+
+
+def _on_the_floor(people: PeopleInputs, place: Vector, room_m: Scalar, out: Vector, velocity: Vector) -> Vector:
+    """Returns the velocities that lead to where people have room: as they are, along the wall, or none."""
+    least_m = jnp.minimum(room_m, 0.0)
+
+    def fits(some: Vector) -> Bool[jax.Array, "people"]:
+        return _room(people, place.plus(some, CONTROL_S))[0] >= least_m
+
+    away = out.unit()
+    along = velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0))
+    none = velocity.scaled(0.0)
+    return choose(fits(velocity), velocity, choose(fits(along), along, none))
+
+
+def meet(state: PeopleState, robot: Body, work: PeopleWork) -> Meetings:
+    """Returns how the robot met people until the end of a control step.
+
+    Args:
+        state: The people in the step.
+        robot: At its beginning.
+        work: What an engine made of it.
+    """
+    met, touching = state.meetings, work.impulse_ns > 0.0
+    begins = touching & ~met.touching
+    apart_m = jnp.sum((state.place_m - robot.qpos[:2]) ** 2, axis=1)
+    speed = jnp.sqrt(jnp.sum((state.velocity[jnp.argmin(apart_m)] - robot.qvel[:2]) ** 2))
+    return Meetings(
+        contacts=met.contacts + begins,
+        touching=touching,
+        contact_m_s=jnp.where(begins, jnp.maximum(met.contact_m_s, speed), met.contact_m_s),
+        least_m=jnp.minimum(met.least_m, work.distance_m),
+        personal_steps=met.personal_steps + (work.distance_m < PERSONAL_M),
+        intimate_steps=met.intimate_steps + (work.distance_m < INTIMATE_M),
+    )
+
+
+def people_circles(place_m: Float[jax.Array, "people 2"]) -> Float[jax.Array, "people 3"]:
+    """Returns people as a lidar sees them: circles (x, y, radius)."""
+    return _with_columns(place_m, PERSON_RADIUS_M)
+
+
+def people_cylinders(place_m: Float[jax.Array, "people 2"]) -> Float[jax.Array, "people 5"]:
+    """Returns people as a depth camera sees them: cylinders (x, y, lowest, highest, radius)."""
+    return _with_columns(place_m, 0.0, PERSON_HEIGHT_M, PERSON_RADIUS_M)
+
+
+def _with_columns(place_m: Float[jax.Array, "people 2"], *same: float) -> Float[jax.Array, "people numbers"]:
+    return jnp.concatenate([place_m, jnp.broadcast_to(jnp.array(same, place_m.dtype), (len(place_m), len(same)))], 1)
+
+
+def _vector(columns: Float[jax.Array, "... numbers"]) -> Vector:
+    return Vector(columns[..., 0], columns[..., 1])
+
+
+def _together(vector: Vector) -> Float[jax.Array, "... 2"]:
+    return jnp.stack([vector.x, vector.y], axis=-1)

@@ -1,0 +1,52 @@
+"""Where people walk in a world, and what is drawn of them."""
+
+import numpy as np
+import pytest
+
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
+from tasks.simulate.geometry.free_floor import clearance_m, solids_of
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, Walks, walks_in
+from tests.factories.simulations import cluttered, pen
+
+ROBOT_M, HULL_M = np.zeros(2), 0.2
+
+
+@pytest.fixture(scope="module")
+def walks() -> Walks:
+    return walks_in(cluttered(1))
+
+
+def people(walks: Walks, count: int, seed: int = 3) -> HostPeople:
+    return walks.people(People(count=count, unaware=0.5), seed, ROBOT_M, HULL_M)
+
+
+def test_a_person_has_room_everywhere_on_its_ways(walks: Walks):
+    solids = solids_of(obstacles(cluttered(1), 0.05, PERSON_HEIGHT_M))
+    for leg in walks.legs.values():
+        shares = np.linspace(0.0, 1.0, 50)[:, None]
+        points = np.concatenate([one + shares * (other - one) for one, other in zip(leg[:-1], leg[1:], strict=True)])
+        assert clearance_m(solids, points).min() > PERSON_RADIUS_M
+
+
+def test_a_person_is_the_same_whoever_else_there_is(walks: Walks):
+    alone, among = people(walks, 1), people(walks, 3)
+    for name in ("speed_m_s", "corners_m", "corner_count", "stay_s", "place_m", "patience_s"):
+        np.testing.assert_array_equal(getattr(alone, name)[0], getattr(among, name)[0])
+
+
+def test_another_seed_draws_other_people(walks: Walks):
+    assert (people(walks, 2, seed=4).place_m != people(walks, 2).place_m).any()
+
+
+def test_people_begin_apart_from_one_another_and_from_the_robot(walks: Walks):
+    for seed in range(20):
+        places = people(walks, 3, seed).place_m[:3].astype(float)
+        apart = [np.hypot(*(places[i] - places[k])) for i in range(3) for k in range(i)]
+        assert min(apart) > 2 * PERSON_RADIUS_M
+        assert np.hypot(*(places - ROBOT_M).T).min() > PERSON_RADIUS_M + HULL_M + 0.9
+
+
+def test_a_world_without_room_refuses_people_and_says_how_many_fit():
+    with pytest.raises(PeopleRefused, match=r"people: 8: pen-0 has (room for [0-7] people|no two places)"):
+        walks_in(pen(2.0, 0)).people(People(count=8), 0, ROBOT_M, HULL_M)

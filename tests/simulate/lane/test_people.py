@@ -1,0 +1,71 @@
+"""How people walk: never into furniture, never stuck, the same alone and among others, and stopped by a robot."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
+from tasks.simulate.application.contract import Body
+from tasks.simulate.geometry.free_floor import clearance_m, solids_of
+from tasks.simulate.geometry.obstacles import obstacles
+from tasks.simulate.geometry.walks import walks_in
+from tasks.simulate.lane.people import PeopleInputs, PeopleState, begin_people, walk
+from tests.factories.simulations import cluttered
+
+LANES, COUNT, STEPS, HULL_M = 8, 3, 2400, 0.2
+FAR_M = 50.0
+
+
+def inputs(seeds: range, unaware: float = 0.0) -> PeopleInputs:
+    """Returns the people of a lane for each seed, lanes first."""
+    walks = walks_in(cluttered(1))
+    each = [walks.people(People(count=COUNT, unaware=unaware), seed, np.full(2, FAR_M), HULL_M) for seed in seeds]
+    return PeopleInputs(*(jnp.stack([jnp.asarray(part) for part in parts]) for parts in zip(*each, strict=True)))
+
+
+@jax.jit
+def walked(people: PeopleInputs, robot_m: jax.Array) -> tuple[PeopleState, jax.Array]:
+    """Returns where people are after two minutes, and their places in all steps, with a robot that stands."""
+    body = Body(jnp.append(robot_m, 0.0), jnp.zeros(3), jnp.zeros(0), jnp.zeros(3))
+
+    def step(state: PeopleState, _: None) -> tuple[PeopleState, jax.Array]:
+        after = jax.vmap(lambda own, before: walk(own, before, body, HULL_M))(people, state)
+        return after, after.place_m
+
+    return jax.lax.scan(step, jax.vmap(begin_people)(people), None, length=STEPS)
+
+
+@pytest.fixture(scope="module")
+def ways() -> np.ndarray:
+    """Places, of steps, lanes and people, far from the robot."""
+    return np.asarray(walked(inputs(range(LANES)), jnp.full(2, FAR_M))[1])[:, :, :COUNT]
+
+
+def test_nobody_is_ever_in_furniture(ways: np.ndarray):
+    solids = solids_of(obstacles(cluttered(1), 0.05, PERSON_HEIGHT_M))
+    assert clearance_m(solids, ways.reshape(-1, 2).astype(float)).min() >= PERSON_RADIUS_M
+
+
+def test_nobody_is_stuck_for_half_a_minute(ways: np.ndarray):
+    span = 600
+    for first in range(0, STEPS - span, 100):
+        part = ways[first : first + span]
+        assert np.hypot(*np.moveaxis(np.ptp(part, axis=0), -1, 0)).min() > 0.3
+
+
+def test_people_hardly_touch_one_another(ways: np.ndarray):
+    apart = [np.hypot(*np.moveaxis(ways[:, :, i] - ways[:, :, k], -1, 0)) for i in range(COUNT) for k in range(i)]
+    assert np.min(apart) > 2 * PERSON_RADIUS_M - 0.05
+
+
+def test_people_walk_the_same_bits_alone_and_among_others(ways: np.ndarray):
+    alone = np.asarray(walked(inputs(range(3, 4)), jnp.full(2, FAR_M))[1])[:, :, :COUNT]
+    np.testing.assert_array_equal(alone[:, 0], ways[:, 3])
+
+
+def test_who_does_not_see_the_robot_stops_where_it_touches_it():
+    blind = inputs(range(LANES), unaware=1.0)
+    on_the_way = (blind.corners_m[0, 0, blind.toward[0, 0]] + blind.place_m[0, 0]) / 2
+    apart = np.hypot(*np.moveaxis(np.asarray(walked(blind, on_the_way)[1])[:, 0, 0] - np.asarray(on_the_way), -1, 0))
+    assert HULL_M + PERSON_RADIUS_M - 0.01 < apart.min() < HULL_M + PERSON_RADIUS_M + 0.01
