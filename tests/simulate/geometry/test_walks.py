@@ -1,5 +1,7 @@
 """Where people walk in a world, and what is drawn of them."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, Walks, walks_in
-from tests.factories.simulations import cluttered, pen
+from tests.factories.simulations import cluttered
 
 ROBOT_M, HULL_M = np.zeros(2), 0.2
 
@@ -25,7 +27,7 @@ def test_a_person_has_room_everywhere_on_its_ways(walks: Walks):
     solids = solids_of(obstacles(cluttered(1), 0.05, PERSON_HEIGHT_M))
     for leg in walks.legs.values():
         shares = np.linspace(0.0, 1.0, 50)[:, None]
-        points = np.concatenate([one + shares * (other - one) for one, other in zip(leg[:-1], leg[1:], strict=True)])
+        points = np.concatenate([one + shares * (other - one) for one, other in itertools.pairwise(leg)])
         assert clearance_m(solids, points).min() > PERSON_RADIUS_M
 
 
@@ -47,6 +49,6 @@ def test_people_begin_apart_from_one_another_and_from_the_robot(walks: Walks):
         assert np.hypot(*(places - ROBOT_M).T).min() > PERSON_RADIUS_M + HULL_M + 0.9
 
 
-def test_a_world_without_room_refuses_people_and_says_how_many_fit():
-    with pytest.raises(PeopleRefused, match=r"people: 8: pen-0 has (room for [0-7] people|no two places)"):
-        walks_in(pen(2.0, 0)).people(People(count=8), 0, ROBOT_M, HULL_M)
+def test_a_world_without_room_refuses_people_and_says_how_many_fit(walks: Walks):
+    with pytest.raises(PeopleRefused, match="people: 2: cluttered-1 has room for 0 people to begin in"):
+        walks.people(People(count=2), 0, ROBOT_M, 30.0)
