@@ -25,8 +25,11 @@ WHEEL, DECK = (
 """A small dark part, and a large blue one above it."""
 
 
-def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:
-    """Returns an episode of so many samples at 20 Hz; a goal is reached and something is touched in the middle."""
+def playback(samples: int = SAMPLES, rays: int = RAYS, people: int = 0) -> Playback:
+    """Returns an episode of so many samples at 20 Hz; a goal is reached and something is touched in the middle.
+
+    People walk along x, a metre apart.
+    """
     number = np.arange(samples)
     last = samples - 1
     pose = np.stack([number / 20, np.full(samples, 0.5), (2 * np.pi - 0.2 + number / 20) % (2 * np.pi) - np.pi], 1)
@@ -46,6 +49,11 @@ def playback(samples: int = SAMPLES, rays: int = RAYS) -> Playback:
         control=np.tile(number[:, None], 2).astype(np.float32),
         ranges_m=np.full((samples, rays), 1.5, np.float32),
         impulse_ns=np.where((number == last // 2) | (number == last // 2 + 1), 0.25, 0.0).astype(np.float32),
+        people_m=np.stack(
+            [np.stack([number / 40, np.full(samples, 1.0 + each)], 1) for each in range(people)], 1
+        ).astype(np.float32)
+        if people
+        else np.zeros((samples, 0, 2), np.float32),
     )
 
 

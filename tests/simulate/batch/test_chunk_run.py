@@ -275,7 +275,8 @@ class Recorded:
         part.recorder.begin(lanes, 0.05)
         part.recorder.keep(StepRecord(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
         none, lidars = np.zeros(lanes, int), np.zeros((lanes, 7))
-        done = Ends(np.ones(lanes, int), none == 1, one[:, 0], one[:, 0], one[:, 0], none, one[:, :, :2], lidars)
+        told = (np.ones(lanes, int), none == 1, one[:, 0], one[:, 0], one[:, 0], none, one[:, :, :2], lidars)
+        done = Ends(*told, one[:, :0, :2], one[:, :0, :2])
         part.recorder.end(done, rows)
         return rows
 

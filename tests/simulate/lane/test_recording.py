@@ -81,7 +81,7 @@ def test_row_bytes_are_those_of_one_entry():
     assert ArrayStore(0).keep(np.zeros((4, 3, 2), np.float32)).row_bytes == 24
 
 
-CONTROL_S, ACTUATORS, RAYS = 0.05, 2, 3
+CONTROL_S, ACTUATORS, RAYS, PEOPLE = 0.05, 2, 3, 4
 
 
 class Steps(NamedTuple):
@@ -91,6 +91,7 @@ class Steps(NamedTuple):
     control: np.ndarray
     ranges_m: np.ndarray
     impulse_ns: np.ndarray
+    people_m: np.ndarray
 
 
 class Drive(NamedTuple):
@@ -118,6 +119,7 @@ def drives(draw: st.DrawFn) -> Drive:
         control=drawn(total, ACTUATORS),
         ranges_m=drawn(total, RAYS),
         impulse_ns=rng.random((lanes, total)).astype(np.float32),
+        people_m=drawn(total, PEOPLE, 2),
     )
     crashed = np.array(draw(st.lists(st.booleans(), min_size=lanes, max_size=lanes)))
     done = [draw(st.integers(0 if crash else 1, total - crash)) for crash in crashed]
@@ -130,10 +132,14 @@ def drives(draw: st.DrawFn) -> Drive:
         goal_index=np.arange(lanes),
         goals_m=rng.normal(size=(lanes, 3, 2)),
         lidars=rng.normal(size=(lanes, 7)),
+        people_start_m=drawn(PEOPLE, 2),
+        people_m=drawn(PEOPLE, 2),
     )
     for lane, last in enumerate(done):  # a lane that came to its end stays as it is
-        for mine, all_ in ((ends.pose, steps.pose), (ends.velocity, steps.velocity)):
-            mine[lane] = all_[lane, last - 1] if last else (ends.start[lane] if mine is ends.pose else 0.0)
+        begun = (ends.start[lane], 0.0, ends.people_start_m[lane])
+        kept = ((ends.pose, steps.pose), (ends.velocity, steps.velocity), (ends.people_m, steps.people_m))
+        for (mine, all_), first in zip(kept, begun, strict=True):
+            mine[lane] = all_[lane, last - 1] if last else first
             all_[lane, last:] = mine[lane]
     return Drive(steps, ends, slices, draw(st.integers(1, 4)))
 
@@ -173,6 +179,7 @@ def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:
                 "t_s": round(step * CONTROL_S, 6),
                 "pose": drive.all.pose[lane, at] if step else drive.ends.start[lane],
                 "velocity": drive.all.velocity[lane, at] if step else np.zeros(3),
+                "people_m": drive.all.people_m[lane, at] if step else drive.ends.people_start_m[lane],
                 "acted": acted,
                 "control": drive.all.control[lane, step] if acted else None,
                 "ranges_m": drive.all.ranges_m[lane, step] if acted else None,

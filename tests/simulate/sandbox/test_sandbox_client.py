@@ -204,8 +204,10 @@ def test_rows_of_other_episodes_are_refused_and_end_the_process(simulate: Simula
 
 BEGUN: tuple[Answer, tuple[np.ndarray, ...]] = (RecordingBegins(lanes=3, control_s=0.05), ())
 NONE, PLACE = np.zeros(3, int), np.zeros((3, 3))
-ENDS = (NONE, NONE == 1, PLACE, PLACE, PLACE, NONE, PLACE[:, None, :2], np.zeros((3, 7)))
-STEP = (PLACE[:, None], PLACE[:, None], NONE[:, None], PLACE[:, None], PLACE[:, None], PLACE, PLACE, np.zeros((3, 1)))
+PEOPLE = np.zeros((3, 4, 2))
+ENDS = (NONE, NONE == 1, PLACE, PLACE, PLACE, NONE, PLACE[:, None, :2], np.zeros((3, 7)), PEOPLE, PEOPLE)
+SEEN = (PLACE[:, None], PLACE[:, None], PLACE, PLACE)
+STEP = (PLACE[:, None], PLACE[:, None], NONE[:, None], *SEEN, np.zeros((3, 1)), PEOPLE[:, None])
 ALL = told(*map(passed, range(3)))
 
 
@@ -223,7 +225,7 @@ ALL = told(*map(passed, range(3)))
         [BEGUN, (Samples(steps=1), (*STEP, NONE[0]))],
         [
             BEGUN,
-            (Samples(steps=1), (*STEP[:4], np.zeros((3, 1, 5_000)), *STEP[5:6], np.zeros((3, 5_000)), STEP[7], NONE)),
+            (Samples(steps=1), (*STEP[:4], np.zeros((3, 1, 5_000)), *STEP[5:6], np.zeros((3, 5_000)), *STEP[7:], NONE)),
         ],
         [BEGUN, (Samples(steps=1), (*STEP[:3], STEP[3].astype(np.longdouble), *STEP[4:], NONE))],
         [BEGUN, (Samples(steps=1), (*STEP[:2], STEP[2] - 9, *STEP[3:], NONE))],
@@ -237,7 +239,13 @@ ALL = told(*map(passed, range(3)))
         [BEGUN, (RecordingEnds(), (ALL, NONE + (1 << 40), *ENDS[1:]))],
         [BEGUN, BEGUN, BEGUN],
         [BEGUN, *[(Samples(steps=1), (*STEP, NONE))] * 5000],
-        [BEGUN, (Samples(steps=0), (*(array[:, :0] for array in STEP[:5]), PLACE, PLACE, np.zeros((3, 0)), NONE))],
+        [
+            BEGUN,
+            (
+                Samples(steps=0),
+                (*(array[:, :0] for array in STEP[:5]), *STEP[5:7], *(each[:, :0] for each in STEP[7:]), NONE),
+            ),
+        ],
         [BEGUN, (Samples(steps=1), (np.zeros((3, 9, 3)), *STEP[1:], NONE))],
         [BEGUN, (RecordingEnds(), (ALL, *ENDS)), (RecordingEnds(), (ALL, *ENDS))],
     ],
