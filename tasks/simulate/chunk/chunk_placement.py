@@ -226,8 +226,8 @@ def _place_all(
         else:
             camera = sensors.depth_camera
             seen_m = seen_hull_m(camera, robot)
-            lane = Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m, people=people)
-            placed.append(lane)
+            lane = Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m)
+            placed.append(lane._replace(people=people))
         yield
     return placed, rows
 
