@@ -1,8 +1,9 @@
 """People in a lane: how they walk in a control step, and how near the robot comes to them.
 
 Each follows the corners of its round, keeps clear of the others and, unless it does not see it, of the robot
-(``orca``), and of solids by the map of the room that a person has. Whoever gets no further for longer than its patience
-turns back to the place that it came from.
+(``orca``), and of solids by the map of the room that a person has. Whoever gets no further turns to the right bit by
+bit, as two who stand before each other at a wall would stay there for good; after its patience it turns back to the
+place that it came from.
 """
 
 from typing import NamedTuple
@@ -30,8 +31,12 @@ _THERE_M, _BEND_M = 0.3, 0.15
 _WALL_S, _LOOK_S = 0.2, 0.4
 # Less than this share of its pace is no progress.
 _SLOW = 0.25
+# Whoever makes none for so long turns aside, so fast: all the way round within the longest patience.
+_ASIDE_AFTER_S, _ASIDE_RAD_S = 0.5, 2.0
 # A person stops this deep in a robot that it walks into.
 _PRESS_M = 0.005
+# What numbers of 32 bits may add to the speed at which people come nearer to one another.
+_ROUNDED_M_S = 1e-4
 _FLAT = 0.1
 _TINY_M = 1e-6
 
@@ -111,7 +116,8 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     stays = state.stay_s > 0.0
     own = Disc(place, velocity, jnp.full_like(place.x, PERSON_RADIUS_M))
     met = Disc(_vector(robot.qpos), _vector(robot.qvel), jnp.full((), robot_radius_m))
-    cos, sin = jnp.cos(people.lean_rad), jnp.sin(people.lean_rad)
+    turn_rad = people.lean_rad - _ASIDE_RAD_S * jnp.maximum(state.stalled_s - _ASIDE_AFTER_S, 0.0)
+    cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
     lean = Vector(cos * onward.x - sin * onward.y, sin * onward.x + cos * onward.y)
     preferred = lean.scaled(jnp.where(stays, 0.0, people.speed_m_s))
     beside_m, out = _room(people, place)
@@ -229,6 +235,22 @@ def _stopped_by(robot: Disc, place: Vector, velocity: Vector) -> Vector:
     return velocity.plus(to_robot, -jnp.maximum(too_fast, 0.0))
 
 
+def _apart(people: PeopleInputs, place: Vector, velocity: Vector) -> Vector:
+    """Returns the velocities with which no two people come nearer than they touch: each may go half of the way."""
+    to = Vector(place.x[None] - place.x[:, None], place.y[None] - place.y[:, None])
+    toward, length_m = to.unit(), jnp.sqrt(to.dot(to))
+    others = people.there[None] & ~jnp.eye(len(people.there), dtype=bool)
+    most_m_s = jnp.where(others, jnp.maximum(length_m / 2.0 - PERSON_RADIUS_M, 0.0) / CONTROL_S, jnp.inf)
+
+    def nearing(some: Vector) -> Float[jax.Array, "people others"]:
+        return toward.x * some.x[:, None] + toward.y * some.y[:, None]
+
+    over = jnp.maximum(nearing(velocity) - most_m_s, 0.0)
+    slid = Vector(velocity.x - jnp.sum(over * toward.x, axis=1), velocity.y - jnp.sum(over * toward.y, axis=1))
+    share = (most_m_s + _ROUNDED_M_S) / jnp.maximum(nearing(slid), _ROUNDED_M_S)
+    return slid.scaled(jnp.minimum(jnp.min(share, axis=1), 1.0))
+
+
 def _on_the_floor(people: PeopleInputs, place: Vector, room_m: Scalar, out: Vector, velocity: Vector) -> Vector:
     """Returns the velocities that lead to where people have room: as they are, along the wall, or none."""
     least_m = jnp.minimum(room_m, 0.0)
@@ -237,9 +259,9 @@ def _on_the_floor(people: PeopleInputs, place: Vector, room_m: Scalar, out: Vect
         return _room(people, place.plus(some, CONTROL_S))[0] >= least_m
 
     away = out.unit()
-    along = velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0))
-    none = velocity.scaled(0.0)
-    return choose(fits(velocity), velocity, choose(fits(along), along, none))
+    along = _apart(people, place, velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0)))
+    whole = _apart(people, place, velocity)
+    return choose(fits(whole), whole, choose(fits(along), along, whole.scaled(0.0)))
 
 
 def meet(state: PeopleState, robot: Body, work: PeopleWork) -> Meetings:
