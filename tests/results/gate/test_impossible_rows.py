@@ -67,6 +67,12 @@ def test_a_ball_may_lean_over_a_low_edge_without_touching_it():
     assert judge(GATE, material({"min_clearance_m": 0.0})).verdict == "PASS"
 
 
+def test_people_push_without_a_collision():
+    push = {"impulse_ns": 0.5, "max_impulse_ns": 0.5}
+    assert judge(GATE, material({**push, "person_contacts": 1})).verdict == "PASS"
+    assert judge(GATE, material({**push, "person_contacts": 0})).verdict == "INCONCLUSIVE"
+
+
 def test_without_their_columns_nothing_is_said():
     rows = material({"goals_reached": 9}).rows
     assert rows is not None

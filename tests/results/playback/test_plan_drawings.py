@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from specs.bundle_files import DepthCameraDeclaration
+from specs.data.people import PERSON_RADIUS_M
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import failure_map_svg, plan_page, replay_svg
 from tasks.results.playback.playback import CameraFilm
@@ -90,6 +91,17 @@ def test_the_scan_is_drawn_from_where_the_lidar_is(root: ET.Element):
     yaw = np.pi - 0.2
     ahead = (1.6 * np.cos(yaw), 0.5 + 1.6 * np.sin(yaw))
     assert corner == pytest.approx(PAGE.at(ahead), abs=0.06)
+
+
+def test_people_walk_on_the_plan_and_stand_where_they_ended():
+    walked = ET.fromstring(replay_svg(PLAN, playback(people=2), WORLD.footprint))  # noqa: S314 - our own document
+    people = [each for each in _of(walked, "moving").iter() if each.get("class") == "person"]
+    assert len(people) == 2
+    across, up = (np.array([float(each) for each in move.get("values", "").split(";")]) for move in _moves(people[1]))
+    np.testing.assert_allclose(np.stack([across[10], up[10]]), PAGE.at((0.25, 2.0)), atol=0.06)
+    stand = [each for each in _of(walked, "still").iter() if each.get("class") == "person"]
+    assert float(stand[0].get("cx", "")) == pytest.approx(PAGE.at((0.5, 1.0))[0], abs=0.06)
+    assert float(stand[0].get("r", "")) == pytest.approx(PERSON_RADIUS_M * PAGE.units_per_m, abs=0.06)
 
 
 def test_who_wants_less_motion_sees_the_end_and_all_marks_without_animation(root: ET.Element):

@@ -13,10 +13,11 @@ from mcap.reader import make_reader
 from PIL import Image
 
 from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
+from specs.data.people import PERSON_HEIGHT_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
 from tasks.results.playback.playback import CameraFilm
-from tasks.results.playback.replay_mcap import TOPICS, camera_topics, scene, write_mcap
+from tasks.results.playback.replay_mcap import PEOPLE_TOPICS, TOPICS, camera_topics, scene, write_mcap
 from tests.factories.own_worlds import WEDGE, piece, wedge
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
@@ -58,6 +59,21 @@ def test_there_are_as_many_messages_as_samples(found: Found, file: Path):
     assert summary
     assert summary.statistics
     assert summary.statistics.message_count == sum(counts.values())
+
+
+def test_people_stand_where_they_are_in_each_sample(tmp_path: Path):
+    write_mcap(tmp_path / "people.mcap", WORLD, playback(people=2))
+    with (tmp_path / "people.mcap").open("rb") as opened:
+        updates = [
+            json.loads(message.data)
+            for _, channel, message in make_reader(opened).iter_messages(topics=["/people"])
+            if channel.topic in PEOPLE_TOPICS
+        ]
+    assert len(updates) == SAMPLES
+    (entity,) = updates[10]["entities"]
+    places = [each["pose"]["position"] for each in entity["cylinders"]]
+    assert [(place["x"], place["y"]) for place in places] == [(0.25, 1.0), (0.25, 2.0)]
+    assert [each["size"]["z"] for each in entity["cylinders"]] == [PERSON_HEIGHT_M] * 2
 
 
 def test_a_robot_with_cameras_shows_what_it_saw_where_it_saw_it(tmp_path: Path):

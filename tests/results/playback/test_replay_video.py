@@ -14,7 +14,7 @@ from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback, seen_playb
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
-ROBOT = (249, 171, 0)
+ROBOT, PERSON = (249, 171, 0), (161, 66, 244)
 
 
 def test_the_film_has_all_pictures_at_its_rate(tmp_path: Path):
@@ -36,6 +36,13 @@ def test_the_robot_moves_through_the_pictures():
     columns = [np.argwhere((each == ROBOT).all(axis=2))[:, 1].mean() for each in pictures]
     assert len(columns) == 3
     assert columns[0] + 20 < columns[1] < columns[2] - 20
+
+
+def test_people_walk_through_the_pictures():
+    first, last = list(frames(WORLD, playback(people=1), stride=20))[:2]
+    columns = [np.argwhere((each == PERSON).all(axis=2))[:, 1] for each in (first, last)]
+    assert columns[0].mean() + 20 < columns[1].mean()
+    assert not (next(frames(WORLD, playback())) == PERSON).all(axis=2).any()
 
 
 def test_the_robot_is_filmed_from_above_as_its_parts():

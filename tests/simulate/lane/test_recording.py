@@ -244,11 +244,13 @@ def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, tim
     recorder, steps, lanes = Recorder(rate_hz, lambda _: True), 9, 1
     recorder.begin(lanes, CONTROL_S)
     three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
-    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one), np.array([steps]))
+    people = np.zeros((lanes, steps, 0, 2), np.float32)
+    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one, people), np.array([steps]))
     whole, none = np.array([steps]), np.zeros(lanes, bool)
     goals, lidars = np.zeros((lanes, 1, 2)), np.zeros((lanes, 7))
     first = three[:, 0]
-    recorder.end(Ends(whole, none, first, first, first, np.zeros(lanes, int), goals, lidars), [passed(70)])
+    driven = whole, none, first, first, first, np.zeros(lanes, int)
+    recorder.end(Ends(*driven, goals, lidars, people[:, 0], people[:, 0]), [passed(70)])
     (columns,) = recorder.parts()
     assert columns["t_s"][:3].tolist() == times_s
 

@@ -279,6 +279,7 @@ def test_rows_that_recordings_ended_with_and_the_others_come_in_the_order_of_the
         none,
         place[:, None, :2],
         np.zeros((2, 7)),
+        *(PEOPLE[:2], PEOPLE[:2]),
     )
     said = [(RecordingBegins(lanes=2, control_s=0.05), ()), (RecordingEnds(), ends), (Rows(), (told(passed(1)),))]
     rows, process = simulate(*said, rate_hz=4.0)
