@@ -216,7 +216,7 @@ def stored_rows(
         batch_id: The batch.
         name: ``results.parquet`` or ``failures.parquet``.
         sha256: Of the file as it was written; empty to read whatever lies there, as a replay does, which finds out.
-        columns: Names of columns; None for all.
+        columns: Names of columns, of which an older batch may lack some; None for all.
         index: Which episode; None for all.
 
     Raises:
@@ -224,7 +224,8 @@ def stored_rows(
         StageFailed: It is not what was written.
     """
     body = _read(store, location, f"{batch_id}/{name}", sha256)
-    return pq.read_table(body, columns=list(columns) if columns else None, filters=_only(index))
+    there = [column for column in columns if column in pq.read_schema(body).names] if columns else None
+    return pq.read_table(body, columns=there, filters=_only(index))
 
 
 def recorded_samples(store: Store, location: OutputLocation, batch_id: str, name: str, index: int) -> pa.Table:

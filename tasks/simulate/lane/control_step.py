@@ -31,7 +31,7 @@ from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
-from tasks.simulate.lane.people import (
+from tasks.simulate.lane.walkers import (
     PeopleInputs,
     PeopleState,
     begin_people,

@@ -13,8 +13,8 @@ from tasks.simulate.application.contract import REASONS
 from tasks.simulate.geometry.rooms import Visit, visits
 from tasks.simulate.geometry.shortest_path import shortest_paths_m
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
-from tasks.simulate.lane.people import PeopleState
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.lane.walkers import PeopleState
 from tasks.simulate.sensors.odometry import ODOMETRY
 
 # One pose in half a simulated second is kept of a failed episode.

@@ -21,7 +21,7 @@ from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.walks import HostPeople
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.control_step import LaneInputs
-from tasks.simulate.lane.people import PeopleInputs
+from tasks.simulate.lane.walkers import PeopleInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.depth_camera import DepthCamera
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar

@@ -16,9 +16,9 @@ from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.host.controllers import HostControllers, SeesWorlds, drawn_by
-from tasks.simulate.lane.people import people_cylinders
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.lane.walkers import people_cylinders
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
 from tasks.simulate.sandbox.protocol import FILM_BYTES
 from tasks.simulate.sensors.depth_camera import pictures_again

@@ -73,6 +73,12 @@ def test_people_push_without_a_collision():
     assert judge(GATE, material({**push, "person_contacts": 0})).verdict == "INCONCLUSIVE"
 
 
+def test_a_push_without_a_collision_is_found_in_older_rows_that_know_no_people():
+    rows = material({"impulse_ns": 0.5, "max_impulse_ns": 0.5}).rows
+    assert rows is not None
+    assert "1 of 48 rows cannot be: a push without" in impossible_rows(rows.drop_columns(["person_contacts"]))
+
+
 def test_without_their_columns_nothing_is_said():
     rows = material({"goals_reached": 9}).rows
     assert rows is not None

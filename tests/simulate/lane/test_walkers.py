@@ -10,7 +10,7 @@ from tasks.simulate.application.contract import Body
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.walks import walks_in
-from tasks.simulate.lane.people import PeopleInputs, PeopleState, begin_people, walk
+from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, walk
 from tests.factories.simulations import cluttered
 
 LANES, COUNT, STEPS, HULL_M = 8, 3, 2400, 0.2
