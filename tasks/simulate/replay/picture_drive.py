@@ -7,6 +7,7 @@ same poses, with the same Pillow and, of colours, the same GL.
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
@@ -20,6 +21,7 @@ from tasks.simulate.engines.program import Program
 from tasks.simulate.host.color_cameras import LanePictures
 from tasks.simulate.host.controllers import HostStart
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.lane.walkers import people_cylinders
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sandbox.protocol import FILM_BYTES, Pictures, PicturesWork
 from tasks.simulate.sensors.depth_camera import pictures_again as depths_again
@@ -30,6 +32,7 @@ from tasks.simulate.sensors.sensor_table import read_color_camera
 _TOGETHER = 16
 Steps = Int[np.ndarray, "pictures"]
 Poses = Float32[np.ndarray, "pictures 3"]
+People = Float32[np.ndarray, "pictures people 2"]
 
 
 def pictures_again(
@@ -50,12 +53,13 @@ def pictures_again(
     if not lanes:
         return Pictures(), [*_packed([], []), *_packed([], [])]
     steps, poses = np.array(work.steps, np.int32), np.array(work.poses, np.float32).reshape(-1, 3)
-    depth = _depths(lanes[0], steps, poses, work.pictures_hz)
+    people_m = np.array(work.people_m, np.float32).reshape(len(steps), len(next(iter(work.people_m), ())), 2)
+    depth = _depths(lanes[0], steps, poses, people_m, work.pictures_hz)
     color, why = _colors(lanes[0], placed.program, worlds, bundles, (steps, poses, work.pictures_hz))
     return Pictures(why=why), [*depth, *color]
 
 
-def _depths(lane: Lane, steps: Steps, poses: Poses, pictures_hz: float) -> list[np.ndarray]:
+def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_hz: float) -> list[np.ndarray]:
     camera, scene = lane.camera, lane.arrays.scene
     if camera is None or scene is None:
         return _packed([], [])
@@ -65,7 +69,8 @@ def _depths(lane: Lane, steps: Steps, poses: Poses, pictures_hz: float) -> list[
     for first in range(0, len(taken), _TOGETHER):
         some = taken[first : first + _TOGETHER]
         filled = np.resize(some, _TOGETHER)
-        where = jnp.asarray(poses[filled]), jnp.asarray(steps[filled])
+        beside = jax.vmap(people_cylinders)(jnp.asarray(people_m[filled]))
+        where = jnp.asarray(poses[filled]), jnp.asarray(steps[filled]), beside
         found = depths_again(camera, scene, seed, *where, hull_depth_m=hull_depth_m)
         packed += [depth_png(each, camera.range_m) for each in np.asarray(found)[: len(some)]]
     return _packed(steps[taken], packed)

@@ -39,7 +39,7 @@ def with_pictures(batch: OpenBatch, samples: Columns, bundles: Mapping[str, Path
     for request in requests:
         rows = np.flatnonzero(samples["index"] == request.index)
         asked = batch_mounts(batch).resolved(request)
-        own = {name: samples[name][rows] for name in ("t_s", "pose")}
+        own = {name: samples[name][rows] for name in ("t_s", "pose", "people_m")}
         for name, pictures in zip(kept, _episode_pictures(batch, asked, worlds, bundles, own), strict=True):
             for row, picture in pictures.items():
                 kept[name][rows[row]] = picture
@@ -59,6 +59,7 @@ def _episode_pictures(
     some = some[np.isfinite(samples["pose"][some]).all(1)]
     steps = np.rint(samples["t_s"][some] / CONTROL_S).astype(int).tolist()
     poses: list[list[float]] = samples["pose"][some].astype(np.float32).tolist()
+    people_m: list[list[list[float]]] = samples["people_m"][some].astype(np.float32).tolist()
 
     def question(process: Simulator) -> PicturesWork:
         return PicturesWork(
@@ -69,6 +70,7 @@ def _episode_pictures(
             engine=batch.plan.engine,
             steps=tuple(steps),
             poses=tuple((x_m, y_m, yaw_rad) for x_m, y_m, yaw_rad in poses),
+            people_m=tuple(tuple((x_m, y_m) for x_m, y_m in each) for each in people_m),
             pictures_hz=batch.plan.recordings.picturesHz or 0.0,
         )
 

@@ -290,6 +290,7 @@ class PicturesWork(Spec):
 
     Attributes:
         steps, poses: At which control steps it is known where the robot was (x m, y m, yaw rad): some of all.
+        people_m: Where people were then (x, y); none of an episode without.
         pictures_hz: How many of each camera's pictures a simulated second to take at most.
     """
 
@@ -301,6 +302,7 @@ class PicturesWork(Spec):
     engine: str
     steps: tuple[int, ...]
     poses: tuple[tuple[float, float, float], ...]
+    people_m: tuple[tuple[tuple[float, float], ...], ...]
     pictures_hz: float
 
 

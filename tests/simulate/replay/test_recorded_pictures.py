@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from flows.batch.replay_episode import replay_job
+from specs.data.people import People
 from specs.pipeline.simulation_section import Recordings
 from tasks.results.tables.result_files import recorded_samples
 from tasks.ros.message.camera_messages import depth_png, depths_in_mm
@@ -50,14 +51,15 @@ def controller(environment):
 """
 
 
-def seeing_batch(folder: Path, *, robot: str = SEER) -> OpenBatch:
+def seeing_batch(folder: Path, *, robot: str = SEER, people: People | None = None) -> OpenBatch:
     """Returns a batch of a robot with both cameras, whose recordings keep two pictures a second."""
     bundle = shutil.copytree(PUSHER, folder / "seer")
     (bundle / "faulty" / "pushing.py").write_text(robot)
     store = open_store((folder / "store").as_uri())
     recordings = Recordings(episodes="all", rateHz=4, picturesHz=2)
     worlds = {"hand/pen-0": PENS["hand/pen-0"]}
-    return closed_batch(store, pushing_plan(store, robot=bundle, worlds=worlds, seeds=(3, 4), recordings=recordings))
+    plan = pushing_plan(store, robot=bundle, worlds=worlds, seeds=(3, 4), recordings=recordings, people=people)
+    return closed_batch(store, plan)
 
 
 def recording(batch: OpenBatch, index: int) -> pa.Table:
@@ -66,8 +68,9 @@ def recording(batch: OpenBatch, index: int) -> pa.Table:
 
 
 @pytest.mark.long
-def test_a_recording_keeps_what_the_robot_saw_and_a_replay_finds_the_same_bytes(tmp_path: Path):
-    batch = seeing_batch(tmp_path)
+@pytest.mark.parametrize("people", [None, People(count=2)], ids=["nobody", "people"])
+def test_a_recording_keeps_what_the_robot_saw_and_a_replay_finds_the_same_bytes(tmp_path: Path, people: People | None):
+    batch = seeing_batch(tmp_path, people=people)
     again = replay_job(batch.store, f"{batch.id}/1")
     if "InternalServiceError" in {each.recorded for each in again.deviations if each.column == "failure_code"}:
         skip_or_fail("no GL draws")
