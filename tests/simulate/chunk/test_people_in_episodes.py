@@ -5,6 +5,7 @@ import pytest
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.people import People
 from specs.data.world import World
+from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lanes
 from tests.simulate.conftest import Simulate
 
@@ -67,7 +68,8 @@ def test_the_courier_among_people_drives_the_same_bits_alone_and_among_others(ap
     asked = [among_people(delivery(k, world=f"hand/apartment-{k % 4}", seed=k, duration_s=60.0)) for k in range(LANES)]
 
     def driven(requests: list[EpisodeRequest]) -> list[EpisodeResult]:
-        return simulate_lanes(requests, apartments, FOLDERS, lanes=LANES, should_stop=lambda: False)
+        (chunk,) = plan_chunks(requests, LANES)
+        return simulate_lanes(chunk, apartments, FOLDERS, lanes=LANES, should_stop=lambda: False)
 
     together = driven(asked)
     assert driven(asked[3:4]) == [together[3]]
