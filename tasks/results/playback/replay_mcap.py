@@ -191,7 +191,7 @@ def _people(playback: Playback, sample: int, time_s: float) -> Message:
         {"pose": pose(x, y, PERSON_HEIGHT_M / 2), "size": size, **_STRAIGHT, "color": _color(_PERSON)}
         for x, y in playback.people_m[sample].tolist()
     ]
-    people = {**_entity("people", cylinders=cylinders), "timestamp": time_of(time_s)}
+    people: Message = {**_entity("people", cylinders=cylinders), "timestamp": time_of(time_s)}
     return {"deletions": [], "entities": [people]}
 
 
