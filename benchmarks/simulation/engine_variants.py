@@ -20,6 +20,7 @@ from mujoco.rollout import Rollout
 from benchmarks.applications.explorer.explorer.reactive import Lidar, control
 from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
 from specs.data.episode import CONTROL_S, EpisodeRequest
+from specs.data.people import People
 from specs.data.world import World
 from tasks.simulate.chunk.chunk_simulation import ready_chunk
 from tasks.simulate.engines.compiled_program import CompiledProgram, CompiledRun
@@ -83,9 +84,9 @@ def slice_times(
 class Ours:
     """One of Simyard's engines, as a batch runs it."""
 
-    def __init__(self, engine: str, lanes: int, obstacles: int) -> None:
+    def __init__(self, engine: str, lanes: int, obstacles: int, people: People | None = None) -> None:
         worlds = {f"bench/{k}": bench_world(k, obstacles) for k in range(WORLDS)}
-        requests = explorations(lanes, WORLDS, _FOREVER_S)
+        requests = [each.model_copy(update={"people": people}) for each in explorations(lanes, WORLDS, _FOREVER_S)]
         chunk = ready_chunk(requests, worlds, FOLDERS, lanes=lanes, engine=engine)
         run = chunk.run
         if run is None:

@@ -1,7 +1,7 @@
 """Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
 
-    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--repeats N] [--without NAME ...]
-    [--json FILE]
+    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--repeats N]
+    [--without NAME ...] [--json FILE]
     .venv/bin/python benchmarks/simulation/engines.py --document docs/reference/engines.md    # all of it, into the
     document
 
@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from benchmarks.harness import machine, markdown, options, show
 from benchmarks.simulation.batch_engines import batch_table
+from specs.data.people import MOST_PEOPLE, People
 from tasks.simulate.devices import device_count, prepare_devices
 
 prepare_devices()
@@ -39,6 +40,7 @@ PLAIN_C = (LOOP, ROLLOUT, BATCH)
 ENGINES = ("mujoco", "mjx", "planar")
 SCALED_LANES, SCALED_OBSTACLES = (1, 16, 64, 256, 1024, 4096), (25, 100, 400)
 SCALING_REPEATS, WARM_RUNS = 3, 2
+WALKING, WALKED_OBSTACLES = (0, 1, 4, MOST_PEOPLE), 25
 
 
 class Turn(NamedTuple):
@@ -136,6 +138,21 @@ def scaled(axis: str, sizes: Sequence[tuple[int, int]], repeats: int) -> list[li
     return table
 
 
+def walked(repeats: int) -> list[list[str]]:
+    """Returns a table over how many people walk on ``planar``, in worlds where eight have room."""
+    made: dict[str, Variant] = {
+        str(count): Ours("planar", LANES, WALKED_OBSTACLES, People(count=count) if count else None) for count in WALKING
+    }
+    found = turns(made, repeats, {name: control_steps("planar", LANES) for name in made})
+    costs = {name: median(turn.cpu_us for turn in each) for name, each in found.items()}
+    rates = {name: median(turn.rate for turn in each) for name, each in found.items()}
+    table = [["people", "k lane-steps/s", "CPU us a control step", "x none, wall", "x none, CPU"]]
+    for name, rate in rates.items():
+        times = (rates["0"] / rate, costs[name] / costs["0"])
+        table.append([name, f"{rate / 1e3:,.1f}", f"{costs[name]:,.1f}", *(f"{each:.2f}" for each in times)])
+    return table
+
+
 def main() -> None:
     """Prints the tables, and puts them into a document."""
     parser = options(__doc__)
@@ -143,6 +160,7 @@ def main() -> None:
     parser.add_argument("--without", nargs="*", default=[], help="variants to leave out")
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
+    parser.add_argument("--people", action="store_true")
     given = parser.parse_args()
     show("machine", machine(), given.document)
     for title, table in measured(given):
@@ -151,7 +169,7 @@ def main() -> None:
 
 def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    parts = given.scaling or given.batch
+    parts = given.scaling or given.batch or given.people
     everything = given.document is not None and not parts
     if not parts:
         yield "side by side", rows(side_by_side(given.repeats, given.without))
@@ -159,6 +177,8 @@ def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]
         yield "batch", batch_table(min(given.repeats, WARM_RUNS))
     if everything or given.scaling:
         yield from scaling(min(given.repeats, SCALING_REPEATS))
+    if everything or given.people:
+        yield "people", walked(given.repeats)
 
 
 if __name__ == "__main__":
