@@ -177,7 +177,7 @@ def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]
         yield "batch", batch_table(min(given.repeats, WARM_RUNS))
     if everything or given.scaling:
         yield from scaling(min(given.repeats, SCALING_REPEATS))
-    if everything or given.people:
+    if given.people:
         yield "people", walked(given.repeats)
 
 
