@@ -49,5 +49,5 @@ def write_bundle(folder, graph, inputs, actions, declared):
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     onnx.checker.check_model(model)
     onnx.save(model, package / f"{name}.onnx")
-    declared = {**declared, "output": {"kind": "action"}}
+    declared = {"output": {"kind": "action"}, **declared}
     (package / f"{name}.yaml").write_text(yaml.safe_dump(declared, sort_keys=False))

@@ -1,240 +1,321 @@
-"""Trains a controller that is shown pictures and the way to its goal with skrl's PPO in JAX, and writes it as a bundle.
+"""Trains a controller that sees pictures and the way to its goal, by a teacher that has the map, and writes a bundle.
 
-Run it from the repository: `python examples/training/pictures.py --sensor depth`, or `--sensor color`, then
-`simyard run examples/training/pictures.yaml`. It needs `pip install skrl flax optax` (https://skrl.readthedocs.io).
-
-A policy may get worse while it is trained, and one that arrives with the noise by which it explores may not without it.
-So every round, 32,768 steps of 256 robots, it drives without noise in homes that it is not trained in. The best policy
-is written, and training ends when nearly all arrive. The homes of the gate are others: they decide nothing here.
+The teacher is the shipped courier with its map and its lidar. The pupil drives, the teacher says what it would do at
+each picture, and the pupil learns that from all pictures so far: S. Ross, G. Gordon, D. Bagnell, A Reduction of
+Imitation Learning and Structured Prediction to No-Regret Online Learning, 2011 (arXiv:1011.0686), with Adam of
+`jax.example_libraries`. Run it from the repository: `python examples/training/pictures.py --sensor depth`, or
+`--sensor color`, then `simyard run examples/training/pictures.yaml`. Last it drives with pictures of nothing, too.
 """
 
 import argparse
 import json
+import sys
 import time
+from functools import partial
 from pathlib import Path
 
-import gymnasium
+import mujoco
 import numpy as np
+import yaml
 from bundle_files import ROBOT, Graph, write_bundle
 
 import simyard
 import simyard.gym  # before JAX, whose settings it makes
+from flows.pipeline.world_imports import import_worlds
+from specs.pipeline.world_sections import WorldImport
+from tasks.simulate.application.contract import FloorMap, Observation
+from tasks.simulate.application.robot_model import hull_of
+from tasks.simulate.geometry.world_arrays import arrays_of_worlds
 
-import flax.linen as nn  # isort: skip
 import jax  # isort: skip
 import jax.numpy as jnp  # isort: skip
-from skrl.agents.jax.ppo import PPO, PPO_CFG  # isort: skip
-from skrl.envs.wrappers.jax import wrap_env  # isort: skip
-from skrl.memories.jax import RandomMemory  # isort: skip
-from skrl.models.jax import DeterministicMixin, GaussianMixin, Model  # isort: skip
-from skrl.resources.preprocessors.jax import RunningStandardScaler  # isort: skip
-from skrl.resources.schedulers.jax import KLAdaptiveLR  # isort: skip
-from skrl.trainers.jax import SequentialTrainer  # isort: skip
-from skrl.utils import set_seed  # isort: skip
-from skrl.utils.spaces.jax import flatten_tensorized_space, tensorize_space, unflatten_tensorized_space  # isort: skip
+from jax.example_libraries.optimizers import adam, inverse_time_decay  # isort: skip
+
+sys.path.insert(0, str(ROBOT.parent))
+from courier.go_to_goal import GoToGoal, Kept, Lidar
+from courier.planning import Ways, ways_to_goals
 
 HERE = Path(__file__).resolve().parent
-CAMERA = {"columns": 64, "rows": 48, "fov_rad": 1.8, "x_m": 0.15, "z_m": 0.35, "rate_hz": 10.0}
-# Of each sensor: how it is declared, and the field that it gives as the network is shown it.
+DOCUMENT = yaml.safe_load((HERE / "pictures.yaml").read_text())
+CAMERA = {"columns": 64, "rows": 48, "fov_rad": 2.2, "z_m": 0.4, "rate_hz": 10.0}
+# Of each sensor: how it is declared, the field that it gives as the network is shown it, and its channels.
 SENSORS = {
     "depth": (
         {"depth_camera": {**CAMERA, "range_m": 5.0, "sigma_m_per_m2": 0.002, "edge_dropout": 0.1}},
-        {"field": "depth_m", "scale": 0.25, "low": 0.0, "high": 1.0},
+        {"field": "depth_m", "scale": 0.4, "low": 0.0, "high": 1.0},
+        1,
     ),
     "color": (
         {"color_camera": {**CAMERA, "light_spread": 0.2, "tint_spread": 0.1, "noise": 0.02}},
-        {"field": "color", "scale": 1 / 255},
+        {"field": "color", "scale": 1 / 255, "low": 0.0, "high": 1.0},
+        3,
     ),
 }
 GOAL = [
     {"field": "goal_robot_m", "scale": 1.0, "low": -1.0, "high": 1.0},
     {"field": "goal_robot_m", "scale": 0.15, "low": -1.0, "high": 1.0},
 ]
-TILE, FILTERS, HIDDEN, ENVS, HORIZON = 8, 16, 64, 256, 32
-# Homes of the training and of trials; a trial's robots, with time for two or three times the way; a round's steps.
-HOMES, TRIAL_HOMES, TRIALS, TRIAL_S = 16, 8, 64, 10.0
-ROUND, ENOUGH = 4 * HORIZON, 0.98
+# What the pupil chooses from, in m/s ahead and rad/s: never backwards, where it sees nothing. All have mirror images.
+TURNS = {0.5: (-0.9, -0.3, 0.0, 0.3, 0.9), 0.25: (-1.6, -0.6, 0.6, 1.6), 0.08: (0.0,), 0.0: (-2.4, 2.4)}
+CONTROLS = np.array([(speed, turn) for speed, turns in TURNS.items() for turn in turns], np.float32)
+# Speeds that are so far apart weigh as much as turns that are.
+APART = np.array([0.25, 0.6])
+TILE, FILTERS, HIDDEN, BATCH, STEPS, EVERY = 8, 24, 96, 256, 600, 4
+HOMES, SEEDS, CHECKS = 16, 3, 128
 
 
-def shown(part, field):
-    return jnp.clip(field * part["scale"], part.get("low"), part.get("high"))
+def shown(part, seen):
+    return np.clip(seen[part["field"]] * np.float32(part["scale"]), part["low"], part["high"])
 
 
-def seen(model, inputs):
-    """Returns pictures (robots, rows, columns, channels) and ways to goals, as the network's declaration says it."""
-    fields = unflatten_tensorized_space(model.observation_space, inputs["observations"])
-    picture = shown(model.part, fields[model.part["field"]])
-    goal = jnp.concatenate([shown(part, fields[part["field"]]) for part in GOAL], axis=1)
+def inputs(part, seen):
+    """Returns pictures (robots, rows, columns, channels) in bytes, and ways to goals, as the declaration has them."""
+    picture = np.rint(255 * shown(part, seen)).astype(np.uint8)
+    goal = np.concatenate([shown(each, seen) for each in GOAL], axis=1, dtype=np.float32)
     return picture.reshape(*picture.shape[:3], -1), goal
 
 
-def layers(picture, goal, numbers):
-    """Returns numbers of pictures (robots, rows, columns, channels): a convolution of tiles, then two dense layers."""
+def nearest(controls):
+    """Returns which choice comes nearest to each control."""
+    return (((controls[:, None, :2] - CONTROLS) / APART) ** 2).sum(axis=2).argmin(axis=1)
+
+
+class Teacher:
+    """The courier, once for each robot, with the way to its goal."""
+
+    def __init__(self, worlds, robots):
+        arrays = arrays_of_worlds(
+            {f"{each.generation}/{each.name}": each for each in worlds},
+            hull_of(mujoco.MjModel.from_xml_path(str(ROBOT))),
+            Lidar().height_m,
+        )
+        self.floors = {name: FloorMap(*map(jnp.asarray, each.floor)) for name, each in arrays.items()}
+        side = max(len(each.clearance_m) for each in self.floors.values())
+        self.known = {}
+        self.ways = Ways(
+            np.zeros((robots, 1, side, side), np.uint8), np.zeros((robots, 2), np.float32), np.ones(robots, np.float32)
+        )
+        courier = GoToGoal(0.5, Lidar())
+
+        def control(ways, pose, goal_m, ranges_m):
+            seen = Observation(jnp.zeros(()), pose, pose, ranges_m, jnp.int32(0), goal_m, goal_m, jnp.zeros(1, bool))
+            return courier.step(Kept(ways, None), seen)[1]
+
+        self.plan, self.control = jax.jit(ways_to_goals), jax.jit(jax.vmap(control))
+
+    def begin(self, seen, infos, robots):
+        """Plans the ways of robots that have begun an episode."""
+        for robot in robots:
+            episode = infos["world"][robot], infos["seed"][robot]
+            if episode not in self.known:
+                planned = self.plan(self.floors[episode[0]], seen["goal_m"][robot][None])
+                self.known[episode] = [np.asarray(each) for each in planned]
+            cells, origin_m, cell_m = self.known[episode]
+            self.ways.next_cell[robot, :, : cells.shape[1], : cells.shape[2]] = cells
+            self.ways.origin_m[robot], self.ways.cell_m[robot] = origin_m, cell_m
+
+    def controls(self, seen):
+        return np.asarray(self.control(self.ways, seen["pose"], seen["goal_m"], seen["ranges_m"]))
+
+
+def fresh(key, channels):
+    tiles = CAMERA["rows"] // TILE * (CAMERA["columns"] // TILE)
+    sizes = {
+        "tiles": (TILE * TILE * channels, FILTERS),
+        "first": (tiles * FILTERS + 2 * len(GOAL), HIDDEN),
+        "second": (HIDDEN, HIDDEN),
+        "last": (HIDDEN, len(CONTROLS)),
+    }
+    keys = zip(jax.random.split(key, len(sizes)), sizes.items(), strict=True)
+    return {name: (jax.random.normal(own, size) / size[0] ** 0.5, jnp.zeros(size[1])) for own, (name, size) in keys}
+
+
+def scores(weights, picture, goal):
+    """Returns a score of each choice: a convolution of tiles, then two dense layers."""
+
+    def dense(name, given):
+        return given @ weights[name][0] + weights[name][1]
+
     robots, rows, columns, channels = picture.shape
-    tiles = picture.reshape(robots, rows // TILE, TILE, columns // TILE, TILE, channels).swapaxes(2, 3)
-    seen = nn.relu(nn.Dense(FILTERS, name="tiles")(tiles.reshape(*tiles.shape[:3], -1)))
-    hidden = jnp.concatenate([seen.reshape(robots, -1), goal], axis=1)
-    for name in ("first", "second"):
-        hidden = nn.tanh(nn.Dense(HIDDEN, name=name)(hidden))
-    last = nn.initializers.orthogonal(0.01 if numbers > 1 else 1.0)
-    return nn.Dense(numbers, name="last", kernel_init=last)(hidden)
+    tiles = picture.reshape(robots, rows // TILE, TILE, columns // TILE, TILE, channels).swapaxes(2, 3) / 255
+    seen = jax.nn.relu(dense("tiles", tiles.reshape(*tiles.shape[:3], -1))).reshape(robots, -1)
+    first = jnp.tanh(dense("first", jnp.concatenate([seen, goal], axis=1)))
+    return dense("last", jnp.tanh(dense("second", first)))
 
 
-class Actor(GaussianMixin, Model):
-    part: dict | None = None
-
-    def __init__(self, observation_space, action_space, part, **others):
-        Model.__init__(self, observation_space=observation_space, action_space=action_space, **others)
-        self.part = part
-        GaussianMixin.__init__(self, min_log_std=-2.0)
-
-    @nn.compact
-    def __call__(self, inputs, role):  # noqa: ARG002 - as skrl calls it
-        spread = self.param("spread", lambda _: jnp.full(self.num_actions, -0.5))
-        return layers(*seen(self, inputs), self.num_actions), {"log_std": spread}
+def loss(weights, picture, goal, wanted):
+    return -jnp.take_along_axis(jax.nn.log_softmax(scores(weights, picture, goal)), wanted[:, None], axis=1).mean()
 
 
-class Critic(DeterministicMixin, Model):
-    part: dict | None = None
-
-    def __init__(self, observation_space, action_space, part, **others):
-        Model.__init__(self, observation_space=observation_space, action_space=action_space, **others)
-        self.part = part
-        DeterministicMixin.__init__(self)
-
-    @nn.compact
-    def __call__(self, inputs, role):  # noqa: ARG002 - as skrl calls it
-        return layers(*seen(self, inputs), 1), {}
+@jax.jit
+def choice(weights, picture, goal):
+    return scores(weights, picture, goal).argmax(axis=1)
 
 
-class Arrivals(gymnasium.vector.VectorWrapper):
-    """Keeps which episodes of the training arrived."""
+class Pupil:
+    def __init__(self, part, channels, seed):
+        self.part, self.rng = part, np.random.default_rng(seed)
+        start, update, self.weights_of = adam(inverse_time_decay(1e-3, decay_steps=5000, decay_rate=1.0))
+        self.state, self.updates = start(fresh(jax.random.key(seed), channels)), 0
 
-    def __init__(self, env):
-        super().__init__(env)
-        self.passed = []
+        @jax.jit
+        def learned(state, number, *batch):
+            return update(number, jax.grad(loss)(self.weights_of(state), *batch), state)
 
-    def step(self, actions):
-        answer = self.env.step(actions)
-        if "final_info" in answer[4]:
-            ends = answer[4]["final_info"]
-            self.passed += ends["passed"][ends["_passed"]].tolist()
-        return answer
+        self.learned = learned
+
+    def controls(self, seen, pictures=np.asarray):
+        picture, goal = inputs(self.part, seen)
+        return CONTROLS[np.asarray(choice(self.weights_of(self.state), pictures(picture), goal))]
+
+    def learn(self, samples, passes):
+        """Takes steps of Adam over all samples, each batch as it was or in a mirror."""
+        mirror = nearest(CONTROLS * [1, -1])
+        for _ in range(passes):
+            order = self.rng.permutation(len(samples[0]))
+            for batch in order[: len(order) // BATCH * BATCH].reshape(-1, BATCH) if len(order) > BATCH else [order]:
+                picture, goal, wanted = (each[batch] for each in samples)
+                if self.rng.random() < 0.5:
+                    picture, goal, wanted = picture[:, :, ::-1], goal * np.float32([1, -1, 1, -1]), mirror[wanted]
+                self.state = self.learned(self.state, self.updates, picture, goal, wanted)
+                self.updates += 1
 
 
-def trial(envs, policy):
-    """Returns the share of robots that arrive without noise, each in one episode: the same ones at each call."""
+def lesson(envs, teacher, pupil, seed, steps):
+    """Returns what the teacher says while the pupil drives, itself at first, and the share of robots that arrived."""
+    seen, infos = envs.reset(seed=seed)
+    teacher.begin(seen, infos, range(envs.num_envs))
+    samples, passed = [], []
+    for step in range(steps):
+        wanted = teacher.controls(seen)
+        if step % EVERY == 0:
+            samples.append((*inputs(pupil.part, seen), nearest(wanted)))
+        seen, _, terminated, truncated, infos = envs.step(pupil.controls(seen) if pupil.updates else wanted[:, :2])
+        if (over := terminated | truncated).any():
+            passed += infos["final_info"]["passed"][over].tolist()
+            teacher.begin(seen, infos, np.flatnonzero(over))
+    return [np.concatenate(each) for each in zip(*samples, strict=True)], float(np.mean(passed or [0]))
+
+
+def arriving(envs, controls):
+    """Returns the share of robots that arrive, each in one episode: the same ones at each call."""
     seen, _ = envs.reset(seed=0)
     driving, passed = np.ones(envs.num_envs, bool), np.zeros(envs.num_envs, bool)
     while driving.any():
-        observations = flatten_tensorized_space(tensorize_space(envs.single_observation_space, seen))
-        mean, _ = policy.apply(policy.state_dict.params, {"observations": observations}, "policy")
-        seen, _, terminated, truncated, infos = envs.step(np.asarray(mean))
+        seen, _, terminated, truncated, infos = envs.step(controls(seen))
         over = driving & (terminated | truncated)
-        passed[over] = infos["passed"][over] if over.any() else False
+        if over.any():
+            passed[over] = infos["final_info"]["passed"][over]
         driving &= ~over
     return float(passed.mean())
 
 
-def train(envs, trials, part, steps, seed):
-    """Returns the weights of the best actor, and the curve: of each round, what arrived in training and in a trial."""
-    set_seed(seed)
-    arrivals = Arrivals(envs)
-    env = wrap_env(arrivals, verbose=False)
-    spaces = {"observation_space": env.observation_space, "action_space": env.action_space}
-    models = {"policy": Actor(**spaces, part=part), "value": Critic(**spaces, part=part)}
-    for role, model in models.items():
-        model.init_state_dict(role=role, key=jax.random.key(seed))
-    chosen = PPO_CFG(
-        rollouts=HORIZON,
-        learning_epochs=4,
-        mini_batches=4,
-        learning_rate=1e-3,
-        learning_rate_scheduler=KLAdaptiveLR,
-        learning_rate_scheduler_kwargs={"kl_threshold": 0.01, "max_lr": 1e-3},
-        entropy_loss_scale=2e-3,
-        value_loss_scale=1.0,
-        value_preprocessor=RunningStandardScaler,
-        value_preprocessor_kwargs={"size": 1},
-    )
-    chosen.experiment.write_interval = chosen.experiment.checkpoint_interval = 0
-    memory = RandomMemory(memory_size=HORIZON, num_envs=envs.num_envs)
-    agent = PPO(models=models, memory=memory, cfg=chosen, **spaces)
-    told = {"timesteps": ROUND, "headless": True, "disable_progressbar": True}
-    trainer = SequentialTrainer(env=env, agents=agent, cfg=told)
-    best, weights, points, began = -1.0, None, [], time.monotonic()
-    for number in range(1, max(1, steps // (ROUND * envs.num_envs)) + 1):
-        trainer.train()
-        arrive, alone = float(np.mean(arrivals.passed[-1000:] or [0])), trial(trials, models["policy"])
-        points.append([number * ROUND * envs.num_envs, round(time.monotonic() - began, 1), arrive, alone])
-        print("{:>9,} steps, {:4.0f} s: {:.0%} arrive, {:.0%} of a trial".format(*points[-1]), flush=True)
-        if alone > best:
-            best, weights = alone, jax.tree.map(np.array, models["policy"].state_dict.params["params"])
-        if best >= ENOUGH:
-            break
-    return weights, points
+def straight(seen):
+    """Drives towards the goal, whatever is in the way."""
+    error = np.arctan2(*seen["goal_robot_m"].T[::-1])
+    return np.stack([0.5 * np.maximum(np.cos(error), 0) ** 2, np.clip(2.5 * error, -2.4, 2.4)], axis=1)
+
+
+def halls(count, seed):
+    """Returns halls as those of the gate, of another seed."""
+    asked = {**DOCUMENT["worlds"][0], "variants": count, "seed": seed}
+    return [each.world for each in import_worlds(WorldImport.model_validate(asked), HERE)]
 
 
 def write(folder, weights, sensors, part):
-    """Writes the actor in ONNX, with a convolution in place of the tiles, as a bundle."""
+    """Writes the pupil in ONNX, with a convolution in place of the tiles, as a bundle."""
     (camera,) = sensors.values()
-    kernel, bias = weights["tiles"]["kernel"], weights["tiles"]["bias"]
+    kernel, bias = weights["tiles"]
     kernel = kernel.reshape(TILE, TILE, -1, FILTERS).transpose(3, 2, 0, 1)
     graph = Graph("seeing")
     planes = graph.add("Transpose", ["picture"], "planes", perm=[0, 3, 1, 2])
     tiles = graph.add("Conv", [planes, kernel, bias], "tiles", strides=[TILE, TILE])
     last = graph.add("Transpose", [graph.add("Relu", [tiles], "seen")], "last", perm=[0, 2, 3, 1])
     both = graph.add("Concat", [graph.add("Flatten", [last], "flat"), "goal"], "both", axis=1)
-    graph.dense(both, [(weights[name]["kernel"], weights[name]["bias"]) for name in ("first", "second", "last")])
+    graph.dense(both, [weights[name] for name in ("first", "second", "last")])
     shapes = {"picture": (camera["rows"], camera["columns"], kernel.shape[1]), "goal": (2 * len(GOAL),)}
-    inputs = [{"name": "picture", "parts": [part]}, {"name": "goal", "parts": GOAL}]
-    write_bundle(folder, graph, shapes, len(weights["last"]["bias"]), {**sensors, "inputs": inputs})
+    declared = {
+        **sensors,
+        "inputs": [{"name": "picture", "parts": [part]}, {"name": "goal", "parts": GOAL}],
+        "output": {"kind": "choice", "controls": CONTROLS.astype(float).round(6).tolist()},
+    }
+    write_bundle(folder, graph, shapes, len(CONTROLS), declared)
 
 
-def drawing(points):
-    """Returns the curve as SVG: thin what arrived in training, bold what arrived in trials, over thousands of steps."""
-    wide, high, most = 560, 240, points[-1][0]
-    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide + 70} {high + 60}">']
+def drawing(curve):
+    """Returns the curve as SVG: who arrives among those whom the pupil drives, over the rounds' seconds."""
+    wide, high, most = 560, 240, curve[-1]["seconds"]
+    parts = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {wide + 80} {high + 60}">']
     ground = '<rect width="100%" height="100%" fill="#fff"/>'
     parts.append(f'<style>text{{font-size:12px}}</style>{ground}<g transform="translate(50 20)">')
     for part in range(5):
         x, y = wide * part / 4, high * (1 - part / 4)
         parts.append(f'<path d="M0 {y}H{wide}" stroke="#ddd"/><text x="-44" y="{y + 4}">{25 * part} %</text>')
-        parts.append(f'<text x="{x}" y="{high + 18}" text-anchor="middle">{most * part / 4000:.0f}</text>')
-    for column, width, color in ((2, 1.5, "#888"), (3, 3, "#06c")):
-        line = " ".join(f"{wide * each[0] / most:.1f},{high * (1 - each[column]):.1f}" for each in points)
-        parts.append(f'<polyline points="{line}" fill="none" stroke="{color}" stroke-width="{width}"/>')
-    legend = "thousand steps; who arrives: gray in training, with noise; blue in trials, without"
+        parts.append(f'<text x="{x}" y="{high + 18}" text-anchor="middle">{most * part / 4:.0f} s</text>')
+    points = [(wide * each["seconds"] / most, high * (1 - each["arrive"])) for each in curve]
+    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    parts.append(f'<polyline points="{line}" fill="none" stroke="#06c" stroke-width="2"/>')
+    parts += [f'<circle cx="{x:.1f}" cy="{y:.1f}" r="4" fill="#06c"/>' for x, y in points]
+    legend = "who arrives in training: first as the teacher drives, then as the pupil does"
     return "\n".join([*parts, f'<text x="{wide / 2}" y="{high + 36}" text-anchor="middle">{legend}</text></g></svg>\n'])
 
 
 def main():
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--sensor", choices=SENSORS, default="depth")
-    asked.add_argument("--steps", type=int, default=500_000, help="control steps of all robots together, at most")
-    asked.add_argument("--envs", type=int, default=ENVS, help="robots at once")
+    asked.add_argument("--rounds", type=int, default=9, help="the teacher drives in the first of them")
+    asked.add_argument("--steps", type=int, default=STEPS, help="control steps of a round")
+    asked.add_argument("--passes", type=int, default=3, help="over all samples, after a round; thrice after the last")
+    asked.add_argument("--envs", type=int, default=128, help="robots at once")
+    asked.add_argument("--halls", type=int, default=320)
     asked.add_argument("--seed", type=int, default=0)
     asked.add_argument("--output", type=Path, default=HERE / "seeing", help="folder of the bundle")
     given = asked.parse_args()
-    sensors, part = SENSORS[given.sensor]
-    homes = [each.document for each in simyard.worlds(HERE / "rooms.yaml", count=HOMES + TRIAL_HOMES, seed=given.seed)]
+    sensors, part, channels = SENSORS[given.sensor]
+    began = time.monotonic()
+    homes = simyard.worlds(HERE / "rooms.yaml", count=min(HOMES, given.halls), seed=given.seed)
+    worlds = [*halls(given.halls, given.seed), *(each.document for each in homes)]
     task = {
         "robot": ROBOT.parent,
-        "sensors": sensors,
-        "observation": (part["field"], "goal_robot_m"),
-        "environment": {"GOALS": "1"},
+        "sensors": {**sensors, "lidar": {"rays": 32, "range_m": 10.0, "height_m": 0.2}},  # the lidar is the teacher's
+        "observation": (part["field"], "goal_robot_m", "goal_m", "pose", "ranges_m"),
+        "environment": DOCUMENT["simulationBatch"]["createSimulationJobRequests"][0]["simulationApplications"][0][
+            "launchConfig"
+        ]["environmentVariables"],
+        "duration_s": 30.0,
+        "actions": "raw",
+        "autoreset_mode": "SameStep",
     }
-    vector = simyard.gym.SimyardVectorEnv
-    envs = vector(given.envs, worlds=homes[:HOMES], duration_s=30.0, autoreset_mode="SameStep", **task)
-    trials = vector(min(TRIALS, given.envs), worlds=homes[HOMES:], duration_s=TRIAL_S, **task)
-    began = time.monotonic()
-    weights, points = train(envs, trials, part, given.steps, given.seed)
-    write(given.output, weights, sensors, part)
-    names = ("steps", "seconds", "arrive", "trial")
-    curve = [dict(zip(names, each, strict=True)) for each in points]
+    envs = simyard.gym.SimyardVectorEnv(given.envs, worlds=worlds, seeds=SEEDS, **task)
+    teacher, pupil = Teacher(worlds, given.envs), Pupil(part, channels, given.seed)
+    rounds, curve = [], []
+    for number in range(given.rounds):
+        samples, arrive = lesson(envs, teacher, pupil, given.seed + 10_000 * number, given.steps)
+        rounds.append(samples)
+        last = number == given.rounds - 1
+        pupil.learn([np.concatenate(each) for each in zip(*rounds, strict=True)], given.passes * (3 if last else 1))
+        curve.append({"seconds": round(time.monotonic() - began, 1), "arrive": arrive})
+        print("round {}, {seconds:4.0f} s: {arrive:.0%} arrive".format(number, **curve[-1]), flush=True)
+    write(given.output, jax.tree.map(np.asarray, pupil.weights_of(pupil.state)), sensors, part)
     (given.output / "curve.json").write_text(json.dumps(curve))
-    (given.output / "curve.svg").write_text(drawing(points))
-    print(f"{given.output}: trained in {time.monotonic() - began:.0f} s")
+    (given.output / "curve.svg").write_text(drawing(curve))
+    print(f"{given.output}: trained in {time.monotonic() - began:.0f} s", flush=True)
+    checks = min(CHECKS, given.envs)
+    unseen = simyard.gym.SimyardVectorEnv(checks, worlds=halls(min(16, given.halls), given.seed + 500), **task)
+    floor = np.median(np.concatenate([each[0][::50] for each in rounds]), axis=0).astype(np.uint8)
+
+    def pupil_shown(pictures):
+        return partial(pupil.controls, pictures=pictures)
+
+    sight = {
+        "its pictures": arriving(unseen, pupil.controls),
+        "an open floor for a picture": arriving(unseen, pupil_shown(lambda each: np.broadcast_to(floor, each.shape))),
+        "another robot's pictures": arriving(unseen, pupil_shown(lambda each: np.roll(each, 1, axis=0))),
+        "no network, straight ahead": arriving(unseen, straight),
+    }
+    (given.output / "sight.json").write_text(json.dumps(sight))
+    for name, share in sight.items():
+        print(f"{share:.0%} of {checks} robots arrive in halls that are new to it with {name}")
 
 
 if __name__ == "__main__":
