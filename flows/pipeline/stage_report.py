@@ -273,7 +273,7 @@ def _mappings(detail: Mapping[str, JsonValue], key: str) -> Mapping[str, Mapping
 
 def _with_audit(stage: StageReport, audit: dict[str, JsonValue]) -> StageReport:
     """Returns a batch's report with its audit, and with an alarm unless the audit is sound or says less by design."""
-    verdict, sentence = str(audit["verdict"]), str(audit["sentence"])
+    verdict, sentence = str(audit["verdict"]), str(audit["sentence"]).removeprefix("not run: ")
     facts: dict[str, JsonValue] = {"audit": audit}
     if verdict in _ALARMING:
         facts["alarm"] = f"The parity audit is {verdict}: {sentence}"

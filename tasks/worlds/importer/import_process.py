@@ -123,7 +123,8 @@ def _with_maps(scene: Scene, path: Path) -> tuple[Scene, list[MapAgreement]]:
     files, found = dict(scene.files), list[MapAgreement]()
     solids = [solid for piece in scene.pieces for solid in piece.solids]
     beside, maps = path.parent.resolve(), path.parent.resolve().parent / MAPS
-    places = [(beside, "*.yaml"), (maps, "*.yaml"), (maps, "*/*.yaml")]
+    # A source among the maps has its own folder in both.
+    places = dict.fromkeys([(beside, "*.yaml"), (maps, "*.yaml"), (maps, "*/*.yaml")])
     listed = [(folder, each) for folder, pattern in places for each in sorted(folder.glob(pattern))]
     own = [(folder, each) for folder, each in listed if each.is_file() and each.resolve().is_relative_to(folder)]
     for folder, each in own[:_MOST_MAPS]:

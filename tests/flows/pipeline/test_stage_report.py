@@ -28,6 +28,7 @@ from specs.data.run_report import PipelineReport, StageReport, Verdict
 from specs.errors import DocumentError, ObjectCorrupt, StageFailed
 from specs.job_kinds import JobKind
 from specs.robomaker.failure_codes import JobFailureCode
+from tasks.simulate.audit.audit_report import not_run
 from tasks.storage.base.keys import bundle_key, contact_sheet_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import JobRecord, advance, submit
@@ -209,8 +210,11 @@ def test_a_batch_without_an_episode_that_came_to_its_end_is_a_stage_that_failed(
     require_an_end(crashed())
 
 
-@pytest.mark.parametrize(("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True)])
+@pytest.mark.parametrize(
+    ("verdict", "alarms"), [("SOUND", False), ("NOT COMPARED", False), ("SUSPECT", True), ("NOT RUN", True)]
+)
 def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: str, alarms: bool):
+    sentence = not_run("1 of 4 rows").sentence if verdict == "NOT RUN" else "1 of 4 rows"
     detail: dict[str, JsonValue] = {
         "passed": 4,
         "episodes": 4,
@@ -218,7 +222,7 @@ def test_an_audit_is_told_and_raises_its_alarm(file_store: Store, *, verdict: st
         "worlds_driven": 2,
         "results_url": "file:///r",
         "audit_url": "file:///a",
-        "audit": {"verdict": verdict, "sentence": "1 of 4 rows", "unreproduced": [2]},
+        "audit": {"verdict": verdict, "sentence": sentence, "unreproduced": [2]},
     }
     stage = batch_report(_ended(file_store, "simulation-job-batch", "Completed", detail), 2.0)
     assert stage.summary.endswith(f"; audit {verdict}: 1 of 4 rows")

@@ -71,6 +71,16 @@ def test_the_maps_of_a_package_are_found_beside_its_worlds(tmp_path: Path) -> No
     assert [(each.map, each.within_5cm) for each in report.agreements] == [("maps/waffle/map.yaml", 1.0)]
 
 
+def test_a_source_among_the_maps_is_compared_with_each_once(tmp_path: Path) -> None:
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    (maps / "yard.world").write_text(SDF)
+    write_map(maps, ("." * 60, *("." * 20 + "#" * 20 + "." * 20,) * 20, "." * 60), origin=[2.5, -0.55, 0.0])
+    report = imported(maps / "yard.world").report
+    assert report is not None
+    assert [each.map for each in report.agreements] == ["map.yaml"]
+
+
 def test_routes_come_with_a_world_if_a_robot_can_stand_at_their_places(tmp_path: Path) -> None:
     (tmp_path / "yard.world").write_text(SDF)
     (tmp_path / "tour.yaml").write_text("[[2, 0], [3.2, 0]]")
