@@ -91,9 +91,8 @@ def batch_request(section: SimulationBatch, *, store_id: str, token: str) -> Sta
         store_id: Id of the store that plain names belong to.
         token: Used where the section has no token of its own.
     """
-    document = _without(
-        section, "operation", "matrix", "engine", "recordings", "audit", "outputLocation", "createSimulationJobRequests"
-    )
+    own = SimulationBatch.model_fields.keys() - StartSimulationJobBatchRequest.model_fields.keys()
+    document = _without(section, *own, "createSimulationJobRequests")
     jobs = [job_request(request, section, store_id=store_id) for request in section.createSimulationJobRequests]
     return StartSimulationJobBatchRequest.model_validate(
         {"clientRequestToken": token, **document, "createSimulationJobRequests": jobs}

@@ -1,8 +1,10 @@
 """docs/guide/people.md: what it says of the document is what the document takes."""
 
 import re
+from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 import yaml
 
@@ -11,6 +13,7 @@ from specs.data.result_columns import RESULTS_COLUMNS
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.simulation_section import SimulationBatch
 from tests.docs.typed_blocks import blocks_in
+from tests.integration.runs import finished, small_document, write_document
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/people.md").read_text()
@@ -26,6 +29,25 @@ REQUEST = {
 def test_a_document_takes_people_as_the_page_writes_them(block: dict[str, Any]):
     section = SimulationBatch.model_validate({**block, "createSimulationJobRequests": [REQUEST]})
     assert section.people == 4 or section.people == People(count=4, speed_ms=1.2, unaware=0.25)
+
+
+@pytest.mark.long
+def test_a_document_with_people_is_run_and_replayed(tmp_path: Path):
+    document: dict[str, Any] = small_document()
+    del document["worldExport"], document["deployment"]
+    document["simulationBatch"] |= BLOCKS[0]["simulationBatch"]
+    store = (tmp_path / "store").as_uri()
+    done = finished("run", str(write_document(tmp_path, document)), "--direct", "--store", store)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = tmp_path.glob("store/buckets/results/**/results.parquet")
+    rows = pq.read_table(path).to_pylist()
+    assert {row["people"] for row in rows} == {4}
+    assert all((row["min_person_m"] < 1.2) == (row["person_personal_s"] > 0.0) for row in rows)
+    assert len({row["min_person_m"] for row in rows}) > len(rows) // 2
+    batch = re.findall(r"arn:simyard:simulation-job-batch:(\S+)", done.stdout)[0]
+    again = finished("replay", f"arn:simyard:simulation-job:{batch}/0", "--store", store, "--output", str(tmp_path))
+    assert "deviation 0 in all" in again.stdout, again.stdout + again.stderr
+    assert (tmp_path / "replay.svg").is_file()
 
 
 def test_a_gate_takes_the_rule_that_the_page_writes():

@@ -101,7 +101,7 @@ def test_what_robomaker_has_no_words_for_is_left_out_of_its_requests():
         {
             "name": "nightly",
             "worldGeneration": GENERATION,
-            "simulationBatch": {"createSimulationJobRequests": [{**JOB, "robotApplications": [use]}]},
+            "simulationBatch": {"people": 4, "createSimulationJobRequests": [{**JOB, "robotApplications": [use]}]},
             "gate": {"successRate": {"atLeast": 0.9}},
             "deployment": {**DEPLOYMENT, **named},
         }
