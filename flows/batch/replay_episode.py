@@ -276,11 +276,19 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
     from tasks.results.playback.replay_video import frames, with_captions, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
-    scene = FilmScene(world=world, radius_m=playback.radius_m, low_m=low_m, high_m=high_m, shape=playback.shape)
+    people_m = playback.people_m.astype(np.float64)
+    scene = FilmScene(
+        world=world,
+        radius_m=playback.radius_m,
+        low_m=low_m,
+        high_m=high_m,
+        shape=playback.shape,
+        people=people_m.shape[1],
+    )
     with open_film(scene, *_SIZE) as shoot:
         if shoot is None:
             write_video(path, frames(world, playback), _FROM_ABOVE_HZ)
             return
         shown = playback.every(_STEPS_A_PICTURE).tolist()
-        shot = (shoot(*playback.pose[each].tolist()) for each in shown)
+        shot = (shoot(*playback.pose[each].tolist(), people_m=people_m[each].tolist()) for each in shown)
         write_video(path, with_captions(shot, playback, shown), _FROM_ABOVE_HZ // _STEPS_A_PICTURE)

@@ -6,6 +6,7 @@ A process of its own draws: ``render_process``.
 from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import contextmanager
 from itertools import islice
+from typing import Protocol
 
 import numpy as np
 from jaxtyping import UInt8
@@ -59,8 +60,12 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
         return None if render is None else encode_rgb(render(world, ()))
 
 
-Shoot = Callable[[float, float, float], Pixels]
-"""Takes the robot's pose (x m, y m, yaw rad)."""
+class Shoot(Protocol):
+    """Takes a picture of the robot at a pose (x m, y m, yaw rad), among people (x m, y m)."""
+
+    def __call__(self, x: float, y: float, yaw: float, people_m: Sequence[Sequence[float]] = ()) -> Pixels:
+        """Returns the picture."""
+        ...
 
 
 _FILM_SAMPLES = 24
@@ -73,6 +78,7 @@ class FilmScene(Spec):
         radius_m: Of the hull.
         low_m, high_m: Where it begins and ends above the floor.
         shape: What the robot looks like; without any part its hull is shown as a cylinder.
+        people: How many walk there.
     """
 
     world: World
@@ -80,6 +86,7 @@ class FilmScene(Spec):
     low_m: float
     high_m: float
     shape: tuple[RobotPart, ...] = ()
+    people: int = 0
 
 
 @contextmanager
@@ -99,9 +106,12 @@ def open_film(
             yield None
             return
         process.ask(scene.world.name, scene.model_dump_json().encode(), 1)
-        yield lambda x, y, yaw: pixels_of(
-            process.ask(scene.world.name, f"{x!r} {y!r} {yaw!r}".encode(), width * height * CHANNELS), width, height
-        )
+
+        def shoot(x: float, y: float, yaw: float, people_m: Sequence[Sequence[float]] = ()) -> Pixels:
+            asked = " ".join(repr(each) for each in (x, y, yaw, *(axis for person_m in people_m for axis in person_m)))
+            return pixels_of(process.ask(scene.world.name, asked.encode(), width * height * CHANNELS), width, height)
+
+        yield shoot
 
 
 _CELL_WIDTH, _CELL_HEIGHT = 440, 330 + 3 * CAPTION_LINE

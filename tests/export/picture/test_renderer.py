@@ -185,6 +185,17 @@ def test_it_is_filmed_as_its_parts():
 
 
 @pytest.mark.long
+def test_people_are_where_they_are_put_and_nowhere_before():
+    with open_film(SCENE.model_copy(update={"people": 2}), FILM_WIDTH, FILM_HEIGHT, samples=2) as found:
+        if found is None:
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
+        west, east = (found(0.0, 0.5, 0.0, ((x, 0.5), (x, 1.0))) for x in (-1.5, 1.0))
+    places = [np.argwhere(each[:, :, 2].astype(int) > each[:, :, 1].astype(int) + 80) for each in (west, east)]
+    assert all(len(each) > 100 for each in places)
+    assert places[0][:, 1].mean() + 30 < places[1][:, 1].mean()
+
+
+@pytest.mark.long
 def test_it_is_hidden_by_what_stands_before_it(shoot: Shoot):
     assert len(robot(shoot(0.0, -1.5, 0.0))) == 0  # within the sofa, whose seat is higher
 
