@@ -112,4 +112,4 @@ def test_lanes_are_driven_in_bubblewrap_each_in_a_network_of_its_own(courier: Pa
     environment = process_environment(os.environ, programs) | place.variables()
     environment["PYTHONPATH"] += f"{os.pathsep}{programs}"
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.stdout == "[] 1 [(20, 0, 0), (20, 0, 0), (20, 0, 0)] False\n", done.stderr[-2000:]
+    assert done.stdout == "[] 1 [(20, 0, 0, None), (20, 0, 0, None), (20, 0, 0, None)] False\n", done.stderr[-2000:]
