@@ -4,6 +4,7 @@ Run as ``python -m flows.queue.lane LANE STORE`` by `flows.queue.supervisor`. A 
 work; the end of its input ends it, so that no lane outlives who started it.
 """
 
+import contextlib
 import logging
 import os
 import signal
@@ -11,6 +12,7 @@ import sys
 import threading
 from collections.abc import Callable
 from importlib import import_module
+from queue import Empty, SimpleQueue
 from types import FrameType
 
 from flows.queue.attempts import Attempts, Job
@@ -28,16 +30,34 @@ logger = logging.getLogger(__name__)
 
 
 class Signals:
-    """What a worker's process is told: that there is work, and that it is to end."""
+    """What a worker's process is told: that there is work, and that it is to end.
+
+    A handler may interrupt whoever waits here. It may put news into a simple queue at any moment, but set no event,
+    whose lock the one that it interrupts may hold.
+
+    Attributes:
+        ending: Whether it is to end.
+    """
 
     def __init__(self) -> None:
         """Begins without either."""
-        self.work, self.ending = threading.Event(), threading.Event()
+        self.ending, self._news = False, SimpleQueue[None]()
 
     def end(self, _number: int = 0, _frame: FrameType | None = None) -> None:
         """Ends the process; a signal's handler."""
-        self.ending.set()
-        self.work.set()
+        self.ending = True
+        self._news.put(None)
+
+    def forget(self) -> None:
+        """Forgets what was told of work until now."""
+        with contextlib.suppress(Empty):
+            while True:
+                self._news.get_nowait()
+
+    def wait(self) -> None:
+        """Waits until something is told, or it is time to look without that."""
+        with contextlib.suppress(Empty):
+            self._news.get(timeout=LOOK_S)
 
     def listen(self, give_back: Callable[[], None]) -> None:
         """Reads standard input to its end; then the process has a little time to end by itself.
@@ -46,7 +66,7 @@ class Signals:
             give_back: Called if it does not, right before it is ended.
         """
         while os.read(sys.stdin.fileno(), 4096):
-            self.work.set()
+            self._news.put(None)
         self.end()
         os.kill(os.getpid(), signal.SIGTERM)  # Prefect ends the flow run, if there is one, as Crashed
         timer = threading.Timer(_GRACE_S, lambda: (give_back(), os._exit(1)))
@@ -73,7 +93,7 @@ def main(name: str, store_url: str) -> None:
     try:
         _work(lane, store, attempts, work, signals)
     except BaseException:
-        if not signals.ending.is_set():  # else it is how Prefect ends a flow run whose process is told to end
+        if not signals.ending:  # else it is how Prefect ends a flow run whose process is told to end
             raise
     finally:
         attempts.give_back()
@@ -94,15 +114,15 @@ def _warm(lane: Lane, store: Store) -> Callable[[Job], None]:
 
 def _work(lane: Lane, store: Store, attempts: Attempts, work: Callable[[Job], None], signals: Signals) -> None:
     view, threads = QueueView(store, lane.kinds), dict[str, threading.Thread]()
-    while not signals.ending.is_set():
-        signals.work.clear()
+    while not signals.ending:
+        signals.forget()
         try:
             begun = _begin(lane, view, attempts, work, threads)
         except StoreError as exc:  # it may come back; nothing is lost by looking again
             logger.warning("the queue could not be looked at: %s", exc)
             begun = False
         if not begun:
-            signals.work.wait(LOOK_S)
+            signals.wait()
 
 
 def _begin(

@@ -30,7 +30,7 @@ from prefect.utilities.callables import parameter_schema
 from flows.pipeline.run_turns import require_success
 from flows.prefect.flow_runs import end_abandoned_flow_run
 from flows.queue.attempts import Attempts
-from flows.queue.lane import LOOK_S, Signals
+from flows.queue.lane import Signals
 from flows.queue.queued_flows import TAG, end_in_flow, queued_flow
 from flows.queue.supervisor import log_to_stderr
 from flows.resources.kinds import cancel_resource
@@ -201,13 +201,13 @@ def main(pool: str, store_url: str) -> None:
     threading.Thread(target=signals.listen, args=(lambda: None,), name="orders", daemon=True).start()
     desk, view = PoolDesk(store, pool), QueueView(store, [*FLOWS])
     logger.info("process %d hands jobs to the work pool %s", os.getpid(), pool)
-    while not signals.ending.is_set():
-        signals.work.clear()
+    while not signals.ending:
+        signals.forget()
         try:
             look_at_all(desk.look, view.entries())
         except (SimyardError, httpx.HTTPError, RuntimeError) as exc:  # RuntimeError: Prefect's client of a server away
             logger.warning("jobs could not be handed over: %s", exc)
-        signals.work.wait(LOOK_S)
+        signals.wait()
 
 
 def look_at_all(look: Callable[[QueueEntry], None], entries: Iterable[QueueEntry]) -> None:

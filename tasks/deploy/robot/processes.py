@@ -55,7 +55,8 @@ class Stop:
     def __init__(self, parent: int | None = None, meanwhile: Callable[[], None] = lambda: None) -> None:
         self._parent = parent
         self._meanwhile = meanwhile
-        self._told = threading.Event()
+        # No event: its lock may be held by what the handler interrupts, which then never goes on.
+        self._told = False
 
     def listen(self) -> None:
         """Makes SIGTERM and SIGINT request the stop."""
@@ -64,12 +65,12 @@ class Stop:
 
     def request(self) -> None:
         """Requests the stop."""
-        self._told.set()
+        self._told = True
 
     @property
     def requested(self) -> bool:
         """Whether the agent has to end."""
-        return self._told.is_set() or (self._parent is not None and os.getppid() != self._parent)
+        return self._told or (self._parent is not None and os.getppid() != self._parent)
 
     def check(self) -> None:
         """Does nothing while the agent may go on.
@@ -89,12 +90,12 @@ class Stop:
         until_s = time.monotonic() + seconds
         self.check()
         while (left_s := until_s - time.monotonic()) > 0:
-            self._told.wait(min(left_s, _STOP_LOOK_S))
+            time.sleep(min(left_s, _STOP_LOOK_S))
             self._meanwhile()
             self.check()
 
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
-        self._told.set()
+        self._told = True
 
 
 # Every process that is started carries a mark in its environment, which its children inherit. A process that leaves

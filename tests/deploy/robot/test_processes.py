@@ -56,6 +56,28 @@ def test_nothing_is_left_of_what(storm: str, how: str, tmp_path: Path) -> None:
     assert _marked(tmp_path) == []
 
 
+TOLD = """
+from tasks.deploy.robot.processes import Stop, StopRequested
+from tests.every_line import signalled_at_each_line
+def begin():
+    stop = Stop()
+    stop.listen()
+    def sleep():
+        try:
+            stop.sleep(0.01)
+        except StopRequested:
+            pass
+    return sleep
+print(signalled_at_each_line(begin) > 5)
+"""
+
+
+def test_an_agent_ends_wherever_in_its_sleep_it_is_told_to() -> None:
+    argv = [sys.executable, "-c", TOLD]
+    told = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": "."})
+    assert (told.stdout, told.stderr) == ("True\n", "")
+
+
 def _marked(root: Path) -> list[str]:
     mark = f"SIMYARD_ROBOT_ROOT={root}".encode()
     return [each.name for each in Path("/proc").glob("[0-9]*") if mark in _environment(each)]

@@ -1,5 +1,6 @@
 """The end of a supervisor and of a lane, which comes with the end of their input."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -39,3 +40,25 @@ def test_a_supervisor_whose_interrupt_was_swallowed_ends():
             process.kill()
 
     assert status == 0
+
+
+TOLD = """
+import signal
+from flows.queue import lane
+from tests.every_line import signalled_at_each_line
+lane.LOOK_S = 0.01
+def begin():
+    signals = lane.Signals()
+    signal.signal(signal.SIGTERM, signals.end)
+    def look():
+        signals.forget()
+        signals.wait()
+    return look
+print(signalled_at_each_line(begin) > 5)
+"""
+
+
+def test_a_worker_goes_on_wherever_in_its_wait_it_is_told_to_end() -> None:
+    argv = [sys.executable, "-c", TOLD]
+    told = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": "."})
+    assert (told.stdout, told.stderr) == ("True\n", "")
