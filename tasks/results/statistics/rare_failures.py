@@ -98,10 +98,10 @@ class FailureProbability(Spec):
 
 
 Scores = Float64[np.ndarray, "particles"]
-Search = Generator[Particles, Scores, FailureProbability]
+Estimation = Generator[Particles, Scores, FailureProbability]
 
 
-def failure_probability(space: Space, *, budget: int, confidence: float, seed: int) -> Search:
+def failure_probability(space: Space, *, budget: int, confidence: float, seed: int) -> Estimation:
     """Yields particles to be scored, is sent their scores, and returns how probable a score below 0 is.
 
     Args:

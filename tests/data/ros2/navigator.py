@@ -142,8 +142,8 @@ class Navigator:
         there = math.hypot(x, y) < 0.3
         ahead = 0.0 if there else 0.5 * max(0.0, math.cos(off))
         self.drive(Twist(Vector3(ahead), Vector3(z=math.sin(off))))
-        # Of somebody else's goal first.
-        for goal_id, recoveries in ((UUID(OTHERS), 99), (self.asked.goal_id, self.steps // RECOVERS_EACH)):
+        # Of somebody else's goal last, as the last word counts.
+        for goal_id, recoveries in ((self.asked.goal_id, self.steps // RECOVERS_EACH), (UUID(OTHERS), 99)):
             feedback = Feedback(self.stamped, Duration(), Duration(), recoveries, math.hypot(x, y))
             self.tell(FeedbackMessage(goal_id, feedback))
         if there or (PLAYS and PLAYS != "late" and self.steps == 20):

@@ -1,11 +1,16 @@
 """What a control step makes of a lane, as far as the scenario is told."""
 
 from pathlib import Path
+from typing import Any
 
+import jax.numpy as jnp
 import pytest
 
 from specs.data.episode import ApplicationLaunch, EpisodeResult
+from specs.data.outcomes import OutcomeReason
 from specs.data.world import World
+from tasks.simulate.application.contract import REASONS, Motion, PeopleWork, Work
+from tasks.simulate.lane.control_step import _whose
 from tasks.simulate.plan.chunks import plan_chunks
 from tests.factories.simulations import DRIFT, FAULTY, FOLDERS, pushing, simulate_lanes
 
@@ -38,3 +43,22 @@ def test_the_clearance_of_a_hull_that_is_not_round_is_negative_in_contact_alone(
     assert free
     assert min(free) >= 0.0
     assert all(row.min_clearance_m < 1e-3 for row in rows if row.collisions)
+
+
+@pytest.mark.parametrize(
+    ("solids_ns", "people_ns", "verdict", "becomes"),
+    [
+        (0.0, 0.3, "collision", "person"),
+        (0.2, 0.3, "collision", "collision"),
+        (0.2, 0.0, "collision", "collision"),
+        (0.0, 0.3, "stuck", "stuck"),
+    ],
+)
+def test_a_collision_in_which_people_alone_push_is_one_with_a_person(
+    solids_ns: float, people_ns: float, verdict: OutcomeReason, becomes: OutcomeReason
+):
+    none: Any = None
+    zero = jnp.zeros(())
+    people = PeopleWork(jnp.float32(people_ns), zero)
+    motion = Motion(none, Work(jnp.float32(solids_ns), jnp.zeros(2), zero), zero, people)
+    assert REASONS[int(_whose(jnp.int32(REASONS.index(verdict)), motion))] == becomes
