@@ -47,6 +47,7 @@ from tasks.ros.process.contention import ConnectionWatch, counts_bytes
 from tasks.ros.process.lane_limits import NO_ROOM, LaneLimits
 from tasks.ros.process.nap_gate import NapGate
 from tasks.ros.process.network import EpisodeNetworks
+from tasks.ros.process.rospy_waits import with_simulated_waits
 from tasks.ros.process.thread_watch import allow_files, counts_runs
 from tasks.storage.image_files import image_place
 
@@ -311,8 +312,8 @@ class Ros1Lockstep:
                 self._enter(lane, image, own, {**variables, **master_variables(graph.uri)}, network.prefix)
                 continue
             environment = node_environment(installation, source.bundle, graph.uri, home, variables)
-            if self._modules is not None:
-                environment["PYTHONPATH"] = ":".join(filter(None, (environment["PYTHONPATH"], str(self._modules))))
+            modules = ":".join(filter(None, (environment["PYTHONPATH"], str(self._modules or ""))))
+            environment["PYTHONPATH"] = with_simulated_waits(home, modules)
             self._start(lane, own, environment, network.prefix)
         return lane
 
@@ -331,9 +332,10 @@ class Ros1Lockstep:
         prefix: Sequence[str] = (),
     ) -> None:
         """Starts what a container image runs in a lane; notes why if it cannot be."""
-        home = lane.application.home
+        home, name = lane.application.home, "PYTHONPATH"
+        waits = {name: with_simulated_waits(home, {**image.image.environment, **variables}.get(name, ""))}
         try:
-            self._start(lane, *image.entered(plan, {**variables, **episode_environment(home)}, home), prefix)
+            self._start(lane, *image.entered(plan, {**variables, **episode_environment(home), **waits}, home), prefix)
         except LaunchRefused as exc:
             lane.failure = str(exc)
 

@@ -49,6 +49,22 @@ def test_a_node_that_begins_to_poll_in_its_episode_has_the_same_commands_in_two_
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("kind", ["message", "service"])
+def test_a_node_gives_up_waiting_at_the_same_control_steps_alone_and_among_four_beside_burners(
+    courier: Path, home: Path, kind: str, request: pytest.FixtureRequest
+) -> None:
+    lanes = Launch(courier, "courier", "gives_up.launch", home, [{"KIND": kind}] * 4)
+    alone = drive(lanes._replace(environment=lanes.environment[:1]), [0], 40, patience=PATIENCE)
+    request.getfixturevalue("burners")
+    together = drive(lanes, [0] * 4, 40, patience=PATIENCE)
+    assert together.failures == alone.failures == {}
+    assert together.digests == alone.digests * 4
+    # Each half second of two; for a service it looks each 0.3 s, so 0.15, 0.75, 1.35 and 1.95 s after the warm-up.
+    tallies = {(tally.commands, tally.late, tally.stray) for tally in (*together.tallies, *alone.tallies)}
+    assert tallies == {(4, 0, 0)}
+
+
+@pytest.mark.long
 def test_a_node_that_drives_by_pictures_has_the_same_commands_in_each_of_two_lanes_and_alone(
     courier: Path, home: Path
 ) -> None:

@@ -43,12 +43,13 @@ def image(packages: Path, ros: RosInstallation, tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.long
+@pytest.mark.parametrize(("file", "kind"), [("fault.launch", "none"), ("gives_up.launch", "message")])
 def test_an_image_gives_the_commands_that_its_launch_file_gives_outside(
-    image: Path, packages: Path, home: Path
+    image: Path, packages: Path, home: Path, file: str, kind: str
 ) -> None:
-    environment = [{"KIND": "none"}] * 2
-    outside = drive(Launch(packages, "courier", "fault.launch", home, environment), [0, 1], _STEPS)
-    command = ("roslaunch", "courier", "fault.launch")
+    environment = [{"KIND": kind}] * 2
+    outside = drive(Launch(packages, "courier", file, home, environment), [0, 1], _STEPS)
+    command = ("roslaunch", "courier", file)
     inside = drive(Launch(image, "", "", home, environment, command=command), [0, 1], _STEPS)
     assert nothing_left(home)
     assert (outside.failures, inside.failures) == ({}, {})
