@@ -107,6 +107,7 @@ def validate(
     """Check a document, or a template alone, and tell all its faults at once."""
     from flows.pipeline.bundle_checks import check_own_bundles, unchecked_references
     from flows.pipeline.robot_drafts import with_drafts
+    from flows.pipeline.world_imports import check_world_files
     from specs.template.body import TemplateBody
     from tasks.documents.parse import parse
     from tasks.documents.pipeline_file import is_template, pipeline_of
@@ -123,7 +124,7 @@ def validate(
         for line in unused_sets(template):
             echo(f"no effect: {line}")
         return
-    folder, checks = file.resolve().parent, (check_variables, *_references_in(store))
+    folder, checks = file.resolve().parent, (check_variables, check_world_files, *_references_in(store))
     try:
         spec = pipeline_of(data, file, file.parent)
     except DocumentError as exc:

@@ -21,6 +21,7 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.data.world import ROBOT_RADIUS_M, ImportFinding, World, solids
 from specs.errors import DocumentError, LaunchRefused, ObjectExists
+from specs.pipeline.document import PipelineSpec
 from specs.pipeline.world_sections import WorldImport
 from tasks.applications.registry import unpack
 from tasks.ros.launch.launch_plan import LaunchSource, run_launch_program
@@ -77,19 +78,12 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     Raises:
         DocumentError: It is no world that can be imported; carries all its faults.
     """
+    dot = f"{path}." if path else ""
+    if faults := [*_missing_files(asked, base, dot)]:
+        raise DocumentError(faults)
     source = (base / asked.source).absolute()
     models = tuple((base / each).absolute() for each in asked.models or ())
     routes = tuple((base / each).absolute() for each in asked.routes or ())
-    dot = f"{path}." if path else ""
-    faults = [] if source.is_file() else [_missing(f"{dot}source", asked.source, f"a file; there is none at {source}")]
-    for number, (named, folder) in enumerate(zip(asked.models or (), models, strict=True)):
-        if not folder.is_dir():
-            faults.append(_missing(f"{dot}models[{number}]", named, f"a folder; there is none at {folder}"))
-    for number, (named, file) in enumerate(zip(asked.routes or (), routes, strict=True)):
-        if not file.is_file():
-            faults.append(_missing(f"{dot}routes[{number}]", named, f"a file; there is none at {file}"))
-    if faults:
-        raise DocumentError(faults)
     update = {"source": str(source), "models": tuple(map(str, models)), "routes": tuple(map(str, routes))}
     placed = asked.model_copy(update={name: value or None for name, value in update.items()})
     beside = [folder for each in (MODELS, MAPS) if (folder := source.parent.parent / each).is_dir()]
@@ -97,6 +91,34 @@ def import_world(asked: WorldImport, base: Path, path: str = "") -> ImportedWorl
     if answer.faults:
         raise DocumentError([_in_source(fault, f"{dot}source", asked.source) for fault in answer.faults])
     return ImportedWorld(asked.name, decode_world(answer.world.encode()))
+
+
+def check_world_files(spec: PipelineSpec, base: Path) -> None:
+    """Refuses worlds to import whose files and folders are not there; none of them is read.
+
+    Args:
+        spec: The document.
+        base: Folder that relative paths start from.
+
+    Raises:
+        DocumentError: With a fault for each.
+    """
+    entries = enumerate(spec.worlds or ())
+    if faults := [fault for number, each in entries for fault in _missing_files(each, base, f"worlds[{number}].")]:
+        raise DocumentError(faults)
+
+
+def _missing_files(asked: WorldImport, base: Path, dot: str) -> Iterator[Fault]:
+    """Yields a fault for each file and folder of an entry that is not there; ``dot`` begins their fields."""
+    source = (base / asked.source).absolute()
+    if not source.is_file():
+        yield _missing(f"{dot}source", asked.source, f"a file; there is none at {source}")
+    for number, named in enumerate(asked.models or ()):
+        if not (folder := (base / named).absolute()).is_dir():
+            yield _missing(f"{dot}models[{number}]", named, f"a folder; there is none at {folder}")
+    for number, named in enumerate(asked.routes or ()):
+        if not (file := (base / named).absolute()).is_file():
+            yield _missing(f"{dot}routes[{number}]", named, f"a file; there is none at {file}")
 
 
 @lru_cache(maxsize=_LAUNCHED_KEPT)

@@ -28,6 +28,7 @@ from tasks.documents.shape_text import (
     known_keys,
     known_place,
     list_text,
+    meant_key,
     meant_text,
     missing_text,
     models_at,
@@ -45,7 +46,6 @@ CORRECTABLE = ("extra_forbidden", "tuple_type")
 
 MAX_SHOWN = 60
 _TYPES = {
-    "int_type": "a whole number",
     "finite_number": "a finite number",
     "bool_type": "true or false",
     "dict_type": "keys and values",
@@ -292,6 +292,7 @@ _WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
     "too_short": _count("at least", "min_length"),
     "too_long": _count("at most", "max_length"),
     "float_type": lambda _, value: number_text(value),
+    "int_type": lambda _, value: number_text(value, "a whole number"),
     "greater_than_equal": _says("{ge} or more"),
     "less_than_equal": _says("{le} or less"),
     "less_than": _below,
@@ -354,7 +355,11 @@ def _with_errors(
     errors: list[ErrorDetails], model: type[BaseModel], faults: dict[str, Fault]
 ) -> tuple[dict[str, Fault], int]:
     """Returns the faults with pydantic's errors added, and how many are left out as nobody would read them."""
+    unknown = [error["loc"] for error in errors if error["type"] == "extra_forbidden"]
+    # A needed key that is misspelt is there, under another name, and that is said.
+    meant = {(*place[:-1], meant_key(model, place)[0]) for place in unknown[:_MOST_CORRECTED]}
     errors = [error for error in errors if not only_repeats(error)]
+    errors = [error for error in errors if error["type"] != "missing" or error["loc"] not in meant]
     found = dict(faults)
     for number, error in enumerate(errors):
         if len(found) >= MAX_FAULTS:

@@ -153,11 +153,7 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
     """
     key, known = str(place[-1]), known_keys(model, place[:-1])
     here = known_place(model, place[:-1])
-    meant = same_word(key, known) or _containing(key, known)
-    elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), here)
-    meant = meant or same_word(key.removesuffix("s"), known) or same_word(f"{key}s", known)
-    if not (meant or elsewhere):
-        meant = nearest_name(key, known)
+    meant, elsewhere = meant_key(model, place)
     if not (meant or elsewhere):
         near = key_places(model).get(nearest_name(key, key_places(model), _NEARLY_THE_SAME), ())
         # Another section's key is meant only by its whole name.
@@ -170,6 +166,20 @@ def unknown_key_text(model: type[BaseModel], place: Place) -> str:
         return f"the only known key is {known[0]}; write {_key_of(place[:-1])}: {object_sample(models[0])}"
     keys = f"known keys{' here' if elsewhere else ''} are {', '.join(known)}" if known else "no such key"
     return f"{hint}{keys}"
+
+
+def meant_key(model: type[BaseModel], place: Place) -> tuple[str, str]:
+    """Returns which known key an unknown one stands for, and where it belongs else; both may be empty.
+
+    Args:
+        model: What the document is.
+        place: Where the key stands, the key last.
+    """
+    key, known = str(place[-1]), known_keys(model, place[:-1])
+    meant = same_word(key, known) or _containing(key, known)
+    elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), known_place(model, place[:-1]))
+    meant = meant or same_word(key.removesuffix("s"), known) or same_word(f"{key}s", known)
+    return meant or ("" if elsewhere else nearest_name(key, known)), elsewhere
 
 
 def meant_text(text: str, known: Iterable[str]) -> str:
@@ -210,13 +220,13 @@ def object_text(model: type[BaseModel], place: Place, value: object) -> str:
     return f"{told}; {_object_hint(models[0], place, value)}"
 
 
-def number_text(value: object) -> str:
+def number_text(value: object, kind: str = "a number") -> str:
     """Returns what is wrong with text where a number belongs."""
     found = _NUMBER_FIRST.match(value) if isinstance(value, str) else None
-    if not found:
-        return "a number"
-    number, rest = found.groups()
-    return f"a number; write {number}, without {'its unit' if rest else 'quotes'}"
+    number, rest = found.groups() if found else ("", "")
+    if not number or (kind != "a number" and "." in number):
+        return kind
+    return f"{kind}; write {number}, without {'its unit' if rest else 'quotes'}"
 
 
 def missing_text(model: type[BaseModel], place: Place) -> str:

@@ -3,7 +3,9 @@
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
+from flows.cli.shell import app
 from flows.pipeline import world_imports
 from flows.pipeline.references import resolve_references
 from flows.pipeline.world_imports import (
@@ -70,6 +72,16 @@ def test_a_run_does_not_read_again_what_its_trial_has_read(tmp_path: Path) -> No
         assert import_worlds(entry(), tmp_path) is tried
     with pytest.raises(DocumentError, match="a file; there is none"):
         import_worlds(entry(), tmp_path)
+
+
+def test_files_of_worlds_that_are_not_there_are_told_without_a_store(tmp_path: Path) -> None:
+    file = tmp_path / "document.json"
+    worlds = [{"name": "a", "source": "no.yaml"}, {"name": "b", "source": "no.world", "models": ["gone"]}]
+    file.write_text(document(*worlds).model_dump_json(exclude_none=True))
+    found = CliRunner().invoke(app, ["validate", str(file)])
+    assert isinstance(found.exception, DocumentError)
+    places = [fault.path for fault in found.exception.faults]
+    assert places == ["worlds[0].source", "worlds[1].source", "worlds[1].models[0]"]
 
 
 @pytest.mark.usefixtures("in_process")
