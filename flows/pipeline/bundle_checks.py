@@ -41,6 +41,7 @@ from tasks.applications.registry import shipped_application, unpack
 from tasks.deploy.rollout.resolved_request import launch_files, outside_package, program_fault
 from tasks.simulate.application.declared_metrics import declared_metrics
 from tasks.simulate.application.mjcf_check import RobotRefused, refusal_lines
+from tasks.simulate.application.module_check import module_fault
 from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
 ROBOT_XML = "robot.xml"
 _EXAMPLE = "examples/ros/turtlebot3/robot.xml"
+_FACTORIES = {"robot": ("controller", "controllers"), "simulation": ("scenario",)}
 
 
 class _Launch(NamedTuple):
@@ -238,7 +240,9 @@ def check_images(spec: PipelineSpec, base: Path) -> None:
 
 
 def check_modules(spec: PipelineSpec, base: Path) -> None:
-    """Refuses controllers and scenarios in the document's own bundles that are no Python; nothing of them is run.
+    """Refuses controllers and scenarios in the document's own bundles that would not import; nothing of them is run.
+
+    Libraries are looked for where this process simulates; workers elsewhere may have others.
 
     Args:
         spec: The document.
@@ -247,11 +251,15 @@ def check_modules(spec: PipelineSpec, base: Path) -> None:
     Raises:
         DocumentError: With a fault for each.
     """
-    faults: list[Fault] = []
+    faults, files_of = list[Fault](), cache(bundle_files)
     for launch, folder in _own_launches(spec, base):
-        name = module_file(launch.package, launch.file)
-        if launch.simulated and (folder / name).is_file() and (wrong := _no_python(folder / name)):
-            allowed = f"a module in Python, and {name} is none: {wrong}"
+        name, files = module_file(launch.package, launch.file), files_of(folder)
+        found = simulated_file(files, launch.package, launch.file) if launch.kind == "robot" else name
+        if not launch.simulated or found != name or name not in files:
+            continue
+        factories = _FACTORIES[launch.kind]
+        if why := module_fault(folder, launch.package, launch.file, factories, installed=not chosen_workers()):
+            allowed = f"a module in Python that can be imported; {why}"
             faults.append(Fault(path=f"{launch.path}.launchFile", value=repr(launch.file), allowed=allowed))
     _raise_all(faults)
 
@@ -292,17 +300,6 @@ def _require_confined(bundles: Iterable[tuple[str, Path]]) -> None:
     from tasks.simulate.sandbox.confinement import confinement_faults  # noqa: PLC0415 - as in own_ros_launches
 
     _raise_all([] if chosen_workers() else confinement_faults(bundles))
-
-
-def _no_python(module: Path) -> str:
-    """Returns why a file does not compile; empty if it does, or if only reading it tells what is wrong."""
-    try:
-        compile(module.read_bytes(), module.name, "exec", dont_inherit=True)
-    except SyntaxError as exc:
-        return f"line {exc.lineno}: {exc.msg}"
-    except (OSError, ValueError, RecursionError, MemoryError) as exc:
-        return str(exc)
-    return ""
 
 
 def unchecked_references(spec: PipelineSpec) -> list[str]:

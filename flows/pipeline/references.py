@@ -13,7 +13,12 @@ from urllib.parse import unquote
 
 from pydantic import JsonValue
 
-from flows.pipeline.bundle_checks import check_planned_confinement, check_planned_names, check_robot_files
+from flows.pipeline.bundle_checks import (
+    check_modules,
+    check_planned_confinement,
+    check_planned_names,
+    check_robot_files,
+)
 from flows.pipeline.robot_drafts import with_drafts
 from flows.pipeline.tested_batch import (
     batch_plan,
@@ -233,6 +238,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
     bundled: dict[str, Version] = {}
     spec = with_drafts(spec, base).spec
     faults.keep(partial(check_robot_files, spec, base))
+    faults.keep(partial(check_modules, spec, base))
     for source in spec.applications:
         faults.keep(lambda source=source: bundled.update(_publish(source, store, base, spec)))
     entries = enumerate(spec.worlds or ())

@@ -12,6 +12,7 @@ from flows.cli.shell import app
 from flows.pipeline.bundle_checks import (
     check_confinement,
     check_launch_files,
+    check_modules,
     check_own_bundles,
     check_policies,
     check_programs,
@@ -111,9 +112,24 @@ def test_a_controller_that_is_no_python_is_refused_before_anything_imports_it(tm
     spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"))
     module = tmp_path / "mine/courier/go_to_goal.py"
     module.write_text("x = 1\ndef controller(environment)\n")
-    with pytest.raises(DocumentError, match=r"'go_to_goal': a module in Python, .* is none: line 2: expected ':'"):
+    with pytest.raises(DocumentError, match=r"a module in Python .*; courier/go_to_goal.py, line 2: expected ':'"):
         check_own_bundles(spec, tmp_path)
     assert not list(tmp_path.rglob("*.pyc"))
+
+
+def test_a_controller_that_would_not_import_is_refused_by_a_plan_too(tmp_path: Path, file_store: Store):
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"))
+    (tmp_path / "mine/courier/go_to_goal.py").write_text("import no_such_library\ndef controller(environment): ...\n")
+    for check in (check_own_bundles, lambda spec, base: resolve_references(spec, file_store, base)):
+        with pytest.raises(DocumentError, match=r"go_to_goal.py, line 1: no library no_such_library is installed here"):
+            check(spec, tmp_path)
+
+
+def test_a_module_that_only_workers_elsewhere_import_is_let_pass(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    spec = _spec(tmp_path, _use("mine", "courier", "go_to_goal"))
+    (tmp_path / "mine/courier/go_to_goal.py").write_text("import no_such_library\ndef controller(environment): ...\n")
+    monkeypatch.setenv("SIMYARD_WORKERS", "dask:2")
+    check_modules(spec, tmp_path)
 
 
 def test_references_are_looked_up_in_a_store_that_is_named(tmp_path: Path, file_store: Store):
@@ -357,7 +373,7 @@ COMPUTES = "class Patrol:\n    def metrics(self, state):\n        return measure
 def patrolled(folder: Path, source: str, *columns: str, scenario: str = "patrol") -> PipelineSpec:
     """Returns a document that brings a scenario along, with a rule about each column."""
     (folder / "patrol/patrol").mkdir(parents=True)
-    (folder / "patrol/patrol/rounds.py").write_text(source)
+    (folder / "patrol/patrol/rounds.py").write_text(f"{source}def scenario(environment): ...\n")
     package = {"patrol": "patrol", "coverage": "coverage"}[scenario]
     launch = {"packageName": package, "launchFile": {"patrol": "rounds", "coverage": "floor"}[scenario]}
     job = {

@@ -76,7 +76,10 @@ def test_a_run_does_not_read_again_what_its_trial_has_read(tmp_path: Path) -> No
 
 def test_files_of_worlds_that_are_not_there_are_told_without_a_store(tmp_path: Path) -> None:
     file = tmp_path / "document.json"
-    worlds = [{"name": "a", "source": "no.yaml"}, {"name": "b", "source": "no.world", "models": ["gone"]}]
+    worlds: list[dict[str, object]] = [
+        {"name": "a", "source": "no.yaml"},
+        {"name": "b", "source": "no.world", "models": ["gone"]},
+    ]
     file.write_text(document(*worlds).model_dump_json(exclude_none=True))
     found = CliRunner().invoke(app, ["validate", str(file)])
     assert isinstance(found.exception, DocumentError)
