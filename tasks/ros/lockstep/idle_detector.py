@@ -180,6 +180,7 @@ class IdleDetector:
         self._watch.mark()
         self._begun_s, self._granted_s, self._begun_runs = now_s, 0.0, self._watch.runs
         self._seen_s, self._slept_s = now_s, 0.0
+        self._watch.looker_waited_s()
         self._due, self.rest_s, self._ticked, self._usual = None, 0.0, ticked, _USUAL
         self._unlinked, self._fired = False, not ticked
         self._in_vain.clear()
@@ -188,9 +189,9 @@ class IdleDetector:
 
     def look(self, now_s: float) -> IdleState:
         """Returns whether the application is quiet; requests must have been served since the look before."""
-        state = self._look(now_s)
-        if self._asleep:
-            self._slept_s += min(now_s - self._seen_s, _LONGEST_SEEN_S)
+        state, waited_s = self._look(now_s), self._watch.looker_waited_s()
+        if self._asleep:  # a nap that is held lasts until whoever looks has a core
+            self._slept_s += min(max(now_s - self._seen_s - waited_s, 0.0), _LONGEST_SEEN_S)
         self._seen_s = now_s
         return state
 

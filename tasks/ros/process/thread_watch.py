@@ -138,6 +138,10 @@ class ThreadWatch:
         self._marked: dict[int, bytes] = {}
         # The thread that was found awake last is asked first: as long as it is, the others need not be asked.
         self._hot: _Thread | None = None
+        # Of whoever looks, so it is opened by the thread that does.
+        self._own, self._own_waited_ns = -1, 0
+        with contextlib.suppress(OSError):
+            self._own = os.open(proc / "thread-self/schedstat", os.O_RDONLY)
 
     def refresh(self, pids: Iterable[int]) -> None:
         """Looks again which threads these processes have.
@@ -225,6 +229,14 @@ class ThreadWatch:
             longest_ns = max(longest_ns, Runs.of(now).ran_ns - Runs.of(before.get(tid, b"")).ran_ns)
         return longest_ns / 1e9
 
+    def looker_waited_s(self) -> float:
+        """Returns how long whoever looks waited for a core since this was asked last, in seconds."""
+        before, waited_ns = self._own_waited_ns, 0
+        if self._own >= 0:
+            waited_ns = Runs.of(os.pread(self._own, _RUNS_BYTES, 0)).waited_ns
+        self._own_waited_ns = waited_ns
+        return (waited_ns - before) / 1e9
+
     def touched(self, before: Mapping[int, bytes], besides: Set[int]) -> frozenset[int]:
         """Returns the processes of which threads, besides some, were run since that was noted, or came or are gone.
 
@@ -311,6 +323,9 @@ class ThreadWatch:
         """Closes the files."""
         for tid in list(self._threads):
             self._forget(tid)
+        if self._own >= 0:
+            os.close(self._own)
+            self._own = -1
 
     def _state(self, thread: _Thread) -> bytes:
         """Returns the letter of a thread's state; that of a sleeper for one that is gone."""

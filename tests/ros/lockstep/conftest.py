@@ -59,6 +59,14 @@ def worker(proc: Path) -> FakeThread:
 
 
 @pytest.fixture
+def looker(proc: Path) -> FakeThread:
+    """The thread that looks, where it is told of before it does so first."""
+    found = FakeThread(proc / "thread-self")
+    found.be("S")
+    return found
+
+
+@pytest.fixture
 def poller(proc: Path) -> FakeThread:
     """A thread that polls, once it is ``known``."""
     return fake_thread(proc, os.getpid(), POLLER)

@@ -188,6 +188,19 @@ def test_sleep_is_time_of_the_application_as_far_as_it_was_seen(detector: IdleDe
     assert not detector.has_time(2.0, 5.5)
 
 
+def test_what_whoever_looks_waits_for_a_core_is_no_sleep_of_the_application(
+    looker: FakeThread, detector: IdleDetector, worker: FakeThread
+) -> None:
+    """Naps are held for as long: of thousands in a message, each is ended by a look."""
+    detector.begin(1.0, fresh=False, ticked=True)
+    worker.run()
+    worker.nap()
+    for number in range(1, 400):
+        looker.run(waited_ns=9_000_000)
+        detector.look(1.0 + 0.01 * number)
+    assert detector.has_time(2.0, 5.0)
+
+
 def test_who_does_not_rest_is_named_with_where_it_waits_and_how_often_it_woke(
     detector: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:
