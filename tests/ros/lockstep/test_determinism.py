@@ -49,7 +49,7 @@ def test_a_node_that_begins_to_poll_in_its_episode_has_the_same_commands_in_two_
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("kind", ["message", "service"])
+@pytest.mark.parametrize("kind", ["message", "service", "result"])
 def test_a_node_gives_up_waiting_at_the_same_control_steps_alone_and_among_four_beside_burners(
     courier: Path, home: Path, kind: str, request: pytest.FixtureRequest
 ) -> None:
