@@ -170,6 +170,7 @@ def search(
     measure: str = "min_clearance_m",
     episodes: int = 20_000,
     confidence: float = 0.95,
+    relative_error: float | None = None,
     seed: int = 0,
     store: Place | None = None,
 ) -> "SearchAnswer":
@@ -184,6 +185,8 @@ def search(
         measure: A column of the results that is near 0 close to a failure, and below it in one.
         episodes: How many may be simulated, 1,000 to 1,000,000.
         confidence: Of the interval.
+        relative_error: The search ends once the interval reaches so far from the probability, as a share of it, 0.01 to
+            1; left out, it spends its episodes.
         seed: Everything that is drawn follows from it.
         store: As for `results`.
 
@@ -197,12 +200,19 @@ def search(
     from specs.pipeline.search_section import Search
     from tasks.documents.parse import parse
     from tasks.simulate.devices import prepare_devices
+    from tasks.storage.resource_names import find_batch_name
 
     opened, named = _batch(batch, store)
-    settings = {"measure": measure, "episodes": episodes, "confidence": confidence, "seed": seed}
-    asked = parse(Search, {"over": {name: {**each} for name, each in over.items()}, **settings}, "search")
+    settings: dict[str, JsonValue] = {
+        "over": {name: {**each} for name, each in over.items()},
+        "measure": measure,
+        "budget": {"episodes": episodes},
+        "estimate": {"relativeError": relative_error, "confidence": confidence},
+        "seed": seed,
+    }
+    asked = parse(Search, settings, "search")
     prepare_devices()
-    return SearchAnswer(search_batch(opened, named, asked))
+    return SearchAnswer(search_batch(opened.url, find_batch_name(opened, named), asked))
 
 
 def trend(

@@ -29,6 +29,7 @@ from tasks.results.report.batch_facts import BatchFacts, Link, StageTime, read_j
 from tasks.results.report.report_page import REPORT_FILE, batch_view, put_report, report_page
 from tasks.results.report.report_view import ReportView
 from tasks.results.statistics.batch_summary import EpisodeTally
+from tasks.results.statistics.found_failures import read_search
 from tasks.results.tables.recordings import RECORDINGS_FOLDER, recordings_url, write_recordings
 from tasks.results.tables.result_files import write_batch_tables
 from tasks.simulate.batch.batch_record import (
@@ -274,6 +275,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         metadata=cast("dict[str, str]", detail["metadata"]),
         judgement=read_judgement(store, record.id),
         audit=audit_report(detail),
+        search=read_search(store, record.id),
         looks=len(Layout(plan).looks()),
         stages=_stages(run),
         links=_links(record, beside_tables=beside_tables),

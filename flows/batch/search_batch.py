@@ -1,97 +1,108 @@
-"""`simyard.search`: how probable a failure is where a batch's variables are distributed as the robot will meet them.
+"""A search over a batch: how probable a failure is where its variables are distributed as the robot will meet them.
 
-Each step's answers are an object of the store, by the digest of what is searched for. Everything else follows from
-them, so that a search that was killed goes on where it was, and one that is asked for again reads what it found.
+The section ``search`` of a document and `simyard.search` run it. Each step's answers are an object of the store, by the
+digest of what is searched for, with its owner's MAC. Everything else follows from them, so that a search that was
+killed goes on where it was, one that is asked for again reads what it found, and no answer counts that somebody else
+has written: such a step is simulated anew and compared (docs/decisions/0010).
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
-from scipy.special import ndtr, ndtri
 
-from flows.batch.replay_episode import bundles
-from specs.base import Fault, Spec, digest
+from flows.batch.replay_episode import JobReplay, bundles, playback
+from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
-from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound, StageFailed
+from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search
 from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
-from tasks.results.statistics.rare_failures import (
-    FAILED,
-    FailureProbability,
-    Particles,
-    Space,
-    failure_probability,
-)
+from tasks.results.playback.playback import ColumnDeviation
+from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
+from tasks.results.statistics.rare_failures import FAILED, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import ChunkRunner, load_worlds
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES
-from tasks.simulate.replay.replay_run import resimulate
+from tasks.simulate.replay.replay_run import replay_request, resimulate
 from tasks.storage.base.keys import search_step_key
-from tasks.storage.base.store import Store, create_once
+from tasks.storage.base.store import Store, create_once, encode_document, find_document
+from tasks.storage.jobs.records import read
 from tasks.storage.resource_names import find_batch_name
+from tasks.storage.store_url import open_store
 
+STAGE = "Search"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
-_FORM = 1
+_FORM = 2
 _SEEDS = 2**32
 FAILURES_KEPT = 100
-
-
-class FoundFailure(NamedTuple):
-    """An episode that failed in a search, with all that it takes to drive it again.
-
-    Attributes:
-        world: ``<generation>/<world>``.
-        seed: As a batch's matrix names it.
-        environment: The variables that were varied.
-        reason: Why it failed.
-    """
-
-    world: str
-    seed: int
-    environment: Mapping[str, str]
-    reason: str
+# Pilots and tails take a few episodes at a time, for which a program of all lanes takes several times as long. Whatever
+# sizes steps have, there are three programs at most, and the batch has compiled one of them.
+_FEW_LANES = 64
 
 
 class SearchResult(NamedTuple):
-    """What a search found.
+    """What a search came to.
 
     Attributes:
-        batch: The batch that was searched.
-        probability: How probable a failure is.
-        failures: Those that were found, each once, in the order in which they were, ``FAILURES_KEPT`` at most.
-        failed: How many were found in all.
+        found: The probability and the failures.
         simulated: How many episodes were simulated now; the others were in the store.
     """
 
-    batch: str
-    probability: FailureProbability
-    failures: tuple[FoundFailure, ...]
-    failed: int
+    found: BatchSearch
     simulated: int
 
 
-def search_batch(store: Store, text: str, search: Search) -> SearchResult:
+def search_batch(store_url: str, batch: str, search: Search, run: str = "") -> SearchResult:
     """Returns how probable a failure is in episodes like a batch's, and the failures that were found.
 
     Args:
-        store: Where the batch is.
-        text: ARN or id of the batch, of one of its jobs, or of a run of a document.
+        store_url: Where the batch is.
+        batch: Its id.
         search: What is varied, and how many episodes may be simulated.
+        run: Id of the run of a document that the search is a stage of; empty if it is of none.
 
     Raises:
         ResourceNotFound: There is no such batch, or what it needs is gone.
         DocumentError: The batch has several requests, or does not have the variables.
-        StageFailed: An episode did not come to an end of its own.
+        StageFailed: An episode did not come to an end of its own, somebody has cancelled the run, or a step in the
+            store is not what the simulation gives.
     """
-    batch = load_batch(store, find_batch_name(store, text))
-    drawn = _DrawnEpisodes(batch, search)
-    steps = _Steps(batch, search, drawn)
-    going = failure_probability(drawn.space, budget=search.episodes, confidence=search.confidence, seed=search.seed)
+    return _run_search(load_batch(open_store(store_url), batch), search, run)
+
+
+def stored_search(store: Store, batch: str, search: Search) -> BatchSearch | None:
+    """Returns what a search found that was simulated before; None where a step of it is not there.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or a world of it is gone.
+        DocumentError: The batch has several requests, or does not have the variables.
+    """
+    try:
+        return _run_search(load_batch(store, batch), search, may_simulate=False).found
+    except _NotSimulatedError:
+        return None
+
+
+class _NotSimulatedError(Exception):
+    """A step is to be simulated, and must not be."""
+
+
+def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulate: bool = True) -> SearchResult:
+    """Returns what a search over a batch found; see `search_batch`."""
+    drawn = _DrawnEpisodes(opened, search)
+    steps = _Steps(opened, search, drawn, run, may_simulate=may_simulate)
+    going = failure_probability(
+        drawn.space,
+        budget=search.budget.episodes,
+        confidence=search.estimate.confidence,
+        seed=search.seed,
+        relative_error=search.estimate.relativeError,
+    )
     particles = next(going)
     while True:
         answers = steps.answers(particles)
@@ -99,7 +110,68 @@ def search_batch(store: Store, text: str, search: Search) -> SearchResult:
         try:
             particles = going.send(scores)
         except StopIteration as end:
-            return SearchResult(batch.id, end.value, steps.found(), steps.failed, steps.simulated)
+            found = BatchSearch(
+                batch=opened.id, search=search, probability=end.value, failures=steps.found(), failed=steps.failed
+            )
+            return SearchResult(found, steps.simulated)
+
+
+def replay_found(store: Store, text: str, number: int) -> JobReplay:
+    """Returns a failure that the search of a batch's document has found, simulated once more.
+
+    Args:
+        store: Where the batch is.
+        text: ARN or id of the batch, of one of its jobs, or of a run of a document.
+        number: The failure's, from 1.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or what it needs is gone.
+        DocumentError: Its document has searched for nothing, or has found fewer.
+    """
+    batch = load_batch(store, find_batch_name(store, text))
+    search = read_search(store, batch.id)
+    if search is None or not 0 < number <= len(search.failures):
+        kept = len(search.failures) if search else 0
+        allowed = f"1 to {kept}" if kept else "no number: no search of its document has found a failure"
+        raise DocumentError.of("--found", str(number), allowed, source="simyard")
+    asked, name, folders = search.failures[number - 1], f"{batch.id}/found-{number}", bundles(batch)
+    request = _like(batch.layout.request(0), batch.layout.episodes, asked.world, asked.seed, asked.environment)
+    again = replay_request(batch, request, folders)
+    row, robot = again.driven.row, folders[request.robot.digest]
+    why = reason(row) or (search.search.measure if _score(row, search.search.measure) == FAILED else "")
+    same, shown = why == asked.reason, playback(batch.id, again, robot)
+    return JobReplay(
+        job=name,
+        world=again.world,
+        ending=why or row.outcome,
+        deviations=(
+            ColumnDeviation(
+                column="reason",
+                unit="",
+                recorded=asked.reason,
+                replayed=why or "none: it passed",
+                same=same,
+                most=0.0 if same else math.inf,
+            ),
+        ),
+        causes=(),
+        playback=replace(shown, job=name) if shown else None,
+        robot=robot,
+        traffic=again.driven.traffic,
+    )
+
+
+def _like(first: EpisodeRequest, index: int, world: str, seed: int, own: Mapping[str, str]) -> EpisodeRequest:
+    judges = first.judge_environment
+    return first.model_copy(
+        update={
+            "index": index,
+            "world": world,
+            "seed": seed,
+            "environment": {**first.environment, **own},
+            "judge_environment": judges and {**judges, **own},
+        }
+    )
 
 
 class _DrawnEpisodes:
@@ -145,22 +217,15 @@ class _DrawnEpisodes:
             columns[name] = _chosen(self._over[name].choice or (), particles.drawn[:, at])
         world, seed = (particles.drawn[:, at].tolist() for at in (-2, -1))
         return [
-            self._request(row, self._worlds[int(world[row] * len(self._worlds))], int(seed[row] * _SEEDS), columns)
+            _like(
+                self._first,
+                self.episodes + row,
+                self._worlds[int(world[row] * len(self._worlds))],
+                int(seed[row] * _SEEDS),
+                {name: values[row] for name, values in columns.items()},
+            )
             for row in range(len(seed))
         ]
-
-    def _request(self, row: int, world: str, seed: int, columns: Mapping[str, Sequence[str]]) -> EpisodeRequest:
-        own = {name: values[row] for name, values in columns.items()}
-        judges = self._first.judge_environment
-        return self._first.model_copy(
-            update={
-                "index": self.episodes + row,
-                "world": world,
-                "seed": seed,
-                "environment": {**self._first.environment, **own},
-                "judge_environment": judges and {**judges, **own},
-            }
-        )
 
 
 def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> list[str]:
@@ -169,6 +234,8 @@ def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> l
 
 def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"]) -> list[str]:
     """Returns the values of a variable for standard normal numbers."""
+    from scipy.special import ndtr, ndtri  # noqa: PLC0415 - it takes long to load
+
     if over.uniform:
         low, high = over.uniform
         numbers = low + (high - low) * ndtr(smooth)
@@ -184,6 +251,12 @@ def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"]) -> list
         cut = smooth if whole else ndtri(ndtr(least) + (ndtr(most) - ndtr(least)) * ndtr(smooth))
         numbers = mean + sd * np.clip(cut, least, most)
     return [f"{number:.9g}" for number in numbers.tolist()]
+
+
+def _lanes(batch: int, episodes: int) -> int:
+    """Returns how many lanes a step's program has: the fewest that hold it, of those of the batch, a few, and all."""
+    most = max(batch, DEFAULT_LANES)
+    return min((each for each in (batch, _FEW_LANES) if each >= episodes), default=most)
 
 
 class _Asked(Spec):
@@ -206,6 +279,13 @@ class _Answers(Spec):
     reasons: dict[int, str]
 
 
+class _StoredAnswers(Spec):
+    """A step's answers as they lie in the store, and their owner's MAC."""
+
+    mac: str
+    answers: _Answers
+
+
 class _Steps:
     """The steps of a search, each simulated once.
 
@@ -214,28 +294,44 @@ class _Steps:
         simulated: How many were simulated now.
     """
 
-    def __init__(self, batch: OpenBatch, search: Search, drawn: _DrawnEpisodes) -> None:
+    def __init__(
+        self, batch: OpenBatch, search: Search, drawn: _DrawnEpisodes, run: str, *, may_simulate: bool
+    ) -> None:
         self.failed = self.simulated = 0
-        self._batch, self._search, self._drawn = batch, search, drawn
+        self._batch, self._search, self._drawn, self._run = batch, search, drawn, run
         self._digest = digest(_Asked(form=_FORM, plan=batch.layout.plan_digest, search=search))
         self._number = self._done = 0
         self._found: dict[tuple[str, int, tuple[tuple[str, str], ...]], str] = {}
-        self._bundles: Mapping[str, Path] | None = None
+        self._may_simulate, self._bundles = may_simulate, dict[str, Path]()
 
     def found(self) -> tuple[FoundFailure, ...]:
         """Returns the failures that were found, each once."""
-        return tuple(FoundFailure(world, seed, dict(own), why) for (world, seed, own), why in self._found.items())
+        return tuple(
+            FoundFailure(world=world, seed=seed, environment=dict(own), reason=why)
+            for (world, seed, own), why in self._found.items()
+        )
 
     def answers(self, particles: Particles) -> _Answers:
-        """Returns what came of the next step, from the store if it is there."""
-        report_progress("Episodes", self._done, self._search.episodes)
+        """Returns what came of the next step, from the store if it is there and its owner vouches for it."""
+        report_progress(STAGE, self._done, self._search.budget.episodes)
         requests = self._drawn.requests(particles)
         store, key = self._batch.store, search_step_key(self._batch.id, self._digest, self._number)
-        try:
-            answers = _Answers.model_validate_json(store.get(key).body)
-        except ObjectNotFound:
+        stored = find_document(store, key, _StoredAnswers)
+        if stored and self._batch.authenticator.authenticates(stored.mac, *self._named(stored.answers)):
+            answers = stored.answers
+        else:
+            self._require_wanted()
+            if not self._may_simulate:
+                raise _NotSimulatedError
             answers = self._simulated(requests)
-            create_once(store, key, answers.model_dump_json().encode())
+            if stored and stored.answers != answers:
+                raise StageFailed("MismatchedEtag", f"{store.url}/{key} says other scores than the simulation gives")
+            mac = self._batch.authenticator.mac(*self._named(answers))
+            body = encode_document(_StoredAnswers(mac=mac, answers=answers))
+            if stored:
+                store.put(key, body)
+            else:
+                create_once(store, key, body)
             self.simulated += len(requests)
         self._number += 1
         self._done += len(requests)
@@ -246,13 +342,26 @@ class _Steps:
                 self._found.setdefault((requests[place].world, requests[place].seed, own), why)
         return answers
 
+    def _named(self, answers: _Answers) -> tuple[str, bytes]:
+        """Returns what a MAC is of: the step's name and its bytes."""
+        return f"step {self._number} of search {self._digest}", canonical_json(canonical_document(answers))
+
+    def _require_wanted(self) -> None:
+        """Does nothing while the run may go on.
+
+        Raises:
+            StageFailed: Somebody has cancelled it.
+        """
+        if self._run and read(self._batch.store, "pipeline-run", self._run).status in {"Canceling", "Canceled"}:
+            raise StageFailed("Canceled", "its run was canceled on request", self._run)
+
     def _simulated(self, requests: Sequence[EpisodeRequest]) -> _Answers:
-        if self._bundles is None:
+        if not self._bundles:
             self._bundles = bundles(self._batch)
         plan = self._batch.plan
         runner = ChunkRunner(self._bundles, plan.engine, plan.recordings.rateHz, lambda _: None)
-        rows = resimulate(self._batch, requests, runner.run, max(plan.lanes, DEFAULT_LANES))
-        scores = [self._score(row) for row in rows]
+        rows = resimulate(self._batch, requests, runner.run, _lanes(plan.lanes, len(requests)))
+        scores = [_score(row, self._search.measure) for row in rows]
         return _Answers(
             scores=tuple(scores),
             reasons={
@@ -262,16 +371,17 @@ class _Steps:
             },
         )
 
-    def _score(self, row: EpisodeResult) -> float | None:
-        """Returns how far an episode was from failing: its measure, or that it failed.
 
-        Raises:
-            StageFailed: It is not the robot that did not end it.
-        """
-        passed = success(row)
-        if passed is None or (row.status == "Failed" and row.failure_code not in ROBOTS_OWN):
-            raise StageFailed(row.failure_code or "Canceled", f"an episode of the search: {row.failure_reason}")
-        value = getattr(row, self._search.measure)
-        if not passed or (value is not None and value < 0.0):
-            return FAILED
-        return None if value is None or math.isnan(value) else float(value)
+def _score(row: EpisodeResult, measure: str) -> float | None:
+    """Returns how far an episode was from failing: its measure, or that it failed.
+
+    Raises:
+        StageFailed: It is not the robot that did not end it.
+    """
+    passed = success(row)
+    if passed is None or (row.status == "Failed" and row.failure_code not in ROBOTS_OWN):
+        raise StageFailed(row.failure_code or "Canceled", f"an episode of the search: {row.failure_reason}")
+    value = getattr(row, measure)
+    if not passed or (value is not None and value < 0.0):
+        return FAILED
+    return None if value is None or math.isnan(value) else float(value)

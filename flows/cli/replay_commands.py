@@ -14,6 +14,7 @@ from rich.text import Text
 
 from flows.batch.compare_batches import ComparedBatch, common_episodes, find_batch, flip_maps
 from flows.batch.replay_episode import JobReplay, replay_job, wanted_files, write_files
+from flows.batch.search_batch import replay_found
 from flows.batch.shrink import shrink_job, write_case
 from flows.cli.ci_report import store_option
 from flows.cli.terminal import NOT_PASSED, UNDECIDED, StoreUrl, TerminalConsole, echo, echo_json, waiting
@@ -44,6 +45,10 @@ def replay(
         str, typer.Argument(metavar="JOB", help="A simulation job: its ARN, or <batch>/<index>.", show_default=False)
     ],
     *,
+    found: Annotated[
+        int | None,
+        typer.Option(min=1, help="Of a batch: which failure that its document's search has found.", show_default=False),
+    ] = None,
     output: Annotated[
         Path | None, typer.Option(help="Folder for the files. Default: replay-<batch>-<index>.", show_default=False)
     ] = None,
@@ -67,7 +72,8 @@ def replay(
     """Simulate an episode once more, compare it bit for bit with its record, and draw it; 1 if it deviates."""
     wanted = wanted_files(mcap=mcap, video=video, bags=bag or ())
     with waiting("the episode is simulated once more"):
-        again = replay_job(open_existing_store(store), job)
+        opened = open_existing_store(store)
+        again = replay_job(opened, job) if found is None else replay_found(opened, job, found)
     show_replay(again, TerminalConsole())
     folder = output or Path(f"replay-{again.job.replace('/', '-')}")
     for path in write_files(again, folder, wanted):

@@ -3,10 +3,12 @@
 import hashlib
 import tempfile
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
 from flows.batch.batch_end import ended_batch
+from flows.batch.search_batch import stored_search
 from flows.pipeline.baselines import NoBaseline, find_baseline
 from flows.pipeline.bundle_checks import planned_names
 from flows.pipeline.run_gate import gate_material, tested_facts
@@ -95,6 +97,8 @@ def judge_again(store: Store, text: str, spec: PipelineSpec) -> LaterVerdict:
     require_one_version(plan_of(record), other.digest if isinstance(other, Baseline) else "")
     material = gate_material(gate, record, store, other, later=True)
     _require_names(gate, record, store, material)
+    if spec.search and gate.failureProbability and (searched := stored_search(store, record.id, spec.search)):
+        material = replace(material, rare=searched.probability)
     verdict, notice = judge(gate, material), _notice(store, record)
     evidence = LaterEvidence(
         document=canonical_digest(spec),

@@ -1,4 +1,4 @@
-"""The pipeline: composes four stages - worlds, their export, the batch, the gate with its deployment - to a run.
+"""The pipeline: composes five stages - worlds, export, the batch, its search, the gate with its deployment - to a run.
 
 Whoever knows Prefect reads the functions below as its flows: `pipeline`, and one for each stage. `flows.prefect.flows`
 makes them flows, with the parameters and the help that stand here; `flows.prefect.tasks` makes a task of each step that
@@ -17,6 +17,7 @@ from typing import cast
 from pydantic import JsonValue
 
 from flows.batch.batch_end import MissingReport, write_report_of_run
+from flows.batch.search_batch import search_batch
 from flows.pipeline.batch_run import ended_batch, prepare_simulation, robots_in_reserve, run_batch
 from flows.pipeline.orchestrator import Reports, orchestrator, run_step, show_trend, show_verdict, try_to_show
 from flows.pipeline.recount import authenticated_record, planned_run, recount_changes
@@ -42,12 +43,13 @@ from flows.pipeline.stage_report import (
     recorded_report,
     require_an_end,
     run_with_alarm,
+    search_report,
     texts,
 )
 from flows.pipeline.tested_batch import batch_plan
 from flows.resources.fleet_membership import renew_metadata_here
 from flows.resources.kinds import require_not_canceled
-from specs.arn import arn
+from specs.arn import arn, parse_reference
 from specs.base import canonical_document
 from specs.data.run_report import PipelineReport, StageName, StageReport
 from specs.errors import ConcurrentDeployment, DocumentError, PipelineNotPassed, StageFailed
@@ -71,6 +73,7 @@ from tasks.documents.template_source import find_template
 from tasks.export.step import draw_imported, draw_worlds, export_elsewhere, export_worlds
 from tasks.progress.listener import at_a_time
 from tasks.results.gate.shipped_builds import shipment_of, version_changes
+from tasks.results.statistics.found_failures import BatchSearch, write_search
 from tasks.simulate.batch.batch_record import open_batch, require_plan
 from tasks.simulate.plan.plan_batch import output_location
 from tasks.storage.jobs.records import JobRecord, advance, is_terminal
@@ -84,6 +87,7 @@ _WORDS: Mapping[StageName, str] = {
     "worldGeneration": "world generation",
     "worldExport": "world export",
     "simulationBatch": "simulation batch",
+    "search": "search",
     "gate": "gate",
     "deployment": "deployment",
 }
@@ -176,16 +180,20 @@ def _export_and_simulate(work: ParsedRun) -> tuple[Reports, tuple[JobRecord | No
 
 
 def _judge_and_deploy(work: ParsedRun, batch: JobRecord | None, simulated: Reports) -> tuple[Reports, Reports, Reports]:
-    """Returns the reports of the batch, with its trend, of the gate, and of the deployment."""
+    """Returns the reports of the batch, with its trend, and its search; of the gate; and of the deployment."""
     tested = authenticated_batch(work, batch)
     if tested is not None and work.spec.gate is None:
         require_an_end(tested)
-    judged = judge(work, tested)
+    found, searched = search(work, tested)
+    require_not_canceled(work.store, work.run)
+    judged = judge(work, tested, found)
 
     def show() -> tuple[Reports, Reports]:
         # With the verdict; and now, because the deployment may take long, or fail.
         if tested is None:
             return simulated, judged
+        if searched and not judged:
+            try_to_show(searched, partial(show_verdict, searched, work.store, tested))
         shown = try_to_show(judged, partial(show_verdict, judged, work.store, tested)) if judged else judged
         return try_to_show(simulated, partial(show_trend, simulated, work.store, work.run, tested)), shown
 
@@ -195,7 +203,7 @@ def _judge_and_deploy(work: ParsedRun, batch: JobRecord | None, simulated: Repor
         return deploy(work, tested) if passed else skip_deployment(work.spec)
 
     (simulated_shown, judged_shown), deployed = at_a_time(show, go_on)
-    return simulated_shown, judged_shown, deployed
+    return (*simulated_shown, *searched), judged_shown, deployed
 
 
 def _passed(spec: PipelineSpec, verdict: str | None) -> bool:
@@ -379,7 +387,22 @@ def simulation_batch(
     return run_stage(at, "simulation-batch", identity, token, work)
 
 
-# The fourth stage: the gate, and the deployment that it lets pass.
+# The fourth stage: the search.
+
+
+def search(work: ParsedRun, batch: JobRecord | None) -> tuple[BatchSearch | None, Reports]:
+    """Returns the failures of the batch's robot that were found, and the stage's report; nothing where nobody asks."""
+    section = work.spec.search
+    if section is None or batch is None:
+        return None, ()
+    start_s = _begin("search")
+    # The id is a string of its own; `flows.pipeline.run_gate` says why.
+    found = run_step(search_batch, work.store.url, parse_reference(batch.arn).path, section, run=work.run.id).found
+    url = write_search(work.store, found)
+    return found, _logged(search_report(found, url, _since(start_s)))
+
+
+# The fifth stage: the gate, and the deployment that it lets pass.
 
 
 def authenticated_batch(work: ParsedRun, batch: JobRecord | None) -> JobRecord | None:
@@ -394,13 +417,20 @@ def authenticated_batch(work: ParsedRun, batch: JobRecord | None) -> JobRecord |
     return authenticated_record(batch, work.store, work.spec.gate, lambda: planned_run(work, section))
 
 
-def judge(work: ParsedRun, batch: JobRecord | None) -> Reports:
-    """Returns the report of the gate on a batch; nothing if there is none of them."""
+def judge(work: ParsedRun, batch: JobRecord | None, searched: BatchSearch | None = None) -> Reports:
+    """Returns the report of the gate on a batch; nothing if there is none of them.
+
+    Args:
+        work: The run.
+        batch: The batch's record.
+        searched: What its search found, where the document asks for one.
+    """
     gate, store, run = work.spec.gate, work.store, work.run
     if gate is None or batch is None:
         return ()
     start_s = _begin("gate")
-    answer = gate_answer(gate, batch, store, run, work.found.ships, judged=partial(run_step, judge_batch))
+    judged = partial(run_step, judge_batch)
+    answer = gate_answer(gate, batch, store, run, work.found.ships, judged=judged, searched=searched)
     seconds = _since(start_s)
     fields = {"verdict": answer.verdict, "evidence": answer.evidence_url, "batch": batch.arn}
     logger.info("the gate of %s says %s", run.arn, answer.sentence, extra={"fields": fields})

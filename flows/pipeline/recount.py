@@ -24,6 +24,7 @@ from pydantic import JsonValue
 from flows.batch.batch_end import RecordedEpisodes, with_audit
 from flows.batch.batch_steps import SequentialStop
 from flows.batch.replay_episode import bundles
+from flows.batch.search_batch import search_batch
 from flows.pipeline.baselines import NoBaseline
 from flows.pipeline.references import ParsedRun
 from flows.pipeline.run_gate import GateAnswer, gate_material, read_baseline, read_gate_answer, tested_facts
@@ -378,7 +379,12 @@ def _verdict_changes(work: ParsedRun, gate: Gate, found: BatchRecount) -> list[s
     other = _compared(work, gate)
     if isinstance(other, str):
         return [other]
-    material = replace(gate_material(gate, found.record, store, other), attempts=answer.attempts)
+    rare = (
+        search_batch(store.url, found.batch.id, work.spec.search, run.id).found.probability
+        if work.spec.search
+        else None
+    )
+    material = replace(gate_material(gate, found.record, store, other), attempts=answer.attempts, rare=rare)
     verdict = judge(gate, material)
     if verdict.verdict != "PASS" or answer.verdict != verdict.verdict:
         return [f"{key} says the verdict {answer.verdict}; computed: {verdict.sentence}"]

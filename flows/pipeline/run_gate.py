@@ -27,6 +27,7 @@ from specs.data.parity_audit import audit_report
 from specs.data.run_report import StageReport, Verdict
 from specs.errors import ResourceNotFound, StageFailed
 from specs.pipeline.gate_section import Gate
+from specs.pipeline.search_section import Search
 from tasks.deploy.rollout.operator_commands import steer
 from tasks.results.gate.evidence import (
     Baseline,
@@ -42,6 +43,8 @@ from tasks.results.gate.impossible_rows import IMPOSSIBLE_COLUMNS
 from tasks.results.gate.rules.rule import Completeness, GateMaterial
 from tasks.results.gate.shipped_builds import Shipment
 from tasks.results.gate.version_pairs import PairCounts, count_pairs
+from tasks.results.statistics.found_failures import BatchSearch
+from tasks.results.statistics.rare_failures import FailureProbability
 from tasks.results.statistics.room_coverage import ROOM_COLUMNS, RoomCoverage, table_coverage
 from tasks.results.tables.result_files import RESULTS_FILE, stored_rows
 from tasks.simulate.batch.batch_record import KIND, plan_of
@@ -108,10 +111,15 @@ def note_attempt(store: Store, attempts: str, episodes: str, batch: str, error: 
     store.put(attempt_key(attempts, episodes, round(error * _BILLION)), canonical_json({"batch": batch}))
 
 
-def episodes_name(store: Store, plan: BatchPlan) -> str:
+def episodes_name(store: Store, plan: BatchPlan, search: Search | None = None) -> str:
     """Returns a name for a batch's episodes: equal worlds, seeds, variables, scenarios and bundles have the same one.
 
     Worlds that were generated again are the same ones. How the batch was cut into chunks makes no difference.
+
+    Args:
+        store: Where the worlds are.
+        plan: The batch.
+        search: What was searched for besides, if the gate judges that.
     """
     identities = world_identities(store, plan.worlds_used())
     asked = canonical_document(plan.model_copy(update={"templates": ()}))
@@ -123,7 +131,8 @@ def episodes_name(store: Store, plan: BatchPlan) -> str:
         }
         for template in plan.templates
     ]
-    body = canonical_json({**known, "templates": [*sorted(templates, key=str)]})
+    more: dict[str, JsonValue] = {} if search is None else {"search": canonical_document(search)}
+    body = canonical_json({**known, "templates": [*sorted(templates, key=str)], **more})
     return hashlib.sha256(body).hexdigest()[:_DIGITS]
 
 
@@ -169,6 +178,7 @@ def judge_batch(
     other: Baseline | NoBaseline | None,
     ships: Shipment | None,
     attempts: tuple[float, ...] = (),
+    rare: FailureProbability | None = None,
 ) -> BatchJudgement:
     """Returns the gate's verdict on a batch, whose evidence is written; a step: a plain function of data.
 
@@ -179,10 +189,11 @@ def judge_batch(
         other: The version that ``noWorseThan`` compares with, or why there is none; None if nobody asks.
         ships: What the document ships, if it deploys.
         attempts: Of each earlier attempt, how often it passes wrongly by chance.
+        rare: How probable a failure is, where the document asks for a search.
     """
     store = open_store(store_url)
     record = read(store, KIND, batch)
-    found = replace(gate_material(gate, record, store, other), attempts=attempts)
+    found = replace(gate_material(gate, record, store, other), attempts=attempts, rare=rare)
     verdict = judge(gate, found)
     baseline = other if isinstance(other, Baseline) else None
     tested, left_out = tested_facts(plan_of(record), record), found.lacks.left_out
@@ -198,6 +209,7 @@ def gate_answer(
     ships: Shipment | None = None,
     *,
     judged: Callable[..., BatchJudgement] = judge_batch,
+    searched: BatchSearch | None = None,
 ) -> GateAnswer:
     """Returns the answer on a batch: the one that the run's record has, or a new one, which it has then.
 
@@ -211,6 +223,7 @@ def gate_answer(
         run: The run, in whose record the answer is pinned.
         ships: What the document ships, if it deploys.
         judged: Judges, as `judge_batch` does.
+        searched: What the document's search found, if it asks for one.
 
     Raises:
         StageFailed: The results are not what the batch wrote, or the run's record has an answer that does not follow.
@@ -223,10 +236,12 @@ def gate_answer(
     name = parse_reference(batch.arn).path
     other = _baseline(gate, batch, store, run)
     name_of_attempts = attempts_name(run, gate, batch, other.digest if isinstance(other, Baseline) else "")
-    episodes = cache(lambda: episodes_name(store, plan_of(batch)))  # for which each world is read
+    beside = searched.search if searched and gate.failureProbability else None
+    episodes = cache(lambda: episodes_name(store, plan_of(batch), beside))  # for which each world is read
     # A run that goes on says what it said, whatever was attempted meanwhile.
     attempts = pinned.attempts if pinned else attempts_before(store, name_of_attempts, episodes)
-    verdict, url, sha256 = judged(store.url, name, gate, other=other, ships=ships, attempts=attempts)
+    rare = {"rare": searched.probability} if searched else {}
+    verdict, url, sha256 = judged(store.url, name, gate, other=other, ships=ships, attempts=attempts, **rare)
     answer = GateAnswer(
         batch=batch.id,
         verdict=verdict.verdict,

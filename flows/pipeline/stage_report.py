@@ -23,6 +23,7 @@ from specs.robomaker.simulation import SimulationJobErrorCode
 from tasks.deploy.rollout.observation import count_in_sync, recorded_progress, rollout_standing
 from tasks.deploy.rollout.rollout_plan import RolloutPlan
 from tasks.deploy.trust.trust_record import UNSIGNED_ALARM, is_unsigned
+from tasks.results.statistics.found_failures import BatchSearch
 from tasks.results.statistics.intervals import in_worlds
 from tasks.results.statistics.room_coverage import RoomCoverage, coverage_line, coverage_warnings
 from tasks.results.tables.result_files import ROOMS, WORLDS
@@ -198,6 +199,27 @@ def gate_report(
     said = sentence.removeprefix(f"{verdict}: ")
     stage = StageReport(name="gate", arn="", status=verdict, summary=said, seconds=seconds, artefacts=(evidence,))
     return _with_rooms(stage, rooms)
+
+
+def search_report(found: BatchSearch, url: str, seconds: float) -> StageReport:
+    """Returns what a search over the batch found.
+
+    Args:
+        found: The probability and the failures.
+        url: Where both are.
+        seconds: How long it took now.
+    """
+    said = f"{found.probability.sentence}; {_number(found.failed, 'failure')} seen"
+    artefacts = (Artefact(label="search", url=url),)
+    return StageReport(
+        name="search",
+        arn="",
+        status="Completed",
+        summary=said,
+        seconds=seconds,
+        artefacts=artefacts,
+        facts={**found.facts()},
+    )
 
 
 def deployment_report(record: JobRecord, seconds: float) -> StageReport:

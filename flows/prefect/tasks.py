@@ -29,7 +29,9 @@ from prefect.settings import PREFECT_CLIENT_MAX_RETRIES, temporary_settings
 from pydantic import JsonValue
 
 from flows.batch import batch_steps
+from flows.batch import search_batch as search_steps
 from flows.batch.batch_steps import BatchTables
+from flows.batch.search_batch import SearchResult
 from flows.pipeline import run_gate
 from flows.pipeline.run_gate import BatchJudgement
 from specs.arn import resource_name
@@ -210,6 +212,13 @@ def _show_audit(_parameters: Parameters, detail: dict[str, JsonValue]) -> None:
     create_markdown_artifact(body, key=document_artifact_key("parity-audit"))
 
 
+def _show_search(_parameters: Parameters, result: SearchResult) -> None:
+    found = result.found
+    lines = [f"- {escape_markdown(f'{each.reason}: {each.circumstances}')}" for each in found.failures]
+    body = "\n".join([f"# Search\n\n{escape_markdown(found.probability.sentence)}\n", *lines])
+    create_markdown_artifact(body, key=document_artifact_key("search"))
+
+
 def _show_verdict(_parameters: Parameters, judged: BatchJudgement) -> None:
     verdict = judged.verdict
     body = "\n".join(f"- {escape_markdown(f'{each.title}: {each.sentence}')}" for each in verdict.rules)
@@ -222,6 +231,9 @@ simulate_chunk = as_task(batch_steps.simulate_chunk, chunk_name)
 write_tables = as_task(batch_steps.write_tables, "tables", name="write-results", show=_show_tables)
 audit_batch = as_task(
     batch_steps.audit_batch, "audit", progress=(batch_steps.AUDIT, "audit-progress"), show=_show_audit
+)
+search_batch = as_task(
+    search_steps.search_batch, "search", progress=(search_steps.STAGE, "search-progress"), show=_show_search
 )
 judge_batch = as_task(run_gate.judge_batch, "judge", name="judge", show=_show_verdict)
 

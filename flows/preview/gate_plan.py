@@ -41,11 +41,13 @@ class GateBasis:
         episodes: Of the tested version; of all versions where none is compared with another.
         pairs: Episodes that the tested version and the other one drive both.
         no_baseline: Why there is nothing to compare with, where that is certain beforehand; else empty.
+        searched: How many episodes the document's search may simulate; 0 without one.
     """
 
     episodes: int
     pairs: int
     no_baseline: str = ""
+    searched: int = 0
 
 
 def gate_basis(plan: BatchPlan, rule: NoWorseThan | None, baseline: str, store: Store) -> GateBasis:
@@ -145,7 +147,9 @@ def gate_lines(
     """
     any_look = bool(gate.stopEarly) and (programs == 1 or pairs)
     looks = _looks(judged.episodes, lanes) if any_look and judged.episodes else ()
-    planned = PlannedEpisodes(judged.episodes, judged.pairs, audited, judged.no_baseline, worlds, looks, icc)
+    planned = PlannedEpisodes(
+        judged.episodes, judged.pairs, audited, judged.no_baseline, worlds, looks, icc, judged.searched
+    )
     lines = [line for rule in GATE_RULES for _, asked in rule.asked(gate) for line in rule.plan(asked, planned)]
     if any_look:
         lines.append(f"may end the batch early, after any chunk{' of both versions' if pairs else ''}")

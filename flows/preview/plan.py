@@ -4,6 +4,7 @@ import math
 import os
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from specs.errors import DocumentError
 from specs.pipeline.document import PipelineSpec, inert_fields
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
+from specs.pipeline.search_section import Search
 from specs.pipeline.section_requests import section_parts
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.pipeline.world_sections import WorldGeneration
@@ -37,7 +39,7 @@ from tasks.simulate.forecast.camera_costs import CameraPlan
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.geometry.obstacles import grid_cells
 from tasks.simulate.host.declaration import controller_kind
-from tasks.simulate.plan.batch_plan import BatchPlan
+from tasks.simulate.plan.batch_plan import DEFAULT_LANES, BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
 from tasks.simulate.sandbox.confinement import confinement
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
@@ -248,7 +250,9 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         yield from (f"                  {line}" for line in host_lines(beside, min(plan.lanes, plan.episodes)))
         for reason in (*failing_sources(found.batch), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
+        yield from _search_lines(spec.search, batch, plan, _folders(batch, trial))
     if spec.gate:
+        judged = replace(judged, searched=spec.search.budget.episodes if spec.search else 0)
         yield from _gate_lines(spec.gate, judged, batch, plan, seen_spread(store, spec.name))
     if spec.deployment and found.ships:
         clocks = beside.simulated_clock if beside else frozenset[str]()
@@ -361,6 +365,43 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, s
     yield from (f"                  {_camera(each, plan)}" for each in plan.cameras)
     yield f"                  {_recordings(section)}{_bags(batch)}; {_audit(plan)}"
     yield f"                  applications run {confinement().sentence}"
+
+
+def _search_lines(
+    search: Search | None, batch: BatchPlan, plan: EnginePlan, folders: Mapping[str, Path]
+) -> Iterator[str]:
+    """Yields what a search varies, what it costs beside its batch, and when it ends.
+
+    Args:
+        search: The document's section.
+        batch: The batch that is searched.
+        plan: How the batch is simulated.
+        folders: Unpacked folders of its applications, by digest.
+    """
+    if search is None:
+        return
+    most, over = search.budget.episodes, ", ".join([*sorted(search.over), "worlds and seeds"])
+    yield f"search            up to {_count(most, 'episode')} beside the batch's {plan.episodes:,}, over {over}"
+    yield f"                  failures are where {search.measure} is below 0, and where an episode does not pass"
+    alike = batch.model_copy(
+        update={
+            "seeds": tuple(range(-(-most // max(1, len(batch.worlds_of(batch.templates[0])))))),
+            "sweep": {name: values[:1] for name, values in batch.sweep.items()},
+            "lanes": max(batch.lanes, DEFAULT_LANES),
+            "audit": 0,
+        }
+    )
+    whole = engine_plan(alike, folders)
+    took = _time(whole.wall_s, known=whole.known)
+    unknown = f"time unknown until these programs have run here: perhaps {took}"
+    known = f"about {took} for all of them; from the last batch of these programs here"
+    yield f"                  {known if whole.known else unknown}"
+    sure = f"{100 * search.estimate.confidence:g} % interval"
+    if search.estimate.relativeError is None:
+        yield f"                  spends its budget; {sure}"
+        return
+    reach = f"{100 * search.estimate.relativeError:g} % of the probability"
+    yield f"                  ends when the {sure} reaches {reach} to either side, or the budget is spent"
 
 
 def _camera(camera: CameraPlan, plan: EnginePlan) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from flows.batch.replay_episode import JobReplay
-from flows.batch.search_batch import FoundFailure, SearchResult
+from flows.batch.search_batch import SearchResult
 from flows.pipeline.judge_again import LaterVerdict
 from simyard.answer.html import MOST_ROWS, Html, badge, block, heading, link, paragraph, picture, table, text
 from specs.data.run_report import Verdict
@@ -19,6 +19,7 @@ from tasks.results.batch_comparison import ComparisonAnswer, flip_text
 from tasks.results.playback.playback import ColumnDeviation
 from tasks.results.report.rate_tables import RateTable
 from tasks.results.report.report_view import ReportView
+from tasks.results.statistics.found_failures import BatchSearch, FoundFailure
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -215,10 +216,15 @@ class SearchAnswer:
     """How probable a failure is, and failures that were found.
 
     Attributes:
-        found: The batch, the probability, its interval, how it was found, and the failures.
+        result: The batch, the probability, its interval, how it was found, and the failures.
     """
 
-    found: SearchResult
+    result: SearchResult
+
+    @property
+    def found(self) -> BatchSearch:
+        """What the search found."""
+        return self.result.found
 
     @property
     def probability(self) -> float:
@@ -232,18 +238,13 @@ class SearchAnswer:
 
     @property
     def failures(self) -> tuple[FoundFailure, ...]:
-        """Episodes that failed, with world, seed and variables; see `flows.batch.search_batch`."""
+        """Episodes that failed, with world, seed and variables."""
         return self.found.failures
 
     @property
     def sentence(self) -> str:
         """The probability, its interval, what it took and how it was found."""
-        found, (lower, upper) = self.found.probability, self.interval
-        how = "multilevel splitting" if found.method == "splitting" else "plain draws"
-        return (
-            f"fails with probability {found.estimate:.3g} ({lower:.3g} to {upper:.3g}), by {found.episodes:,} episodes "
-            f"of {how}: {found.why}"
-        )
+        return self.found.probability.sentence
 
     def __repr__(self) -> str:
         """Returns the batch and the sentence."""

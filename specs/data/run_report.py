@@ -7,7 +7,7 @@ from pydantic import Field, JsonValue
 from specs.base import Spec
 from specs.field_types import FilteredPage
 
-StageName = Literal["worlds", "worldGeneration", "worldExport", "simulationBatch", "gate", "deployment"]
+StageName = Literal["worlds", "worldGeneration", "worldExport", "simulationBatch", "search", "gate", "deployment"]
 Verdict = Literal["PASS", "FAIL", "INCONCLUSIVE"]
 
 
@@ -23,7 +23,7 @@ class StageReport(Spec):
 
     Attributes:
         name: The document's section.
-        arn: The job, or empty for the gate and for imported worlds, which have none.
+        arn: The job, or empty for the search, the gate and imported worlds, which have none.
         status: The job's RoboMaker status, or the gate's verdict.
         summary: One line for a person.
         seconds: Wall time in this process; not part of any result table.

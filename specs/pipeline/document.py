@@ -9,8 +9,9 @@ from specs.base import Spec, digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
 from specs.launched_file import names_ros_launch
-from specs.pipeline.gate_section import Gate, drawn_once, unaudited
+from specs.pipeline.gate_section import Gate, drawn_once, unaudited, unsearched
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
+from specs.pipeline.search_section import Search, unsearchable
 from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
 from specs.pipeline.world_sections import MAX_WORLDS_OF_EXPORT, WorldExport, WorldGeneration, WorldImport, variant_names
 from specs.rules import Finding, Location, Ruled, items, part
@@ -61,6 +62,7 @@ class PipelineSpec(Ruled):
         worldGeneration: Makes worlds from a template.
         worldExport: Writes worlds to files that other programs open.
         simulationBatch: Drives the robot through every world, with every seed.
+        search: Finds rare failures of the batch's robot, and says how probable they are.
         gate: What must be shown before anything is deployed.
         deployment: Rolls the tested version out to a fleet.
     """
@@ -76,6 +78,7 @@ class PipelineSpec(Ruled):
     worldGeneration: WorldGeneration | None = Field(default=None, title="World generation")
     worldExport: WorldExport | None = Field(default=None, title="World export")
     simulationBatch: SimulationBatch | None = Field(default=None, title="Simulation batch")
+    search: Search | None = Field(default=None, title="Search")
     gate: Gate | None = Field(default=None, title="Gate")
     deployment: Deployment | None = Field(default=None, title="Deployment")
 
@@ -86,6 +89,8 @@ class PipelineSpec(Ruled):
             yield Finding((), data, f"at least one of {', '.join(SECTIONS)}")
         if part(data, "gate") is not None and part(data, "simulationBatch") is None:
             yield Finding(("gate",), part(data, "gate"), "simulationBatch beside it, whose results it judges")
+        yield from unsearchable(part(data, "search"), part(data, "simulationBatch"))
+        yield from unsearched(part(data, "gate"), part(data, "search"))
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
         imported = items(part(data, "worlds"))
         yield from drawn_once(

@@ -93,6 +93,17 @@ class FlipRate(Spec):
     confidence: Confidence = Field(default=0.95, title="Confidence")
 
 
+class FailureBar(Spec):
+    """How probable a failure may be where the variables are distributed as the document's search says.
+
+    Attributes:
+        confidence: How sure it must be: as sure as the search's interval is.
+    """
+
+    atMost: Bar = Field(title="At most", description="Such as 0.001.")
+    confidence: Confidence = Field(default=0.95, title="Confidence")
+
+
 class QuantileRule(Ruled):
     """Where a quantile of a column of the results must lie.
 
@@ -132,6 +143,7 @@ class Gate(Ruled):
         collisionRate: Share of episodes in which the robot may touch anything.
         maxOutcomeFlipRate: Share of episodes that may end otherwise on C MuJoCo; needs the parity audit.
         quantiles: Bounds for quantiles of measures, at most 20.
+        failureProbability: How probable a failure may be; needs the section search.
     """
 
     successRate: Annotated[SuccessRate | None, _SEQUENTIAL] = Field(default=None, title="Success rate")
@@ -141,6 +153,7 @@ class Gate(Ruled):
     quantiles: Annotated[tuple[QuantileRule, ...], Field(max_length=MAX_QUANTILES)] | None = Field(
         default=None, title="Quantiles"
     )
+    failureProbability: FailureBar | None = Field(default=None, title="Probability of a failure")
     # None, not False: documents without it keep the digest that they had before there was such a field.
     stopEarly: Boolean | None = Field(
         default=None,
@@ -179,6 +192,23 @@ def unaudited(gate: object, audit: object) -> Iterator[Finding]:
     if part(gate, "maxOutcomeFlipRate") is not None and lanes == 0 and type(lanes) is int:
         allowed = "simulationBatch.audit.lanes above 0, for the episodes that it counts"
         yield Finding(("gate", "maxOutcomeFlipRate"), "audit.lanes is 0", allowed)
+
+
+def unsearched(gate: object, search: object) -> Iterator[Finding]:
+    """Yields the rule about rare failures in a raw document without a search, or with one of another confidence."""
+    rule = part(gate, "failureProbability")
+    if rule is None:
+        return
+    if search is None:
+        yield Finding(("gate", "failureProbability"), rule, "a section search beside it, whose interval it judges")
+        return
+    asked, given = (
+        0.95 if each is None else each
+        for each in (part(rule, "confidence"), part(part(search, "estimate"), "confidence"))
+    )
+    if asked != given:
+        allowed = f"search.estimate.confidence, which is {given}: the rule judges that interval"
+        yield Finding(("gate", "failureProbability", "confidence"), asked, allowed)
 
 
 def drawn_once(

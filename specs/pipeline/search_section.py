@@ -1,14 +1,15 @@
-"""What a search varies: environment variables, each with its distribution where the robot will live; and its budget."""
+"""The section of a pipeline that searches: what varies, distributed as where the robot will live, and for how long."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, cast
 
 from pydantic import Field
 
+from specs.base import Spec
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
-from specs.rules import Finding, Ruled, part
+from specs.rules import Finding, Ruled, Within, items, part
 
 MIN_SEARCHED, MAX_SEARCHED = 1_000, 1_000_000
 _KINDS = ("uniform", "logUniform", "normal", "choice")
@@ -71,24 +72,49 @@ class Distribution(Ruled):
                 yield Finding((kind, 0), f"{low:g}", "a number above 0, of which there is a logarithm")
 
 
-class Search(Ruled):
-    """A search for rare failures, and how probable they are.
+class SearchBudget(Spec):
+    """What a search may cost.
 
     Attributes:
-        over: Environment variables of the batch's requests, each with its distribution. Worlds and seeds vary as well:
+        episodes: How many may be simulated, those of the pilot among them.
+    """
+
+    episodes: Annotated[
+        Integer, Within(MIN_SEARCHED, MAX_SEARCHED, "episodes, of which a pilot takes up to a quarter")
+    ] = 20_000
+
+
+class SearchEstimate(Spec):
+    """How sharp the probability has to be.
+
+    Attributes:
+        relativeError: The search ends once the interval reaches so far from the probability, as a share of it; None
+            spends the budget.
+        confidence: Of the interval.
+    """
+
+    relativeError: Annotated[Number, Field(ge=0.01, le=1.0)] | None = None
+    confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = 0.95
+
+
+class Search(Ruled):
+    """A search for rare failures of the batch's robot, and how probable they are.
+
+    Attributes:
+        over: Environment variables of the batch's request, each with its distribution. Worlds and seeds vary as well:
             each of the batch's worlds is as likely, and so is each seed.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
-        episodes: How many may be simulated.
-        confidence: Of the interval of the probability.
+        budget: What it may cost.
+        estimate: How sharp the probability has to be.
         seed: Everything that is drawn follows from it.
     """
 
-    over: Annotated[dict[str, Distribution], Field(max_length=20)]
-    measure: str = "min_clearance_m"
-    episodes: Annotated[Integer, Field(ge=MIN_SEARCHED, le=MAX_SEARCHED)] = 20_000
-    confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = 0.95
-    seed: Seed = 0
+    over: Annotated[dict[str, Distribution], Field(max_length=20)] = Field(title="Over")
+    measure: str = Field(default="min_clearance_m", title="Measure")
+    budget: SearchBudget = Field(default=SearchBudget(), title="Budget")
+    estimate: SearchEstimate = Field(default=SearchEstimate(), title="Estimate")
+    seed: Seed = Field(default=0, title="Seed")
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:
@@ -100,6 +126,38 @@ class Search(Ruled):
         for name in cast("Mapping[str, object]", over) if isinstance(over, Mapping) else ():
             if "." in name:
                 yield Finding(("over", name), name, "an environment variable: physical parameters are not searched yet")
+
+
+def unsearchable(search: object, batch: object) -> Iterator[Finding]:
+    """Yields what a raw section ``search`` asks for that the batch beside it does not have."""
+    if search is None:
+        return
+    if batch is None:
+        yield Finding(("search",), search, "simulationBatch beside it, whose request and worlds it searches")
+        return
+    requests = items(part(batch, "createSimulationJobRequests"))
+    if len(requests) > 1:
+        one = "one request in createSimulationJobRequests: which of several is to be searched is not said"
+        yield Finding(("search",), f"a batch of {len(requests)} requests", one)
+    known = sorted(_set_names(batch, requests))
+    allowed = f"a variable that the batch's request or matrix sets: {', '.join(known) or 'there is none'}"
+    over = part(search, "over")
+    for name in cast("Mapping[str, object]", over) if isinstance(over, Mapping) else ():
+        if name not in known and "." not in name:
+            yield Finding(("search", "over", name), name, allowed)
+
+
+def _set_names(batch: object, requests: Sequence[object]) -> set[str]:
+    """Returns the environment variables that the episodes of a raw batch have."""
+    uses = [
+        use
+        for each in requests
+        for kind in ("robotApplications", "simulationApplications")
+        for use in items(part(each, kind))
+    ]
+    tables = [part(part(use, "launchConfig"), "environmentVariables") for use in uses]
+    tables.append(part(part(batch, "matrix"), "environmentVariables"))
+    return {str(name) for table in tables if isinstance(table, Mapping) for name in cast("Mapping[str, object]", table)}
 
 
 def _number(value: object) -> float | None:

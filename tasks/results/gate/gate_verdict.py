@@ -25,6 +25,7 @@ from tasks.results.gate.rules.collision_rate import COLLISION_RATE
 from tasks.results.gate.rules.no_worse_than import NO_WORSE_THAN
 from tasks.results.gate.rules.outcome_flip_rate import OUTCOME_FLIP_RATE
 from tasks.results.gate.rules.quantiles import QUANTILES
+from tasks.results.gate.rules.rare_failure import RARE_FAILURE
 from tasks.results.gate.rules.rule import (
     ColumnValues,
     Completeness,
@@ -44,7 +45,14 @@ from tasks.results.statistics.room_coverage import RoomCoverage
 if TYPE_CHECKING:
     import pyarrow as pa  # `simyard plan` asks for rules alone, and must not wait for Arrow
 
-GATE_RULES: tuple[GateRule[Any], ...] = (SUCCESS_RATE, NO_WORSE_THAN, COLLISION_RATE, OUTCOME_FLIP_RATE, QUANTILES)
+GATE_RULES: tuple[GateRule[Any], ...] = (
+    SUCCESS_RATE,
+    NO_WORSE_THAN,
+    COLLISION_RATE,
+    OUTCOME_FLIP_RATE,
+    QUANTILES,
+    RARE_FAILURE,
+)
 """In the order of the fields of the document's gate section."""
 
 # They tell the tested version from another one in the same batch, count its episodes, and say in which worlds.

@@ -9,6 +9,7 @@ from specs.data.run_report import Verdict
 from specs.errors import ObjectNotFound
 from tasks.results.gate.evidence import Evidence, read_evidence
 from tasks.results.gate.shipped_builds import shipment_lines
+from tasks.results.statistics.found_failures import BatchSearch
 from tasks.results.statistics.intervals import Interval
 from tasks.storage.base.store import Store
 
@@ -92,6 +93,7 @@ class BatchFacts(Spec):
         metadata: Engine, device, lanes and versions.
         judgement: The gate's answer, or None where nobody judged.
         audit: The parity audit as recorded, or None.
+        search: What its document's search found, or None where there was none.
         looks: At how many looks its gate might have ended it; 0 where it was driven to its end.
         stages: How long the run's stages took, or nothing where that is not recorded.
         links: Files of the batch.
@@ -115,6 +117,7 @@ class BatchFacts(Spec):
     metadata: dict[str, str]
     judgement: Judgement | None = None
     audit: AuditReport | None = None
+    search: BatchSearch | None = None
     looks: int = 0
     stages: tuple[StageTime, ...] = ()
     links: tuple[Link, ...] = Field(default=())

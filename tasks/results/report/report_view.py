@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
-from specs.base import Spec
+from specs.base import Spec, canonical_document, canonical_json
 from specs.data.outcomes import mark_of
 from specs.data.parity_audit import ApartQuantiles, AuditControl, AuditReport, Flip, FlipShare, TotalShare
 from specs.data.world import Room
@@ -145,6 +145,7 @@ def _metres(apart: ApartQuantiles) -> str:
 
 _CONFIDENCE = 0.95
 _LONGEST = 240
+_FOUND_SHOWN = 10
 
 
 class ReasonRow(Spec):
@@ -189,6 +190,31 @@ class RoomsView(Spec):
     goals_share: str
 
 
+class FoundRow(Spec):
+    """A failure that a search found: why, its mark, where and how, and the command that drives it again."""
+
+    reason: str
+    mark: str
+    circumstances: str
+    replay: str
+
+
+class SearchView(Spec):
+    """What a search found.
+
+    Attributes:
+        sentence: How probable a failure is, and how that was found.
+        over: What was varied, a line each.
+        rows: Failures, the first ones.
+        failed: How many episodes failed in all.
+    """
+
+    sentence: str
+    over: tuple[str, ...]
+    rows: tuple[FoundRow, ...]
+    failed: int
+
+
 class ReportView(Spec):
     """All that the template shows.
 
@@ -205,6 +231,7 @@ class ReportView(Spec):
         columns: Tables of rates, in the columns of a wide page.
         rooms: How much of its worlds the robots were in; None where the tables do not say.
         audit: None where none was made.
+        search: None where nothing was searched for.
         stages: The slowest first.
     """
 
@@ -229,6 +256,7 @@ class ReportView(Spec):
     simulated: str
     rooms: RoomsView | None
     audit: AuditView | None
+    search: SearchView | None
     stages: tuple[StageRow, ...]
 
 
@@ -274,6 +302,7 @@ def report_view(
         simulated=_duration(facts.simulated_s),
         rooms=_rooms(read_coverage(results)),
         audit=audit_view(facts.audit) if facts.audit else None,
+        search=_search(facts),
         stages=_stages(facts),
     )
 
@@ -377,6 +406,26 @@ def _rooms(found: RoomCoverage | None) -> RoomsView | None:
         warnings=tuple(coverage_warnings(found)),
         coverage=found,
         goals_share=goals_share(found) if found.goals else "",
+    )
+
+
+def _search(facts: BatchFacts) -> SearchView | None:
+    if (found := facts.search) is None:
+        return None
+    over = found.search.over.items()
+    return SearchView(
+        sentence=found.probability.sentence,
+        over=tuple(f"{name}: {canonical_json(canonical_document(each)).decode()}" for name, each in over),
+        rows=tuple(
+            FoundRow(
+                reason=each.reason,
+                mark=mark_of(each.reason).name,
+                circumstances=each.circumstances,
+                replay=f"simyard replay {facts.arn} --found {number}",
+            )
+            for number, each in enumerate(found.failures[:_FOUND_SHOWN], 1)
+        ),
+        failed=found.failed,
     )
 
 

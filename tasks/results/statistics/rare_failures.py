@@ -18,7 +18,7 @@ and the scores alone, so that whoever keeps the scores takes it up again whereve
 """
 
 from collections.abc import Generator
-from math import exp, sqrt
+from math import ceil, exp, inf, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -87,6 +87,7 @@ class FailureProbability(Spec):
         why: Why so, as a sentence.
         episodes: How many were simulated in all, the pilot's among them.
         levels: Scores that populations went through, from far to near; empty for plain draws.
+        ended: Whether the interval was narrow enough, or the budget was spent.
     """
 
     estimate: float
@@ -95,13 +96,47 @@ class FailureProbability(Spec):
     why: str
     episodes: int
     levels: tuple[float, ...] = ()
+    ended: Literal["narrow", "spent"] = "spent"
+
+    @property
+    def sentence(self) -> str:
+        """The probability, its interval, what it took, how it was found, and why it ended."""
+        how = "multilevel splitting" if self.method == "splitting" else "plain draws"
+        ended = "; the interval is as narrow as asked for" if self.ended == "narrow" else ""
+        return (
+            f"fails with probability {self.estimate:.3g} ({self.interval.lower:.3g} to {self.interval.upper:.3g}), by "
+            f"{self.episodes:,} episodes of {how}: {self.why}{ended}"
+        )
+
+
+class Aim(NamedTuple):
+    """How sharp an estimate has to be.
+
+    Attributes:
+        confidence: Of the interval, between 0 and 1.
+        relative_error: How far the interval may reach, as a share of the probability; None takes what the budget gives.
+    """
+
+    confidence: float
+    relative_error: float | None = None
+
+    def reached(self, estimate: float, interval: Interval) -> bool:
+        """Returns whether an interval is narrow enough."""
+        return self.relative_error is not None and 0.0 < _reach(estimate, interval) <= self.relative_error
+
+
+def _reach(estimate: float, interval: Interval) -> float:
+    """Returns how far an interval reaches, as a share of the estimate; infinite of none."""
+    return (interval.upper - interval.lower) / (2.0 * estimate) if estimate > 0.0 else inf
 
 
 Scores = Float64[np.ndarray, "particles"]
 Estimation = Generator[Particles, Scores, FailureProbability]
 
 
-def failure_probability(space: Space, *, budget: int, confidence: float, seed: int) -> Estimation:
+def failure_probability(
+    space: Space, *, budget: int, confidence: float, seed: int, relative_error: float | None = None
+) -> Estimation:
     """Yields particles to be scored, is sent their scores, and returns how probable a score below 0 is.
 
     Args:
@@ -109,17 +144,20 @@ def failure_probability(space: Space, *, budget: int, confidence: float, seed: i
         budget: How many episodes may be simulated; at least 1,000.
         confidence: Of the interval, between 0 and 1.
         seed: Everything that is drawn follows from it.
+        relative_error: How far the interval may reach for the search to end before its budget is spent, as a share of
+            the probability; None spends the budget.
 
     Raises:
         ValueError: The budget is too small.
     """
+    aim = Aim(confidence, relative_error)
     if budget < 20 * _PILOT_SHARE:
         raise ValueError(f"budget: {budget}: at least {20 * _PILOT_SHARE}")
     pilot = yield from _pilot(space, budget, seed)
     left = budget - pilot.episodes
     if pilot.why_draws(left):
-        return (yield from _plain_draws(space, left, pilot, confidence, seed))
-    return (yield from _populations(space, pilot, left, confidence, seed))
+        return (yield from _plain_draws(space, left, pilot, aim, seed))
+    return (yield from _populations(space, pilot, left, aim, seed))
 
 
 class _Pilot(NamedTuple):
@@ -139,9 +177,30 @@ class _Pilot(NamedTuple):
     episodes: int
     stuck: str = ""
 
+    @property
+    def episodes_of_chain(self) -> int:
+        """How many episodes a population takes for each of its chains."""
+        return _LENGTH + (len(self.levels) - 1) * (_LENGTH - 1)
+
     def chains(self, left: int) -> int:
         """Returns how many chains each population may have for some episodes."""
-        return left // (POPULATIONS * (_LENGTH + (len(self.levels) - 1) * (_LENGTH - 1)))
+        return left // (POPULATIONS * self.episodes_of_chain)
+
+    def variance(self, size: int) -> float:
+        """Returns about the variance of what so many plain draws, and as many states at each level, say of 1."""
+        scatter = [1.0 + _CORRELATION * (at > 0) for at in range(len(self.shares))]
+        return sum((1.0 - share) / (share * size) * more for share, more in zip(self.shares, scatter, strict=True))
+
+    def chains_for(self, aim: Aim, left: int) -> int:
+        """Returns how many chains the first populations need for an interval that is as narrow as asked for."""
+        from scipy.special import stdtrit  # noqa: PLC0415 - it takes long to load
+
+        most = self.chains(left)
+        if aim.relative_error is None:
+            return most
+        reach = float(stdtrit(POPULATIONS - 1, (1.0 + aim.confidence) / 2.0))
+        wanted = ceil(self.variance(POPULATIONS * _LENGTH) * (reach / aim.relative_error) ** 2)
+        return min(max(wanted, _FEWEST_CHAINS), most)
 
     def why_draws(self, left: int) -> str:
         """Returns why plain draws are better for some episodes, as a sentence; empty if they are not."""
@@ -155,8 +214,7 @@ class _Pilot(NamedTuple):
                 f"{left:,} episodes are too few for {POPULATIONS} populations through {len(self.levels)} levels; about "
                 f"1 in {1.0 / about:,.0f} fails"
             )
-        scatter = [1.0 + _CORRELATION * (at > 0) for at in range(len(self.shares))]
-        split = sum((1.0 - share) / (share * each) * more for share, more in zip(self.shares, scatter, strict=True))
+        split = self.variance(each)
         if drawn > split:
             return ""
         return (
@@ -219,16 +277,67 @@ def _next_level(scores: Scores, wanted: int) -> float | None:
 
 
 def _populations(
-    space: Space, pilot: _Pilot, left: int, confidence: float, seed: int
+    space: Space, pilot: _Pilot, left: int, aim: Aim, seed: int
 ) -> Generator[Particles, Scores, FailureProbability]:
-    """Yields the particles of independent populations, all of them at once; returns what they say together."""
-    chains = pilot.chains(left)
+    """Yields the particles of independent populations; returns what they say together.
+
+    Where an interval is wider than asked for, more populations of the same size are added, as many as their scatter
+    says, and as the budget gives (Stein 1945, Annals of Mathematical Statistics 16:243).
+    """
+    chains = pilot.chains_for(aim, left)
+    cost = chains * pilot.episodes_of_chain
+    count, estimates, plain_failures, episodes = POPULATIONS, np.zeros(0), 0, 0
+    while True:
+        found = yield from _side_by_side_populations(
+            space, pilot, chains, range(len(estimates), len(estimates) + count), seed
+        )
+        estimates = np.concatenate([estimates, found.estimates])
+        plain_failures, episodes = plain_failures + found.plain_failures, episodes + found.episodes
+        plain = clopper_pearson(plain_failures, len(estimates) * chains * _LENGTH, (1.0 - aim.confidence) / 2.0)
+        estimate, interval = float(estimates.mean()), _scatter_interval(estimates, aim.confidence, plain)
+        count = (left - episodes) // cost
+        if aim.relative_error is None or aim.reached(estimate, interval) or count < 1:
+            break
+        reach = _reach(estimate, interval) / aim.relative_error
+        count = min(count, max(ceil(len(estimates) * (min(reach, 1e3) ** 2 - 1.0)), POPULATIONS // 4))
+    return FailureProbability(
+        estimate=estimate,
+        interval=interval,
+        method="splitting",
+        why=f"about 1 in {1.0 / float(np.prod(pilot.shares)):,.0f} fails: too rare for plain draws",
+        episodes=pilot.episodes + episodes,
+        levels=(*pilot.levels[:-1], 0.0),
+        ended="narrow" if aim.reached(estimate, interval) else "spent",
+    )
+
+
+class _Populations(NamedTuple):
+    """What populations found: the estimate of each, how many of their plain draws failed, and what they took."""
+
+    estimates: Float64[np.ndarray, "populations"]
+    plain_failures: int
+    episodes: int
+
+
+def _side_by_side_populations(
+    space: Space, pilot: _Pilot, chains: int, which: range, seed: int
+) -> Generator[Particles, Scores, _Populations]:
+    """Yields the particles of some populations, all of them at once; returns what each found.
+
+    Args:
+        space: What varies.
+        pilot: Has the levels.
+        chains: Of each population.
+        which: Their numbers, of all that there are.
+        seed: The search's.
+    """
     size = chains * _LENGTH
-    particles = _side_by_side([_plain(space, size, seed, (each, 0)) for each in range(1, POPULATIONS + 1)])
+    numbers = np.arange(which.start, which.stop) + 1
+    particles = _side_by_side([_plain(space, size, seed, (each, 0)) for each in numbers.tolist()])
     scores = yield particles
-    plain_failures, episodes = int(np.count_nonzero(scores < 0.0)), pilot.episodes + len(scores)
-    shares = np.ones((len(pilot.levels), POPULATIONS))
-    alive = np.arange(POPULATIONS)
+    plain_failures, episodes = int(np.count_nonzero(scores < 0.0)), len(scores)
+    shares = np.ones((len(pilot.levels), len(numbers)))
+    alive = np.arange(len(numbers))
     for number, level in enumerate(pilot.levels):
         within = scores.reshape(len(alive), size) <= level
         shares[number] = 0.0
@@ -238,13 +347,13 @@ def _populations(
             break
         # Each population's chains begin at those of its own that lie within the level.
         starts = [
-            size * row + _survivors(within[row], chains, seed, (int(alive[row]) + 1, number + 1, 0))
+            size * row + _survivors(within[row], chains, seed, (int(numbers[alive[row]]), number + 1, 0))
             for row in np.flatnonzero(kept)
         ]
         alive, begin = alive[kept], np.concatenate(starts)
         states = [(particles.take(begin), scores[begin])]
         for step in range(1, _LENGTH):
-            keys = [(int(each) + 1, number + 1, step) for each in alive]
+            keys = [(each, number + 1, step) for each in numbers[alive].tolist()]
             draws = np.concatenate([_uniforms(seed, key, chains, _columns(space)) for key in keys])
             before, known = states[-1]
             proposed = _proposed(before, pilot.spreads[number], draws)
@@ -258,18 +367,7 @@ def _populations(
         ]
         particles = _side_by_side([part for part, _ in parts])
         scores = np.concatenate([part for _, part in parts])
-    estimates = np.prod(shares, axis=0)
-    plain = POPULATIONS * size
-    return FailureProbability(
-        estimate=float(estimates.mean()),
-        interval=_scatter_interval(
-            estimates, confidence, clopper_pearson(plain_failures, plain, (1.0 - confidence) / 2.0)
-        ),
-        method="splitting",
-        why=f"about 1 in {1.0 / float(np.prod(pilot.shares)):,.0f} fails: too rare for plain draws",
-        episodes=episodes,
-        levels=(*pilot.levels[:-1], 0.0),
-    )
+    return _Populations(np.prod(shares, axis=0), plain_failures, episodes)
 
 
 def _rows_of(alive: Int[np.ndarray, "alive"], chains: int) -> list[Int[np.ndarray, "chains"]]:
@@ -305,19 +403,24 @@ _DRAWN_AT_ONCE = 4096
 
 
 def _plain_draws(
-    space: Space, left: int, pilot: _Pilot, confidence: float, seed: int
+    space: Space, left: int, pilot: _Pilot, aim: Aim, seed: int
 ) -> Generator[Particles, Scores, FailureProbability]:
-    """Yields plain draws, as many as are left, and returns the share that failed with its exact interval."""
-    failed = 0
+    """Yields plain draws, as many as are left or needed, and returns the share that failed with its exact interval."""
+    failed = drawn = 0
+    interval = Interval(lower=0.0, upper=1.0)
     for part, first in enumerate(range(0, left, _DRAWN_AT_ONCE)):
         scores = yield _plain(space, min(_DRAWN_AT_ONCE, left - first), seed, (1, part))
-        failed += int(np.count_nonzero(scores < 0.0))
+        failed, drawn = failed + int(np.count_nonzero(scores < 0.0)), drawn + len(scores)
+        interval = clopper_pearson(failed, drawn, (1.0 - aim.confidence) / 2.0)
+        if aim.reached(failed / drawn, interval):
+            break
     return FailureProbability(
-        estimate=failed / left,
-        interval=clopper_pearson(failed, left, (1.0 - confidence) / 2.0),
+        estimate=failed / drawn,
+        interval=interval,
         method="draws",
         why=pilot.why_draws(left),
-        episodes=pilot.episodes + left,
+        episodes=pilot.episodes + drawn,
+        ended="narrow" if aim.reached(failed / drawn, interval) else "spent",
     )
 
 

@@ -90,12 +90,29 @@ def replay(batch: OpenBatch, index: int, bundles: Mapping[str, Path], *, engine:
         ResourceNotFound: Its world or its data are gone, or not what they were.
         SimulatorEnded: The process that simulates ended over it.
     """
-    request = batch.layout.request(index)
+    return replay_request(batch, batch.layout.request(index), bundles, engine=engine)
+
+
+def replay_request(
+    batch: OpenBatch, request: EpisodeRequest, bundles: Mapping[str, Path], *, engine: str = ""
+) -> Replay:
+    """Returns an episode like those of a batch, simulated once more as the batch would.
+
+    Args:
+        batch: The batch.
+        request: The episode.
+        bundles: Unpacked folders of its applications, by digest.
+        engine: What drove it, where that is known; else what the batch asked for.
+
+    Raises:
+        ResourceNotFound: Its world or its data are gone, or not what they were.
+        SimulatorEnded: The process that simulates ended over it.
+    """
     worlds, missing = load_worlds(batch, [request])
     mounted = batch_mounts(batch)
     if why := missing.get(request.world) or mounted.failure(request):
         raise ResourceNotFound.of(
-            "simulation-job", f"{batch.id}/{index}", f"one that can be replayed: {why}", source="simyard"
+            "simulation-job", f"{batch.id}/{request.index}", f"one that can be replayed: {why}", source="simyard"
         )
     driven = drive_apart(
         mounted.resolved(request),

@@ -8,8 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from flows.batch.search_batch import FAILURES_KEPT
+from specs.pipeline.document import PipelineSpec
+from specs.pipeline.gate_section import Gate
 from specs.pipeline.search_section import MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
 from tests.repository import ROOT
 
@@ -42,6 +45,17 @@ def test_the_program_says_how_probable_a_failure_is_and_lists_some(tmp_path: Pat
         )
 
 
+def test_the_document_is_one():
+    (sections,) = re.findall(r"^```yaml\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
+    request = {"robotApplications": [], "simulationApplications": []}
+    batch = {"matrix": {"worlds": ["a/b"], "environmentVariables": {"MAX_SPEED": ["0.5"], "ODOMETRY_SIGMA": ["0.05"]}}}
+    document = {"name": "n", "simulationBatch": {**batch, "createSimulationJobRequests": [request]}}
+    asked = yaml.safe_load(sections)
+    assert Search.model_validate(asked["search"]).budget.episodes == 50_000
+    assert Gate.model_validate(asked["gate"]).failureProbability
+    assert [*PipelineSpec.findings({**document, **asked})] == []
+
+
 def test_each_argument_and_each_distribution_is_named():
     arguments = re.findall(r"^\| `(\w+)` \|", DOCUMENT, re.MULTILINE)
     assert arguments == list(Search.model_fields)
@@ -52,4 +66,4 @@ def test_each_argument_and_each_distribution_is_named():
 def test_its_numbers_are_those_of_the_code():
     assert f"{MIN_SEARCHED:,} to {MAX_SEARCHED:,}" in DOCUMENT
     assert f"up to {FAILURES_KEPT} failures" in DOCUMENT
-    assert f"{Search(over={}).episodes:,} if left out" in DOCUMENT
+    assert f"{Search(over={}).budget.episodes:,} if left out" in DOCUMENT

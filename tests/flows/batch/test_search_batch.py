@@ -1,5 +1,6 @@
 """A search over a batch: what it draws, what it keeps, that it goes on where it was, and that failures are failures."""
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,22 +11,24 @@ import pytest
 
 import flows.batch.search_batch as module
 from flows.batch.replay_episode import bundles
-from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, search_batch
+from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, replay_found, search_batch, stored_search
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
-from specs.pipeline.search_section import Distribution, Search
+from specs.pipeline.search_section import Distribution, Search, SearchBudget
+from tasks.results.statistics.found_failures import write_search
 from tasks.results.statistics.rare_failures import Particles
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
 from tasks.simulate.batch.chunk_run import ChunkRunner
 from tasks.simulate.replay.replay_run import resimulate
 from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
+from tasks.storage.jobs.records import advance, submit
 from tasks.storage.store_url import open_store
 from tests.factories.batches import pushing_plan
 from tests.factories.episodes import collided, crashed, passed
 from tests.factories.planned_batches import request
 
-SEARCH = Search(over={"FAULT": Distribution(uniform=(0.0, 1.0))}, episodes=2_000)
+SEARCH = Search(over={"FAULT": Distribution(uniform=(0.0, 1.0))}, budget=SearchBudget(episodes=2_000))
 Row = EpisodeResult
 
 
@@ -70,18 +73,19 @@ class Simulated:
 
 
 def found(batch: OpenBatch, search: Search = SEARCH) -> SearchResult:
-    return search_batch(batch.store, batch.id, search)
+    return search_batch(batch.store.url, batch.id, search)
 
 
 def test_a_rare_failure_is_found_with_what_it_takes_to_drive_it_again(
     batch: OpenBatch, monkeypatch: pytest.MonkeyPatch
 ):
     simulated = Simulated(monkeypatch)
-    search = SEARCH.model_copy(update={"episodes": 20_000})
-    answer = found(batch, search)
+    search = SEARCH.model_copy(update={"budget": SearchBudget(episodes=20_000)})
+    result = found(batch, search)
+    answer = result.found
     assert answer.probability.method == "splitting"
     assert answer.probability.interval.lower < 0.002 < answer.probability.interval.upper
-    assert answer.simulated == sum(map(len, simulated.asked)) == answer.probability.episodes <= 20_000
+    assert result.simulated == sum(map(len, simulated.asked)) == answer.probability.episodes <= 20_000
     assert answer.failed >= len(answer.failures) == module.FAILURES_KEPT
     for each in answer.failures:
         assert float(each.environment["FAULT"]) < 0.002
@@ -101,15 +105,17 @@ def test_a_search_that_was_killed_goes_on_to_the_same_answer(
         found(batch)
     rest = Simulated(monkeypatch)
     again = found(batch)
-    assert (again.probability, again.failures, again.failed) == (whole.probability, whole.failures, whole.failed)
+    assert again.found.model_copy(update={"batch": ""}) == whole.found.model_copy(update={"batch": ""})
     assert sum(map(len, first.asked)) + again.simulated == whole.simulated
     assert again.simulated == sum(map(len, rest.asked))
 
 
 def test_one_that_is_asked_for_again_simulates_nothing(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
     Simulated(monkeypatch)
+    assert stored_search(batch.store, batch.id, SEARCH) is None
     whole = found(batch)
     assert found(batch) == whole._replace(simulated=0)
+    assert stored_search(batch.store, batch.id, SEARCH) == whole.found
     assert found(batch, SEARCH.model_copy(update={"seed": 1})).simulated > 0
 
 
@@ -145,7 +151,7 @@ def test_a_distribution_has_its_bounds_and_its_median(
 
 
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):
-    search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, episodes=1_000)
+    search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, budget=SearchBudget(episodes=1_000))
     drawn = _DrawnEpisodes(batch, search)
     assert drawn.space == (0, 3)
     places = (np.arange(10) + 0.5) / 10
@@ -172,7 +178,7 @@ def test_a_world_that_is_gone_is_told_before_anything_is_simulated(batch: OpenBa
 def test_a_crash_of_the_robot_is_a_failure(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
     simulated = Simulated(monkeypatch)
     monkeypatch.setattr(simulated, "row", lambda each: crashed(each.index))
-    answer = found(batch)
+    answer = found(batch).found
     assert answer.probability.estimate == 1.0
     assert answer.failures[0].reason == "RobotApplicationCrash"
 
@@ -185,13 +191,72 @@ def test_what_is_not_the_robots_fault_ends_the_search(batch: OpenBatch, monkeypa
         found(batch)
 
 
+def first_step(batch: OpenBatch) -> str:
+    return min(batch.store.keys(f"searches/{batch.id}/"))
+
+
+def test_scores_that_somebody_else_has_written_are_not_believed(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    found(batch)
+    key = first_step(batch)
+    body = batch.store.get(key).body
+    batch.store.put(key, body.replace(b'"scores":[', b'"scores":[0.9999,', 1))
+    with pytest.raises(StageFailed, match="says other scores than the simulation gives"):
+        found(batch)
+
+
+def test_a_step_that_nobody_vouches_for_is_simulated_anew(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    whole = found(batch)
+    key = first_step(batch)
+    before = json.loads(batch.store.get(key).body)
+    batch.store.put(key, json.dumps({**before, "mac": "0" * 64}).encode())
+    again = found(batch)
+    assert again.found == whole.found
+    assert again.simulated == len(before["answers"]["scores"])
+    assert json.loads(batch.store.get(key).body) == before
+
+
+def test_a_run_that_is_canceled_begins_no_further_step(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    run = submit(batch.store, "pipeline-run", {"flow": "pipeline"}, "run")
+    advance(batch.store, "pipeline-run", run.id, "Canceling")
+    with pytest.raises(StageFailed, match="canceled on request"):
+        search_batch(batch.store.url, batch.id, SEARCH, run.id)
+    assert not simulated.asked
+
+
+@pytest.mark.parametrize(
+    ("batch_lanes", "episodes", "lanes"),
+    [(16, 2, 16), (16, 40, 64), (16, 100, 256), (256, 2, 64), (256, 100, 256), (512, 500, 512), (48, 64, 64)],
+)
+def test_a_step_has_the_lanes_of_few_programs(batch_lanes: int, episodes: int, lanes: int):
+    assert module._lanes(batch_lanes, episodes) == lanes
+
+
+def test_only_failures_that_were_found_can_be_replayed(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    with pytest.raises(DocumentError, match="no search of its document has found a failure"):
+        replay_found(batch.store, batch.id, 1)
+    Simulated(monkeypatch)
+    answer = found(batch, SEARCH.model_copy(update={"budget": SearchBudget(episodes=20_000)}))
+    write_search(batch.store, answer.found)
+    with pytest.raises(DocumentError, match="1 to 100"):
+        replay_found(batch.store, batch.id, 101)
+
+
 @pytest.mark.long
 def test_each_failure_fails_again_when_it_is_simulated_alone(batch: OpenBatch):
-    answer = found(batch, Search(over={}, episodes=1_000))
-    assert answer.probability.episodes == answer.simulated
+    result = found(batch, Search(over={}, budget=SearchBudget(episodes=1_000)))
+    answer = result.found
+    assert answer.probability.episodes == result.simulated
     assert answer.failures
     runner = ChunkRunner(bundles(batch), batch.plan.engine, 1.0, lambda _: None)
     for each in answer.failures[:3]:
         alone = batch.layout.request(0).model_copy(update={"world": each.world, "seed": each.seed})
         (row,) = resimulate(batch, [alone], runner.run)
         assert success(row) is False
+    write_search(batch.store, answer)
+    again = replay_found(batch.store, batch.id, 2)
+    assert (again.same, again.job) == (True, f"{batch.id}/found-2")
+    assert again.ending == answer.failures[1].reason
+    assert again.playback

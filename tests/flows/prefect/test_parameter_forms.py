@@ -23,6 +23,10 @@ ENTRYPOINTS = sorted({each["entrypoint"] for each in DEPLOYMENTS})
 BOUNDLESS = {
     ("QuantileRule", "atLeast"),
     ("QuantileRule", "atMost"),
+    ("Normal", "mean"),
+    ("Normal", "sd"),
+    ("Normal", "atLeast"),
+    ("Normal", "atMost"),
     ("PipelineWorldCount", "floorplanCount"),
     ("PipelineWorldCount", "interiorCountPerFloorplan"),
 }

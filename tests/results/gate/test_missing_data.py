@@ -177,7 +177,7 @@ def test_every_failure_code_is_the_robots_own_or_not():
 
 
 def test_the_table_has_every_rule_of_a_document_that_counts_episodes():
-    assert set(RULES) - set(ASSUMED) == {"maxOutcomeFlipRate"}
+    assert set(RULES) - set(ASSUMED) == {"maxOutcomeFlipRate", "failureProbability"}
     for assumed in ASSUMED.values():
         assert {"robot", "elsewhere", "canceled", "left out"} <= assumed.keys() <= set(get_args(Gap))
 

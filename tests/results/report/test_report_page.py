@@ -12,11 +12,14 @@ import pytest
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.parity_audit import AuditReport
 from specs.data.run_report import Verdict
+from specs.pipeline.search_section import Distribution, Search
 from specs.untrusted_text import escape_markdown
 from tasks.results.report.batch_facts import Judgement, Link, RuleAnswer
 from tasks.results.report.last_pictures import SeenPicture
 from tasks.results.report.report_page import report_markdown, report_page, report_picture, report_styles
+from tasks.results.statistics.found_failures import BatchSearch, FoundFailure
 from tasks.results.statistics.intervals import Interval
+from tasks.results.statistics.rare_failures import FailureProbability
 from tests.factories.episodes import collided, crashed, passed, request
 from tests.factories.reports import WORLDS, episodes, view
 from tests.factories.worlds import apartment
@@ -280,6 +283,33 @@ def test_each_listed_failure_has_its_command(tmp_path: Path):
     page = report_page(view(tmp_path)).decode()
     commands = re.findall(r"simyard replay (\S+?)</code>", page)
     assert commands == [f"arn:simyard:simulation-job:0123456789ab:simb-1/{index}" for index in (1, 3, 7, 9)]
+
+
+def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(tmp_path: Path):
+    failures = tuple(
+        FoundFailure(world=WORLDS[0], seed=seed, environment={"MAX_SPEED": EVIL}, reason="collision")
+        for seed in range(12)
+    )
+    search = BatchSearch(
+        batch="simb-1",
+        search=Search(over={"MAX_SPEED": Distribution(uniform=(0.2, 0.8))}),
+        probability=FailureProbability(
+            estimate=0.001,
+            interval=Interval(lower=0.0007, upper=0.0014),
+            method="splitting",
+            why="about 1 in 1,000 fails",
+            episodes=20_000,
+        ),
+        failures=failures,
+        failed=340,
+    )
+    found = report_page(view(tmp_path, search=search)).decode()
+    assert "fails with probability 0.001 (0.0007 to 0.0014), by 20,000 episodes of multilevel splitting" in found
+    assert found.count("--found ") == 10
+    assert "simyard replay arn:simyard:simulation-job-batch:0123456789ab:simb-1 --found 10" in found
+    assert "340 episodes of the search failed" in found
+    assert EVIL not in found
+    assert 'id="search"' not in report_page(view(tmp_path)).decode()
 
 
 def test_a_batch_without_failures_without_worlds_and_without_an_audit_is_a_page_too(tmp_path: Path):

@@ -72,8 +72,10 @@ CASES: dict[str, tuple[Callable[[float], Score], Space]] = {
 }
 
 
-def found(score: Score, space: Space, *, budget: int = 20_000, seed: int = 0) -> FailureProbability:
-    going = failure_probability(space, budget=budget, confidence=0.95, seed=seed)
+def found(
+    score: Score, space: Space, *, budget: int = 20_000, seed: int = 0, relative_error: float | None = None
+) -> FailureProbability:
+    going = failure_probability(space, budget=budget, confidence=0.95, seed=seed, relative_error=relative_error)
     particles = next(going)
     while True:
         try:
@@ -200,3 +202,52 @@ def test_no_more_is_simulated_than_the_budget_allows(budget: int):
 def test_too_small_a_budget_is_refused():
     with pytest.raises(ValueError, match="budget: 999: at least 1000"):
         next(failure_probability(Space(1, 1), budget=999, confidence=0.95, seed=0))
+
+
+@pytest.mark.parametrize(
+    ("name", "estimate", "lower", "upper", "episodes"),
+    [
+        ("plane", 0.0012324900265804504, 0.0008044271225300878, 0.001888339693026031, 19_684),
+        ("atoms", 0.0009767612364716383, 0.0007836544873857968, 0.0012174530082208464, 19_684),
+        ("jumps", 0.0008984773596938775, 0.0006566511047939529, 0.001229361467587552, 19_936),
+        ("worlds", 0.0011927155729023087, 0.000886527426274428, 0.0016046547412773672, 19_684),
+    ],
+)
+def test_a_seed_has_one_answer_whatever_lanes_simulate_it(
+    name: str, estimate: float, lower: float, upper: float, episodes: int
+):
+    make, space = CASES[name]
+    answer = found(make(1e-3), space, seed=3)
+    assert answer.estimate == pytest.approx(estimate, rel=1e-12)
+    assert (answer.interval.lower, answer.interval.upper) == pytest.approx((lower, upper), rel=1e-9)
+    assert answer.episodes == episodes
+
+
+def test_a_search_ends_when_its_interval_is_narrow_enough():
+    narrow = found(plane(1e-3), Space(_SMOOTH, 1), budget=200_000, relative_error=0.3)
+    assert narrow.ended == "narrow"
+    assert narrow.episodes < 100_000
+    assert (narrow.interval.upper - narrow.interval.lower) / 2.0 <= 0.3 * narrow.estimate
+    assert narrow.sentence.endswith("; the interval is as narrow as asked for")
+
+
+def test_a_search_whose_budget_is_too_small_for_that_spends_it():
+    spent = found(plane(1e-3), Space(_SMOOTH, 1), budget=20_000, relative_error=0.05)
+    assert spent.ended == "spent"
+    assert 19_000 < spent.episodes <= 20_000
+
+
+def test_plain_draws_end_when_their_interval_is_narrow_enough():
+    narrow = found(plane(0.2), Space(_SMOOTH, 1), budget=100_000, relative_error=0.1)
+    assert (narrow.method, narrow.ended) == ("draws", "narrow")
+    assert narrow.episodes < 20_000
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CASES)
+def test_intervals_that_are_narrow_enough_still_cover(name: str):
+    make, space = CASES[name]
+    answers = [found(make(1e-3), space, budget=200_000, seed=seed, relative_error=0.3) for seed in range(200)]
+    assert all(each.ended == "narrow" for each in answers)
+    assert np.mean([each.interval.lower <= 1e-3 <= each.interval.upper for each in answers]) >= 0.93
+    assert np.mean([each.estimate for each in answers]) == pytest.approx(1e-3, rel=0.03)

@@ -296,3 +296,40 @@ def test_a_variant_has_a_name_of_its_own():
 def test_what_variants_are_like_needs_some(field: str):
     ((place, said),) = faults(worlds=[{**OWN, field: 1}])
     assert (place, said) == (f"worlds.0.{field}", "variants beside it, of which it says what they are like")
+
+
+def searched(**changes: object) -> dict[str, object]:
+    return {"over": {"MAX_SPEED": {"uniform": [0.2, 0.8]}}, **changes}
+
+
+def swept_batch(requests: int = 1) -> dict[str, object]:
+    robot = {"application": "courier", "launchConfig": {"environmentVariables": {"ODOMETRY_SIGMA": "0.05"}}}
+    job = {**JOB, "robotApplications": [robot]}
+    matrix = {"worlds": ["a/b"], "environmentVariables": {"MAX_SPEED": ["0.5"]}}
+    return {**BATCH, "createSimulationJobRequests": [job] * requests, "matrix": matrix}
+
+
+def test_a_search_varies_what_the_request_or_the_matrix_sets():
+    over = {"MAX_SPEED": {"uniform": [0.2, 0.8]}, "ODOMETRY_SIGMA": {"logUniform": [0.01, 0.1]}}
+    assert spec(simulationBatch=swept_batch(), search=searched(over=over)).search is not None
+    one = {"uniform": [0.0, 1.0]}
+    found = faults(simulationBatch=swept_batch(), search=searched(over={"SPEED": one, "MASS": one}))
+    allowed = "a variable that the batch's request or matrix sets: MAX_SPEED, ODOMETRY_SIGMA"
+    assert found == [("search.over.SPEED", allowed), ("search.over.MASS", allowed)]
+
+
+def test_a_search_needs_a_batch_of_one_request():
+    ((place, said),) = faults(worlds=[OWN], search=searched())
+    assert (place, said) == ("search", "simulationBatch beside it, whose request and worlds it searches")
+    ((place, said),) = faults(simulationBatch=swept_batch(2), search=searched())
+    assert (place, said[:11]) == ("search", "one request")
+
+
+def test_a_rule_about_rare_failures_needs_a_search_that_is_as_sure():
+    gate = {"failureProbability": {"atMost": 0.001}}
+    ((place, said),) = faults(simulationBatch=swept_batch(), gate=gate)
+    assert (place, said) == ("gate.failureProbability", "a section search beside it, whose interval it judges")
+    spec(simulationBatch=swept_batch(), gate=gate, search=searched())
+    ((place, said),) = faults(simulationBatch=swept_batch(), gate=gate, search=searched(estimate={"confidence": 0.9}))
+    assert place == "gate.failureProbability.confidence"
+    assert said == "search.estimate.confidence, which is 0.9: the rule judges that interval"

@@ -23,7 +23,8 @@ def faults(**changes: JsonValue) -> list[str]:
 
 def test_four_kinds_of_distributions_and_defaults():
     search = parse(Search, {"over": {**OVER}}, "search")
-    assert (search.measure, search.episodes, search.confidence, search.seed) == ("min_clearance_m", 20_000, 0.95, 0)
+    assert (search.measure, search.budget.episodes, search.seed) == ("min_clearance_m", 20_000, 0)
+    assert (search.estimate.relativeError, search.estimate.confidence) == (None, 0.95)
     assert search.over["PLANNER"].choice == ("a", "b")
 
 
@@ -59,8 +60,19 @@ def test_bounds_that_leave_nothing_are_refused(wrong: dict[str, JsonValue], plac
 
 
 def test_all_faults_are_told_at_once():
-    found = faults(over={"robot.mass": {"uniform": [0.9, 1.1]}}, measure="distance", episodes=10, confidence=1.0)
-    assert sorted(found) == ["confidence", "episodes", "measure", "over.robot.mass"]
+    found = faults(
+        over={"robot.mass": {"uniform": [0.9, 1.1]}},
+        measure="distance",
+        budget={"episodes": 10},
+        estimate={"confidence": 1.0, "relativeError": 0.001},
+    )
+    places = ["budget.episodes", "estimate.confidence", "estimate.relativeError", "measure", "over.robot.mass"]
+    assert sorted(found) == places
+
+
+def test_a_budget_below_the_pilot_says_what_it_may_be():
+    with pytest.raises(DocumentError, match="from 1,000 to 1,000,000 episodes, of which a pilot takes up to a quarter"):
+        parse(Search, {"over": {}, "budget": {"episodes": 999}}, "search")
 
 
 def test_physical_parameters_are_refused_with_what_may_be_varied():

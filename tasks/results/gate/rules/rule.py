@@ -23,6 +23,8 @@ from tasks.results.statistics.room_coverage import RoomCoverage
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from tasks.results.statistics.rare_failures import FailureProbability
+
 Section = TypeVar("Section", bound=Spec)
 ColumnValues = Mapping[str, Sequence[Any]]
 WORLD = "world"
@@ -150,6 +152,7 @@ class GateMaterial:
         worlds: What tells worlds apart, by ``<generation>/<world>``; those that it does not have go by their names.
         attempts: Of each earlier attempt, on other episodes of the same version and without a PASS, how often it passes
             wrongly by chance, 0-1.
+        rare: How probable a failure is, where the document asks for a search; else None.
     """
 
     counts: EpisodeCounts
@@ -162,6 +165,7 @@ class GateMaterial:
     world_shares: Mapping[str, Sequence[WorldShare]] = field(default_factory=dict[str, Sequence[WorldShare]])
     worlds: Mapping[str, str] = field(default_factory=dict[str, str])
     attempts: tuple[float, ...] = ()
+    rare: "FailureProbability | None" = None
 
     def rows_by_world(self, rows: "pa.Table") -> dict[str, list[int]]:
         """Returns the positions of each world's rows; none where the rows do not say which world it was."""
@@ -204,6 +208,7 @@ class PlannedEpisodes:
         worlds: In how many worlds they are.
         looks: After how many episodes the gate is asked, where it may end the batch early; else empty.
         icc: How alike episodes of one world were in earlier batches, 0-1; None where nothing says that.
+        searched: How many episodes a search may simulate; 0 without one.
     """
 
     episodes: int
@@ -213,6 +218,7 @@ class PlannedEpisodes:
     worlds: int = 1
     looks: tuple[int, ...] = ()
     icc: float | None = None
+    searched: int = 0
 
     @property
     def per_world(self) -> int:
