@@ -14,6 +14,8 @@ PACKAGE_XML = "package.xml"
 IMAGE_FILE = "image.json"
 """Of a bundle that is a container image."""
 _INSTALL_MARK = "_setup_util.py"
+# So many launch files are named to choose from.
+_NAMED = 6
 
 
 def names_ros_launch(launch_file: str) -> bool:
@@ -79,13 +81,22 @@ def policy_file(package: str, launch_file: str) -> str:
     return f"{package}/{launch_file.removesuffix('.onnx')}.onnx"
 
 
-def looked_for(package: str, launch_file: str) -> str:
-    """Returns the names under which a file that drives a robot was looked for, for a person."""
+def looked_for(files: Collection[str], package: str, launch_file: str) -> str:
+    """Returns the names under which a file that drives a robot was looked for, and those to choose from, for a person.
+
+    Args:
+        files: Names of the bundle's files.
+        package: The launch configuration's packageName.
+        launch_file: Its launchFile.
+    """
     module = module_file(package, launch_file)
     if not names_ros_launch(launch_file):
         return module
     places = f"{package}/launch/{launch_file} or {package}/{launch_file}"
-    return f"{places}, nor {launch_file} elsewhere in {package}, nor {module}"
+    have = sorted(filter(names_ros_launch, files))
+    more = f" and {len(have) - _NAMED} more" if len(have) > _NAMED else ""
+    choice = f": name one that it has: {', '.join(have[:_NAMED])}{more}" if have else ""
+    return f"{places}, nor {launch_file} elsewhere in {package}, nor {module}{choice}"
 
 
 def _launch_places(files: Collection[str], package: str, launch_file: str) -> Iterator[str]:

@@ -81,7 +81,9 @@ class _Launch(NamedTuple):
         named = {f"{self.package}/{self.file}", ros_launch_file(files, self.package, self.file), IMAGE_FILE}
         if named & {*files}:  # into an image `check_images` looks
             return None
-        allowed = f"a file in {self.application}'s bundle; it has no {self.package}/{self.file}"
+        own = f"{self.package}/{self.file}"
+        missing = looked_for(files, self.package, self.file) if names_ros_launch(self.file) else own
+        allowed = f"a file in {self.application}'s bundle; it has no {missing}"
         return Fault(path=f"{self.path}.launchFile", value=repr(self.file), allowed=allowed)
 
 
@@ -115,7 +117,7 @@ def simulated_fault(
         found = module if module in files else None
     if found is None:
         thing = "a launch file or a module" if names_ros_launch(file) else "a module"
-        missing = looked_for(package, file) if robot or names_ros_launch(file) else module
+        missing = looked_for(files, package, file) if robot or names_ros_launch(file) else module
         allowed = f"{thing} in {application}'s bundle; it has no {missing}"
         return Fault(path=f"{path}.launchFile", value=repr(file), allowed=allowed)
     drives = robot or alone

@@ -114,6 +114,13 @@ def _names(node: NodePlan) -> _Names:
     return names._replace(remapped={names.absolute(old): names.absolute(new) for old, new in pairs})
 
 
+def _same_name(topic: str, given: Sequence[str]) -> str:
+    """Returns what to do about a topic of which one has the last name in another namespace; or empty."""
+    last = topic.rpartition("/")[2]
+    other = next((each for each in given if each.rpartition("/")[2] == last), None)
+    return f": {other} is published; remap it, or name {topic} among topics in ros.yaml" if other else ""
+
+
 def unpublished(
     wanted: Sequence[WantedTopic],
     given: Sequence[str],
@@ -132,5 +139,5 @@ def unpublished(
     for each in wanted:
         if each.topic not in given:
             field = declared_by.get(each.topic)
-            hint = f": ros.yaml may declare {field}" if field else ""
+            hint = f": ros.yaml may declare {field}" if field else _same_name(each.topic, given)
             yield f"{each.node} wants {each.topic}, which nobody publishes{perhaps}{hint}"

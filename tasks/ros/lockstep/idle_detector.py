@@ -316,7 +316,7 @@ class IdleDetector:
         most = sorted(counts, key=lambda tid: (tid == awake, counts[tid]), reverse=True)[:_TOLD]
         told = [self._told(tid, counts[tid] / took_s) for tid in most if counts[tid] or tid == awake]
         return "; ".join(
-            [each for each in told if each] + ["a request to the master is under way"] * bool(self.graph.busy)
+            [each for each in told if each] + ["a node has not answered the robot yet"] * bool(self.graph.busy)
         )
 
     def _told(self, tid: int, rate_hz: float) -> str:

@@ -318,7 +318,8 @@ def _needed_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
         manifests = _manifests(source.bundle, files, node)
         told = b"".join(map(_text, (*manifests, Path(node.command[0])))) if node.package else b""
         found = [name for name in lacking if any(mark in told for mark in _CLIENT_LIBRARIES[name])]
-        yield from (f"{node.name} ({node.package} {node.kind}) needs {name}" for name in found)
+        for name in found:
+            yield f"{shown_node(node)} needs {name}: install ros-{installation.distribution}-{name}"
 
 
 def _messages_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:

@@ -225,6 +225,7 @@ def test_a_launch_file_that_a_ros_package_does_not_have_is_refused_with_the_plac
 ):
     _ros_package(tmp_path, "patrol/launch/go.launch", "robot.xml")
     looked = r"it has no patrol/launch/went.launch or patrol/went.launch, nor went.launch elsewhere in patrol"
+    looked += r", nor patrol/went.py: name one that it has: patrol/launch/go.launch"
     with pytest.raises(DocumentError, match=looked):
         check_launch_files(_spec(tmp_path, _use("mine", "patrol", "went.launch")), tmp_path)
 

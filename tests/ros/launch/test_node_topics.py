@@ -70,6 +70,12 @@ def test_topics_without_a_publisher_are_told_with_who_may_publish_them() -> None
     assert list(unpublished(wanted, ["/scan"], ["/amcl (amcl amcl)"])) == [f"{said}, unless /amcl (amcl amcl) does"]
 
 
+def test_a_topic_that_is_published_in_another_namespace_is_named_with_what_to_do() -> None:
+    wanted = [WantedTopic(node="/roam (roamer roam.py)", topic="/scan")]
+    (line,) = unpublished(wanted, ["/clock", "/robot/scan"], [])
+    assert line.endswith("nobody publishes: /robot/scan is published; remap it, or name /scan among topics in ros.yaml")
+
+
 def test_a_sensor_that_a_robot_may_have_is_named() -> None:
     wanted = [WantedTopic(node="/see (courier see.py)", topic="/camera/depth/points")]
     (line,) = unpublished(wanted, ["/scan"], [], {"/camera/depth/points": "depth_camera"})

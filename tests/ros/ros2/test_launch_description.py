@@ -295,9 +295,10 @@ def test_launch_files_in_yaml_are_refused(bundle: Bundle) -> None:
 
 
 def test_packages_and_launch_files_that_are_not_there_are_named(bundle: Bundle) -> None:
-    with pytest.raises(LaunchRefused, match="no launch file of that name"):
+    with pytest.raises(LaunchRefused, match="has none of that name: name one by its path in the package"):
         bundle.resolve("other.launch.py")
-    with pytest.raises(LaunchRefused, match="no ROS 2 package 'ro' in the bundle, which has bare, robot"):
+    own = "no ROS 2 package 'ro' in the bundle, which has bare, robot: name it as <name> of its package.xml does"
+    with pytest.raises(LaunchRefused, match=own):
         resolve_description(LaunchSource(bundle.folder, "ro", "robot.launch.py"), {}, bundle.parameters)
 
 

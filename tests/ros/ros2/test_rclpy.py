@@ -3,7 +3,8 @@
 import contextlib
 import json
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pytest
@@ -15,9 +16,11 @@ from tasks.ros.lockstep.ros2_lockstep import Ros2Lockstep
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.simulate.sandbox.launch_check import check_launch_file
 from tests.repository import ROOT
+from tests.ros.lockstep.room import nothing_left
 from tests.ros.pictures import seeing
 from tests.ros.random_graph import Part, part, random_graph
 from tests.ros.ros2.players import CONTROL_S, Run, make_base
+from tests.servers.open_files import open_files
 
 _ROAMER, _TRIALS = ROOT / "examples/ros/roamer2", ROOT / "tests/data/rclpy/trials"
 # Far more than a node takes, on a machine that does much else.
@@ -118,6 +121,64 @@ def test_nodes_that_ask_one_at_once_are_counted_as_late(tmp_path: Path) -> None:
     assert (run.failures, run.tallies[0].late, run.tallies[0].stray) == ({}, 30, 0)
 
 
+# What the faulty node of the trials does, and how a row tells it.
+_FAULTS = {
+    "raise": "node /faulty ended with status 1",
+    "exit": "node /faulty ended with status 7",
+    "done": "node /faulty ended with status 0",
+    "hang": "did not come to rest",
+    "kill": "node /faulty was ended by SIGKILL",
+    "abort": "node /faulty was ended by SIGABRT",
+    "stop": "node /faulty was stopped by a signal",
+    "child": "node /faulty ended with status 3",
+}
+
+
+@pytest.fixture
+def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where this process writes temporary files."""
+    folder = tmp_path / "temporary"
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    return folder
+
+
+def _fault(folder: Path, temporary: Path, kinds: Sequence[str]) -> Run:
+    """Returns what came of an episode for each kind of fault, of which nothing is left."""
+    before, open_before = set(_SHARED.iterdir()), open_files()
+    shutil.copytree(_TRIALS, folder / "bundle/trials")
+    environments = [{"NODES": "faulty", "FAULT": kind, "SPEED": "0.2"} for kind in kinds]
+    launch = Launch(folder / "bundle", "trials", "trials.launch.py", folder / "home", environments)
+    patience = LockstepPatience(stage_s=2.0, late_limit=1)
+    with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
+        run = Run(lockstep, len(kinds), 14)
+    assert nothing_left(folder / "home")
+    assert _left_in_shared_memory(before) == []
+    assert open_files() <= open_before
+    assert list(temporary.iterdir()) == []
+    shutil.rmtree(folder)
+    return run
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclpy")
+def test_each_fault_of_a_node_of_rclpy_is_its_own_episodes_reason_and_nothing_is_left(
+    tmp_path: Path, temporary: Path
+) -> None:
+    run = _fault(tmp_path / "run", temporary, [*_FAULTS])
+    assert [kind for k, (kind, said) in enumerate(_FAULTS.items()) if said not in run.failures.get(k, "")] == [], (
+        run.failures
+    )
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(3600)
+@pytest.mark.usefixtures("rclpy")
+def test_two_hundred_faulty_episodes_of_rclpy_leave_nothing(tmp_path: Path, temporary: Path) -> None:
+    for k in range(200 // len(_FAULTS)):
+        assert len(_fault(tmp_path / str(k), temporary, [*_FAULTS]).failures) == len(_FAULTS)
+
+
 @pytest.mark.soak
 @pytest.mark.timeout(3600)
 @pytest.mark.usefixtures("rclpy", "burners")
@@ -157,4 +218,4 @@ def test_what_is_here_and_what_is_missing_is_said_before_the_run(rclpy: Path, tm
     )
     manifest.write_text(manifest.read_text().replace(">rclpy<", ">rclcpp<"))
     told = check_launch_file(source, [{}], own=True)
-    assert (told.has_ros, "/roam (roamer2 roam) needs rclcpp" in told.ros) == (False, True)
+    assert (told.has_ros, "/roam (roamer2 roam) needs rclcpp: install ros-jazzy-rclcpp" in told.ros) == (False, True)

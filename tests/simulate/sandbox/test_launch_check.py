@@ -41,7 +41,7 @@ def test_a_node_that_needs_rclpy_cannot_run_without_ros_2(tmp_path: Path, told: 
     assert not found.has_ros
     assert found.refusals == ()
     assert "no ROS 2 is here (AMENT_PREFIX_PATH, or below /opt/ros)" in found.ros
-    assert "/player (play avoider) needs rclpy" in found.ros
+    assert "/player (play avoider) needs rclpy: install ros-jazzy-rclpy" in found.ros
 
 
 def test_what_the_stand_ins_refuse_for_want_of_ros_2_is_no_fault_of_the_document(tmp_path: Path):

@@ -237,16 +237,18 @@ def _launch_file(packages: Mapping[str, AmentPackage], installation: Ros2Install
     if source.package not in packages:
         own = (name for name, each in packages.items() if Path(each.prefix) not in installation.prefixes)
         have = ", ".join(sorted(own)) or "no package at all"
-        raise LaunchRefused(f"there is no ROS 2 package {source.package!r} in the bundle, which has {have}")
+        raise LaunchRefused(
+            f"there is no ROS 2 package {source.package!r} in the bundle, which has {have}: name it as <name> of its "
+            "package.xml does, or put it into the bundle"
+        )
     share = Path(packages[source.package].share)
     for path in (share / source.launch_file, share / "launch" / source.launch_file):
         if path.is_file():
             return path
     found = sorted(share.rglob(Path(source.launch_file).name))
     if len(found) != 1:
-        raise LaunchRefused(
-            f"the package has {'more than one' if found else 'no'} launch file of that name below {share}"
-        )
+        have = ", ".join(str(each.relative_to(share)) for each in found) or "none of that name"
+        raise LaunchRefused(f"one launch file is meant, and {share} has {have}: name one by its path in the package")
     return found[0]
 
 

@@ -6,6 +6,7 @@ setup(
     entry_points={
         "console_scripts": [
             "threads = trials.nodes:threads",
+            "faulty = trials.nodes:faulty",
             "stamped = trials.nodes:stamped",
             "seer = trials.nodes:seer",
             "counter = trials.nodes:counter",

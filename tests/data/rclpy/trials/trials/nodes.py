@@ -3,7 +3,9 @@
 import json
 import math
 import os
+import signal
 import struct
+import subprocess
 import time
 
 import rclpy
@@ -58,6 +60,37 @@ class Threads(Driver):
         time.sleep(0.01)
         twist.angular.z += self.turn
         super().publish(twist)
+
+
+class Faulty(Driver):
+    """Drives for ten scans, and then does what it should not: $FAULT says what."""
+
+    def publish(self, twist):
+        super().publish(twist)
+        if self.scans == 10:
+            FAULTS[os.environ["FAULT"]]()
+
+
+def hang():
+    while True:
+        pass
+
+
+def leave_a_child():
+    subprocess.Popen(["setsid", "sleep", "600"], start_new_session=True)
+    os._exit(3)
+
+
+FAULTS = {
+    "raise": lambda: 1 // 0,
+    "exit": lambda: os._exit(7),
+    "done": lambda: os._exit(0),
+    "hang": hang,
+    "kill": lambda: os.kill(os.getpid(), signal.SIGKILL),
+    "abort": os.abort,
+    "stop": lambda: os.kill(os.getpid(), signal.SIGSTOP),
+    "child": leave_a_child,
+}
 
 
 class Stamped(Driver):
@@ -202,6 +235,10 @@ def part():
 
 def threads():
     _spin(Threads, MultiThreadedExecutor)
+
+
+def faulty():
+    _spin(lambda: Faulty("faulty"), MultiThreadedExecutor)
 
 
 def stamped():
