@@ -10,6 +10,7 @@ import os
 import socket
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 
 from tasks.ros.graph import graph_limits as limits
 from tasks.ros.graph.event_loop import HOST, Connection, EventLoop
@@ -460,6 +461,9 @@ class Graph:
     def give_links_up(self) -> None:
         """Waits no more for nodes that did not connect so far."""
         self._links.give_up()
+
+    def forget(self, ended: AbstractSet[int]) -> None:
+        """Does nothing with the numbers of nodes' processes that ended: the kernel closed their connections."""
 
     def gaps(self) -> list[str]:
         """Returns what nodes say or wait for in vain, for a person: commands elsewhere, topics nobody publishes."""

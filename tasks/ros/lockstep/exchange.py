@@ -92,6 +92,8 @@ class GraphSide(Protocol):
 
     def give_links_up(self) -> None: ...  # noqa: D102
 
+    def forget(self, ended: AbstractSet[int]) -> None: ...  # noqa: D102
+
     def gaps(self) -> list[str]: ...  # noqa: D102
 
     def close(self) -> None: ...  # noqa: D102

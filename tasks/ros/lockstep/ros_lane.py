@@ -232,10 +232,16 @@ class RosLane:
         self.collect(0)
         self.command, self._step_commands = TwistCommand(), 0
 
+    def notice_ends(self) -> None:
+        """Notices which nodes ended, and fails if one should not have."""
+        self.failure = self.failure or self.application.failure()
+        self.graph.forget(self.application.ended)
+
     def check(self) -> None:
         """Looks whether a node ended, or the graph gave up."""
         self.application.await_leaving(self.graph.nodes(), _LAST_WORDS_S)
-        self.failure = self.failure or self.application.failure() or self.graph.failure
+        self.notice_ends()
+        self.failure = self.failure or self.graph.failure
         if self.application.tests_passed() is not None:
             return
         if not self.failure and self._had_source and not self.graph.incoming:

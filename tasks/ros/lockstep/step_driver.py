@@ -105,6 +105,7 @@ class StepDriver:
         self._checked_s = now_s
         for lane in active:
             if now_s - lane.begun_s > _CHECK_S:
+                lane.notice_ends()  # it would wait for an answer of who is gone
                 lane.failure = lane.failure or lane.application.excess()
                 lane.look_s = now_s
 

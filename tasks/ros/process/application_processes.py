@@ -330,6 +330,11 @@ class ApplicationProcesses:
             found = self.failure()
         return found
 
+    @property
+    def ended(self) -> frozenset[int]:
+        """Returns the numbers of its nodes' processes that ended, as of the last ``failure``."""
+        return frozenset(each.process.pid for each in self._nodes if each.process.returncode is not None)
+
     def excess(self) -> str:
         """Returns which of its limits the application is beyond; empty while it keeps them all."""
         return self._limits.excess(self.processes(), self.home)

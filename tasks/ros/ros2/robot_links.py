@@ -15,6 +15,7 @@ Sources: DDS 1.4, section 2.2.5, built-in topics; rmw_dds_common, which announce
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from typing import Any, cast
 from uuid import UUID
@@ -93,6 +94,7 @@ class RobotLinks:
         self._latched: dict[str, bytes] = {}
         self.news_s = time.perf_counter()
         self._seen: dict[UUID, RobotLink] = {}
+        self._gone: set[UUID] = set()
         self._nodes_told: dict[UUID, ToldNodes] = {}
         self._subscriptions: dict[UUID, Endpoint] = {}
         self._publications: dict[UUID, Endpoint] = {}
@@ -128,7 +130,7 @@ class RobotLinks:
         for each in came:
             if not each.sample_info.valid_data:
                 self._forget(each.key)
-            elif each.key != own and each.key not in self._seen:
+            elif each.key != own and each.key not in self._seen and each.key not in self._gone:
                 self._link(each.key, {policy.key: policy.value for policy in each.qos if hasattr(policy, "key")})
         counts = [_update(self._subscriptions, subscriptions), _update(self._publications, publications)]
         if came or any(counts):
@@ -158,6 +160,15 @@ class RobotLinks:
         link = self._seen.pop(participant, None)
         if link is not None:
             link.node.close()
+
+    def forget(self, processes: AbstractSet[int]) -> None:
+        """Takes these processes for gone, whatever they still said of themselves."""
+        gone = {each for each, link in self._seen.items() if link.process in processes}
+        self._gone |= gone
+        for participant in gone:
+            self._forget(participant)
+        if gone:
+            self.links = {each: link for each, link in self.links.items() if each not in gone}
 
     def keep(self, topic: str, data: bytes) -> None:
         """Keeps a message for processes that come, and for those that do not read the topic yet."""

@@ -134,7 +134,9 @@ class Ros2Node:
         return self._node.publisher(topic, kind, robot_profile(topic, kind))
 
     def send(self, topic: str, ros1: bytes) -> None:
-        """Publishes a message, given in ROS 1's form."""
+        """Publishes a message, given in ROS 1's form; nothing once it is closed, as of a process that is gone."""
+        if topic not in self._writers:
+            return
         self._writers[topic].write(bytes(self._store.ros1_to_cdr(ros1 + self._beyond[topic], self._topics[topic])))
         self._sent.add(topic)
 

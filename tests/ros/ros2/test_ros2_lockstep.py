@@ -103,6 +103,13 @@ def test_a_node_that_ends_fails_its_lane_and_leaves_its_neighbour_alone(tmp_path
     assert (run.tallies[1].late, run.tallies[1].stray) == (0, 0)
 
 
+def test_a_node_that_ends_well_without_a_farewell_fails_its_lane_in_that_control_step(tmp_path: Path) -> None:
+    """DDS has it for 10 s of wall time more, in which its robot would drive on."""
+    run = drive(tmp_path, "leaver", steps=30)
+    assert run.failures[0].startswith("node /player ended with status 0, and no node is connected to the command topic")
+    assert (run.tallies[0].commands < 6, run.tallies[0].late, run.tallies[0].stray) == (True, 0, 0)
+
+
 @pytest.mark.long
 def test_nodes_that_talk_to_each_other_give_the_same_row_however_long_each_waits_for_a_core(tmp_path: Path) -> None:
     """Told at the same time, one would have the other's advice sometimes before it sees the walls, sometimes not."""

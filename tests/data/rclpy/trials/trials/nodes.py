@@ -63,11 +63,11 @@ class Threads(Driver):
 
 
 class Faulty(Driver):
-    """Drives for ten scans, and then does what it should not: $FAULT says what."""
+    """Drives for forty scans, and then does what it should not: $FAULT says what."""
 
     def publish(self, twist):
         super().publish(twist)
-        if self.scans == 10:
+        if self.scans == 40:
             FAULTS[os.environ["FAULT"]]()
 
 
