@@ -151,7 +151,7 @@ def _fault(folder: Path, temporary: Path, kinds: Sequence[str]) -> Run:
     launch = Launch(folder / "bundle", "trials", "trials.launch.py", folder / "home", environments)
     patience = LockstepPatience(stage_s=2.0, late_limit=1)
     with Ros2Lockstep(launch, make_base(), CONTROL_S, patience=patience) as lockstep:
-        run = Run(lockstep, len(kinds), 14)
+        run = Run(lockstep, len(kinds), 34)
     assert nothing_left(folder / "home")
     assert _left_in_shared_memory(before) == []
     assert open_files() <= open_before
