@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ def application(
     return made
 
 
-def _ended(client: Any, application: str, judge: dict[str, object], world: str) -> Any:  # noqa: ANN401 - botocore has no types
+def _ended(client: Any, application: str, judge: Mapping[str, object], world: str) -> Any:  # noqa: ANN401 - botocore has no types
     launch = {"command": ["roslaunch", "roamer", "roam.launch"]}
     made = client.create_simulation_job(
         maxJobDurationInSeconds=20,
