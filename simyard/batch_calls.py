@@ -207,7 +207,7 @@ def search(
         "over": {name: {**each} for name, each in over.items()},
         "measure": measure,
         "budget": {"episodes": episodes},
-        "estimate": {"relativeError": relative_error, "confidence": confidence},
+        "estimate": {"confidence": confidence, **({} if relative_error is None else {"relativeError": relative_error})},
         "seed": seed,
     }
     asked = parse(Search, settings, "search")
