@@ -18,7 +18,7 @@ from mujoco.batch import Batch
 from mujoco.rollout import Rollout
 
 from benchmarks.applications.explorer.explorer.reactive import Lidar, control
-from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, bench_world, explorations, starts
+from benchmarks.simulation.engine_worlds import FOLDERS, ROBOT_FILE, as_prisms, bench_world, explorations, starts
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.people import People
 from specs.data.world import World
@@ -84,8 +84,11 @@ def slice_times(
 class Ours:
     """One of Simyard's engines, as a batch runs it."""
 
-    def __init__(self, engine: str, lanes: int, obstacles: int, people: People | None = None) -> None:
-        worlds = {f"bench/{k}": bench_world(k, obstacles) for k in range(WORLDS)}
+    def __init__(
+        self, engine: str, lanes: int, obstacles: int, people: People | None = None, *, prisms: bool = False
+    ) -> None:
+        made = ((f"bench/{k}", bench_world(k, obstacles)) for k in range(WORLDS))
+        worlds = {name: as_prisms(world) if prisms else world for name, world in made}
         requests = [each.model_copy(update={"people": people}) for each in explorations(lanes, WORLDS, _FOREVER_S)]
         chunk = ready_chunk(requests, worlds, FOLDERS, lanes=lanes, engine=engine)
         run = chunk.run

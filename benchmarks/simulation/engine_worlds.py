@@ -65,6 +65,17 @@ def bench_world(seed: int, obstacles: int) -> World:
     )
 
 
+def as_prisms(world: World) -> World:
+    """Returns a hall whose boxes are written as prisms of four corners, as walls of imported buildings may be."""
+
+    def prism(solid: Solid) -> Solid:
+        x, y, _ = solid.half_extents_m
+        corners = ((-x, -y), (x, -y), (x, y), (-x, y))
+        return solid if solid.shape != "box" else solid.model_copy(update={"shape": "prism", "outline_m": corners})
+
+    return world.model_copy(update={"version": "2", "walls": tuple(map(prism, world.walls))})
+
+
 def explorations(count: int, worlds: int, duration_s: float) -> list[EpisodeRequest]:
     """Returns episodes of the benchmarks' own applications, spread over worlds ``bench/0``, ``bench/1``, ..."""
     return [

@@ -1,7 +1,7 @@
 """Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
 
-    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--repeats N]
-    [--without NAME ...] [--json FILE]
+    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--prisms]
+    [--repeats N] [--without NAME ...] [--json FILE]
     .venv/bin/python benchmarks/simulation/engines.py --document docs/reference/engines.md    # all of it, into the
     document
 
@@ -153,6 +153,19 @@ def walked(repeats: int) -> list[list[str]]:
     return table
 
 
+def shaped(repeats: int) -> list[list[str]]:
+    """Returns a table over what the boxes of a hall are written as, for each engine."""
+    table = [["engine", "boxes, CPU us a control step", "prisms", "x boxes"]]
+    for engine in ENGINES:
+        made: dict[str, Variant] = {
+            name: Ours(engine, LANES, OBSTACLES, prisms=name == "prisms") for name in ("boxes", "prisms")
+        }
+        found = turns(made, repeats, {name: control_steps(engine, LANES) for name in made})
+        costs = {name: median(turn.cpu_us for turn in each) for name, each in found.items()}
+        table.append([engine, *(f"{each:,.1f}" for each in costs.values()), f"{costs['prisms'] / costs['boxes']:.2f}"])
+    return table
+
+
 def main() -> None:
     """Prints the tables, and puts them into a document."""
     parser = options(__doc__)
@@ -161,6 +174,7 @@ def main() -> None:
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
     parser.add_argument("--people", action="store_true")
+    parser.add_argument("--prisms", action="store_true")
     given = parser.parse_args()
     show("machine", machine(), given.document)
     for title, table in measured(given):
@@ -169,7 +183,7 @@ def main() -> None:
 
 def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    parts = given.scaling or given.batch or given.people
+    parts = given.scaling or given.batch or given.people or given.prisms
     everything = given.document is not None and not parts
     if not parts:
         yield "side by side", rows(side_by_side(given.repeats, given.without))
@@ -179,6 +193,8 @@ def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]
         yield from scaling(min(given.repeats, SCALING_REPEATS))
     if given.people:
         yield "people", walked(given.repeats)
+    if given.prisms:
+        yield "prisms", shaped(given.repeats)
 
 
 if __name__ == "__main__":

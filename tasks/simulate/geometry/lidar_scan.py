@@ -17,7 +17,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Float32, Int, Int32
 
 from specs.data.world import MOST_CORNERS
-from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size, edge_counts, half_planes
+from tasks.simulate.geometry.obstacles import PARKING_M, Obstacles, bucket_size, edge_counts
 
 # A box counts as upright when its corners lie this near to those of the upright one: no ray can tell.
 _UPRIGHT_M = 1e-6
@@ -28,12 +28,12 @@ _SIDES = (4, 6, MOST_CORNERS)
 _PRISMS = len(_LEAST) - len(_SIDES)
 _SPECK_M = 0.05
 _FAR_M = (PARKING_M, PARKING_M)
-# Specks, and what is on the inner side of no half-plane.
+# Specks, and corners that have no edge between them.
 _UNUSED = (
     (*_FAR_M, _SPECK_M, _SPECK_M),
     (*_FAR_M, _SPECK_M, _SPECK_M, 1.0, 0.0),
     (*_FAR_M, _SPECK_M),
-    *((*_FAR_M, *(0.0, 0.0, -1.0) * sides) for sides in _SIDES),
+    *((*_FAR_M, *(0.0, 0.0) * sides) for sides in _SIDES),
 )
 # A slice looks at what is within range of a lidar that has gone no farther than this since it began.
 _ROAM_M = 1.0
@@ -60,8 +60,8 @@ class LidarOutlines(NamedTuple):
         upright: Boxes along the axes (x, y, half x, half y).
         turned: Other boxes (x, y, half x, half y, cos yaw, sin yaw).
         circles: (x, y, radius).
-        quads, hexagons, octagons: Prisms of at most 4, 6 and 8 edges (x, y, half-planes): each outward normal (x, y),
-            and how far out from the middle; empty where no world of the chunk has any.
+        quads, hexagons, octagons: Prisms of at most 4, 6 and 8 corners (x, y, corners): each from the middle (x, y),
+            counter-clockwise, the last one repeated; empty where no world of the chunk has any.
         counts: How many of each there are; what follows them is padding.
         within: How many of each are near for some control steps; None if nobody looked.
         people: Who walks about, as circles; None where there is nobody.
@@ -70,9 +70,9 @@ class LidarOutlines(NamedTuple):
     upright: Float[jax.Array, "upright 4"]
     turned: Float[jax.Array, "turned 6"]
     circles: Float[jax.Array, "circles 3"]
-    quads: Float[jax.Array, "quads 14"]
-    hexagons: Float[jax.Array, "hexagons 20"]
-    octagons: Float[jax.Array, "octagons 26"]
+    quads: Float[jax.Array, "quads 10"]
+    hexagons: Float[jax.Array, "hexagons 14"]
+    octagons: Float[jax.Array, "octagons 18"]
     counts: Int[jax.Array, "6"]
     within: WithinRange | None = None
     people: Float[jax.Array, "people 3"] | None = None
@@ -89,9 +89,9 @@ class HostLidarOutlines(NamedTuple):
     upright: Float32[np.ndarray, "upright 4"]
     turned: Float32[np.ndarray, "turned 6"]
     circles: Float32[np.ndarray, "circles 3"]
-    quads: Float32[np.ndarray, "quads 14"]
-    hexagons: Float32[np.ndarray, "hexagons 20"]
-    octagons: Float32[np.ndarray, "octagons 26"]
+    quads: Float32[np.ndarray, "quads 10"]
+    hexagons: Float32[np.ndarray, "hexagons 14"]
+    octagons: Float32[np.ndarray, "octagons 18"]
     counts: Int32[np.ndarray, "6"]
 
     @property
@@ -112,8 +112,8 @@ def lidar_outlines(seen: Obstacles) -> HostLidarOutlines:
     turned = np.hstack([boxes[:, :2], half, turn])[~upright]
     circles = seen.cylinders[:, [0, 1, 3]]
     group = np.searchsorted(_SIDES, edge_counts(seen.prisms))
-    prisms = np.hstack([seen.prisms[:, :2], half_planes(seen.prisms).reshape(-1, 3 * MOST_CORNERS)])
-    groups = [prisms[group == place, : 2 + 3 * sides] for place, sides in enumerate(_SIDES)]
+    prisms = np.hstack([seen.prisms[:, :2], seen.prisms[:, 4:]])
+    groups = [prisms[group == place, : 2 + 2 * sides] for place, sides in enumerate(_SIDES)]
     kinds = [each.astype(np.float32) for each in (straight, turned, circles, *groups)]
     return HostLidarOutlines(*kinds, counts=np.array([*map(len, kinds)], np.int32))
 
@@ -175,8 +175,12 @@ def _apart_m(
     """Returns how far a point is at least from each outline of a kind."""
     dx, dy = kind[:, 0] - center_m[0], kind[:, 1] - center_m[1]
     if place >= _PRISMS:
-        beyond = [-(kind[:, k] * dx + kind[:, k + 1] * dy + kind[:, k + 2]) for k in range(2, kind.shape[1], 3)]
-        return functools.reduce(jnp.maximum, beyond)
+        corners = kind[:, 2:].reshape(len(kind), -1, 2)
+        along = jnp.roll(corners, -1, axis=1) - corners
+        length_m = jnp.sqrt(along[..., 0] ** 2 + along[..., 1] ** 2)
+        from_x, from_y = -dx[:, None] - corners[..., 0], -dy[:, None] - corners[..., 1]
+        beyond_m = (along[..., 1] * from_x - along[..., 0] * from_y) / jnp.maximum(length_m, _TINY)
+        return jnp.where(length_m > 0.0, beyond_m, -jnp.inf).max(axis=1, initial=-jnp.inf)
     around_m = kind[:, 2] if kind.shape[1] == 3 else jnp.sqrt(kind[:, 2] ** 2 + kind[:, 3] ** 2)
     return jnp.sqrt(dx**2 + dy**2) - around_m
 
@@ -278,14 +282,19 @@ def _scan_lanes(
 
     def past_prism(nearest: Rays, prism: Outlines) -> Rays:
         dx, dy = prism[:, 0:1] - x, prism[:, 1:2] - y
-        entry, leave = jnp.full_like(nearest, -jnp.inf), jnp.full_like(nearest, jnp.inf)
-        for column in range(2, prism.shape[1], 3):
-            normal_x, normal_y, out = (prism[:, k : k + 1] for k in range(column, column + 3))
-            facing = divisor(normal_x * ray_x + normal_y * ray_y)
-            meets = (normal_x * dx + normal_y * dy + out) * (1.0 / facing)
-            entry = jnp.where((facing < 0.0) & (meets > entry), meets, entry)
-            leave = jnp.where((facing >= 0.0) & (meets < leave), meets, leave)
-        return _nearer(nearest, entry, entry <= leave)
+        offsets = [(prism[:, k : k + 1], prism[:, k + 1 : k + 2]) for k in range(2, prism.shape[1], 2)]
+        corners = [(dx + off_x, dy + off_y) for off_x, off_y in offsets]
+        left = [ray_x * corner_y - ray_y * corner_x > 0.0 for corner_x, corner_y in corners]
+        # Counter-clockwise, a ray enters by the one edge that leads from its left to its right.
+        above, below = jnp.full_like(nearest, jnp.inf), jnp.ones_like(nearest)
+        for k, (corner_x, corner_y) in enumerate(corners):
+            after = (k + 1) % len(corners)
+            along_x, along_y = offsets[after][0] - offsets[k][0], offsets[after][1] - offsets[k][1]
+            enters = left[k] & ~left[after]
+            above = jnp.where(enters, corner_x * along_y - corner_y * along_x, above)
+            below = jnp.where(enters, ray_x * along_y - ray_y * along_x, below)
+        entry = above / below
+        return jnp.where((entry >= 0.0) & (entry < nearest), entry, nearest)
 
     nearest = jnp.full(ray_x.shape, range_m)
     most = jnp.max(_looked_at(seen, pose), axis=0)

@@ -168,7 +168,7 @@ def regular(corners: int) -> np.ndarray:
 def test_prisms_are_kept_by_the_most_edges_that_they_may_have():
     found = of_corners(8, 4, 6, 3, 5, 7)
     assert found.counts.tolist() == [0, 0, 0, 2, 2, 2]
-    kept = [len(np.unique(row[2:].reshape(-1, 3), axis=0)) for kind in found[3:6] for row in kind]
+    kept = [len(np.unique(row[2:].reshape(-1, 2), axis=0)) for kind in found[3:6] for row in kind]
     assert kept == [4, 3, 6, 5, 8, 7]
 
 
