@@ -48,7 +48,7 @@ def test_an_unknown_key_is_told_with_the_known_one_that_is_meant():
         "worldgeneration": (
             "unknown key",
             'did you mean "worldGeneration"? known keys are name, applications, worlds, worldGeneration, worldExport, '
-            "simulationBatch, gate, deployment",
+            "simulationBatch, search, gate, deployment",
         )
     }
 
@@ -188,7 +188,7 @@ def test_a_missing_key_is_told_by_its_own_path():
 
 
 def test_a_document_that_is_no_object_is_refused():
-    keys = "name, applications, worlds, worldGeneration, worldExport, simulationBatch, gate, deployment"
+    keys = "name, applications, worlds, worldGeneration, worldExport, simulationBatch, search, gate, deployment"
     allowed = f"an object with keys {keys}"
 
     assert faults([1]) == {"document": ("[1]", allowed)}

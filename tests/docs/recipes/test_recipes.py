@@ -201,7 +201,7 @@ def test_a_gate_rule_is_a_section_and_a_module(tree: TreeCopy):
         "from tasks.results.gate.rules.success_rate",
         "from tasks.results.gate.rules.speed_limit import SPEED_LIMIT\n",
     )
-    tree.replace(gate, "OUTCOME_FLIP_RATE, QUANTILES)", "OUTCOME_FLIP_RATE, QUANTILES, SPEED_LIMIT)")
+    tree.replace(gate, "    RARE_FAILURE,\n)", "    RARE_FAILURE,\n    SPEED_LIMIT,\n)")
     made = tree.run(
         "from flows.preview.gate_plan import PlannedEpisodes\n"
         "from specs.pipeline.gate_section import Gate\n"

@@ -58,7 +58,8 @@ def elsewhere() -> Generator[OtherProcess, None, None]:
 @pytest.mark.long
 def test_all_steps_of_a_document_run_in_another_process(elsewhere: OtherProcess, tmp_path: Path):
     write_map(tmp_path, ("#" * 100, *("#" + "." * 98 + "#",) * 98, "#" * 100))
-    document = {**small_document(), "worlds": [{"name": "hall", "source": "map.yaml"}]}
+    search = {"over": {"MAX_SPEED": {"uniform": [0.4, 0.6]}}, "budget": {"episodes": 1_000}}
+    document = {**small_document(search=search), "worlds": [{"name": "hall", "source": "map.yaml"}]}
     write_document(tmp_path, document)
     with orchestrated_by(elsewhere):
         report = pipeline(PipelineSpec.model_validate(document), (tmp_path / "store").as_uri(), str(tmp_path))

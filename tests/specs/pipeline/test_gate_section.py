@@ -42,8 +42,8 @@ def test_all_rules_may_stand_together():
 
 
 def test_a_gate_without_rules_is_refused():
-    allowed = "at least one of successRate, noWorseThan, collisionRate, maxOutcomeFlipRate, quantiles"
-    assert faults({}) == faults({"quantiles": []}) == {"gate": allowed}
+    rules = "successRate, noWorseThan, collisionRate, maxOutcomeFlipRate, quantiles, failureProbability"
+    assert faults({}) == faults({"quantiles": []}) == {"gate": f"at least one of {rules}"}
 
 
 def test_only_rules_that_count_episodes_can_stop_a_batch():
