@@ -60,6 +60,8 @@ class _Check:
             return f"{name}, line {exc.lineno}: {exc.msg}"
         except (OSError, ValueError, RecursionError, MemoryError) as exc:
             return f"{name}: {exc}"
+        if any(map(_moves_search, ast.walk(self.trees[name]))):
+            self._installed = False  # nobody knows where it looks for libraries then
         found = (why for node in self.trees[name].body for why in self._statement(name, node))
         return next(found, "")
 
@@ -90,8 +92,9 @@ class _Check:
 
     def _relative(self, name: PurePosixPath, where: str, node: ast.ImportFrom) -> Iterator[str]:
         """Yields what is wrong with ``from .module import name``."""
-        if node.level > len(name.parent.parts):
-            return  # beyond the package that is launched: `importlib` says what it finds
+        if node.level > len(name.parents):
+            yield f"{where}: that is beyond the bundle"
+            return
         base = name.parents[node.level - 1].joinpath(*(node.module or "").split("."))
         if not node.module and (self._folder / base / "__init__.py").is_file():
             return  # which may define whatever is imported
@@ -116,6 +119,14 @@ def _is_installed(top: str) -> bool:
         return find_spec(top) is not None
     except (ImportError, ValueError):  # of a module that is loaded already, and has no specification
         return True
+
+
+def _moves_search(node: ast.AST) -> bool:
+    """Returns whether a module changes where Python looks for others, as by ``sys.path.append``."""
+    if isinstance(node, ast.ImportFrom):
+        return node.module in {"sys", "site"} and not node.level
+    names = {"path", "meta_path", "path_hooks", "modules", "addsitedir"}
+    return isinstance(node, ast.Attribute) and node.attr in names and getattr(node.value, "id", "") in {"sys", "site"}
 
 
 def _binds(node: ast.AST, names: tuple[str, ...]) -> bool:

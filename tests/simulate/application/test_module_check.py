@@ -11,6 +11,7 @@ from tasks.simulate.application.module_check import module_fault
 from tests.repository import ROOT
 
 CONTROLLER = "def controller(environment): ...\n"
+BESIDE = "import os, sys\nsys.path.append(os.path.dirname(__file__))\n"
 
 
 def _bundle(folder: Path, **files: str) -> Path:
@@ -47,6 +48,8 @@ def _imports(folder: Path) -> bool:
             "bot/way.py, line 2: no library",
         ),
         ({"drive": f"from .way import x\n{CONTROLLER}", "way": "x = (\n"}, "bot/way.py, line 1: '(' was never closed"),
+        ({"drive": f"from ..gone import x\n{CONTROLLER}"}, "line 1: the bundle has no gone.py"),
+        ({"drive": f"from ...gone import x\n{CONTROLLER}"}, "line 1: that is beyond the bundle"),
         ({"__init__": "import no_such_lib\n"}, "bot/__init__.py, line 1: no library no_such_lib"),
         ({"drive": "def control(environment): ...\n"}, "bot/drive.py defines no function controller(environment)"),
     ],
@@ -66,6 +69,11 @@ def test_a_module_that_does_not_import_is_told_with_its_line(tmp_path: Path, fil
         {"drive": "from .way import *\n", "way": CONTROLLER},
         {"drive": "from . import way\ncontroller = way.make\n", "way": "from . import drive\ndef make(e): ...\n"},
         {"drive": "from . import x\ncontroller = x\n", "__init__": "def x(environment): ...\n"},
+        {"drive": f"from ..bot import way\nfrom ..bot.way import x\n{CONTROLLER}", "way": "x = 1\n"},
+        {
+            "drive": f"import os, sys\nsys.path.append(os.path.dirname(__file__))\nimport way_beside\n{CONTROLLER}",
+            "way_beside": "",
+        },
         {"drive": "import numpy.linalg, os.path, jax\ncontroller = lambda environment: None\n"},
     ],
 )
