@@ -169,6 +169,7 @@ def search(
     *,
     measure: str = "min_clearance_m",
     episodes: int = 20_000,
+    distinct: int = 20,
     confidence: float = 0.95,
     relative_error: float | None = None,
     seed: int = 0,
@@ -184,6 +185,7 @@ def search(
             or a `choice`.
         measure: A column of the results that is near 0 close to a failure, and below it in one.
         episodes: How many may be simulated, 1,000 to 1,000,000.
+        distinct: How many failures are reported, at most 100; each is simulated twice more, once on C MuJoCo.
         confidence: Of the interval.
         relative_error: The search ends once the interval reaches so far from the probability, as a share of it, 0.01 to
             1; left out, it spends its episodes.
@@ -206,6 +208,7 @@ def search(
     settings: dict[str, JsonValue] = {
         "over": {name: {**each} for name, each in over.items()},
         "measure": measure,
+        "find": {"distinct": distinct},
         "budget": {"episodes": episodes},
         "estimate": {"confidence": confidence, **({} if relative_error is None else {"relativeError": relative_error})},
         "seed": seed,

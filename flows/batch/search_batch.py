@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from jaxtyping import Float64
@@ -19,14 +19,16 @@ from flows.batch.replay_episode import JobReplay, bundles, playback
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
-from specs.pipeline.search_section import Distribution, Search
+from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
+from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
 from tasks.results.statistics.rare_failures import FAILED, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import ChunkRunner, load_worlds
+from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES
 from tasks.simulate.replay.replay_run import replay_request, resimulate
 from tasks.storage.base.keys import search_step_key
@@ -37,9 +39,10 @@ from tasks.storage.store_url import open_store
 
 STAGE = "Search"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
-_FORM = 2
+_FORM = 3
 _SEEDS = 2**32
-FAILURES_KEPT = 100
+# Of those that are to be reported, so many times as many are driven again where some vanish.
+_TRIES = 3
 # Pilots and tails take a few episodes at a time, for which a program of all lanes takes several times as long. Whatever
 # sizes steps have, there are three programs at most, and the batch has compiled one of them.
 _FEW_LANES = 64
@@ -105,13 +108,17 @@ def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulat
     )
     particles = next(going)
     while True:
-        answers = steps.answers(particles)
-        scores = np.array([math.inf if each is None else each for each in answers.scores])
         try:
-            particles = going.send(scores)
+            particles = going.send(steps.scores(particles))
         except StopIteration as end:
+            distinct = steps.distinct()
             found = BatchSearch(
-                batch=opened.id, search=search, probability=end.value, failures=steps.found(), failed=steps.failed
+                batch=opened.id,
+                search=search,
+                probability=end.value,
+                failures=tuple(each for each in distinct if each.confirmed),
+                vanished=tuple(each for each in distinct if not each.confirmed),
+                failed=steps.failed,
             )
             return SearchResult(found, steps.simulated)
 
@@ -130,15 +137,15 @@ def replay_found(store: Store, text: str, number: int) -> JobReplay:
     """
     batch = load_batch(store, find_batch_name(store, text))
     search = read_search(store, batch.id)
-    if search is None or not 0 < number <= len(search.failures):
-        kept = len(search.failures) if search else 0
+    if search is None or not 0 < number <= len(search.numbered):
+        kept = len(search.numbered) if search else 0
         allowed = f"1 to {kept}" if kept else "no number: no search of its document has found a failure"
         raise DocumentError.of("--found", str(number), allowed, source="simyard")
-    asked, name, folders = search.failures[number - 1], f"{batch.id}/found-{number}", bundles(batch)
+    asked, name, folders = search.numbered[number - 1], f"{batch.id}/found-{number}", bundles(batch)
     request = _like(batch.layout.request(0), batch.layout.episodes, asked.world, asked.seed, asked.environment)
     again = replay_request(batch, request, folders)
     row, robot = again.driven.row, folders[request.robot.digest]
-    why = reason(row) or (search.search.measure if _score(row, search.search.measure) == FAILED else "")
+    why = _why(row, search.search.measure)
     same, shown = why == asked.reason, playback(batch.id, again, robot)
     return JobReplay(
         job=name,
@@ -227,6 +234,22 @@ class _DrawnEpisodes:
             for row in range(len(seed))
         ]
 
+    def traits(self, particles: Particles, failures: "Sequence[_Failed]") -> FailureTraits:
+        """Returns by what failures are told apart."""
+        from scipy.special import ndtr  # noqa: PLC0415 - it takes long to load
+
+        reasons = {why: number for number, why in enumerate(dict.fromkeys(each.reason for each in failures))}
+        counts = [*(len(self._over[name].choice or ()) for name in self._choices), len(self._worlds), _SEEDS]
+        places = (particles.drawn * counts).astype(np.int64)
+        return FailureTraits(
+            reason=np.array([reasons[each.reason] for each in failures], np.int64),
+            world=places[:, -2],
+            seed=places[:, -1],
+            place_m=np.array([each.place_m for each in failures], np.float64).reshape(-1, 2),
+            numbers=ndtr(particles.smooth),
+            choices=places[:, :-2],
+        )
+
 
 def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> list[str]:
     return [options[int(place * len(options))] for place in drawn.tolist()]
@@ -265,6 +288,14 @@ class _Asked(Spec):
     form: int
     plan: str
     search: Search
+    part: Literal["estimate", "confirm"]
+
+
+class _Failed(Spec):
+    """Why an episode failed, and where its robot was then (x, y)."""
+
+    reason: str
+    place_m: tuple[float, float]
 
 
 class _Answers(Spec):
@@ -272,11 +303,11 @@ class _Answers(Spec):
 
     Attributes:
         scores: How far each was from failing; None where that is not known.
-        reasons: Why episodes failed, by their place.
+        failures: Those that failed, by their place.
     """
 
     scores: tuple[float | None, ...]
-    reasons: dict[int, str]
+    failures: dict[int, _Failed]
 
 
 class _StoredAnswers(Spec):
@@ -287,7 +318,7 @@ class _StoredAnswers(Spec):
 
 
 class _Steps:
-    """The steps of a search, each simulated once.
+    """The steps of a search, each simulated once: those of its estimate, then those that confirm what it found.
 
     Attributes:
         failed: How many episodes failed.
@@ -299,52 +330,88 @@ class _Steps:
     ) -> None:
         self.failed = self.simulated = 0
         self._batch, self._search, self._drawn, self._run = batch, search, drawn, run
-        self._digest = digest(_Asked(form=_FORM, plan=batch.layout.plan_digest, search=search))
+        # Whoever asks for more failures has the same estimate.
+        self._estimate = self._digest(search.model_copy(update={"find": SearchFind()}), "estimate")
+        self._confirm = self._digest(search, "confirm")
         self._number = self._done = 0
-        self._found: dict[tuple[str, int, tuple[tuple[str, str], ...]], str] = {}
+        self._found: list[tuple[Particles, list[_Failed]]] = []
         self._may_simulate, self._bundles = may_simulate, dict[str, Path]()
 
-    def found(self) -> tuple[FoundFailure, ...]:
-        """Returns the failures that were found, each once."""
-        return tuple(
-            FoundFailure(world=world, seed=seed, environment=dict(own), reason=why)
-            for (world, seed, own), why in self._found.items()
-        )
+    def _digest(self, search: Search, part: Literal["estimate", "confirm"]) -> str:
+        return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
 
-    def answers(self, particles: Particles) -> _Answers:
-        """Returns what came of the next step, from the store if it is there and its owner vouches for it."""
+    def scores(self, particles: Particles) -> Float64[np.ndarray, "particles"]:
+        """Returns how far the next step's episodes were from failing."""
         report_progress(STAGE, self._done, self._search.budget.episodes)
-        requests = self._drawn.requests(particles)
-        store, key = self._batch.store, search_step_key(self._batch.id, self._digest, self._number)
-        stored = find_document(store, key, _StoredAnswers)
-        if stored and self._batch.authenticator.authenticates(stored.mac, *self._named(stored.answers)):
-            answers = stored.answers
-        else:
-            self._require_wanted()
-            if not self._may_simulate:
-                raise _NotSimulatedError
-            answers = self._simulated(requests)
-            if stored and stored.answers != answers:
-                raise StageFailed("MismatchedEtag", f"{store.url}/{key} says other scores than the simulation gives")
-            mac = self._batch.authenticator.mac(*self._named(answers))
-            body = encode_document(_StoredAnswers(mac=mac, answers=answers))
-            if stored:
-                store.put(key, body)
-            else:
-                create_once(store, key, body)
-            self.simulated += len(requests)
+        answers = self._answers(self._estimate, self._number, self._drawn.requests(particles))
         self._number += 1
-        self._done += len(requests)
-        self.failed += len(answers.reasons)
-        for place, why in answers.reasons.items():
-            if len(self._found) < FAILURES_KEPT:
-                own = tuple((name, requests[place].environment[name]) for name in sorted(self._search.over))
-                self._found.setdefault((requests[place].world, requests[place].seed, own), why)
-        return answers
+        self._done += len(answers.scores)
+        self.failed += len(answers.failures)
+        failing = sorted(answers.failures)
+        self._found.append((particles.take(np.array(failing, np.intp)), [answers.failures[each] for each in failing]))
+        return np.array([math.inf if each is None else each for each in answers.scores])
 
-    def _named(self, answers: _Answers) -> tuple[str, bytes]:
-        """Returns what a MAC is of: the step's name and its bytes."""
-        return f"step {self._number} of search {self._digest}", canonical_json(canonical_document(answers))
+    def distinct(self) -> list[FoundFailure]:
+        """Returns failures that are unlike each other, each simulated again, also on C MuJoCo.
+
+        For each that vanishes the next one is taken.
+        """
+        wanted, driven = self._search.find.distinct, list[FoundFailure]()
+        particles = Particles(
+            *(np.concatenate(parts) for parts in zip(*(each for each, _ in self._found), strict=True))
+        )
+        failures = [each for _, part in self._found for each in part]
+        traits = self._drawn.traits(particles, failures)
+        order = farthest_first(traits, _TRIES * wanted)
+        while part := order[len(driven) :][: wanted - sum(each.confirmed for each in driven)]:
+            requests = self._drawn.requests(particles.take(np.array(part, np.intp)))
+            first = len(driven)
+            again = self._answers(self._confirm, 2 * first, requests).failures
+            reference = None
+            if self._batch.plan.people is None:
+                reference = self._answers(self._confirm, 2 * first + 1, requests, REFERENCE).failures
+            driven += [
+                FoundFailure(
+                    world=request.world,
+                    seed=request.seed,
+                    environment={name: request.environment[name] for name in sorted(self._search.over)},
+                    reason=failures[part[place]].reason,
+                    replayed=_reason(again, place),
+                    reference=None if reference is None else _reason(reference, place),
+                    alike=1,
+                )
+                for place, request in enumerate(requests)
+            ]
+        alike = counts_of_nearest(traits, order[: len(driven)])
+        return [each.model_copy(update={"alike": count}) for each, count in zip(driven, alike, strict=True)]
+
+    def _answers(self, asked: str, number: int, requests: Sequence[EpisodeRequest], engine: str = "") -> _Answers:
+        """Returns what came of a step, from the store if it is there and its owner vouches for it.
+
+        Args:
+            asked: Digest of what its answers follow from.
+            number: The step's, of those with that digest.
+            requests: The step's episodes.
+            engine: What drives them; the batch's, if left out.
+        """
+        store, key = self._batch.store, search_step_key(self._batch.id, asked, number)
+        stored, name = find_document(store, key, _StoredAnswers), f"step {number} of search {asked}"
+        if stored and self._batch.authenticator.authenticates(stored.mac, name, _bytes_of(stored.answers)):
+            return stored.answers
+        self._require_wanted()
+        if not self._may_simulate:
+            raise _NotSimulatedError
+        answers = self._simulated(requests, engine)
+        if stored and stored.answers != answers:
+            raise StageFailed("MismatchedEtag", f"{store.url}/{key} says other scores than the simulation gives")
+        mac = self._batch.authenticator.mac(name, _bytes_of(answers))
+        body = encode_document(_StoredAnswers(mac=mac, answers=answers))
+        if stored:
+            store.put(key, body)
+        else:
+            create_once(store, key, body)
+        self.simulated += len(requests)
+        return answers
 
     def _require_wanted(self) -> None:
         """Does nothing while the run may go on.
@@ -355,21 +422,33 @@ class _Steps:
         if self._run and read(self._batch.store, "pipeline-run", self._run).status in {"Canceling", "Canceled"}:
             raise StageFailed("Canceled", "its run was canceled on request", self._run)
 
-    def _simulated(self, requests: Sequence[EpisodeRequest]) -> _Answers:
+    def _simulated(self, requests: Sequence[EpisodeRequest], engine: str) -> _Answers:
         if not self._bundles:
             self._bundles = bundles(self._batch)
-        plan = self._batch.plan
-        runner = ChunkRunner(self._bundles, plan.engine, plan.recordings.rateHz, lambda _: None)
+        plan, measure = self._batch.plan, self._search.measure
+        runner = ChunkRunner(self._bundles, engine or plan.engine, plan.recordings.rateHz, lambda _: None)
         rows = resimulate(self._batch, requests, runner.run, _lanes(plan.lanes, len(requests)))
-        scores = [_score(row, self._search.measure) for row in rows]
         return _Answers(
-            scores=tuple(scores),
-            reasons={
-                place: reason(rows[place]) or self._search.measure
-                for place, score in enumerate(scores)
-                if score == FAILED
+            scores=tuple(_score(row, measure) for row in rows),
+            failures={
+                place: _Failed(reason=why, place_m=(_finite(row.final_x_m), _finite(row.final_y_m)))
+                for place, row in enumerate(rows)
+                if (why := _why(row, measure))
             },
         )
+
+
+def _finite(place_m: float) -> float:
+    """Returns a coordinate; of a robot whose state blew up, 0."""
+    return place_m if math.isfinite(place_m) else 0.0
+
+
+def _bytes_of(answers: _Answers) -> bytes:
+    return canonical_json(canonical_document(answers))
+
+
+def _reason(failures: Mapping[int, _Failed], place: int) -> str:
+    return failures[place].reason if place in failures else ""
 
 
 def _score(row: EpisodeResult, measure: str) -> float | None:
@@ -385,3 +464,8 @@ def _score(row: EpisodeResult, measure: str) -> float | None:
     if not passed or (value is not None and value < 0.0):
         return FAILED
     return None if value is None or math.isnan(value) else float(value)
+
+
+def _why(row: EpisodeResult, measure: str) -> str:
+    """Returns why an episode failed, in a word or two; empty if it did not."""
+    return reason(row) or (measure if _score(row, measure) == FAILED else "")

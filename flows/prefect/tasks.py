@@ -214,8 +214,10 @@ def _show_audit(_parameters: Parameters, detail: dict[str, JsonValue]) -> None:
 
 def _show_search(_parameters: Parameters, result: SearchResult) -> None:
     found = result.found
-    lines = [f"- {escape_markdown(f'{each.reason}: {each.circumstances}')}" for each in found.failures]
-    body = "\n".join([f"# Search\n\n{escape_markdown(found.probability.sentence)}\n", *lines])
+    shown = (f"{each.reason}: {each.circumstances}; on C MuJoCo: {each.on_reference}" for each in found.numbered)
+    lines = [f"- {escape_markdown(each)}" for each in shown]
+    said = f"{found.probability.sentence}; {found.findings}"
+    body = "\n".join([f"# Search\n\n{escape_markdown(said)}\n", *lines])
     create_markdown_artifact(body, key=document_artifact_key("search"))
 
 

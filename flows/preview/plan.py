@@ -383,6 +383,7 @@ def _search_lines(
     most, over = search.budget.episodes, ", ".join([*sorted(search.over), "worlds and seeds"])
     yield f"search            up to {_count(most, 'episode')} beside the batch's {plan.episodes:,}, over {over}"
     yield f"                  failures are where {search.measure} is below 0, and where an episode does not pass"
+    yield f"                  reports up to {search.find.distinct} unlike each other, driven again on C MuJoCo too"
     alike = batch.model_copy(
         update={
             "seeds": tuple(range(-(-most // max(1, len(batch.worlds_of(batch.templates[0])))))),

@@ -238,7 +238,7 @@ class SearchAnswer:
 
     @property
     def failures(self) -> tuple[FoundFailure, ...]:
-        """Episodes that failed, with world, seed and variables."""
+        """Episodes that failed and fail again, unlike each other, with world, seed and variables."""
         return self.found.failures
 
     @property
@@ -257,14 +257,17 @@ class SearchAnswer:
                 each.world,
                 each.seed,
                 ", ".join(f"{name}={value}" for name, value in each.environment.items()),
+                each.on_reference,
+                each.alike,
             )
-            for each in self.failures
+            for each in self.found.numbered
         )
-        headings = ("failure", "world", "seed", "variables")
+        headings = ("failure", "world", "seed", "variables", "on C MuJoCo", "alike")
         return block(
             heading("Search", self.found.batch),
             paragraph(self.sentence),
-            table(headings, rows, self.found.failed, "; only the first are kept"),
+            table(headings, rows, len(self.found.numbered)),
+            paragraph(self.found.findings),
         )
 
 

@@ -12,6 +12,7 @@ from specs.pipeline.world_sections import Seed
 from specs.rules import Finding, Ruled, Within, items, part
 
 MIN_SEARCHED, MAX_SEARCHED = 1_000, 1_000_000
+MAX_DISTINCT = 100
 _KINDS = ("uniform", "logUniform", "normal", "choice")
 
 
@@ -72,6 +73,16 @@ class Distribution(Ruled):
                 yield Finding((kind, 0), f"{low:g}", "a number above 0, of which there is a logarithm")
 
 
+class SearchFind(Spec):
+    """Which failures are reported.
+
+    Attributes:
+        distinct: At most so many that are unlike each other; each is simulated twice more, beside the budget.
+    """
+
+    distinct: Annotated[Integer, Field(ge=1, le=MAX_DISTINCT)] = 20
+
+
 class SearchBudget(Spec):
     """What a search may cost.
 
@@ -105,6 +116,7 @@ class Search(Ruled):
             each of the batch's worlds is as likely, and so is each seed.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
+        find: Which failures are reported.
         budget: What it may cost.
         estimate: How sharp the probability has to be.
         seed: Everything that is drawn follows from it.
@@ -112,6 +124,7 @@ class Search(Ruled):
 
     over: Annotated[dict[str, Distribution], Field(max_length=20)] = Field(title="Over")
     measure: str = Field(default="min_clearance_m", title="Measure")
+    find: SearchFind = Field(default=SearchFind(), title="Failures")
     budget: SearchBudget = Field(default=SearchBudget(), title="Budget")
     estimate: SearchEstimate = Field(default=SearchEstimate(), title="Estimate")
     seed: Seed = Field(default=0, title="Seed")

@@ -145,7 +145,6 @@ def _metres(apart: ApartQuantiles) -> str:
 
 _CONFIDENCE = 0.95
 _LONGEST = 240
-_FOUND_SHOWN = 10
 
 
 class ReasonRow(Spec):
@@ -191,11 +190,24 @@ class RoomsView(Spec):
 
 
 class FoundRow(Spec):
-    """A failure that a search found: why, its mark, where and how, and the command that drives it again."""
+    """A failure that a search found.
 
+    Attributes:
+        number: As the command that drives it again has it.
+        reason: Why it failed.
+        mark: Of the reason.
+        circumstances: Where, and with which variables.
+        on_reference: What C MuJoCo says, or the replay if that says something else.
+        alike: How many of the failures that were found are nearest to it.
+        replay: The command that drives it again.
+    """
+
+    number: int
     reason: str
     mark: str
     circumstances: str
+    on_reference: str
+    alike: int
     replay: str
 
 
@@ -205,14 +217,16 @@ class SearchView(Spec):
     Attributes:
         sentence: How probable a failure is, and how that was found.
         over: What was varied, a line each.
-        rows: Failures, the first ones.
-        failed: How many episodes failed in all.
+        findings: How many episodes failed, and how many of them are reported.
+        rows: Failures that fail again, unlike each other.
+        vanished: Those that did not fail again.
     """
 
     sentence: str
     over: tuple[str, ...]
+    findings: str
     rows: tuple[FoundRow, ...]
-    failed: int
+    vanished: tuple[FoundRow, ...]
 
 
 class ReportView(Spec):
@@ -412,20 +426,25 @@ def _rooms(found: RoomCoverage | None) -> RoomsView | None:
 def _search(facts: BatchFacts) -> SearchView | None:
     if (found := facts.search) is None:
         return None
+    rows = tuple(
+        FoundRow(
+            number=number,
+            reason=each.reason,
+            mark=mark_of(each.reason).name,
+            circumstances=each.circumstances,
+            on_reference=each.on_reference,
+            alike=each.alike,
+            replay=f"simyard replay {facts.arn} --found {number}",
+        )
+        for number, each in enumerate(found.numbered, 1)
+    )
     over = found.search.over.items()
     return SearchView(
         sentence=found.probability.sentence,
         over=tuple(f"{name}: {canonical_json(canonical_document(each)).decode()}" for name, each in over),
-        rows=tuple(
-            FoundRow(
-                reason=each.reason,
-                mark=mark_of(each.reason).name,
-                circumstances=each.circumstances,
-                replay=f"simyard replay {facts.arn} --found {number}",
-            )
-            for number, each in enumerate(found.failures[:_FOUND_SHOWN], 1)
-        ),
-        failed=found.failed,
+        findings=found.findings,
+        rows=rows[: len(found.failures)],
+        vanished=rows[len(found.failures) :],
     )
 
 

@@ -14,25 +14,43 @@ SEARCH_FILE = "search.json"
 
 
 class FoundFailure(Spec):
-    """An episode that failed in a search, with all that it takes to drive it again.
+    """An episode that failed in a search, with all that it takes to drive it again, and what came of that.
 
     Attributes:
         world: ``<generation>/<world>``.
         seed: As a batch's matrix names it.
         environment: The variables that were varied.
         reason: Why it failed.
+        replayed: Why it failed when it was simulated again; empty if it passed.
+        reference: Likewise on C MuJoCo; None where that was not asked, because it drives no people.
+        alike: How many of the failures that were found are nearest to it, itself among them.
     """
 
     world: str
     seed: int
     environment: dict[str, str]
     reason: str
+    replayed: str
+    reference: str | None
+    alike: int
 
     @property
     def circumstances(self) -> str:
         """The world, the seed and the variables, for a person."""
         own = "".join(f", {name}={value}" for name, value in self.environment.items())
         return f"{self.world}, seed {self.seed}{own}"
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether it fails again: as it did when it is replayed, and on C MuJoCo in whatever way."""
+        return self.replayed == self.reason and self.reference != ""
+
+    @property
+    def on_reference(self) -> str:
+        """What C MuJoCo says, or the replay if that says something else, for a person."""
+        if self.replayed != self.reason:
+            return f"{self.replayed or 'passed'} when replayed"
+        return "not asked" if self.reference is None else self.reference or "passed"
 
 
 class BatchSearch(Spec):
@@ -42,7 +60,8 @@ class BatchSearch(Spec):
         batch: The batch that was searched.
         search: What was searched for.
         probability: How probable a failure is.
-        failures: Those that were found, each once, in the order in which they were; the first ones.
+        failures: Those that are reported: unlike each other, and each confirmed.
+        vanished: Those that were to be reported, and did not fail again.
         failed: How many episodes failed in all.
     """
 
@@ -50,11 +69,28 @@ class BatchSearch(Spec):
     search: Search
     probability: FailureProbability
     failures: tuple[FoundFailure, ...]
+    vanished: tuple[FoundFailure, ...] = ()
     failed: int
+
+    @property
+    def numbered(self) -> tuple[FoundFailure, ...]:
+        """All that can be replayed by their numbers, from 1."""
+        return (*self.failures, *self.vanished)
+
+    @property
+    def findings(self) -> str:
+        """How many failed, how many of them are reported, and how many vanished, for a person."""
+        vanished = f"; {len(self.vanished)} more vanished when driven again" if self.vanished else ""
+        return f"{self.failed:,} episodes failed; {len(self.failures)} of them, unlike each other, fail again{vanished}"
 
     def facts(self) -> Mapping[str, JsonValue]:
         """Returns the numbers of a stage's report."""
-        return {"probability": self.probability.model_dump(mode="json"), "failed": self.failed}
+        return {
+            "probability": self.probability.model_dump(mode="json"),
+            "failed": self.failed,
+            "distinct": len(self.failures),
+            "vanished": len(self.vanished),
+        }
 
 
 def write_search(store: Store, found: BatchSearch) -> str:

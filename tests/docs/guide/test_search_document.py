@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flows.batch.search_batch import FAILURES_KEPT
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
-from specs.pipeline.search_section import MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
+from specs.pipeline.search_section import MAX_DISTINCT, MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
+from tasks.results.statistics.distinct_failures import OTHER_PLACE_M
 from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/search.md").read_text()
@@ -65,5 +65,6 @@ def test_each_argument_and_each_distribution_is_named():
 
 def test_its_numbers_are_those_of_the_code():
     assert f"{MIN_SEARCHED:,} to {MAX_SEARCHED:,}" in DOCUMENT
-    assert f"up to {FAILURES_KEPT} failures" in DOCUMENT
+    assert f"1 to {MAX_DISTINCT}; {Search(over={}).find.distinct} if left out" in DOCUMENT
+    assert f"another place, up to {OTHER_PLACE_M:g} m" in DOCUMENT
     assert f"{Search(over={}).budget.episodes:,} if left out" in DOCUMENT

@@ -287,7 +287,15 @@ def test_each_listed_failure_has_its_command(tmp_path: Path):
 
 def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(tmp_path: Path):
     failures = tuple(
-        FoundFailure(world=WORLDS[0], seed=seed, environment={"MAX_SPEED": EVIL}, reason="collision")
+        FoundFailure(
+            world=WORLDS[0],
+            seed=seed,
+            environment={"MAX_SPEED": EVIL},
+            reason="collision",
+            replayed="collision",
+            reference="timeout" if seed < 11 else "",
+            alike=17,
+        )
         for seed in range(12)
     )
     search = BatchSearch(
@@ -300,14 +308,18 @@ def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(t
             why="about 1 in 1,000 fails",
             episodes=20_000,
         ),
-        failures=failures,
+        failures=failures[:11],
+        vanished=failures[11:],
         failed=340,
     )
     found = report_page(view(tmp_path, search=search)).decode()
     assert "fails with probability 0.001 (0.0007 to 0.0014), by 20,000 episodes of multilevel splitting" in found
-    assert found.count("--found ") == 10
-    assert "simyard replay arn:simyard:simulation-job-batch:0123456789ab:simb-1 --found 10" in found
-    assert "340 episodes of the search failed" in found
+    assert found.count("--found ") == 12
+    reported, vanished = found.split("Vanished when driven again")
+    assert "340 episodes failed; 11 of them, unlike each other, fail again; 1 more vanished" in reported
+    assert reported.count("On C MuJoCo: <b>timeout</b>") == 11
+    assert "On C MuJoCo: <b>passed</b>" in vanished
+    assert "simyard replay arn:simyard:simulation-job-batch:0123456789ab:simb-1 --found 12" in vanished
     assert EVIL not in found
     assert 'id="search"' not in report_page(view(tmp_path)).decode()
 

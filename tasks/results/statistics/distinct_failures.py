@@ -1,0 +1,77 @@
+"""Failures that are unlike each other, chosen among all that a search has found.
+
+Two failures are as far apart as five parts say, each from 0 to 1: whether they fail for another reason, in another
+world, with another seed, how far the places are where they ended, and how far the variables, each by the share of its
+distribution that lies between. The first is the one that was met first, and each further one is the farthest from those
+that are chosen (Gonzalez 1985, Theoretical Computer Science 38:293). The others are counted with the nearest that is
+chosen: clusters, whose radius is at most twice the least that so many can have.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float64, Int
+
+OTHER_PLACE_M = 1.0
+"""From here on two places of a world are others: a robot's own length or two, as for ``simyard shrink``."""
+
+
+class FailureTraits(NamedTuple):
+    """By what failures are told apart; each row is one.
+
+    Attributes:
+        reason: Why it failed, as a number that is the same for the same reason.
+        world: Likewise.
+        seed: Likewise.
+        place_m: Where the robot was at the end (x, y).
+        numbers: The share of its distribution that lies below each variable's value, 0 to 1.
+        choices: Which of its values each variable has that has no numbers.
+    """
+
+    reason: Int[np.ndarray, "failures"]
+    world: Int[np.ndarray, "failures"]
+    seed: Int[np.ndarray, "failures"]
+    place_m: Float64[np.ndarray, "failures 2"]
+    numbers: Float64[np.ndarray, "failures numbers"]
+    choices: Int[np.ndarray, "failures choices"]
+
+    def apart(self, one: int) -> Float64[np.ndarray, "failures"]:
+        """Returns how far each is from one of them, 0 to 5."""
+        other_world = self.world != self.world[one]
+        place = np.linalg.norm(self.place_m - self.place_m[one], axis=1) / OTHER_PLACE_M
+        variables = [
+            *np.abs(self.numbers - self.numbers[one]).T,
+            *(self.choices != self.choices[one]).T.astype(np.float64),
+        ]
+        return (
+            (self.reason != self.reason[one]).astype(np.float64)
+            + other_world
+            + (other_world | (self.seed != self.seed[one]))
+            + np.where(other_world, 1.0, np.minimum(place, 1.0))
+            + (np.mean(variables, axis=0) if variables else 0.0)
+        )
+
+
+def farthest_first(traits: FailureTraits, most: int) -> list[int]:
+    """Returns the rows of failures in the order in which each is the farthest from those before it.
+
+    Args:
+        traits: Of all failures, in the order in which they were met.
+        most: At most so many; fewer where there are no others that differ.
+    """
+    nearest = np.full(len(traits.reason), np.inf)
+    chosen: list[int] = []
+    while len(chosen) < most and len(nearest) and (far := int(nearest.argmax())) not in chosen:
+        if nearest[far] == 0.0:
+            break
+        chosen.append(far)
+        nearest = np.minimum(nearest, traits.apart(far))
+    return chosen
+
+
+def counts_of_nearest(traits: FailureTraits, chosen: list[int]) -> list[int]:
+    """Returns how many failures are nearest to each that is chosen, itself among them; ties go to the first."""
+    if not chosen:
+        return []
+    nearest = np.argmin([traits.apart(each) for each in chosen], axis=0)
+    return np.bincount(nearest, minlength=len(chosen)).tolist()
