@@ -78,11 +78,11 @@ class RecordedEpisodes:
             DocumentError: Bags are asked for, and nothing here can write them.
         """
         before, now = self._written.get(chunk, set[str]()), set[str]()
-        kept = self._with_bags(parts, now) if bags_written(self._batch) else parts
         pictures = self._batch.plan.recordings.picturesHz is not None
-        seen = (with_pictures(self._batch, part, self._folders) for part in kept) if pictures else kept
+        seen = (with_pictures(self._batch, part, self._folders) for part in parts) if pictures else parts
+        kept = self._with_bags(seen, now) if bags_written(self._batch) else seen
         where = (self._batch.store.url, self._location, self._batch.id, chunk)
-        name = write_recordings(*where, seen, pictures=pictures)
+        name = write_recordings(*where, kept, pictures=pictures)
         for key in sorted(before - now):
             self._bucket().delete(key)
         self._written[chunk] = now

@@ -5,16 +5,17 @@ Poses are the true ones, so the frame of odometry is the map's. Headers and cloc
 
 import math
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 
 from specs.data.world import OccupancyMap
 from specs.ros_robot import RosFrames, RosTopics
 from tasks.ros.bag.message_log import FIRST_NS, Channel, LogEntry, MessageLog
+from tasks.ros.message.camera_messages import Pinhole, camera_info, image, packed_image
 from tasks.ros.message.ros_messages import (
     PlanarTwist,
     clock,
@@ -46,6 +47,25 @@ class TrackLidar(NamedTuple):
     step_rad: float
 
 
+class TrackCamera(NamedTuple):
+    """A camera, and what it saw.
+
+    Attributes:
+        image, info: Names of its topics; None for one that the robot does not have.
+        frame: Its optical one.
+        pinhole: How it projects.
+        mount: Where its optical frame is on the robot, as ``FrameTransform`` has it.
+        pictures: By the number of the sample at which they were taken: depths or colours, or a JPEG of those.
+    """
+
+    image: str | None
+    info: str | None
+    frame: str
+    pinhole: Pinhole
+    mount: Sequence[float]
+    pictures: Mapping[int, Shaped[np.ndarray, "rows columns *channels"] | bytes]
+
+
 class Track(NamedTuple):
     """An episode, sampled at the beginning of control steps, and in the state in which it ended.
 
@@ -61,6 +81,7 @@ class Track(NamedTuple):
         twist: The controls as a Twist, (m/s ahead, m/s to the left, rad/s); None where it does not follow from them.
         floor: The map of the world; None for none.
         topics, frames: Their names.
+        cameras: What the robot's cameras saw.
     """
 
     t_s: Float[np.ndarray, "samples"]
@@ -76,6 +97,7 @@ class Track(NamedTuple):
     floor: OccupancyMap | None = None
     topics: RosTopics = RosTopics()
     frames: RosFrames = RosFrames()
+    cameras: tuple[TrackCamera, ...] = ()
 
 
 CLOCK, FRAMES, FIXED_FRAMES, TRUE_POSE, FLOOR = "/clock", "/tf", "/tf_static", "/ground_truth/odom", "/map"
@@ -93,7 +115,7 @@ def track_channels(track: Track) -> tuple[Channel, ...]:
     """Returns the topics of an episode's log.
 
     A topic that the robot's declaration leaves out is none; nor are scans of a blind robot, commands of a drive that is
-    not known, and the map of a world that has none.
+    not known, the map of a world that has none, and pictures that were not kept.
     """
     topics = track.topics
     found = (
@@ -108,6 +130,7 @@ def track_channels(track: Track) -> tuple[Channel, ...]:
         (topics.command if track.twist is not None else None, "geometry_msgs/Twist", False),
         (CONTROL, "std_msgs/Float32MultiArray", False),
         (IMPULSE, "std_msgs/Float32", False),
+        *(told for each in track.cameras for told in _camera_channels(each)),
     )
     return tuple(Channel(topic, kind, latched=latched) for topic, kind, latched in found if topic)
 
@@ -115,6 +138,12 @@ def track_channels(track: Track) -> tuple[Channel, ...]:
 def time_ns(t_s: float) -> int:
     """Returns when something happens in a log, by the simulated time since the episode began."""
     return FIRST_NS + round(t_s * 1e6) * 1000
+
+
+def _camera_channels(camera: TrackCamera) -> tuple[tuple[str | None, str, bool], ...]:
+    packed = any(isinstance(picture, bytes) for picture in camera.pictures.values())
+    picture = "sensor_msgs/CompressedImage" if packed else "sensor_msgs/Image"
+    return (camera.info, "sensor_msgs/CameraInfo", False), (camera.image, picture, False)
 
 
 def _sees(track: Track) -> bool:
@@ -127,6 +156,7 @@ def _entries(track: Track) -> Iterator[LogEntry]:
     if track.floor is not None:
         yield LogEntry(FIRST_NS, track.topics.floor_map or FLOOR, _floor(track.floor, track.frames.floor_map))
     goals = _goal_numbers(track)
+    cameras = [(each, {at: number for number, at in enumerate(sorted(each.pictures))}) for each in track.cameras]
     times = [time_ns(t_s) for t_s in track.t_s.tolist()]
     for sample, at_ns in enumerate(times):
         if sample:
@@ -138,15 +168,19 @@ def _entries(track: Track) -> Iterator[LogEntry]:
             yield LogEntry(at_ns, track.topics.goal, body)
         if track.acted[sample]:
             yield from _acted(track, sample, at_ns)
+        for camera, numbers in cameras:
+            if sample in numbers:
+                yield from _pictured(camera, sample, numbers[sample], at_ns)
         yield LogEntry(at_ns, IMPULSE, _NUMBER.pack(track.impulse_ns[sample]))
 
 
 def _fixed_frames(track: Track) -> bytes:
-    """Returns the frames that never move: odometry's on the map, and the lidar's on the base."""
+    """Returns the frames that never move: odometry's on the map, and those of lidar and cameras on the base."""
     frames, (x_m, y_m, yaw_rad) = track.frames, track.lidar.mount
     fixed: list[tuple[str, str, Sequence[float]]] = [(frames.floor_map, frames.odometry, (0.0, 0.0, 0.0))]
     if _sees(track):
         fixed.append((frames.base, frames.laser, (x_m, y_m, yaw_rad, track.lidar.height_m)))
+    fixed += [(frames.base, each.frame, each.mount) for each in track.cameras]
     return transforms(0, stamp(FIRST_NS), fixed)
 
 
@@ -189,6 +223,16 @@ def _acted(track: Track, sample: int, at_ns: int) -> Iterator[LogEntry]:
         yield LogEntry(at_ns, track.topics.command, twist(PlanarTwist(*track.twist[sample].tolist())))
     control = np.asarray(track.control[sample], "<f4")
     yield LogEntry(at_ns, CONTROL, _NUMBERS.pack(0, 0, len(control)) + control.tobytes())
+
+
+def _pictured(camera: TrackCamera, sample: int, number: int, at_ns: int) -> Iterator[LogEntry]:
+    """Yields what a camera saw at a sample, and how it projects."""
+    head, picture = (number, stamp(at_ns), camera.frame), camera.pictures[sample]
+    if camera.info:
+        yield LogEntry(at_ns, camera.info, camera_info(*head, camera.pinhole))
+    if camera.image:
+        body = packed_image(*head, picture) if isinstance(picture, bytes) else image(*head, picture)
+        yield LogEntry(at_ns, camera.image, body)
 
 
 def _scan(track: Track, sample: int, at_ns: int) -> bytes:

@@ -66,8 +66,13 @@ def image(sequence: int, time: Stamp, frame: str, pixels: Shaped[np.ndarray, "ro
 
 def compressed_image(sequence: int, time: Stamp, frame: str, pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
     """Returns a ``sensor_msgs/CompressedImage``: JPEG, as ROS's image transport has it; arguments as of ``image``."""
-    data, said = jpeg_bytes(pixels), text_bytes("rgb8; jpeg compressed bgr8")
-    return b"".join((header(sequence, time, frame), said, _COUNT.pack(len(data)), data))
+    return packed_image(sequence, time, frame, jpeg_bytes(pixels))
+
+
+def packed_image(sequence: int, time: Stamp, frame: str, jpeg: bytes) -> bytes:
+    """Returns the same of a picture that is JPEG already."""
+    said = text_bytes("rgb8; jpeg compressed bgr8")
+    return b"".join((header(sequence, time, frame), said, _COUNT.pack(len(jpeg)), jpeg))
 
 
 def jpeg_bytes(pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
@@ -78,6 +83,21 @@ def jpeg_bytes(pixels: UInt8[np.ndarray, "rows columns 3"]) -> bytes:
 def depth_png(depth_m: Depths, range_m: float) -> bytes:
     """Returns depths as a PNG of 16 bits a pixel, in whole millimetres as of ``depths_in_mm``."""
     return _saved(depths_in_mm(depth_m, range_m), "png")
+
+
+def depths_of_png(png: bytes, columns: int, rows: int) -> UInt16[np.ndarray, "rows columns"]:
+    """Returns what ``depth_png`` has packed.
+
+    Raises:
+        OSError: It is no PNG.
+        ValueError: It is of another size, or in another form.
+    """
+    from PIL import Image  # noqa: PLC0415 - where somebody asks for such a picture
+
+    with Image.open(BytesIO(png), formats=["PNG"]) as found:
+        if found.size != (columns, rows) or found.mode != "I;16":
+            raise ValueError(f"a picture of {found.width} x {found.height} pixels in mode {found.mode}")
+        return np.asarray(found, np.uint16)
 
 
 def _saved(pixels: Shaped[np.ndarray, "rows columns *channels"], form: str, **options: int) -> bytes:

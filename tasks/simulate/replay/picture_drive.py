@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
 
+from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S, control_stride
 from specs.data.world import World
 from tasks.render.gl_process import DrawingFailed
@@ -55,8 +56,8 @@ def pictures_again(
     steps, poses = np.array(work.steps, np.int32), np.array(work.poses, np.float32).reshape(-1, 3)
     people_m = np.array(work.people_m, np.float32).reshape(len(steps), len(next(iter(work.people_m), ())), 2)
     depth = _depths(lanes[0], steps, poses, people_m, work.pictures_hz)
-    color, why = _colors(lanes[0], placed.program, worlds, bundles, (steps, poses, work.pictures_hz))
-    return Pictures(why=why), [*depth, *color]
+    camera, color, why = _colors(lanes[0], placed.program, worlds, bundles, (steps, poses, work.pictures_hz))
+    return Pictures(depth=lanes[0].camera and lanes[0].camera.declared, color=camera, why=why), [*depth, *color]
 
 
 def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_hz: float) -> list[np.ndarray]:
@@ -82,12 +83,12 @@ def _colors(
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     wanted: tuple[Steps, Poses, float],
-) -> tuple[list[np.ndarray], str]:
-    """Returns the same of the colour camera, and why there are none where nothing can be drawn."""
+) -> tuple[ColorCameraDeclaration | None, list[np.ndarray], str]:
+    """Returns the colour camera, its pictures, and why there are none where nothing can be drawn."""
     numbers, texts = split_environment(lane.request.environment)
     camera = read_color_camera(program.host.declare, {**texts, **numbers}) if program.host else None
     if camera is None:
-        return _packed([], []), ""
+        return None, _packed([], []), ""
     steps, poses, pictures_hz = wanted
     taken = some_pictures(steps, control_stride(camera.rate_hz), pictures_hz, 3 * camera.rows * camera.columns)
     start = HostStart([lane], 1, program.actuators, program.applications.sensors, worlds)
@@ -97,8 +98,8 @@ def _colors(
             list(eyes.drawn_again(steps[taken], poses[taken])) if len(taken) else []
         )
     except DrawingFailed as exc:
-        return _packed([], []), " ".join(str(exc).split())
-    return _packed(steps[taken], [jpeg_bytes(each) for each in drawn]), ""
+        return camera, _packed([], []), " ".join(str(exc).split())
+    return camera, _packed(steps[taken], [jpeg_bytes(each) for each in drawn]), ""
 
 
 def some_pictures(steps: Steps, stride: int, pictures_hz: float, picture_bytes: int) -> Int[np.ndarray, "pictures"]:

@@ -7,9 +7,12 @@ application that crashes over it, or a GL that is missing, leaves recordings wit
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
+from specs.bundle_files import CameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.world import World
 from tasks.simulate.batch.batch_record import OpenBatch
@@ -23,25 +26,39 @@ logger = logging.getLogger(__name__)
 # Of an episode that lasts for hours not every sample can have a picture anyway.
 _SAMPLES = 100_000
 _KINDS = (("depth_png", b"\x89PNG\r\n\x1a\n"), ("color_jpeg", b"\xff\xd8\xff"))
+# Which columns say by which cameras they were taken, for bags: recordings in Parquet do not keep it.
+_CAMERAS = ("depth_camera", "color_camera")
+
+
+class _Seen(NamedTuple):
+    """What a camera saw in an episode, by the number of the sample; the camera is None for a robot without."""
+
+    camera: CameraDeclaration | None = None
+    pictures: Mapping[int, bytes] = MappingProxyType({})
 
 
 def with_pictures(batch: OpenBatch, samples: Columns, bundles: Mapping[str, Path]) -> Columns:
     """Returns samples of recorded episodes with what their robots' cameras saw: columns of bytes, None at most rows.
+
+    Beside them are ``depth_camera`` and ``color_camera``: declarations, in each row of an episode whose robot has one.
 
     Args:
         batch: The episodes'.
         samples: Whole episodes, each one's in the order of time.
         bundles: Unpacked folders of the batch's applications, by digest.
     """
-    kept = {name: np.full(len(samples["index"]), None, object) for name, _ in _KINDS}
+    names = [name for name, _ in _KINDS]
+    kept = {name: np.full(len(samples["index"]), None, object) for name in (*names, *_CAMERAS)}
     requests = [batch.layout.request(index) for index in dict.fromkeys(samples["index"].tolist())]
     worlds, _ = load_worlds(batch, requests)
     for request in requests:
         rows = np.flatnonzero(samples["index"] == request.index)
         asked = batch_mounts(batch).resolved(request)
         own = {name: samples[name][rows] for name in ("t_s", "pose", "people_m")}
-        for name, pictures in zip(kept, _episode_pictures(batch, asked, worlds, bundles, own), strict=True):
-            for row, picture in pictures.items():
+        found = _episode_pictures(batch, asked, worlds, bundles, own)
+        for name, camera, seen in zip(names, _CAMERAS, found, strict=True):
+            kept[camera][rows] = seen.camera
+            for row, picture in seen.pictures.items():
                 kept[name][rows[row]] = picture
     return {**samples, **kept}
 
@@ -52,8 +69,8 @@ def _episode_pictures(
     worlds: Mapping[str, World],
     bundles: Mapping[str, Path],
     samples: Columns,
-) -> list[dict[int, bytes]]:
-    """Returns an episode's pictures of each kind by the number of the sample; none where they cannot be taken."""
+) -> list[_Seen]:
+    """Returns what an episode's cameras of each kind saw, by the number of the sample; nothing where nothing can be."""
     own = {digest: folder for digest, folder in bundles.items() if digest in request.bundles}
     some = np.arange(0, len(samples["t_s"]), max(1, -(-len(samples["t_s"]) // _SAMPLES)))
     some = some[np.isfinite(samples["pose"][some]).all(1)]
@@ -76,18 +93,21 @@ def _episode_pictures(
 
     try:
         answer, arrays = ask_exclusive(own, question)
-        found = answered(answer, arrays, steps)
+        answer, found = answered(answer, arrays, steps)
     except (SimulatorEnded, MessageRefused) as exc:
         logger.warning("job %s/%d: no pictures: %s", batch.id, request.index, exc)
-        return [{}, {}]
-    if isinstance(answer, Pictures) and answer.why:
+        return [_Seen(), _Seen()]
+    if answer.why:
         logger.warning("job %s/%d: no pictures in colour: %s", batch.id, request.index, answer.why)
     row_of = dict(zip(steps, some.tolist(), strict=True))
-    return [{row_of[step]: picture for step, picture in pictures.items()} for pictures in found]
+    kept = [{row_of[step]: picture for step, picture in pictures.items()} for pictures in found]
+    return [_Seen(camera, pictures) for camera, pictures in zip((answer.depth, answer.color), kept, strict=True)]
 
 
-def answered(answer: Answer, arrays: Sequence[np.ndarray], steps: Sequence[int]) -> list[dict[int, bytes]]:
-    """Returns each camera's pictures by the control step at which they were taken.
+def answered(
+    answer: Answer, arrays: Sequence[np.ndarray], steps: Sequence[int]
+) -> tuple[Pictures, list[dict[int, bytes]]]:
+    """Returns an answer, and each camera's pictures by the control step at which they were taken.
 
     Args:
         answer: Of a process that has run strangers' code.
@@ -100,7 +120,7 @@ def answered(answer: Answer, arrays: Sequence[np.ndarray], steps: Sequence[int])
     if not isinstance(answer, Pictures):
         raise MessageRefused(f"{answer.kind}: {getattr(answer, 'reason', '')}")
     first, second = arrays[:PICTURE_ARRAYS], arrays[PICTURE_ARRAYS:]
-    return [_unpacked(each, steps, magic) for each, (_, magic) in zip((first, second), _KINDS, strict=True)]
+    return answer, [_unpacked(each, steps, magic) for each, (_, magic) in zip((first, second), _KINDS, strict=True)]
 
 
 def _unpacked(arrays: Sequence[np.ndarray], steps: Sequence[int], magic: bytes) -> dict[int, bytes]:

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float32, Float64, Int, UInt8
 
-from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
+from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest, control_stride, failed_result
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
@@ -114,7 +114,7 @@ def _setting(ready: ReadyChunk, steps: Columns, host: HostControllers | None) ->
         lidar_height_m=lidar.height_m,
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
-        camera=None if lane.camera is None else DepthCameraDeclaration(**lane.camera._asdict()),
+        camera=lane.camera and lane.camera.declared,
         **_pictures(lane, poses, np.asarray(steps["people_m"], np.float32)),
         **_colors(host, poses),
     )

@@ -438,10 +438,13 @@ class Pictures(Spec):
     """What a robot's cameras saw; of the depth camera and then of the colour camera ``PICTURE_ARRAYS`` arrays follow.
 
     Attributes:
+        depth, color: The cameras; None for a robot without.
         why: Why nothing was drawn in colour; empty if it was, or had not to be.
     """
 
     kind: Literal["pictures"] = "pictures"
+    depth: DepthCameraDeclaration | None = None
+    color: ColorCameraDeclaration | None = None
     why: str = ""
 
 

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float32, Int
 
+from specs.bundle_files import DepthCameraDeclaration
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_kind
 from tasks.simulate.geometry.depth_picture import DepthScene, Eye, Picture, View, depth_picture
@@ -69,6 +70,11 @@ class DepthCamera(NamedTuple):
     def pace(self) -> Pace:
         """Returns when it takes pictures."""
         return pace_of(self)
+
+    @property
+    def declared(self) -> DepthCameraDeclaration:
+        """Returns the declaration of a camera in plain numbers."""
+        return DepthCameraDeclaration.model_validate(self._asdict())
 
 
 def seen_hull_m(camera: DepthCamera | None, robot: Path) -> Float32[np.ndarray, "rows columns"] | None:

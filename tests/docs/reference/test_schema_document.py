@@ -18,7 +18,7 @@ from tasks.results.tables.parquet import write_parquet
 from tasks.results.tables.recordings import recording_table
 from tests.factories.episodes import batch, request
 from tests.repository import ROOT
-from tests.ros.bag.tracks import log, with_twist
+from tests.ros.bag.tracks import cameras, log, with_twist
 
 DOCUMENT = (ROOT / "docs/reference/results-schema.md").read_text()
 QUERIES = re.findall(r"```sql\n(.*?)```", DOCUMENT, re.DOTALL)
@@ -34,7 +34,7 @@ def documented(heading: str, document: str = DOCUMENT) -> list[list[str]]:
 
 def test_every_topic_and_format_of_bags_is_documented():
     rows = documented("Bags", RECORDINGS)
-    track = log(with_twist())
+    track = log(with_twist()._replace(cameras=cameras()))
     assert [(row[0].strip("`"), row[1].strip("`")) for row in rows if row[0].startswith("`/")] == [
         (channel.topic, channel.kind) for channel in track.channels
     ]

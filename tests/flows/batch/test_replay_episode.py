@@ -3,7 +3,6 @@
 import io
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
@@ -11,7 +10,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from rich.console import Console
-from rosbags.highlevel import AnyReader
 from typer.testing import CliRunner
 
 from flows.batch import replay_episode
@@ -32,6 +30,7 @@ from tasks.storage.base.keys import output_key, world_key
 from tasks.storage.base.store import Store
 from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
+from tests.factories.bag_messages import read_bag
 from tests.factories.batches import closed_batch, pushing_plan
 from tests.factories.planned_batches import begun
 from tests.factories.simulations import pen
@@ -262,12 +261,6 @@ def test_a_batchs_record_says_where_its_bags_are(batch: OpenBatch):
     assert len([key for key in keys if key.endswith(".bag")]) == batch.layout.episodes
     assert len([key for key in keys if key.endswith("-rosbag2/metadata.yaml")]) == batch.layout.episodes
     assert {kind_of_key(key).what for key in keys} == {"bags"}
-
-
-def read_bag(path: Path, topic: str) -> list[Any]:
-    with AnyReader([path]) as reader:
-        chosen = [each for each in reader.connections if each.topic == topic]
-        return [reader.deserialize(body, each.msgtype) for each, _, body in reader.messages(chosen)]
 
 
 def seen(ranges_m: np.ndarray, range_m: float) -> np.ndarray:

@@ -3,8 +3,10 @@
 import numpy as np
 
 from specs.data.world import OccupancyMap
+from specs.ros_robot import RosFrames, RosTopics
 from tasks.ros.bag.message_log import LogEntry, MessageLog
-from tasks.ros.bag.track_log import Track, TrackLidar, track_log
+from tasks.ros.bag.track_log import Track, TrackCamera, TrackLidar, track_log
+from tasks.ros.message.camera_messages import Pinhole, optical_turn
 
 SAMPLES, RAYS = 41, 5
 FLOOR = OccupancyMap(resolution_m=0.5, origin_m=(-1.0, -2.0), columns=3, rows=2, runs=(1, 2, 3))
@@ -31,6 +33,16 @@ def track(rays: int = RAYS, samples: int = SAMPLES) -> Track:
 def with_twist() -> Track:
     """Returns the same of a robot whose controls are Twists."""
     return track()._replace(twist=np.tile([[0.5, 0.25, -1.0]], (SAMPLES, 1)))
+
+
+def cameras() -> tuple[TrackCamera, ...]:
+    """Returns a depth camera and a colour camera that took a picture each."""
+    named, frames, lens = RosTopics(), RosFrames(), Pinhole(4, 2, 1.2)
+    mount, colors = (0.1, 0.0, 0.3, *optical_turn(0.0, 0.0)), f"{named.color_image}/compressed"
+    depth = TrackCamera(
+        named.depth_image, named.depth_info, frames.depth_camera, lens, mount, {3: np.ones((2, 4), np.uint16)}
+    )
+    return depth, TrackCamera(colors, named.color_info, frames.color_camera, lens, mount, {3: b"\xff\xd8\xff"})
 
 
 def log(made: Track | None = None) -> MessageLog:

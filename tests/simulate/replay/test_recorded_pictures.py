@@ -18,7 +18,9 @@ from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.plan.plan_batch import recorded_location
 from tasks.simulate.replay import recorded_pictures
 from tasks.simulate.sandbox.protocol import Answer, Crashed, Pictures
+from tasks.storage.buckets import open_bucket
 from tasks.storage.store_url import open_store
+from tests.factories.bag_messages import read_bag
 from tests.factories.batches import PENS, PUSHER, closed_batch, pushing_plan
 from tests.servers.tools import skip_or_fail
 
@@ -52,11 +54,11 @@ def controller(environment):
 
 
 def seeing_batch(folder: Path, *, robot: str = SEER, people: People | None = None) -> OpenBatch:
-    """Returns a batch of a robot with both cameras, whose recordings keep two pictures a second."""
+    """Returns a batch of a robot with both cameras, whose recordings and bags keep two pictures a second."""
     bundle = shutil.copytree(PUSHER, folder / "seer")
     (bundle / "faulty" / "pushing.py").write_text(robot)
     store = open_store((folder / "store").as_uri())
-    recordings = Recordings(episodes="all", rateHz=4, picturesHz=2)
+    recordings = Recordings(episodes="all", rateHz=4, picturesHz=2, bags=("rosbag", "rosbag2"))
     worlds = {"hand/pen-0": PENS["hand/pen-0"]}
     plan = pushing_plan(store, robot=bundle, worlds=worlds, seeds=(3, 4), recordings=recordings, people=people)
     return closed_batch(store, plan)
@@ -88,9 +90,19 @@ def test_a_recording_keeps_what_the_robot_saw_and_a_replay_finds_the_same_bytes(
         found = np.asarray(Image.open(io.BytesIO(kept[t_s])))
         np.testing.assert_array_equal(found, depths_in_mm(known[t_s], 3.0))
     assert len({kept[t_s] for t_s in both}) == len(both)
-    colors = [Image.open(io.BytesIO(each)) for each in table.column("color_jpeg").to_pylist() if each]
-    assert {each.size for each in colors} == {(12, 6)}
-    assert len(colors) >= 2
+    jpegs = [each for each in table.column("color_jpeg").to_pylist() if each]
+    assert {Image.open(io.BytesIO(each)).size for each in jpegs} == {(12, 6)}
+    assert len(jpegs) >= 2
+    bucket, name = open_bucket(batch.store, recorded_location(batch.record()).s3Bucket or ""), "000001-rosbag2"
+    for key in bucket.keys(""):
+        if key.endswith(("000001.bag", f"{name}/metadata.yaml", f"{name}_0.mcap")):
+            bucket.download(key, tmp_path / "bags" / "/".join(key.split("/")[-1 - (name in key) :]))
+    for bag in (tmp_path / "bags" / "000001.bag", tmp_path / "bags" / name):
+        depths = read_bag(bag, "/camera/depth/image_raw")
+        packed = [depth_png(each.data.view("<u2").reshape(8, 12) / 1000.0, 3.0) for each in depths]
+        assert packed == [kept[t_s] for t_s in sorted(kept)]
+        assert [bytes(each.data) for each in read_bag(bag, "/camera/color/image_raw/compressed")] == jpegs
+        assert [each.width for each in read_bag(bag, "/camera/depth/camera_info")] == [12] * len(depths)
 
 
 PNG = depth_png(np.ones((2, 3)), 3.0)
@@ -106,7 +118,7 @@ NONE = _packed([], [])
 
 def test_pictures_of_a_process_are_taken_apart_by_their_steps():
     found = recorded_pictures.answered(Pictures(), [*_packed([0, 4], [PNG, PNG + b"."]), *NONE], [0, 2, 4])
-    assert found == [{0: PNG, 4: PNG + b"."}, {}]
+    assert found == (Pictures(), [{0: PNG, 4: PNG + b"."}, {}])
 
 
 @pytest.mark.parametrize(
