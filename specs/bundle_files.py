@@ -18,6 +18,9 @@ Latency = Annotated[int, Field(ge=0, le=20)]
 
 
 # The fields are those that a controller's own sensors have (docs/guide/applications.md).
+ONE_OF_A_KIND = "a robot has one sensor of a kind, not a list of them; what to do instead: docs/guide/limits.md"
+
+
 class PacedDeclaration(Spec):
     """What sensors have in common that read at a rate of their own.
 
@@ -28,6 +31,13 @@ class PacedDeclaration(Spec):
 
     rate_hz: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     latency_steps: Latency = 0
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one(cls, given: object) -> object:
+        if isinstance(given, list | tuple):
+            raise ValueError(ONE_OF_A_KIND)  # noqa: TRY004 - pydantic makes a fault of the document of it
+        return given
 
 
 class LidarDeclaration(PacedDeclaration):

@@ -222,7 +222,7 @@ def _sensors(declared: Mapping[str, Mapping[str, object]] | None, folder: Path) 
     if unknown := sorted(set(declared) - set(known)):
         raise _fault("sensors", unknown[0], f"some of {', '.join(known)}")
     try:
-        forms = with_file_sensors({name: dict(fields) for name, fields in declared.items()}, folder / ROBOT_FILE)
+        forms = with_file_sensors(declared, folder / ROBOT_FILE)
     except RobotRefused as refused:
         raise _fault("sensors", "mjcf", str(refused)) from refused
     return parse(SeeingDeclarations, cast("Any", forms), "sensors")

@@ -28,6 +28,12 @@ def test_a_topic_whose_name_is_made_of_another_is_nothing_else(scan: str):
         RosRobot.model_validate({"topics": {"scan": scan}, **sensors})
 
 
+@pytest.mark.parametrize("name", ["depth_camera", "color_camera", "lidar", "imu"])
+def test_several_sensors_of_a_kind_are_refused(name: str):
+    with pytest.raises(ValidationError, match=f"{name}\\n.*a robot has one sensor of a kind"):
+        RosRobot.model_validate({name: [{}, {}]})
+
+
 @pytest.mark.parametrize("topic", ["/tf", "/laser"])
 def test_what_the_robot_itself_says_is_not_recorded_again(topic: str):
     with pytest.raises(ValidationError, match=f"record: {topic} is a topic of the robot"):

@@ -6,13 +6,13 @@ in all episodes of a program; the other numbers may follow from environment vari
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 from pydantic import ValidationError
 
-from specs.bundle_files import ColorCameraDeclaration
+from specs.bundle_files import ONE_OF_A_KIND, ColorCameraDeclaration
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
@@ -65,6 +65,7 @@ def read_sensors(make_controller: Callable[..., object], environment: Mapping[st
         BundleCrash: The controller cannot be made, or declares what cannot be; tells of all faults at once.
     """
     made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    _require_one_of_a_kind(made, [sensor.name for sensor in SENSORS])
     found = call_bundle(_ROBOT, "the controller's sensors", sensors_of, made)
     faults = [
         fault
@@ -91,6 +92,7 @@ def read_color_camera(
         BundleCrash: It declares what cannot be; tells of all faults at once.
     """
     made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
+    _require_one_of_a_kind(made, [COLOR_CAMERA])
     given = call_bundle(_ROBOT, f"the controller's {COLOR_CAMERA}", _declared_color, made)
     try:
         return None if given is None else ColorCameraDeclaration.model_validate(given)
@@ -105,6 +107,19 @@ def _declared_color(made: object) -> dict[str, float] | None:
         return None
     fields = ColorCameraDeclaration.model_fields
     return {name: float(getattr(declared, name)) for name in fields if hasattr(declared, name)}
+
+
+def _require_one_of_a_kind(made: object, names: Iterable[str]) -> None:
+    """Checks that a controller declares no list of sensors.
+
+    Raises:
+        BundleCrash: It does; tells of all of them at once.
+    """
+    declared = ((name, call_bundle(_ROBOT, f"the controller's {name}", getattr, made, name, None)) for name in names)
+    # A tuple with names is a record of one.
+    lists = [name for name, own in declared if isinstance(own, list | tuple) and not hasattr(own, "_fields")]
+    if lists:
+        raise BundleCrash(_ROBOT, "; ".join(f"controller.{name}: {ONE_OF_A_KIND}" for name in lists))
 
 
 def require_shared(program: Sensors, episode: Sensors) -> None:

@@ -22,6 +22,7 @@ from tasks.simulate.sensors.sensor_table import (
     begin_sensors,
     feel_all,
     observe_all,
+    read_color_camera,
     read_sensors,
     require_shared,
 )
@@ -84,6 +85,14 @@ def test_what_cannot_be_is_refused_with_its_name_and_what_is_allowed(sensors: di
     with pytest.raises(BundleCrash, match="RobotApplicationCrash: controller") as caught:
         read(**sensors)
     assert message in caught.value.reason
+
+
+def test_a_list_of_sensors_is_refused_with_where_to_read_what_to_do_instead():
+    twice = [SimpleNamespace(**LIDAR)] * 2
+    with pytest.raises(BundleCrash, match=r"controller\.lidar: a robot has one .*; controller\.depth_camera: a robot"):
+        read_sensors(lambda _: SimpleNamespace(lidar=twice, depth_camera=tuple(twice), bumper=Bumper(3)), {})
+    with pytest.raises(BundleCrash, match=r"controller\.color_camera: a robot has one"):
+        read_color_camera(lambda _: SimpleNamespace(color_camera=[SimpleNamespace(columns=8)]), {})
 
 
 def test_all_faults_are_told_at_once():
