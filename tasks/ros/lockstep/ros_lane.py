@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import contextvars
 import heapq
+import logging
 import math
 import select
 import selectors
@@ -18,6 +19,7 @@ from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.message.ros_messages import frame_message, read_twist
 from tasks.ros.process.network import EpisodeNetwork
 
+_LOG = logging.getLogger(__name__)
 _TURNS = 1000
 Ts = TypeVarTuple("Ts")
 
@@ -122,6 +124,7 @@ class RosLane:
         failure: Why it cannot go on, for a person; empty while it can.
         command: The last one that came.
         commanded_ns: Simulated time when it came.
+        topic: What it was sent last.
         goal: The goal that its nodes know.
         asked_ns: Simulated time when they were told it.
         commands, late, stray: See ``ExchangeTotals``.
@@ -150,7 +153,7 @@ class RosLane:
         self._changes, self._had_source, self._sources = -1, False, 0
         self._topics: deque[tuple[str, Writer]] = deque()
         self._frame, self._to = b"", deque[TopicListener]()
-        self._topic = ""
+        self.topic = ""
         self._usual_s: dict[str, float] = {}
         self._step_commands = 0
 
@@ -171,26 +174,29 @@ class RosLane:
         while not self._to:
             if not self._topics:
                 return False
-            self._topic, write = self._topics.popleft()
-            subscribers, latched = self.graph.outgoing[self._topic], self._topic in self._latched
+            self.topic, write = self._topics.popleft()
+            subscribers, latched = self.graph.outgoing[self.topic], self.topic in self._latched
             if subscribers or latched:
                 data = write()
                 self._frame = frame_message(data)
                 if latched:
-                    self.graph.keep(self._topic, data)
+                    self.graph.keep(self.topic, data)
                 self._to = deque(sorted(subscribers, key=lambda each: each.node))
-        self.detector.begin(now_s, fresh=fresh, ticked=self._topic == CLOCK)
+        self.detector.begin(now_s, fresh=fresh, ticked=self.topic == CLOCK)
         self._to.popleft().connection.send(self._frame)
         self.begun_s, self.nap_s = now_s, 0.0
-        self.look_s = now_s + min(_SHARE * self._usual_s.get(self._topic, 0.0), _LONGEST_GUESS_S)
+        self.look_s = now_s + min(_SHARE * self._usual_s.get(self.topic, 0.0), _LONGEST_GUESS_S)
         return True
 
     def note_rest(self) -> None:
         """Notes how long the application took to deal with what was sent last, and whether that had one order."""
-        self.unordered += self._contended()
+        if self._contended():
+            self.unordered += 1
+            if self.unordered == 1:
+                _LOG.warning("after %s was sent, two processes told a third one something: in no order", self.topic)
         took_s = self.detector.rest_s - self.begun_s
-        usual_s = self._usual_s.get(self._topic, took_s)
-        self._usual_s[self._topic] = _REMEMBERED * usual_s + (1.0 - _REMEMBERED) * took_s
+        usual_s = self._usual_s.get(self.topic, took_s)
+        self._usual_s[self.topic] = _REMEMBERED * usual_s + (1.0 - _REMEMBERED) * took_s
 
     def collect(self, time_ns: int, *, stray: bool = False) -> None:
         """Takes the commands that have come.
@@ -207,7 +213,9 @@ class RosLane:
                 self._had_source = True
                 self._pump.watch(source.sock)
             came, self._sources = len(self.graph.incoming) > self._sources, len(self.graph.incoming)
-            self.stray += stray and came
+            if stray and came:
+                self.stray += 1
+                _LOG.warning("a node began to command the robot while nothing was sent to it")
         for topic, data in self.graph.take():
             try:
                 twist = read_twist(data)

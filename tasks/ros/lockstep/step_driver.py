@@ -3,6 +3,7 @@
 Before the first step it waits until an application is ready; in an episode it looks whether nodes have begun to poll.
 """
 
+import logging
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -11,6 +12,7 @@ from tasks.ros.lockstep.idle_detector import IdleState
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
 
+_LOG = logging.getLogger(__name__)
 _SOON_S = 0.00003
 _FIRST_NAP_S = 0.0001
 _NAP_GROWTH = 1.5
@@ -79,10 +81,11 @@ class StepDriver:
             return True
         else:
             lane.late += 1
+            limit_s, restless = self._patience.stage_s, lane.detector.restless(now_s)
+            late = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
+            _LOG.warning("%s, %.1f s after %s was sent: %s", late, now_s - lane.begun_s, lane.topic, restless)
             if lane.late >= self._patience.late_limit:
-                limit_s = self._patience.stage_s
-                late = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
-                lane.failure = ": ".join(filter(None, (late, lane.detector.restless(now_s))))
+                lane.failure = ": ".join(filter(None, (late, restless)))
         lane.collect(time_ns)
         if lane.failure:
             self._fail(lane)

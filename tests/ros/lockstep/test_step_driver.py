@@ -1,5 +1,6 @@
 """Lanes that take long within a control step, by what the kernel might tell of their threads."""
 
+import os
 import socket
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
@@ -87,9 +88,14 @@ def no_fault(lane: RosLane) -> None:
     pytest.fail(lane.failure)
 
 
-def test_a_lane_that_takes_too_long_is_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
+def test_a_lane_that_takes_too_long_is_late_and_the_log_says_after_what_and_why(
+    lane: RosLane, worker: FakeThread, drive: Drive, caplog: pytest.LogCaptureFixture
+) -> None:
     drive(BusyPump(worker, 60_000_000_000, until=lambda: lane.late > 0), no_fault)
     assert lane.late == 1
+    (told,) = caplog.messages
+    assert "did not come to rest within" in told
+    assert f"after {CLOCK} was sent: process {os.getpid()}, thread {worker.folder.name}: runs" in told
 
 
 def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
