@@ -175,7 +175,7 @@ def _apart_m(
     """Returns how far a point is at least from each outline of a kind."""
     dx, dy = kind[:, 0] - center_m[0], kind[:, 1] - center_m[1]
     if place >= _PRISMS:
-        corners = kind[:, 2:].reshape(len(kind), -1, 2)
+        corners = kind[:, 2:].reshape(len(kind), kind.shape[1] // 2 - 1, 2)
         along = jnp.roll(corners, -1, axis=1) - corners
         length_m = jnp.sqrt(along[..., 0] ** 2 + along[..., 1] ** 2)
         from_x, from_y = -dx[:, None] - corners[..., 0], -dy[:, None] - corners[..., 1]

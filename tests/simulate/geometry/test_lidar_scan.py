@@ -202,6 +202,21 @@ def test_a_lidar_sees_the_same_in_the_same_bits_of_what_is_near():
     np.testing.assert_array_equal(ours, theirs)
 
 
+def test_a_lidar_sees_the_same_of_what_is_near_in_a_large_world_without_prisms():
+    rng = np.random.default_rng(6)
+    boxes = [(x, y, 0.5, 0.3, 0.2, 0.5, 1.0, 0.0) for x, y in rng.uniform(-30.0, 30.0, (400, 2))]
+    world = Obstacles(
+        *(np.array(kind, np.float32).reshape(-1, width) for kind, width in ((boxes, 8), ([], 5), ([], 20)))
+    )
+    every = on_device(pad_lidar_outlines([lidar_outlines(world)])[0])
+    near = within_range(every, jnp.array([3.0, -2.0]), LIDAR.range_m)
+    assert near.within is not None
+    assert 0 < near.within.counts.sum() < 0.3 * every.counts.sum()
+    pose = jnp.array([3.0, -2.0, 0.3])
+    assert (np.asarray(SCAN_ONE(every, pose)) < LIDAR.range_m).any()
+    np.testing.assert_array_equal(SCAN_ONE(near, pose), SCAN_ONE(every, pose))
+
+
 def test_a_small_world_is_looked_at_as_it_lies():
     assert within_range(SEEN, jnp.zeros(2), 0.1) is SEEN
 
