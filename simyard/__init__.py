@@ -16,6 +16,7 @@ from simyard.batch_calls import (  # noqa: E402 - only where Simyard's own packa
     report,
     results,
     search,
+    suite,
     trend,
 )
 from simyard.document_calls import plan, run, validate  # noqa: E402 - same
@@ -30,6 +31,7 @@ __all__ = [
     "results",
     "run",
     "search",
+    "suite",
     "trend",
     "validate",
     "world_import",

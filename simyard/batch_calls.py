@@ -1,4 +1,4 @@
-"""What Python asks about batches: `results`, `report`, `replay`, `compare`, `gate`, `search`; and `trend` of nights.
+"""What Python asks about batches, such as `results`, `report`, `replay`, `search` and `suite`; and `trend` of nights.
 
 Each imports what it needs when it is called.
 """
@@ -216,6 +216,29 @@ def search(
     asked = parse(Search, settings, "search")
     prepare_devices()
     return SearchAnswer(search_batch(opened.url, find_batch_name(opened, named), asked))
+
+
+def suite(batch: "str | Run", *, output: Place | None = None, store: Place | None = None) -> "dict[str, JsonValue]":
+    """Returns a document whose batch drives the failures again that the search of a batch's document has found.
+
+    `simyard.run` takes it.
+
+    Args:
+        batch: As for `results`.
+        output: A file to write it to, too, as YAML.
+        store: As for `results`.
+
+    Raises:
+        ResourceNotFound: There is no such batch.
+        DocumentError: Its document has searched for nothing, or no failure was confirmed.
+    """
+    from flows.batch.suite import regression_suite
+
+    opened, named = _batch(batch, store)
+    found = regression_suite(opened, named)
+    if output is not None:
+        Path(output).write_text(found.text(), encoding="utf-8")
+    return found.document
 
 
 def trend(

@@ -263,7 +263,7 @@ def batch_facts(store: Store, record: JobRecord, *, beside_tables: bool) -> Batc
         why=record.failure_reason,
         created_at_s=record.created_at_s,
         simulated_s=cast("float", detail["simulated_s"]),
-        seeds=len(plan.seeds),
+        seeds=len(plan.seeds_used()),
         worlds={
             world: plan.world_digests.get(world, "")
             for template in plan.templates

@@ -142,7 +142,7 @@ def replay_found(store: Store, text: str, number: int) -> JobReplay:
         allowed = f"1 to {kept}" if kept else "no number: no search of its document has found a failure"
         raise DocumentError.of("--found", str(number), allowed, source="simyard")
     asked, name, folders = search.numbered[number - 1], f"{batch.id}/found-{number}", bundles(batch)
-    request = _like(batch.layout.request(0), batch.layout.episodes, asked.world, asked.seed, asked.environment)
+    request = found_request(batch, asked)
     again = replay_request(batch, request, folders)
     row, robot = again.driven.row, folders[request.robot.digest]
     why = _why(row, search.search.measure)
@@ -166,6 +166,12 @@ def replay_found(store: Store, text: str, number: int) -> JobReplay:
         robot=robot,
         traffic=again.driven.traffic,
     )
+
+
+def found_request(batch: OpenBatch, failure: FoundFailure) -> EpisodeRequest:
+    """Returns the episode of a failure that a search over a batch has found; its index follows those of the batch."""
+    own = failure.environment
+    return _like(batch.layout.request(0), batch.layout.episodes, failure.world, failure.seed, own)
 
 
 def _like(first: EpisodeRequest, index: int, world: str, seed: int, own: Mapping[str, str]) -> EpisodeRequest:

@@ -268,31 +268,41 @@ def case_document(found: ShrunkJob) -> str:
             "recordings": {"episodes": "all"},
             "audit": {"lanes": 0},  # of a single episode it says next to nothing
             "matrix": {"worlds": [request.world], "seeds": [request.seed]},
-            "createSimulationJobRequests": [_entry(found)],
+            "createSimulationJobRequests": [case_request(found.batch, found.small_request)],
         },
     }
     return "".join(f"# {line}\n" for line in about) + yaml.safe_dump(document, sort_keys=False, width=100)
 
 
-def _entry(found: ShrunkJob) -> _Document:
-    request = found.request
-    variables = {name: value for name, value in request.environment.items() if not value.startswith(DATA_PREFIX)}
-    asked = entries(found.batch.record())[found.batch.layout.template_of(request.index)]
+def case_request(batch: OpenBatch, request: EpisodeRequest, entry: int | None = None) -> dict[str, JsonValue]:
+    """Returns the request of a document that drives an episode like one of a batch; its world and seed are not in it.
+
+    It names no version, so that it tries the newest one.
+
+    Args:
+        batch: The batch.
+        request: The episode.
+        entry: The position of the batch's request that it came from; that of its index, if left out.
+    """
+    asked = entries(batch.record())[batch.layout.template_of(request.index) if entry is None else entry]
     data: _Document = {"dataSources": asked["dataSources"]} if asked.get("dataSources") else {}
+    robots: _Document = {} if request.alone else {"robotApplications": [_use(request.robot, request.environment)]}
+    judging = request.environment if request.alone else request.judge_environment or {}
     return {
         "maxJobDurationInSeconds": int(request.duration_s),
         "failureBehavior": request.failure_behavior,
         **data,
-        "robotApplications": [_use(request.robot, variables)],
-        "simulationApplications": [_use(request.scenario, {})],
+        **robots,
+        "simulationApplications": [_use(request.scenario, judging)],
     }
 
 
-def _use(launch: ApplicationLaunch, variables: Mapping[str, str]) -> _Document:
+def _use(launch: ApplicationLaunch, environment: Mapping[str, str]) -> _Document:
+    variables = {name: value for name, value in environment.items() if not value.startswith(DATA_PREFIX)}
     config: _Document = {"packageName": launch.package, "launchFile": launch.launch_file}
     if launch.command is not None:
         config = {"command": list(launch.command)}
     if variables:
-        config["environmentVariables"] = dict(variables)
+        config["environmentVariables"] = {**variables}
     other: _Document = {"architecture": launch.architecture} if launch.architecture not in {None, "X86_64"} else {}
     return {"application": launch.name, **other, "launchConfig": config}

@@ -1,4 +1,4 @@
-"""The commands `simyard replay`, `compare` and `shrink`, and what they print.
+"""The commands `simyard replay`, `compare`, `shrink` and `suite`, and what they print.
 
 They simulate episodes once more, and import what that needs.
 """
@@ -16,6 +16,7 @@ from flows.batch.compare_batches import ComparedBatch, common_episodes, find_bat
 from flows.batch.replay_episode import JobReplay, replay_job, wanted_files, write_files
 from flows.batch.search_batch import replay_found
 from flows.batch.shrink import shrink_job, write_case
+from flows.batch.suite import regression_suite
 from flows.cli.ci_report import store_option
 from flows.cli.terminal import NOT_PASSED, UNDECIDED, StoreUrl, TerminalConsole, echo, echo_json, waiting
 from specs.data.result_columns import REQUESTED
@@ -161,6 +162,21 @@ def shrink(
         echo(f"  not guaranteed: {sentence}")
     for path in write_case(found, output or Path(f"shrunk-{found.job.replace('/', '-')}")):
         echo(str(path))
+
+
+def suite(
+    batch: _Batch,
+    *,
+    output: Annotated[
+        Path | None, typer.Option(help="The file to write. Default: suite-<batch>.yaml.", show_default=False)
+    ] = None,
+    store: StoreUrl = None,
+) -> None:
+    """Write the failures that a document's search has found and confirmed as a document that drives them again."""
+    found = regression_suite(open_existing_store(store), batch)
+    file = output or Path(f"suite-{found.batch}.yaml")
+    file.write_text(found.text(), encoding="utf-8")
+    echo(f"{file}: {len(found.failures)} failures")
 
 
 def _pieces(minimal: bool) -> str:  # noqa: FBT001 - one flag, one word

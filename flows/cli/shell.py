@@ -71,6 +71,11 @@ COMMANDS: Mapping[str, LazyCommand] = {
         "shrink",
         "Find the smallest world and the lowest seed in which a job still fails in the same way; write them as a case.",
     ),
+    "suite": LazyCommand(
+        "replay_commands",
+        "suite",
+        "Write the failures that a document's search has found and confirmed as a document that drives them again.",
+    ),
     "describe": LazyCommand(
         "resource_commands",
         "describe",

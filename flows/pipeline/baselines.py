@@ -103,11 +103,11 @@ def _may_have_driven(digest: str, batch: JobRecord, store: Store) -> Iterator[Jo
 
 def _sealed_elsewhere(digest: str, batch: JobRecord, store: Store) -> str:
     """Returns the newest batch that drove a version on this one's seeds without this owner's seal, or nothing."""
-    seeds = set(plan_of(batch).seeds)
+    seeds = set(plan_of(batch).seeds_used())
     for record in reversed(records(store, KIND)):
         if record.id == batch.id or record.status != "Completed" or not _drove(record, digest):
             continue
-        if seeds & set(plan_of(record).seeds) and sealed_record(store, record.id) is None:
+        if seeds & set(plan_of(record).seeds_used()) and sealed_record(store, record.id) is None:
             return record.id
     return ""
 
@@ -120,7 +120,7 @@ def _same_episodes(digest: str, batch: JobRecord, record: JobRecord, store: Stor
     if record.id == batch.id:
         return True
     plan, other = plan_of(batch), plan_of(record)
-    if not set(plan.seeds) & set(other.seeds):  # there is no need to look into worlds and rows
+    if not set(plan.seeds_used()) & set(other.seeds_used()):  # there is no need to look into worlds and rows
         return False
     try:
         theirs = read_drives(store, record, [digest])

@@ -321,7 +321,7 @@ def tested_facts(plan: BatchPlan, batch: JobRecord) -> TestedBatch:
         robots=[template.robot for template in plan.templates],
         simulations=[template.scenario for template in plan.templates],
         worlds=plan.worlds_used(),
-        seeds=plan.seeds,
+        seeds=plan.seeds_used(),
         variables=plan.variables(),
         metadata=cast("dict[str, str]", batch.detail["metadata"]),
         files=cast("dict[str, str]", batch.detail["sha256s"]),

@@ -99,7 +99,15 @@ def _variants(plan: BatchPlan) -> int:
 def _conditions(plan: BatchPlan, templates: list[JobTemplate]) -> list[_Conditions]:
     """Returns what is asked of the robot in each world of each request, as ``pairs`` pairs episodes."""
     return [
-        (world, scenario.digest, scenario.package, scenario.launched, str(template.duration_s), *own)
+        (
+            world,
+            scenario.digest,
+            scenario.package,
+            scenario.launched,
+            str(template.duration_s),
+            str(template.seed),
+            *own,
+        )
         for template in templates
         for own in [
             [f"{name}={value}" for name, value in sorted(template.environment.items()) if name not in plan.sweep]
@@ -114,7 +122,7 @@ def _may_be_there(plan: BatchPlan, baseline: str, store: Store) -> bool:
     for record in records(store, KIND):
         if record.status == "Completed" or not is_terminal(record):
             theirs = plan_of(record)
-            if set(theirs.seeds) & set(plan.seeds) and _templates(theirs, frozenset({baseline})):
+            if set(theirs.seeds_used()) & set(plan.seeds_used()) and _templates(theirs, frozenset({baseline})):
                 return True
     return False
 

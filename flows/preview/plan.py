@@ -278,7 +278,7 @@ def _gate_lines(
     pairs = shuffle_if_endable(batch, gate).shuffled == "pairs"
     programs, lanes = plan.compilations, plan.lanes
     yield from gate_lines(gate, judged, plan.audited, programs, worlds=worlds, lanes=lanes, pairs=pairs, icc=icc)
-    advice = world_lines(gate, seen, episodes=judged.episodes, worlds=worlds, seeds=len(batch.seeds))
+    advice = world_lines(gate, seen, episodes=judged.episodes, worlds=worlds, seeds=len(batch.seeds_used()))
     yield from (f"                  {line}" for line in advice)
 
 

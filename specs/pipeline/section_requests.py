@@ -127,7 +127,7 @@ def job_request(request: PipelineJobRequest, section: SimulationBatch, *, store_
 
 
 def _job_document(request: PipelineJobRequest, section: SimulationBatch, store_id: str) -> dict[str, JsonValue]:
-    document = _without(request, "robotApplications", "simulationApplications")
+    document = _without(request, "robotApplications", "simulationApplications", "seed")
     if section.outputLocation is not None:
         document = {"outputLocation": canonical_document(section.outputLocation), **document}
     robots: list[JsonValue] = [

@@ -274,6 +274,7 @@ class PipelineJobRequest(BatchedJobSettings):
     Attributes:
         robotApplications: The robot application that drives; exactly one.
         simulationApplications: The scenario that it is driven through; exactly one.
+        seed: Its own, instead of the matrix's, which then has one alone.
     """
 
     maxJobDurationInSeconds: JobDuration = Field(
@@ -285,6 +286,8 @@ class PipelineJobRequest(BatchedJobSettings):
     simulationApplications: (
         Annotated[tuple[PipelineSimulationApplication, ...], Field(min_length=1, max_length=1)] | None
     ) = None
+    # None: documents without one keep the digest that they had before there was such a field.
+    seed: Seed | None = Field(default=None, title="Seed")
 
 
 class SimulationBatch(Ruled):
@@ -326,6 +329,7 @@ class SimulationBatch(Ruled):
         requests = items(part(data, "createSimulationJobRequests"))
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
         yield from unpeopled(data)
+        yield from _two_seeds(requests, part(part(data, "matrix"), "seeds"))
         if part(data, "operation") == "CreateSimulationJob":
             if len(requests) > 1:
                 allowed = "one; a CreateSimulationJob makes one job"
@@ -336,6 +340,16 @@ class SimulationBatch(Ruled):
             if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
                 loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
                 yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
+
+
+def _two_seeds(requests: Sequence[object], seeds: object) -> Iterator[Finding]:
+    """Yields the seeds of requests that the matrix multiplies by several."""
+    if seeds in (None, 1) or len(items(seeds)) == 1:
+        return
+    for number, request in enumerate(requests):
+        if (seed := part(request, "seed")) is not None:
+            allowed = "nothing, or matrix.seeds 1: a request with a seed of its own is driven once"
+            yield Finding(("createSimulationJobRequests", number, "seed"), seed, allowed)
 
 
 class LocalFleet(Spec):

@@ -117,10 +117,11 @@ def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:
     place = {name: number for number, name in enumerate(dict.fromkeys(name for names in worlds for name in names))}
     codes = np.array([place[name] for names in worlds for name in names], np.int64)
     starts = np.cumsum([0, *map(len, worlds)])
+    own = np.array([-1 if asked.seed is None else asked.seed for asked in plan.templates], np.int64)
     launches, launch = distinct_cells([template, setting])
     return RequestColumns(
         index=index,
-        seeds=np.array(plan.seeds, np.int64)[seed],
+        seeds=np.where(own[template] < 0, np.array(plan.seeds, np.int64)[seed], own[template]),
         worlds=Cells(codes=codes[starts[template] + world], labels=tuple(place)),
         launches=tuple(layout.request(first + row) for row in launches),
         launch=launch,

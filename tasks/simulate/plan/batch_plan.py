@@ -35,6 +35,7 @@ class JobTemplate(Spec):
             set; None where they agree.
         duration_s: Simulated seconds at most.
         worlds: ``<generation>/<world>`` of the request's own world; empty for the matrix's worlds.
+        seed: The request's own; None for the matrix's seeds.
         record: Whether its episodes are recorded whatever comes of them.
     """
 
@@ -45,6 +46,7 @@ class JobTemplate(Spec):
     failure_behavior: FailureBehavior
     worlds: tuple[str, ...] = ()
     record: bool = False
+    seed: int | None = None
     judge_environment: dict[str, str] | None = None
 
     @property
@@ -66,7 +68,7 @@ class BatchPlan(Spec):
 
     Attributes:
         worlds: ``<generation>/<world>`` of each world of the matrix.
-        seeds: One episode for each, world and parameter set.
+        seeds: One episode for each, world and parameter set; one alone where a request has its own.
         sweep: Environment variables by name, each with the values to try.
         lanes: Episodes in one chunk, at most.
         timeout_s: Wall seconds of work after which what is left is cancelled.
@@ -131,6 +133,15 @@ class BatchPlan(Spec):
     def worlds_of(self, template: JobTemplate) -> tuple[str, ...]:
         """Returns the worlds that a request is multiplied by."""
         return template.worlds or self.worlds
+
+    def seeds_of(self, template: JobTemplate) -> tuple[int, ...]:
+        """Returns the seeds that a request is multiplied by: as many as the matrix has."""
+        return self.seeds if template.seed is None else (template.seed,)
+
+    def seeds_used(self) -> tuple[int, ...]:
+        """Returns the seed of each episode, each once, in order."""
+        own = [template.seed for template in self.templates if template.seed is not None]
+        return tuple(dict.fromkeys([*(self.seeds if len(own) < len(self.templates) else ()), *own]))
 
     def worlds_used(self) -> dict[str, str]:
         """Returns the SHA-256 of each world that an episode runs in, by ``<generation>/<world>``.

@@ -170,7 +170,7 @@ class Layout:
         """Returns what is asked of the episodes of a block, whichever robot drives them."""
         asked = self.plan.templates[block.template]
         own, settings = (asked.environment, asked.judge_environment), tuple(block.settings)
-        return asked.scenario, own, asked.duration_s, self.plan.worlds_of(asked), settings
+        return asked.scenario, own, asked.duration_s, self.plan.worlds_of(asked), asked.seed, settings
 
     def _shuffle(self, group: _Group) -> Shuffle:
         return self._shuffles[self._first_chunks.index(group.first_chunk)]
@@ -270,7 +270,7 @@ class Layout:
         return EpisodeRequest(
             index=index,
             world=self.plan.worlds_of(asked)[world],
-            seed=self.plan.seeds[seed],
+            seed=self.plan.seeds_of(asked)[seed],
             robot=asked.robot,
             scenario=asked.scenario,
             environment={**asked.environment, **(swept := self._values(setting))},

@@ -171,6 +171,7 @@ def _template(
         duration_s=float(request.maxJobDurationInSeconds),
         failure_behavior=request.failureBehavior or "Fail",
         worlds=tuple(parse_reference(world).path for world in _own_worlds(request)),
+        seed=request.seed,
         record=bool(request.loggingConfig and request.loggingConfig.recordAllRosTopics),
     )
 

@@ -34,10 +34,14 @@ def templates(draw: st.DrawFn) -> JobTemplate:
 
 @st.composite
 def plans(draw: st.DrawFn) -> BatchPlan:
+    asked = draw(st.lists(templates(), min_size=1, max_size=4))
+    if draw(st.booleans()):  # requests with seeds of their own, which the matrix does not multiply
+        asked = [each.model_copy(update={"seed": draw(st.sampled_from([None, 0, 7, 2**32 - 1]))}) for each in asked]
+    most = 3 if all(each.seed is None for each in asked) else 1
     return BatchPlan(
-        templates=tuple(draw(st.lists(templates(), min_size=1, max_size=4))),
+        templates=tuple(asked),
         worlds=tuple(f"g/w{number}" for number in range(draw(st.integers(0, 3)))),
-        seeds=tuple(draw(st.lists(st.integers(0, 9), min_size=1, max_size=3, unique=True))),
+        seeds=tuple(draw(st.lists(st.integers(0, 9), min_size=1, max_size=most, unique=True))),
         sweep={name: tuple(draw(VALUES)) for name in draw(st.lists(st.sampled_from("BCD"), max_size=2, unique=True))},
         lanes=draw(st.integers(1, 7)),
         timeout_s=1.0,
@@ -53,7 +57,9 @@ def written_out(plan: BatchPlan) -> list[EpisodeRequest]:
     multiplied = (
         (template, *rest)
         for template in plan.templates
-        for rest in itertools.product(plan.worlds_of(template), settings, plan.seeds)
+        for rest in itertools.product(
+            plan.worlds_of(template), settings, plan.seeds if template.seed is None else [template.seed]
+        )
     )
     return [
         EpisodeRequest(

@@ -318,6 +318,15 @@ def test_a_search_varies_what_the_request_or_the_matrix_sets():
     assert found == [("search.over.SPEED", allowed), ("search.over.MASS", allowed)]
 
 
+def test_a_request_with_a_seed_of_its_own_is_driven_once():
+    own = {**JOB, "seed": 2**32 - 1}
+    batch = {**BATCH, "createSimulationJobRequests": [JOB, own], "matrix": {"worlds": ["a/b"], "seeds": [3]}}
+    assert spec(simulationBatch=batch).simulationBatch is not None
+    found = faults(simulationBatch={**batch, "matrix": {"worlds": ["a/b"], "seeds": 2}})
+    allowed = "nothing, or matrix.seeds 1: a request with a seed of its own is driven once"
+    assert found == [("simulationBatch.createSimulationJobRequests.1.seed", allowed)]
+
+
 def test_a_search_needs_a_batch_of_one_request():
     ((place, said),) = faults(worlds=[OWN], search=searched())
     assert (place, said) == ("search", "simulationBatch beside it, whose request and worlds it searches")
