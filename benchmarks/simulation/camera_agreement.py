@@ -9,19 +9,20 @@ from typing import NamedTuple
 import jax
 import mujoco
 import numpy as np
+import shapely
 
 from benchmarks.harness import markdown, options, show
 from benchmarks.simulation.engine_worlds import ROBOT_FILE
 from benchmarks.worlds.world_templates import read_template
 from specs.bundle_files import ColorCameraDeclaration
-from specs.data.world import World
+from specs.data.world import Rectangle, World, corners_m, solids
 from tasks.render.camera_renderer import CameraRenderer, gl_name, mounted
 from tasks.simulate.engines.mujoco.world_stepper import host_robot, world_model
 from tasks.simulate.geometry.depth_picture import View, depth_picture, depth_scene, pad_scenes, rays_of
 from tasks.worlds.generate import generate_world
 
 _TEMPLATE, _WORLDS, _PICTURES, _HEIGHT_M = "six-room-flat", 10, 1_000, 0.3
-_FAR_M, _WRONG_M = 10.0, 1e-3
+_FAR_M, _FREE_M, _WRONG_M = 10.0, 0.02, 1e-3
 _PITCHES_RAD = (0.0, 0.4, -0.3)
 # An inverse depth bends by less along any plane.
 _BEND = 1e-3
@@ -69,12 +70,16 @@ def _compared(ours: Depths, theirs: Depths) -> _Found:
 
 
 def _ours(world: World, view: View, eyes: np.ndarray) -> Depths:
-    scene = pad_scenes([depth_scene(world)])[0]
-    return np.asarray(jax.jit(lambda each: jax.lax.map(lambda eye: depth_picture(scene, eye, view), each))(eyes))
+    taken = jax.jit(lambda seen, each: jax.lax.map(lambda eye: depth_picture(seen, eye, view), each))
+    return np.asarray(taken(pad_scenes([depth_scene(world)])[0], eyes))
 
 
 def _by_rays(world: World, view: View, eyes: np.ndarray) -> Depths:
-    model = world_model(host_robot(ROBOT_FILE), world)
+    stage = host_robot(ROBOT_FILE)
+    stage.spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[50.0, 50.0, 0.1])
+    above_m = [0.0, 0.0, world.ceiling_height_m + 0.5]
+    stage.spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[50.0, 50.0, 0.5], pos=above_m)
+    model = world_model(stage, world)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     ahead, left, up = (each.astype(np.float64).ravel() for each in np.broadcast_arrays(*rays_of(view)))
@@ -102,11 +107,20 @@ _REFERENCES: Mapping[str, Callable[[World, View, np.ndarray], Depths]] = {"`mj_m
 
 
 def _eyes(world: World, rng: np.random.Generator) -> Iterator[tuple[float, np.ndarray]]:
-    """Yields how cameras are turned down, and random places of many of them in a world."""
+    """Yields how cameras are turned down, and random free places of many of them in a world."""
+    near = ((each, abs(each.center_m[2] - _HEIGHT_M) - each.half_extents_m[2]) for each in solids(world))
+    outlines = [shapely.Polygon(corners_m(each)) for each, apart_m in near if apart_m < _FREE_M]
+    taken = shapely.union_all(outlines).buffer(_FREE_M)
+    free = shapely.difference(shapely.union_all([_box(room.floor) for room in world.rooms]), taken)
     area = world.footprint
     low, high = (area.x_min_m, area.y_min_m, _HEIGHT_M, -np.pi), (area.x_max_m, area.y_max_m, _HEIGHT_M, np.pi)
     for pitch_rad, some in zip(_PITCHES_RAD, np.array_split(np.arange(_PICTURES), len(_PITCHES_RAD)), strict=True):
-        yield pitch_rad, rng.uniform(low, high, (len(some), 4)).astype(np.float32)
+        eyes = rng.uniform(low, high, (20 * len(some), 4)).astype(np.float32)
+        yield pitch_rad, eyes[shapely.contains_xy(free, eyes[:, 0], eyes[:, 1])][: len(some)]
+
+
+def _box(area: Rectangle) -> shapely.Polygon:
+    return shapely.box(area.x_min_m, area.y_min_m, area.x_max_m, area.y_max_m)
 
 
 def main() -> None:
@@ -132,7 +146,7 @@ def main() -> None:
         counts = (found.pixels, found.wrong, found.at_edges, found.wrong_at_edges)
         pixels, wrong, at_edges, wrong_at_edges = (f"{each:,}" for each in counts)
         rows.append([name, f"{pitch_rad:g}", pixels, wrong, f"{1e3 * found.most_m:.3g} mm", at_edges, wrong_at_edges])
-    note = f"Of {_WORLDS * _PICTURES:,} pictures of 64x48 from random places in {_WORLDS} flats of six rooms"
+    note = f"Of {_WORLDS * _PICTURES:,} pictures of 64x48 from random free places in {_WORLDS} flats of six rooms"
     show("camera agreement", f"{markdown(rows)}\n\n{note}; drawn by {gl_name()}.", arguments.document)
 
 
