@@ -23,7 +23,6 @@ _SIZES = ((64, 48), (160, 120))
 _FORMS: Mapping[str, Mapping[str, object]] = {
     "no pictures": {},
     "2 a second": {"picturesHz": 2},
-    "10 a second": {"picturesHz": 10},
     "2 a second, and bags of ROS 2": {"picturesHz": 2, "bags": ["rosbag2"]},
 }
 _TURNS, _LOOK_S = 3, 0.5
