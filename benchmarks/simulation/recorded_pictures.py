@@ -1,4 +1,4 @@
-"""What it costs a batch that its recordings keep pictures (``picturesHz``): the table of docs/guide/cameras.md.
+"""What it costs a batch that its recordings keep pictures (``picturesHz``): figures of docs/guide/cameras.md.
 
 ``MUJOCO_GL=osmesa python -m benchmarks.simulation.recorded_pictures``. Each run is `simyard run` with a new store and
 programs that are compiled before; the forms of recordings take turns. All episodes are recorded, at 10 Hz.
