@@ -18,6 +18,7 @@ from jaxtyping import Float64
 from flows.batch.replay_episode import JobReplay, bundles, playback
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.data.physics import PHYSICAL
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.progress.listener import report_progress
@@ -204,7 +205,7 @@ class _DrawnEpisodes:
         self._first, plan = batch.layout.request(0), batch.plan
         self.episodes = batch.layout.episodes
         known = self._first.environment
-        unknown = [name for name in search.over if name not in known]
+        unknown = [name for name in search.over if name not in known and name not in PHYSICAL]
         allowed = f"a variable that the batch's request or matrix sets: {', '.join(sorted(known)) or 'there is none'}"
         refused = [Fault(path=f"over.{name}", value=name, allowed=allowed) for name in unknown]
         template, *others = plan.templates

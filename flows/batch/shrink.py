@@ -16,6 +16,7 @@ from pydantic import JsonValue
 from flows.batch.replay_episode import bundles
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
+from specs.data.physics import PHYSICAL, application_variables
 from specs.data.world import World
 from specs.errors import DocumentError, ObjectNotFound, ResourceNotFound
 from specs.template.body import TemplateBody
@@ -286,11 +287,13 @@ def case_request(batch: OpenBatch, request: EpisodeRequest, entry: int | None = 
     """
     asked = entries(batch.record())[batch.layout.template_of(request.index) if entry is None else entry]
     data: _Document = {"dataSources": asked["dataSources"]} if asked.get("dataSources") else {}
+    physics: _Document = {name: float(value) for name, value in request.environment.items() if name in PHYSICAL}
     robots: _Document = {} if request.alone else {"robotApplications": [_use(request.robot, request.environment)]}
     judging = request.environment if request.alone else request.judge_environment or {}
     return {
         "maxJobDurationInSeconds": int(request.duration_s),
         "failureBehavior": request.failure_behavior,
+        **({"physics": physics} if physics else {}),
         **data,
         **robots,
         "simulationApplications": [_use(request.scenario, judging)],
@@ -298,7 +301,8 @@ def case_request(batch: OpenBatch, request: EpisodeRequest, entry: int | None = 
 
 
 def _use(launch: ApplicationLaunch, environment: Mapping[str, str]) -> _Document:
-    variables = {name: value for name, value in environment.items() if not value.startswith(DATA_PREFIX)}
+    own = application_variables(environment)
+    variables = {name: value for name, value in own.items() if not value.startswith(DATA_PREFIX)}
     config: _Document = {"packageName": launch.package, "launchFile": launch.launch_file}
     if launch.command is not None:
         config = {"command": list(launch.command)}

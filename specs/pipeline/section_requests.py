@@ -127,7 +127,7 @@ def job_request(request: PipelineJobRequest, section: SimulationBatch, *, store_
 
 
 def _job_document(request: PipelineJobRequest, section: SimulationBatch, store_id: str) -> dict[str, JsonValue]:
-    document = _without(request, "robotApplications", "simulationApplications", "seed")
+    document = _without(request, "robotApplications", "simulationApplications", "seed", "physics")
     if section.outputLocation is not None:
         document = {"outputLocation": canonical_document(section.outputLocation), **document}
     robots: list[JsonValue] = [

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, Field
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
 from specs.data.people import MOST_PEOPLE, PEOPLE_ENGINE, People
+from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PhysicalName
 from specs.field_types import (
     GENERIC_PATTERN,
     Architecture,
@@ -163,12 +164,18 @@ Seeds = Annotated[
 VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_length=1), AfterValidator(distinct)]
 
 
+Factor = Annotated[Number, Field(ge=LEAST_FACTOR, le=MOST_FACTOR)]
+Factors = Annotated[tuple[Factor, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct)]
+
+
 class Matrix(Spec):
     """Multiplies every request: each world, with each seed, with each combination of variables.
 
     Attributes:
         environmentVariables: Lists of values by name, such as {"MAX_SPEED": ["0.4", "0.6"]}; every combination is
             driven.
+        physics: Lists of factors of the robot's mass, friction or motor strength, such as {"robot.mass": [0.9, 1.1]};
+            every combination is driven, too.
     """
 
     worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
@@ -178,6 +185,14 @@ class Matrix(Spec):
     environmentVariables: dict[EnvironmentVariableKey, VariableValues] = Field(
         default_factory=dict, title="Environment variables"
     )
+    # None, not empty: documents without them keep the digest that they had before there were such factors.
+    physics: dict[PhysicalName, Factors] | None = Field(default=None, title="Physics")
+
+    @property
+    def sweep(self) -> dict[str, tuple[str, ...]]:
+        """Returns the values of all that is swept, as an episode's variables have them."""
+        physics = {name: tuple(f"{each:.9g}" for each in values) for name, values in (self.physics or {}).items()}
+        return {**self.environmentVariables, **physics}
 
 
 class Recordings(Spec):
@@ -274,6 +289,7 @@ class PipelineJobRequest(BatchedJobSettings):
     Attributes:
         robotApplications: The robot application that drives; exactly one.
         simulationApplications: The scenario that it is driven through; exactly one.
+        physics: Factors of the robot's mass, friction or motor strength; the matrix's win.
         seed: Its own, instead of the matrix's, which then has one alone.
     """
 
@@ -288,6 +304,7 @@ class PipelineJobRequest(BatchedJobSettings):
     ) = None
     # None: documents without one keep the digest that they had before there was such a field.
     seed: Seed | None = Field(default=None, title="Seed")
+    physics: dict[PhysicalName, Factor] | None = Field(default=None, title="Physics")
 
 
 class SimulationBatch(Ruled):

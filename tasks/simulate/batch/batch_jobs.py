@@ -19,6 +19,7 @@ from specs.arn import arn, parse_reference
 from specs.base import Spec
 from specs.data.episode import EpisodeResult
 from specs.data.outcomes import failed_tags, outcome_tags, with_outcome
+from specs.data.physics import application_variables
 from specs.errors import DocumentError, ResourceNotFound
 from specs.robomaker.simulation import SimulationJobRequest
 from specs.robomaker.simulation_descriptions import (
@@ -301,7 +302,7 @@ class Jobs:
                 continue
             (use,) = cast("list[_Document]", entry[kind])
             values = request.environment if kind == "robotApplications" else request.judge_variables
-            launch = self._launch(cast("_Document", use["launchConfig"]), values)
+            launch = self._launch(cast("_Document", use["launchConfig"]), application_variables(values))
             entry[kind] = [{**use, "applicationVersion": resolved.version, "launchConfig": launch}]
         (scenario,) = cast("list[_Document]", entry["simulationApplications"])
         world = arn("world", self._store_id, request.world)

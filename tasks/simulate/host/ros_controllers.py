@@ -23,6 +23,7 @@ from jaxtyping import Bool, Float, Float32, Float64
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S
+from specs.data.physics import application_variables
 from specs.errors import SimyardError
 from specs.robomaker.simulation import SimulationJobErrorCode
 from specs.ros_robot import ERROR_CODE, RECOVERIES, ROS_FILE, RosRobot
@@ -411,8 +412,8 @@ class RosLanes:
             package=setup.bundle.launch.package,
             launch_file=setup.bundle.launch.launch_file,
             home=self._home.path,
-            environment=[lane.request.environment for lane in lanes],
-            judging=[lane.request.judge_variables for lane in lanes],
+            environment=[application_variables(lane.request.environment) for lane in lanes],
+            judging=[application_variables(lane.request.judge_variables) for lane in lanes],
             simulation=setup.bundle.judge and _source(setup.bundle.judge),
             command=setup.bundle.launch.command,
         )

@@ -60,6 +60,7 @@ class LaneInputs(NamedTuple):
         scene: What a depth camera can see; None for a robot without.
         hull_depth_m: What it sees of its own robot; None for one that sees nothing of it.
         people: Who walks about; None in a lane without people.
+        physics: Factors of the robot's mass, friction and motor strength; None in a program without.
         standing_m: Where they stand while an engine drives a control step (x, y); likewise.
     """
 
@@ -78,6 +79,7 @@ class LaneInputs(NamedTuple):
     hull_depth_m: Float[jax.Array, "rows columns"] | None = None
     people: PeopleInputs | None = None
     standing_m: Float[jax.Array, "people 2"] | None = None
+    physics: Float[jax.Array, "3"] | None = None
 
 
 class EpisodeTotals(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
+from specs.data.physics import physical_factors
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
@@ -160,7 +161,13 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         scene=_stacked_scenes([lane.arrays.scene for lane in filled]),
         hull_depth_m=_stacked_hulls([lane.hull_depth_m for lane in filled]),
         people=_stacked_people([lane.people for lane in filled]),
+        physics=_stacked_physics([physical_factors(lane.request.environment) for lane in filled]),
     )
+
+
+def _stacked_physics(factors: Sequence[tuple[float, float, float] | None]) -> Any:  # noqa: ANN401 - as _stacked
+    some = [np.asarray(each) for each in factors if each is not None]
+    return _stacked(some) if some else None
 
 
 def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "rows columns"] | None]) -> Any:  # noqa: ANN401 - as _stacked

@@ -12,6 +12,7 @@ from functools import cached_property, lru_cache
 from specs.arn import ArnForm, arn
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ, ApplicationLaunch, EpisodeRequest
+from specs.data.physics import application_variables, physical_factors
 
 JOB_ID = "AWS_ROBOMAKER_SIMULATION_JOB_ID"
 JOB_ARN = "AWS_ROBOMAKER_SIMULATION_JOB_ARN"
@@ -95,16 +96,18 @@ def program_key(request: EpisodeRequest) -> ProgramKey:
 
     Numeric variables enter the program as values, so a sweep over them is one program.
     """
-    numbers, texts = split_environment(without_job_variables(request.environment))
+    environment = without_job_variables(request.environment)
+    numbers, texts = split_environment(environment)
+    physical = ("|", "physical") if physical_factors(environment) else ()
     pairs = tuple(part for name in sorted(texts) for part in (name, texts[name]))
-    return (*_launch_key(request.robot), *_launch_key(request.scenario), "|", *sorted(numbers), "|", *pairs)
+    return (*_launch_key(request.robot), *_launch_key(request.scenario), "|", *sorted(numbers), "|", *pairs, *physical)
 
 
 def split_environment(environment: Mapping[str, str]) -> tuple[dict[str, float], dict[str, str]]:
-    """Returns the variables whose value is a finite decimal number, and the others."""
+    """Returns the variables whose value is a finite decimal number, and the others, as applications see them."""
     numbers: dict[str, float] = {}
     texts: dict[str, str] = {}
-    for name, text in environment.items():
+    for name, text in application_variables(environment).items():
         number = _number(text)
         if number is None:
             texts[name] = text

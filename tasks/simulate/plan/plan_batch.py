@@ -85,7 +85,7 @@ def plan_batch(
         templates=tuple(each for each in templates if each),
         worlds=tuple(worlds),
         seeds=seed_list(section),
-        sweep={name: tuple(values) for name, values in section.matrix.environmentVariables.items()},
+        sweep=section.matrix.sweep,
         lanes=1,
         timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
         world_digests=dict(world_digests),
@@ -166,6 +166,7 @@ def _template(
         environment={
             **judging,
             **driving,
+            **{name: f"{factor:.9g}" for name, factor in (request.physics or {}).items()},
             **{data_variable(source.name): f"{DATA_PREFIX}{source.digest}" for source in data},
         },
         duration_s=float(request.maxJobDurationInSeconds),

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PHYSICAL
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.search_section import MAX_DISTINCT, MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
+from specs.pipeline.simulation_section import Matrix
 from tasks.results.statistics.distinct_failures import OTHER_PLACE_M
 from tests.repository import ROOT
 
@@ -46,7 +48,7 @@ def test_the_program_says_how_probable_a_failure_is_and_lists_some(tmp_path: Pat
 
 
 def test_the_document_is_one():
-    (sections,) = re.findall(r"^```yaml\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
+    sections, physics = re.findall(r"^```yaml\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
     request = {"robotApplications": [], "simulationApplications": []}
     batch = {"matrix": {"worlds": ["a/b"], "environmentVariables": {"MAX_SPEED": ["0.5"], "ODOMETRY_SIGMA": ["0.05"]}}}
     document = {"name": "n", "simulationBatch": {**batch, "createSimulationJobRequests": [request]}}
@@ -54,6 +56,14 @@ def test_the_document_is_one():
     assert Search.model_validate(asked["search"]).budget.episodes == 50_000
     assert Gate.model_validate(asked["gate"]).failureProbability
     assert [*PipelineSpec.findings({**document, **asked})] == []
+    varied = yaml.safe_load(physics)
+    assert [*Search.model_validate(varied["search"]).over] == ["robot.mass", "robot.friction"]
+    assert Matrix.model_validate(varied["simulationBatch"]["matrix"]).sweep == {"robot.mass": ("0.9", "1", "1.1")}
+
+
+def test_each_physical_parameter_and_its_bounds_are_named():
+    assert re.findall(r"^\| `(robot\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
+    assert f"{LEAST_FACTOR:g} to {MOST_FACTOR:g}; 1 is that, bit for bit" in DOCUMENT
 
 
 def test_each_argument_and_each_distribution_is_named():

@@ -205,6 +205,12 @@ def test_a_distribution_has_its_bounds_and_its_median(
     assert high == pytest.approx(most, abs=0.2 if math.isclose(most, 8.2) else 1e-6)
 
 
+def test_a_robots_mass_varies_where_the_batch_does_not_set_it(batch: OpenBatch):
+    search = Search(over={"robot.mass": Distribution(uniform=(0.5, 1.5))}, budget=SearchBudget(episodes=1_000))
+    (drawn,) = _DrawnEpisodes(batch, search).requests(Particles(np.zeros((1, 1)), np.full((1, 2), 0.5)))
+    assert drawn.environment == {**batch.layout.request(0).environment, "robot.mass": "1"}
+
+
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):
     search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, budget=SearchBudget(episodes=1_000))
     drawn = _DrawnEpisodes(batch, search)

@@ -327,6 +327,20 @@ def test_a_request_with_a_seed_of_its_own_is_driven_once():
     assert found == [("simulationBatch.createSimulationJobRequests.1.seed", allowed)]
 
 
+def test_physical_parameters_are_factors_of_a_matrix_a_request_and_a_search():
+    job = {**JOB, "physics": {"robot.friction": 0.5}}
+    matrix = {"worlds": ["a/b"], "physics": {"robot.mass": [0.9, 1, 1.1]}, "environmentVariables": {"A": ["1"]}}
+    batch = {**BATCH, "createSimulationJobRequests": [job], "matrix": matrix}
+    search = searched(over={"robot.motorStrength": {"uniform": [0.8, 1.0]}})
+    section = spec(simulationBatch=batch, search=search).simulationBatch
+    assert section is not None
+    assert section.matrix.sweep == {"A": ("1",), "robot.mass": ("0.9", "1", "1.1")}
+    wrong = {"worlds": ["a/b"], "physics": {"robot.mass": [0.0], "robot.colour": [1]}}
+    places = {place for place, _ in faults(simulationBatch={**batch, "matrix": wrong}, search=search)}
+    assert places >= {"simulationBatch.matrix.physics.robot.mass.0"}
+    assert any("robot.colour" in place for place in places)
+
+
 def test_a_search_needs_a_batch_of_one_request():
     ((place, said),) = faults(worlds=[OWN], search=searched())
     assert (place, said) == ("search", "simulationBatch beside it, whose request and worlds it searches")

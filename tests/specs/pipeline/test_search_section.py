@@ -61,12 +61,12 @@ def test_bounds_that_leave_nothing_are_refused(wrong: dict[str, JsonValue], plac
 
 def test_all_faults_are_told_at_once():
     found = faults(
-        over={"robot.mass": {"uniform": [0.9, 1.1]}},
+        over={"robot.colour": {"uniform": [0.9, 1.1]}},
         measure="distance",
         budget={"episodes": 10},
         estimate={"confidence": 1.0, "relativeError": 0.001},
     )
-    places = ["budget.episodes", "estimate.confidence", "estimate.relativeError", "measure", "over.robot.mass"]
+    places = ["budget.episodes", "estimate.confidence", "estimate.relativeError", "measure", "over.robot.colour"]
     assert sorted(found) == places
 
 
@@ -75,6 +75,21 @@ def test_a_budget_below_the_pilot_says_what_it_may_be():
         parse(Search, {"over": {}, "budget": {"episodes": 999}}, "search")
 
 
-def test_physical_parameters_are_refused_with_what_may_be_varied():
-    with pytest.raises(DocumentError, match="an environment variable: physical parameters are not searched yet"):
-        parse(Search, {"over": {"robot.mass": {"uniform": [0.9, 1.1]}}}, "search")
+@pytest.mark.parametrize(
+    "over",
+    [
+        {"normal": {"mean": 1.0, "sd": 0.1}},
+        {"normal": {"mean": 1.0, "sd": 0.1, "atLeast": 0.0, "atMost": 2.0}},
+        {"uniform": [0.5, 11.0]},
+        {"choice": ["1", "2"]},
+    ],
+)
+def test_a_physical_parameter_stays_within_bounds(over: JsonValue):
+    assert faults(over={"robot.mass": over}) == ["over.robot.mass"]
+
+
+def test_a_physical_parameter_is_searched_by_its_name_alone():
+    one: JsonValue = {"normal": {"mean": 1.0, "sd": 0.1, "atLeast": 0.5, "atMost": 1.5}}
+    assert [*parse(Search, {"over": {"robot.mass": one}}, "search").over] == ["robot.mass"]
+    with pytest.raises(DocumentError, match="an environment variable, or one of"):
+        parse(Search, {"over": {"robot.colour": one}}, "search")

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
+import mujoco
 import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
@@ -21,6 +22,7 @@ from jaxtyping import Bool, Float
 
 from tasks.simulate.application.contract import Body, Joints, Motion, Work, joints_kind
 from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
+from tasks.simulate.application.varied_physics import AGAINST_MASS, WITH_MASS, WITH_STRENGTH, force_columns
 from tasks.simulate.engines.mjx.mjx_robot import (
     RobotModel,
     load_robot,
@@ -220,12 +222,14 @@ class Given(NamedTuple):
 
     Attributes:
         near_m: From the robot's place to the nearest obstacle, seen from above.
+        physics: Factors of mass, friction and motor strength; None in a program without.
     """
 
     window: LaneObstacles
     near_m: Float[jax.Array, ""]
     body: Body
     control: Control
+    physics: Float[jax.Array, "3"] | None = None
 
 
 class Driven(NamedTuple):
@@ -277,7 +281,7 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         control: One number for each actuator.
     """
     window, near_m = nearest_obstacles(inputs.obstacles, body.qpos[:2])
-    driven = _drive(robot)(Given(window, near_m, body, control))
+    driven = _drive(robot)(Given(window, near_m, body, control, inputs.physics))
     clearance_m = hull_distance_m(robot.parts, window, driven.body.qpos)
     return Motion(driven.body, driven.work, clearance_m)
 
@@ -311,12 +315,13 @@ def _drive(robot: RobotModel) -> custom_vmap:
 def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array, ""]]:
     """Returns what a control step does where there are no obstacles, and whether none can have been touched."""
     center, free = given.body.qpos[:2], robot.free
+    model = varied_model(free.model, robot.host, given.physics)
 
     def physics_step(
         carry: tuple[Body, jax.Array, jax.Array], _: None
     ) -> tuple[tuple[Body, jax.Array, jax.Array], None]:
         before, energy_j, reach_m = carry
-        data = mjx.step(free.model, _data(free.data, before, given.control))
+        data = mjx.step(model, _data(free.data, before, given.control))
         # Where its geoms were when contacts were looked for.
         away_m = jnp.sqrt(jnp.sum((data.geom_xpos[free.geoms, :2] - center) ** 2, axis=-1)) + free.reach_m
         energy_j += _power_w(data) * free.model.opt.timestep
@@ -331,7 +336,7 @@ def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array
 
 def drive_among(robot: RobotModel, given: Given) -> Driven:
     """Returns what a control step does among the obstacles of a window."""
-    model = with_window(robot, given.window)
+    model = varied_model(with_window(robot, given.window), robot.host, given.physics)
     step_s = model.opt.timestep
 
     def physics_step(carry: tuple[Body, Work], _: None) -> tuple[tuple[Body, Work], None]:
@@ -348,6 +353,25 @@ def drive_among(robot: RobotModel, given: Given) -> Driven:
     nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
     (after, work), _ = jax.lax.scan(physics_step, (given.body, nothing), None, length=robot.physics_steps)
     return Driven(after, work)
+
+
+def varied_model(model: mjx.Model, host: mujoco.MjModel, factors: Float[jax.Array, "3"] | None) -> mjx.Model:
+    """Returns a model whose mass, friction and motor strength are so many times as large; the same without factors.
+
+    Whatever MuJoCo derives from a mass goes with it or with its inverse: armature counts as mass.
+    """
+    if factors is None:
+        return model
+    mass, friction, strength = factors[0], factors[1], factors[2]
+    columns = {name: jnp.asarray(scaled) for name, scaled in force_columns(host).items()}
+    own = {name: getattr(model, name) for name in columns}
+    return model.replace(
+        **{name: getattr(model, name) * mass for name in WITH_MASS},
+        **{name: getattr(model, name) / mass for name in AGAINST_MASS},
+        **{name: getattr(model, name) * strength for name in WITH_STRENGTH},
+        **{name: jnp.where(columns[name], value * strength, value) for name, value in own.items()},
+        geom_friction=model.geom_friction.at[:, 0].multiply(friction),
+    )
 
 
 def _data(data: mjx.Data, before: Body, control: Control) -> mjx.Data:

@@ -17,12 +17,21 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Float32
 
+from specs.data.physics import physical_factors
 from specs.data.world import World
 from specs.field_types import EngineName
 from tasks.simulate.application.contract import Body, Motion, Observation, Work, joints_kind
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.devices import device_count
-from tasks.simulate.engines.mujoco.world_stepper import HostBody, HostRobot, HostWork, Stepper, host_robot, world_models
+from tasks.simulate.engines.mujoco.world_stepper import (
+    HostBody,
+    HostRobot,
+    HostWork,
+    Stepper,
+    host_robot,
+    varied_model,
+    world_models,
+)
 from tasks.simulate.engines.program import (
     LaneTransfer,
     lane_mesh,
@@ -122,7 +131,7 @@ class HostProgram:
         """Returns episodes ready to run."""
         models = world_models(self.robot, {lane.request.world: worlds[lane.request.world] for lane in lanes})
         filled = [*lanes, *[lanes[0]] * (self.lanes - len(lanes))]
-        each = [models[lane.request.world] for lane in filled]
+        each = [varied_model(models[lane.request.world], physical_factors(lane.request.environment)) for lane in filled]
         stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
         controllers = None
         if self.host is not None:

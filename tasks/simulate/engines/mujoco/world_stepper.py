@@ -3,6 +3,7 @@
 All geoms are as they are, and so is the solver of the ``robot.xml``.
 """
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ from tasks.simulate.application.robot_model import (
     rest_position,
     velocity_of,
 )
+from tasks.simulate.application.varied_physics import AGAINST_MASS, WITH_MASS, WITH_STRENGTH, force_columns
 from tasks.simulate.geometry.hull_outline import HullPart, hull_parts
 from tasks.simulate.geometry.obstacles import PARKING_M
 
@@ -126,6 +128,24 @@ def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjMod
     # A state that blows up stays as it is, and is reported, instead of starting anew.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return compile_robot(spec)
+
+
+def varied_model(model: mujoco.MjModel, factors: tuple[float, float, float] | None) -> mujoco.MjModel:
+    """Returns a model whose mass, friction and motor strength are so many times as large; the same where all are 1."""
+    if factors is None or factors == (1.0, 1.0, 1.0):
+        return model
+    mass, friction, strength = factors
+    varied = copy.copy(model)
+    for name in WITH_MASS:
+        getattr(varied, name)[:] *= mass
+    for name in AGAINST_MASS:
+        getattr(varied, name)[:] /= mass
+    for name in WITH_STRENGTH:
+        getattr(varied, name)[:] *= strength
+    for name, scaled in force_columns(model).items():
+        getattr(varied, name)[:] *= np.where(scaled, strength, 1.0)
+    varied.geom_friction[:, 0] *= friction
+    return varied
 
 
 def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tuple[int, int]) -> None:

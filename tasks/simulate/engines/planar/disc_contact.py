@@ -285,8 +285,18 @@ def contact(disc: Disc, touched: Touch, arm: tuple[Scalar, Scalar] | None, rate:
     rubs = disc.friction is not None
     normal = row(normal_x, normal_y, soft.stiffness * impedance * excess, turns=rubs or arm is not None)
     along = _tangents(touched, normal_y) if rubs else []
-    tangents = [row(disc.friction * x, disc.friction * y, 0.0, turns=True) for x, y in along if disc.friction]
+    friction = disc.friction
+    tangents = (
+        []
+        if friction is None or is_zero(friction)
+        else [row(friction * x, friction * y, 0.0, turns=True) for x, y in along]
+    )
     return Contact(normal, tangents, jnp.where(excess < 0.0, weight, 0.0))
+
+
+def is_zero(number: float | Scalar) -> bool:
+    """Returns whether a number is known to be 0; of one that is traced nothing is known."""
+    return not isinstance(number, jax.Array) and number == 0.0
 
 
 def edges(contact: Contact) -> list[Row]:

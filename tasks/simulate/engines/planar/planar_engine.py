@@ -24,6 +24,7 @@ from tasks.simulate.engines.planar.disc_contact import (
     bearing,
     contact,
     distance_m,
+    is_zero,
     touch,
     window,
     with_people,
@@ -47,7 +48,7 @@ from tasks.simulate.engines.planar.planar_algebra import (
     solved,
     times,
 )
-from tasks.simulate.engines.planar.planar_robot import Disc, Motor, PlanarRobot, planar_robot
+from tasks.simulate.engines.planar.planar_robot import Disc, Motor, PlanarRobot, planar_robot, varied_robot
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.lane.control_step import LaneInputs, Mechanics
@@ -133,8 +134,8 @@ def _slope(motor: Motor, force: Scalar, drive: Scalar) -> Scalar:
 def _affine(coefficients: tuple[float, float, float], length: Scalar, speed: Scalar) -> Scalar:
     constant, per_length, per_speed = coefficients
     total = jnp.full_like(speed, constant)
-    total = total + per_length * length if per_length else total
-    return total + per_speed * speed if per_speed else total
+    total = total if is_zero(per_length) else total + per_length * length
+    return total if is_zero(per_speed) else total + per_speed * speed
 
 
 def _limited(value: Scalar, limits: tuple[float, float] | None) -> Scalar:
@@ -154,6 +155,7 @@ class _Surroundings(NamedTuple):
 
     Attributes:
         free_m: How far the robot can go before it may touch each obstacle.
+        factors: Of mass, friction and motor strength; None in a program without.
     """
 
     origin: Planar
@@ -161,6 +163,7 @@ class _Surroundings(NamedTuple):
     bearings: list[list[Bearing]]
     free_m: list[Scalar]
     controls: list[Scalar]
+    factors: Float[jax.Array, "3"] | None = None
 
 
 class _Robot(NamedTuple):
@@ -185,12 +188,14 @@ class _Instant(NamedTuple):
         moved: Since the control step began.
         acting: The forces besides constraints.
         before: The acceleration of the physics step before.
+        factors: Of mass, friction and motor strength; None in a program without.
     """
 
     moved: Planar
     moving: Moving
     acting: Planar
     before: Planar
+    factors: Float[jax.Array, "3"] | None = None
 
 
 class _Spent(NamedTuple):
@@ -240,7 +245,8 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near, people_m=inputs.standing_m)
+    own, people_m = inputs.physics, inputs.standing_m
+    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near, people_m=people_m, factors=own)
 
 
 def drive_among(
@@ -251,6 +257,7 @@ def drive_among(
     *,
     near: Neighbours | None = None,
     people_m: Float[jax.Array, "people 2"] | None = None,
+    factors: Float[jax.Array, "3"] | None = None,
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles.
 
@@ -261,13 +268,14 @@ def drive_among(
         control: One number for each actuator.
         near: Those of the obstacles that were picked out before.
         people_m: Where people stand meanwhile (x, y); None without any.
+        factors: Of mass, friction and motor strength; None in a program without.
     """
     origin = Planar(*body.qpos)
     solids = window(given, body.qpos[:2], _window_size(robot), near)
     obstacles = solids if people_m is None else with_people(solids, people_m, body.qpos[:2])
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     nil = jnp.zeros_like(origin.x)
-    around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control))
+    around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control), factors)
     begin = _Robot(
         Planar(nil, nil, nil),
         jnp.cos(origin.yaw),
@@ -342,11 +350,13 @@ def _window_size(robot: PlanarRobot) -> int:
 
 
 def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spent: _Spent) -> tuple[_Robot, _Spent]:
+    given, robot = robot, _own(robot, around.factors)
     place = plus(around.origin, before.moved)
     moving = Moving(place, before.cos, before.sin, before.rate)
     pushed = push(robot, around.controls, before.activations, moving)
-    instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration)
-    among = among_fewest(functools.partial(_among, robot), few_counts(len(around.obstacles)))
+    instant = _Instant(before.moved, moving, _acting(robot, pushed, moving), before.acceleration, around.factors)
+    # Which closes over no number of a lane.
+    among = among_fewest(functools.partial(_among, given), few_counts(len(around.obstacles)))
     touchable = obstacles_needed(around.free_m, before.moved, before.acceleration)
     acceleration, contact_n, people_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)
@@ -357,6 +367,10 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     return after, _spent(robot, spent, pushed.power_w, contact_n, people_n)
 
 
+def _own(robot: PlanarRobot, factors: Float[jax.Array, "3"] | None) -> PlanarRobot:
+    return robot if factors is None else varied_robot(robot, factors)
+
+
 def _among(
     robot: PlanarRobot, count: int, given: tuple[list[Obstacle], list[list[Bearing]], _Instant]
 ) -> tuple[Planar, tuple[Scalar, Scalar], tuple[Scalar, Scalar] | None]:
@@ -365,6 +379,7 @@ def _among(
     And what people among them push with; None in a program without people.
     """
     obstacles, bearings, instant = given
+    robot = _own(robot, instant.factors)
     contacts = _contacts(robot, obstacles[:count], [each[:count] for each in bearings], instant)
     rate = instant.moving.rate
     targets = [-friction.damping * rate[friction.axis] for friction in robot.dry_frictions]

@@ -4,8 +4,9 @@ What the planar engine cannot represent is refused: each culprit by name, with w
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -151,6 +152,53 @@ class PlanarRobot:
     def actuators(self) -> int:
         """Returns how many numbers a control has."""
         return len(self.motors)
+
+
+def varied_robot(robot: PlanarRobot, factors: Any) -> PlanarRobot:  # noqa: ANN401 - an array, which may be traced
+    """Returns a robot whose mass, friction and motor strength are so many times as large; numbers may be traced.
+
+    Whatever MuJoCo derives from a mass goes with it or with its inverse: armature counts as mass. The regularizer of a
+    pyramid's edges follows from the friction mu as 2 mu^2 (1 + mu^2) (MuJoCo, engine_core_constraint.c, mj_diagApprox
+    and mj_makeImpedance). Where all factors are 1, all numbers stay the same bits.
+
+    Args:
+        robot: As its ``robot.xml`` says it.
+        factors: Of mass, friction and motor strength.
+    """
+    mass, friction, strength = factors[0], factors[1], factors[2]
+
+    def times(factor: Any, values: Any) -> Any:  # noqa: ANN401 - tuples of numbers of which some are traced then
+        return None if values is None else tuple(value and factor * value for value in values)
+
+    def disc(one: Disc) -> Disc:
+        softness = replace(one.softness, inverse_mass=one.softness.inverse_mass / mass)
+        if not one.friction:
+            return replace(one, softness=softness)
+        square = one.friction**2
+        share = friction**2 * ((1.0 + friction**2 * square) / (1.0 + square))
+        return replace(
+            one,
+            friction=friction * one.friction,
+            softness=replace(softness, inverse_mass=share * softness.inverse_mass),
+        )
+
+    return replace(
+        robot,
+        discs=tuple(map(disc, robot.discs)),
+        motors=tuple(
+            replace(
+                each,
+                gain=times(strength, each.gain),
+                bias=times(strength, each.bias),
+                force_range=times(strength, each.force_range),
+            )
+            for each in robot.motors
+        ),
+        dry_frictions=tuple(replace(each, weight=mass * each.weight) for each in robot.dry_frictions),
+        masses=times(mass, robot.masses),
+        lever=times(mass, robot.lever),
+        joint_force_ranges=tuple(times(strength, each) for each in robot.joint_force_ranges),
+    )
 
 
 _ELSEWHERE = "or set engine: auto or mujoco"
