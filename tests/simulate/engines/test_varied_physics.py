@@ -1,5 +1,6 @@
 """Mass, friction and motor strength as inputs: what MuJoCo makes of them, on each engine; and 1 changes no bit."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from tasks.simulate.engines.mujoco.world_stepper import varied_model
 from tasks.simulate.engines.planar.planar_robot import PlanarRobot, planar_robot, varied_robot
 from tasks.simulate.plan.episode_layout import Layout
 from tasks.storage.store_url import open_store
-from tests.factories.batches import PENS, pushing_plan
+from tests.factories.batches import PENS, PUSHER, pushing_plan
 from tests.factories.planar import CAPSULE, LOAD, MOTORS, ROUGH, Parts, write_robot
 
 FACTORS = (1.7, 0.6, 0.8)
@@ -75,10 +76,22 @@ def test_where_all_factors_are_1_no_number_changes(tmp_path: Path):
     assert numbers(varied_robot(plain, np.ones(3))) == numbers(plain)
 
 
-def driven(engine: EngineName, folder: Path, factors: Mapping[str, str]) -> Sequence[DrivenEpisode]:
+def rough_bundle(folder: Path) -> Path:
+    """Returns the pushing robot's bundle, made to rub along what it pushes."""
+    bundle = folder / "rough"
+    if not bundle.exists():
+        shutil.copytree(PUSHER, bundle)
+        file = bundle / "robot.xml"
+        file.write_text(file.read_text().replace('condim="1"', 'condim="3" friction="0.6"'))
+    return bundle
+
+
+def driven(
+    engine: EngineName, folder: Path, factors: Mapping[str, str], bundle: Path = PUSHER
+) -> Sequence[DrivenEpisode]:
     """Returns episodes of the pushing robot on an engine, with variables of theirs."""
     store = open_store((folder / "store").as_uri())
-    plan = pushing_plan(store)
+    plan = pushing_plan(store, robot=bundle)
     requests = [_with(each, factors) for each in Layout(plan).requests(0, 8)]
     bundles = {digest: unpack(store, digest, folder / "bundles") for digest in plan.digests()}
     found = drive_sample(requests, PENS, bundles, lanes=8, engine=engine)
@@ -111,3 +124,12 @@ def test_engines_agree_with_c_mujoco_about_a_factor(engine: EngineName, factors:
     reference, plain = driven("mujoco", tmp_path, factors), driven("mujoco", tmp_path, {})
     assert apart_m(reference, plain) > 0.01
     assert apart_m(driven(engine, tmp_path, factors), reference) < 1e-4
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("engine", ["planar", "mjx"])
+def test_engines_agree_with_c_mujoco_about_friction(engine: EngineName, tmp_path: Path):
+    bundle, factors = rough_bundle(tmp_path), {"robot.friction": "10"}
+    reference, plain = driven("mujoco", tmp_path, factors, bundle), driven("mujoco", tmp_path, {}, bundle)
+    assert apart_m(reference, plain) > 1e-3
+    assert apart_m(driven(engine, tmp_path, factors, bundle), reference) < 1e-4
