@@ -158,8 +158,8 @@ def varied_robot(robot: PlanarRobot, factors: Any) -> PlanarRobot:  # noqa: ANN4
     """Returns a robot whose mass, friction and motor strength are so many times as large; numbers may be traced.
 
     Whatever MuJoCo derives from a mass goes with it or with its inverse: armature counts as mass. The regularizer of a
-    pyramid's edges follows from the friction mu as 2 mu^2 (1 + mu^2) (MuJoCo, engine_core_constraint.c, mj_diagApprox
-    and mj_makeImpedance). Where all factors are 1, all numbers stay the same bits.
+    pyramid's edges follows from the friction mu as 2 mu^2 (1 + mu^2) (MuJoCo's source of constraints, where it makes
+    impedances). Where all factors are 1, all numbers stay the same bits.
 
     Args:
         robot: As its ``robot.xml`` says it.
