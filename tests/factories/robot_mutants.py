@@ -262,7 +262,7 @@ def _driven_by_c(path: Path, world: World, ahead: np.ndarray) -> _Drove:
 
 def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world: World, ahead: np.ndarray) -> _Drove:
     mechanics = mechanics_of(path)
-    inputs: Any = SimpleNamespace(obstacles=_solids(world, mechanics.hull), near=None, standing_m=None)
+    inputs: Any = SimpleNamespace(obstacles=_solids(world, mechanics.hull), near=None, standing_m=None, physics=None)
     control = jnp.asarray(np.resize(ahead, mechanics.actuators))
 
     def step(body: Body, _: None) -> tuple[Body, tuple[jax.Array, ...]]:
