@@ -38,8 +38,6 @@ _LIMIT_S = 900.0
 # Nothing is simulated: what is wrong with a variable for that is not told here.
 _NEEDED = ("PATH", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _SHOWN = 12
-# A map that is turned or shifted agrees with a third of a world by chance.
-_SAME_PLACE = 0.5
 _LAUNCHED_KEPT = 64
 _JUDGES = "simulationBatch.createSimulationJobRequests[*].simulationApplications[0]"
 
@@ -329,9 +327,11 @@ def import_lines(world: World) -> Iterator[str]:
         within = f"{100 * agreement.within_5cm:.1f} % of its border within 5 cm"
         mean = f"{100 * agreement.mean_m:.1f} cm off in the mean"
         floor = f"{100 * agreement.free_iou:.1f} % of the free floor the same"
-        line = f"{agreement.map}, best at {agreement.height_m:g} m: {within}, {mean}, {floor}"
-        another = agreement.within_5cm < _SAME_PLACE
-        yield f"  does not agree with {line}; is it in the frame of the world?" if another else f"  agrees with {line}"
+        by = agreement.moved
+        moved = f", moved by {by.x_m:g}, {by.y_m:g} m and turned by {by.yaw_rad:g} rad" if by is not None else ""
+        line = f"{agreement.map}{moved}, best at {agreement.height_m:g} m: {within}, {mean}, {floor}"
+        agrees = agreement.same_place
+        yield f"  agrees with {line}" if agrees else f"  does not agree with {line}; is it of this place?"
     for kind in _BECAME:
         found = [each for each in report.findings if each.became == kind]
         yield from (f"  {_finding_line(each)}" for each in found[:_SHOWN])

@@ -410,6 +410,9 @@ class ImportFinding(Spec):
     off_m: float | None = None
 
 
+_SAME_PLACE = 0.5
+
+
 class MapAgreement(Spec):
     """How an imported world agrees with a map of the same place.
 
@@ -419,6 +422,7 @@ class MapAgreement(Spec):
         within_5cm: Share of the map's occupied border cells with a surface of the world within 5 cm, 0-1.
         mean_m: Mean distance from these cells to the nearest surface.
         free_iou: Free floor of both over free floor of either, of what hangs together, 0-1.
+        moved: How the map had to be moved for that, turned first; None where it agrees, or not, as it lies.
     """
 
     map: str
@@ -426,6 +430,12 @@ class MapAgreement(Spec):
     within_5cm: float
     mean_m: float
     free_iou: float
+    moved: Start | None = None
+
+    @property
+    def same_place(self) -> bool:
+        """Returns whether both are of one place: a third of a border is near to something by chance."""
+        return self.within_5cm >= _SAME_PLACE
 
 
 class ImportReport(Spec):

@@ -18,7 +18,7 @@ from flows.pipeline.world_imports import (
     sources_read_once,
     unresolved_lines,
 )
-from specs.data.world import ImportFinding, MapAgreement, Route, World
+from specs.data.world import ImportFinding, MapAgreement, Route, Start, World
 from specs.errors import DocumentError, LaunchRefused
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.world_sections import WorldImport
@@ -234,7 +234,18 @@ def test_a_map_in_another_frame_is_told(world: World) -> None:
     report = world.report.model_copy(update={"agreements": (far,)})
     line = list(import_lines(world.model_copy(update={"report": report})))[2]
     assert line.startswith("  does not agree with map.yaml, best at 0.13 m: 20.0 % of its border")
-    assert line.endswith("; is it in the frame of the world?")
+    assert line.endswith("; is it of this place?")
+
+
+def test_a_map_that_had_to_be_moved_is_told_by_how_much(world: World) -> None:
+    assert world.report is not None
+    (agreement,) = world.report.agreements
+    moved = agreement.model_copy(update={"moved": Start(x_m=0.2, y_m=-1.5, yaw_rad=1.57)})
+    report = world.report.model_copy(update={"agreements": (moved,)})
+    line = list(import_lines(world.model_copy(update={"report": report})))[2]
+    assert line.startswith(
+        "  agrees with map.yaml, moved by 0.2, -1.5 m and turned by 1.57 rad, best at 0.13 m: 97.1 %"
+    )
 
 
 def test_what_a_world_lacks_is_an_alarm(world: World) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from jaxtyping import Float64
 
 from specs.data.world import Solid
 from tasks.worlds.importer.map_agreement import FloorMap, agreement
@@ -77,3 +78,47 @@ def test_floor_that_nobody_gets_to_is_not_compared():
 def test_an_empty_cut_agrees_with_nothing():
     found = agreement((), floor_map())
     assert (found.within_5cm, found.mean_m) == (0.0, 0.0)
+
+
+ROOM = (*WALLS, LAST, wall(0.6, 0.5, 0.2, 0.05), wall(1.4, 1.6, 0.05, 0.3))
+
+
+def turned(angle: float) -> Float64[np.ndarray, "2 2"]:
+    """Returns what turns places by an angle."""
+    return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+
+
+def drawn(solids: tuple[Solid, ...]) -> FloorMap:
+    """Returns the map that a robot would make of these solids within the walls, in their frame."""
+    middle = 0.05 * (np.arange(42) + 0.5)
+    x, y = np.meshgrid(middle, middle)
+    taken = [
+        (np.abs(x - each.center_m[0]) <= each.half_extents_m[0])
+        & (np.abs(y - each.center_m[1]) <= each.half_extents_m[1])
+        for each in solids
+    ]
+    occupied = np.logical_or.reduce(taken)
+    return FloorMap("map.yaml", occupied, ~occupied, 0.05, (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("x", "y", "turn"), [(0.37, -0.21, 0.0), (-6.0, 4.5, np.pi / 2 + 0.03), (3.0, 3.0, np.pi)])
+def test_a_map_in_the_frame_of_where_its_robot_began_is_found(x: float, y: float, turn: float):
+    """What is told moves the map back, turned first: to a cell, which is as thick as the walls."""
+    origin_x, origin_y = turned(-turn) @ [-x, -y]
+    lies = drawn(ROOM)._replace(origin=(float(origin_x), float(origin_y), -turn))
+    found = agreement(ROOM, lies)
+    assert found.within_5cm > 0.95
+    assert found.free_iou > 0.97
+    assert found.moved is not None
+    corners = np.array([[0.0, 0.0], [2.1, 0.0], [2.1, 2.1], [0.0, 2.1]])
+    in_map = (corners - [x, y]) @ turned(-turn).T
+    there = in_map @ turned(found.moved.yaw_rad).T + [found.moved.x_m, found.moved.y_m]
+    np.testing.assert_allclose(there, corners, atol=0.06)
+
+
+def test_a_map_of_another_place_is_moved_nowhere():
+    rng = np.random.default_rng(3)
+    occupied = rng.random((80, 80)) < 0.1
+    found = agreement(ROOM, FloorMap("map.yaml", occupied, ~occupied, 0.05, (0.0, 0.0, 0.0)))
+    assert found.moved is None
+    assert not found.same_place
