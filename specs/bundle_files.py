@@ -17,10 +17,10 @@ _MOST_COLUMNS, _MOST_ROWS = 640, 480
 Latency = Annotated[int, Field(ge=0, le=20)]
 
 
-# The fields are those that a controller's own sensors have (docs/guide/applications.md).
 ONE_OF_A_KIND = "a robot has one sensor of a kind, not a list of them; what to do instead: docs/guide/limits.md"
 
 
+# The fields are those that a controller's own sensors have (docs/guide/applications.md).
 class PacedDeclaration(Spec):
     """What sensors have in common that read at a rate of their own.
 

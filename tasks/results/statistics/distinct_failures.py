@@ -61,9 +61,8 @@ def farthest_first(traits: FailureTraits, most: int) -> list[int]:
     """
     nearest = np.full(len(traits.reason), np.inf)
     chosen: list[int] = []
-    while len(chosen) < most and len(nearest) and (far := int(nearest.argmax())) not in chosen:
-        if nearest[far] == 0.0:
-            break
+    while len(chosen) < most and nearest.any():  # of those that are chosen, it is 0
+        far = int(nearest.argmax())
         chosen.append(far)
         nearest = np.minimum(nearest, traits.apart(far))
     return chosen

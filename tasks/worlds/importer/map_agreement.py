@@ -30,7 +30,8 @@ _TURNS_RAD = np.radians(np.arange(-3.0, 3.5, 1.0))
 _COARSE_M, _FINE_M = 0.1, 0.02
 _STEPS = ((0.04, 0.005), (0.02, 0.002), (0.01, 0.001))
 _CUTS_M = (0.13, 0.25)
-_MOST_CELLS = 1 << 25
+# Of grids of both sizes; a larger place is compared as it lies.
+_MOST_COARSE, _MOST_FINE = 1 << 23, 1 << 25
 _WEIGHT = 1000
 
 
@@ -143,13 +144,13 @@ class _Surfaces(NamedTuple):
     cell_m: float
 
     @classmethod
-    def of(cls, world: BaseGeometry, cell_m: float) -> Self:
+    def of(cls, world: BaseGeometry, cell_m: float, most: int) -> Self | None:
         surface = shapely.segmentize(shapely.boundary(world), cell_m / 2)
         places = shapely.get_coordinates(surface)
         low_m = places.min(axis=0) - 2 * _COARSE_M
         size = np.ceil((places.max(axis=0) + 2 * _COARSE_M - low_m) / cell_m).astype(int) + 1
-        if size.prod() > _MOST_CELLS:
-            raise MemoryError(f"{size.prod():,} cells")
+        if size.prod() > most:
+            return None
         free = np.ones(size, bool)
         free[tuple(((places - low_m) / cell_m).astype(int).T)] = False
         return cls(np.asarray(ndimage.distance_transform_edt(free)) * cell_m, low_m, cell_m)
@@ -172,9 +173,9 @@ def _best_move(
     if world.is_empty:
         return None
     some, floor = (each[:: max(1, len(each) // _SAMPLE)] for each in (border, beside))
-    try:
-        coarse, fine = _Surfaces.of(world, _COARSE_M), _Surfaces.of(world, _FINE_M)
-    except MemoryError:
+    coarse, fine = _Surfaces.of(world, _COARSE_M, _MOST_COARSE), _Surfaces.of(world, _FINE_M, _MOST_FINE)
+    across = float(np.linalg.norm(np.ptp(some, axis=0))) / _COARSE_M + 2.0  # however it is turned
+    if coarse is None or fine is None or math.prod(side + across for side in coarse.away_m.shape) > _MOST_COARSE:
         return None
     shapely.prepare(world)
 

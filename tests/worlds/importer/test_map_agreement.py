@@ -122,3 +122,8 @@ def test_a_map_of_another_place_is_moved_nowhere():
     found = agreement(ROOM, FloorMap("map.yaml", occupied, ~occupied, 0.05, (0.0, 0.0, 0.0)))
     assert found.moved is None
     assert not found.same_place
+
+
+def test_a_map_that_is_too_large_to_be_looked_for_is_compared_as_it_lies():
+    far = drawn(ROOM)._replace(resolution_m=500.0)
+    assert agreement(ROOM, far).moved is None
