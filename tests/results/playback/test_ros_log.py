@@ -2,12 +2,13 @@
 
 import logging
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 from specs.ros_robot import RosDepthCamera, RosRobot, RosTopics
 from tasks.results.playback.playback import Playback
@@ -40,12 +41,20 @@ def recorded(seen: Playback) -> dict[str, np.ndarray]:
     return {"index": np.zeros(rows, int), "goal_m": np.ones((rows, 2)), "lidar": lidar, **own, **kept}
 
 
+def turned() -> Playback:
+    """Returns the playback with a depth camera that is turned to the left, and looks down."""
+    seen = seen_playback()
+    assert seen.depth
+    camera = seen.depth.camera.model_copy(update={"yaw_rad": 0.5, "pitch_rad": 0.2})
+    return replace(seen, depth=replace(seen.depth, camera=camera))
+
+
 def of_replay(view: RosView) -> MessageLog:
-    return playback_log(view, seen_playback())
+    return playback_log(view, turned())
 
 
 def of_recording(view: RosView) -> MessageLog:
-    ((_, log),) = sample_logs({0: view}, recorded(seen_playback()))
+    ((_, log),) = sample_logs({0: view}, recorded(turned()))
     return log
 
 
@@ -80,6 +89,10 @@ def test_cameras_have_frames_on_the_robot(made: Made, tmp_path: Path):
     for topic in (DEPTH, COLOR):
         frame = edges[found[topic][0].header.frame_id]
         assert (frame.header.frame_id, frame.transform.translation.z) == ("base_link", 0.3)
+    turn = edges[found[DEPTH][0].header.frame_id].transform.rotation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    ahead = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]  # the optical frame's z axis
+    assert_allclose(ahead, [np.cos(0.5) * np.cos(0.2), np.sin(0.5) * np.cos(0.2), -np.sin(0.2)], atol=1e-6)
 
 
 @both
