@@ -23,7 +23,7 @@ from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.message.navigation import Navigation
 from tasks.ros.process.application_processes import ApplicationProcesses
 from tasks.ros.process.network import EpisodeNetwork
-from tasks.ros.process.thread_watch import Rest, ThreadWatch
+from tasks.ros.process.thread_watch import Rest, ThreadWatch, own_wait_s
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
 from tasks.ros.ros2.dds_domain import CYCLONE, FAST, EpisodeDomain, episode_domains
 from tasks.ros.ros2.discovery_watch import DiscoveryWatch
@@ -110,7 +110,7 @@ class DdsGraph:
         pids: Callable[[], Collection[int]] = tuple,
     ) -> None:
         self._robot, self._pids = RobotLinks(domain, interface), pids
-        self._discovery = DiscoveryWatch() if domain.middleware == FAST else None
+        self._discovery = DiscoveryWatch(own_wait_s) if domain.middleware == FAST else None
         self._watch = DomainThreads()
         self._interface, (self._expected, self._names) = interface, processes
         self._quiet, self._other = socket.socketpair()

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from tasks.ros.lockstep.idle_detector import IdleState
 from tasks.ros.lockstep.robot_topics import CLOCK
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane
+from tasks.ros.process.thread_watch import own_wait_s
 
 _LOG = logging.getLogger(__name__)
 _SOON_S = 0.00003
@@ -116,6 +117,8 @@ class StepDriver:
 _IDLE_S = 0.25
 # A node that sleeps within its start-up has not published its commands yet; a relay does so with the first message.
 _IDLE_WITHOUT_COMMANDS_S = 1.5
+# Where others have the cores, a start takes longer: as long as whoever looks waited for one, up to so many limits.
+_MOST_WAITED = 4.0
 _ROUND_S = 0.02
 _PAUSE_S = 0.0005
 
@@ -135,7 +138,7 @@ class Readiness:
     Args:
         pump: Serves their graphs.
         commands: Name of the topic that drives the robot.
-        limit_s: How long they may take.
+        limit_s: How long they may take, without what whoever looks waited for a core.
         fail: Called with a lane that failed.
     """
 
@@ -143,12 +146,12 @@ class Readiness:
         self._pump, self._commands, self._limit_s, self._fail = pump, commands, limit_s, fail
         self._changes: dict[int, int] = {}
         self._since_s: dict[int, float] = {}
-        self._ends_s = 0.0
+        self._ends_s = self._waited_s = 0.0
 
     def wait(self, lanes: Sequence[RosLane]) -> None:
         """Returns when each lane is ready, or has failed with a reason."""
         waiting = [lane for lane in lanes if not lane.failure]
-        self._ends_s = time.perf_counter() + self._limit_s
+        self._ends_s, self._waited_s = time.perf_counter() + self._limit_s, own_wait_s()
         while waiting:
             self._pump.turn()
             self._pump.serve()
@@ -157,13 +160,18 @@ class Readiness:
                 lane.check()
                 if lane.failure or self._ready(lane):
                     waiting.remove(lane)
-                elif time.perf_counter() > self._ends_s:
+                elif self._over():
                     why = self._missing(lane) or self._unrest(lane)
                     lane.failure = f"not ready within {self._limit_s:g} s: {why}"
                     waiting.remove(lane)
                 if lane.failure:
                     self._fail(lane)
             _serve_for(self._pump, _ROUND_S)
+
+    def _over(self) -> bool:
+        """Returns whether lanes had their time."""
+        more_s = time.perf_counter() - self._ends_s
+        return more_s > 0.0 and more_s > min(own_wait_s() - self._waited_s, _MOST_WAITED * self._limit_s)
 
     def _ready(self, lane: RosLane) -> bool:
         """Returns whether a lane has been complete and at rest for a while."""
@@ -183,7 +191,7 @@ class Readiness:
         if idle_s < (_IDLE_S if commanded else _IDLE_WITHOUT_COMMANDS_S):
             return False
         # One that sleeps by the wall's clock may advertise when it wakes: in an episode, at another moment each time.
-        if not commanded and now_s < self._ends_s and lane.detector.sleeps_on():
+        if not commanded and not self._over() and lane.detector.sleeps_on():
             return False
         lane.detector.find_pollers(now_s)
         lane.detector.find_sleepers()

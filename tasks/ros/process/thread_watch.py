@@ -385,6 +385,13 @@ def _may_nap(thread: _Thread) -> bool:
     return where == _UNTOLD or _NAP in where
 
 
+def own_wait_s() -> float:
+    """Returns how long this thread has waited for a core so far, in seconds; 0 where the kernel does not tell."""
+    with contextlib.suppress(OSError):
+        return Runs.of(Path("/proc/thread-self/schedstat").read_bytes()).waited_ns / 1e9
+    return 0.0
+
+
 def allow_files() -> None:
     """Lets this process open as many files as it may: each thread that is watched takes three."""
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]

@@ -23,25 +23,38 @@ PATIENCE = LockstepPatience(stage_s=0.3, nap_s=0.15)
 LONG_S = 1.5 * PATIENCE.stage_s
 
 
-class BusyPump(EventPump):
+class TimedPump(EventPump):
+    """Time passes while it naps, and at no other moment.
+
+    Attributes:
+        now_s: The time.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.now_s = 0.0
+
+    def nap(self, seconds: float) -> bool:
+        """Lets time pass."""
+        self.now_s += seconds
+        return False
+
+
+class BusyPump(TimedPump):
     """Naps in which a thread is awake until it has taken longer than it may, and until something is so.
 
-    Time passes while it naps, and at no other moment: how busy this machine is plays no part.
+    How busy this machine is plays no part.
 
     Args:
         thread: Awake.
         ran_ns: As long as it ran before the first nap; else it waits for a core.
         until: Tells what.
-
-    Attributes:
-        now_s: The time.
     """
 
     def __init__(self, thread: FakeThread, ran_ns: int, until: Callable[[], bool] = lambda: True) -> None:
         super().__init__()
         self._until = until
         self._thread, self._ran_ns = thread, ran_ns
-        self.now_s = 0.0
         thread.be("R")
 
     def nap(self, seconds: float) -> bool:
@@ -51,8 +64,7 @@ class BusyPump(EventPump):
             self._thread.be("R")
         elif self._thread.state == "R" and self.now_s > LONG_S and self._until():
             self._thread.run()
-        self.now_s += seconds
-        return False
+        return super().nap(seconds)
 
 
 @pytest.fixture
@@ -113,6 +125,21 @@ def test_a_lane_whose_nodes_go_by_the_walls_clock_says_so(lane: RosLane, pump: E
     lane.graph.outgoing[CLOCK].clear()
     Readiness(pump, "/cmd_vel", 0.0, lambda _: None).wait([lane])
     assert lane.failure.endswith(", and none reads /clock: use_sim_time: true is for that")
+
+
+@pytest.mark.parametrize(("waited_s", "ends_s"), [(0, 10.0), (7, 17.0), (1000, 50.0)])
+def test_a_lane_has_longer_to_be_ready_where_others_have_the_cores(
+    lane: RosLane, worker: FakeThread, monkeypatch: pytest.MonkeyPatch, waited_s: int, ends_s: float
+) -> None:
+    pump = TimedPump()
+    clock = SimpleNamespace(perf_counter=lambda: pump.now_s, sleep=lambda _: None)
+    monkeypatch.setattr(step_driver, "time", clock)
+    monkeypatch.setattr(step_driver, "own_wait_s", lambda: waited_s * (pump.now_s > 1.0))
+    worker.be("R")
+    Readiness(pump, "/cmd_vel", 10.0, lambda _: None).wait([lane])
+    pump.close()
+    assert lane.failure.startswith("not ready within 10 s: its nodes did not come to rest")
+    assert pump.now_s == pytest.approx(ends_s, abs=0.1)
 
 
 @pytest.mark.parametrize("limits", [LaneLimits(memory_bytes=1)], ids=["memory"])

@@ -15,8 +15,8 @@ class Machine:
 
     def __init__(self, proc: Path) -> None:
         self.proc, self.now_s = proc, 100.0
-        self.runs = {1: 0, 2: 0}
-        self.watch = DiscoveryWatch(proc)
+        self.runs, self.waited_s = {1: 0, 2: 0}, 0.0
+        self.watch = DiscoveryWatch(lambda: self.waited_s, proc)
         for pid in self.runs:
             self.name(pid, "dds.ev.0")
             self.run(pid)
@@ -31,6 +31,11 @@ class Machine:
         """Runs it once more."""
         self.runs[pid] += 1
         (self.proc / str(pid) / "task" / str(pid) / "schedstat").write_text(f"{self.runs[pid]} 0 {self.runs[pid]}\n")
+        self.be(pid, "S")
+
+    def be(self, pid: int, state: str) -> None:
+        """Puts it into a state, such as ``R`` for one that waits for a core."""
+        (self.proc / str(pid) / "task" / str(pid) / "stat").write_text(f"{pid} (dds.ev.0) {state} 1 1")
 
     def perf_counter(self) -> float:
         """Returns its time."""
@@ -76,6 +81,11 @@ def test_threads_that_slept_one_after_the_other_have_not_slept_at_one_moment(mac
     assert machine.told_after(asks) == pytest.approx(3.9, abs=0.3)
 
 
+def test_a_thread_that_waits_for_a_core_does_not_sleep(machine: Machine) -> None:
+    machine.be(1, "R")
+    assert machine.told_after({3.0: [1]}) == pytest.approx(4.3, abs=0.3)
+
+
 def test_who_comes_later_makes_all_wait_once_more(machine: Machine) -> None:
     machine.told_after({})
     came_s = machine.now_s
@@ -91,4 +101,12 @@ def test_where_a_thread_has_no_name_five_seconds_without_news_are_enough(machine
 def test_where_a_thread_never_sleeps_for_long_twenty_seconds_without_news_are_enough(machine: Machine) -> None:
     restless: dict[float, list[int]] = {each / 4: [1] for each in range(1, 100)}
     assert machine.told_after(restless, until_s=25.0) == pytest.approx(20.0, abs=0.3)
+    assert machine.watch.guessed
+
+
+def test_where_others_have_the_cores_threads_have_longer_to_come_to_rest(machine: Machine) -> None:
+    restless: dict[float, list[int]] = {each / 4: [1] for each in range(1, 200)}
+    assert machine.told_after(restless, until_s=1.0) is None
+    machine.waited_s = 10.0
+    assert machine.told_after(restless, until_s=50.0) == pytest.approx(30.0, abs=0.3)
     assert machine.watch.guessed
