@@ -9,6 +9,7 @@ has written: such a step is simulated anew and compared (docs/decisions/0010).
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -25,8 +26,9 @@ from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
 from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
+from tasks.results.statistics.failure_causes import PARTS, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
-from tasks.results.statistics.rare_failures import FAILED, Particles, Space, failure_probability
+from tasks.results.statistics.rare_failures import FAILED, Estimated, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import ChunkRunner, load_worlds
 from tasks.simulate.engines.engine_table import REFERENCE
@@ -112,11 +114,13 @@ def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulat
         try:
             particles = going.send(steps.scores(particles))
         except StopIteration as end:
-            distinct = steps.distinct()
+            estimated: Estimated = end.value
+            likely, distinct = estimated.probability, steps.distinct()
             found = BatchSearch(
                 batch=opened.id,
                 search=search,
-                probability=end.value,
+                probability=likely,
+                causes=failure_causes(estimated.seen, drawn.factors(), likely.estimate, search.estimate.confidence),
                 failures=tuple(each for each in distinct if each.confirmed),
                 vanished=tuple(each for each in distinct if not each.confirmed),
                 failed=steps.failed,
@@ -241,6 +245,16 @@ class _DrawnEpisodes:
             for row in range(len(seed))
         ]
 
+    def factors(self) -> list[Factor]:
+        """Returns what varies, but for the seed, in the order of the space's coordinates."""
+        from scipy.special import ndtri  # noqa: PLC0415 - it takes long to load
+
+        bounds = ndtri(np.arange(1, PARTS) / PARTS)
+        numbers = [Factor(name, _parts(_values(self._over[name], bounds)), number=True) for name in self._smooth]
+        choices = [Factor(name, self._over[name].choice or (), number=False) for name in self._choices]
+        worlds = [Factor("world", tuple(self._worlds), number=False)] if len(self._worlds) > 1 else []
+        return [*numbers, *choices, *worlds]
+
     def traits(self, particles: Particles, failures: "Sequence[_Failed]") -> FailureTraits:
         """Returns by what failures are told apart."""
         from scipy.special import ndtr  # noqa: PLC0415 - it takes long to load
@@ -260,6 +274,13 @@ class _DrawnEpisodes:
 
 def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> list[str]:
     return [options[int(place * len(options))] for place in drawn.tolist()]
+
+
+def _parts(bounds: Sequence[str]) -> tuple[str, ...]:
+    """Returns the parts between bounds, and those below and above all, for a person."""
+    shown = [f"{float(each):.4g}" for each in bounds]
+    between = [f"{low} to {high}" for low, high in pairwise(shown)]
+    return (f"below {shown[0]}", *between, f"above {shown[-1]}")
 
 
 def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"]) -> list[str]:

@@ -209,7 +209,7 @@ def search_report(found: BatchSearch, url: str, seconds: float) -> StageReport:
         url: Where both are.
         seconds: How long it took now.
     """
-    said = f"{found.probability.sentence}; {found.findings}"
+    said = f"{found.probability.sentence}; {found.findings}; {found.causes.sentence}"
     artefacts = (Artefact(label="search", url=url),)
     return StageReport(
         name="search",

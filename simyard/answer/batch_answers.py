@@ -268,6 +268,7 @@ class SearchAnswer:
             paragraph(self.sentence),
             table(headings, rows, len(self.found.numbered)),
             paragraph(self.found.findings),
+            paragraph(self.found.causes.sentence),
         )
 
 

@@ -9,6 +9,7 @@ from specs.data.outcomes import mark_of
 from specs.data.parity_audit import ApartQuantiles, AuditControl, AuditReport, Flip, FlipShare, TotalShare
 from specs.data.world import Room
 from tasks.results.report.batch_facts import BatchFacts, Judgement, RuleAnswer
+from tasks.results.report.cause_view import CausesView, causes_view
 from tasks.results.report.failure_maps import WorldMap, world_maps
 from tasks.results.report.last_pictures import LastSeen, no_pictures
 from tasks.results.report.rate_tables import (
@@ -220,10 +221,12 @@ class SearchView(Spec):
         findings: How many episodes failed, and how many of them are reported.
         rows: Failures that fail again, unlike each other.
         vanished: Those that did not fail again.
+        causes: What failures have in common.
     """
 
     sentence: str
     over: tuple[str, ...]
+    causes: CausesView
     findings: str
     rows: tuple[FoundRow, ...]
     vanished: tuple[FoundRow, ...]
@@ -445,6 +448,7 @@ def _search(facts: BatchFacts) -> SearchView | None:
         findings=found.findings,
         rows=rows[: len(found.failures)],
         vanished=rows[len(found.failures) :],
+        causes=causes_view(found.causes),
     )
 
 

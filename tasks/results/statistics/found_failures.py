@@ -6,6 +6,7 @@ from pydantic import JsonValue
 
 from specs.base import Spec
 from specs.pipeline.search_section import Search
+from tasks.results.statistics.failure_causes import FailureCauses
 from tasks.results.statistics.rare_failures import FailureProbability
 from tasks.storage.base.keys import result_key
 from tasks.storage.base.store import Store, encode_document, find_document
@@ -63,11 +64,13 @@ class BatchSearch(Spec):
         failures: Those that are reported: unlike each other, and each confirmed.
         vanished: Those that were to be reported, and did not fail again.
         failed: How many episodes failed in all.
+        causes: What failures have in common.
     """
 
     batch: str
     search: Search
     probability: FailureProbability
+    causes: FailureCauses
     failures: tuple[FoundFailure, ...]
     vanished: tuple[FoundFailure, ...] = ()
     failed: int

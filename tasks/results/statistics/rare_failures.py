@@ -33,6 +33,7 @@ _FAILING = float(np.nextafter(0.0, FAILED))  # the last level: what lies within 
 
 POPULATIONS = 12
 """So many are independent of each other."""
+_PASSED_KEPT = 3_000  # of plain draws that passed, about so many are kept for whoever asks what failures have in common
 _LENGTH = 10  # states of a chain: of a level a tenth is kept
 _FEWEST_CHAINS = 10  # of a population: fewer die out
 _PILOT_SHARE = 50  # of the budget, for each of the pilot's levels
@@ -109,6 +110,33 @@ class FailureProbability(Spec):
         )
 
 
+class Seen(NamedTuple):
+    """Plain draws that passed, and particles that stand for all failures, each of a population.
+
+    Attributes:
+        failed: Particles that failed.
+        weights: Of each, the probability that it stands for in its population: they add up to its estimate.
+        failed_of: The population of each, from 0.
+        passed: Some of the plain draws that passed.
+        passed_of: The population of each.
+        populations: How many there are, those without a failure among them.
+    """
+
+    failed: Particles
+    weights: Float64[np.ndarray, "failed"]
+    failed_of: Int[np.ndarray, "failed"]
+    passed: Particles
+    passed_of: Int[np.ndarray, "passed"]
+    populations: int
+
+
+class Estimated(NamedTuple):
+    """How probable a failure is, and the particles that say so."""
+
+    probability: FailureProbability
+    seen: Seen
+
+
 class Aim(NamedTuple):
     """How sharp an estimate has to be.
 
@@ -131,13 +159,15 @@ def _reach(estimate: float, interval: Interval) -> float:
 
 
 Scores = Float64[np.ndarray, "particles"]
-Estimation = Generator[Particles, Scores, FailureProbability]
+Estimation = Generator[Particles, Scores, Estimated]
 
 
 def failure_probability(
     space: Space, *, budget: int, confidence: float, seed: int, relative_error: float | None = None
 ) -> Estimation:
     """Yields particles to be scored, is sent their scores, and returns how probable a score below 0 is.
+
+    Weighted particles that failed stand for all failures without bias, as the estimate itself does.
 
     Args:
         space: What varies.
@@ -276,9 +306,7 @@ def _next_level(scores: Scores, wanted: int) -> float | None:
     return float(below[-1]) if below[-1] >= 0.0 else _FAILING
 
 
-def _populations(
-    space: Space, pilot: _Pilot, left: int, aim: Aim, seed: int
-) -> Generator[Particles, Scores, FailureProbability]:
+def _populations(space: Space, pilot: _Pilot, left: int, aim: Aim, seed: int) -> Estimation:
     """Yields the particles of independent populations; returns what they say together.
 
     Where an interval is wider than asked for, more populations of the same size are added, as many as their scatter
@@ -287,20 +315,22 @@ def _populations(
     chains = pilot.chains_for(aim, left)
     cost = chains * pilot.episodes_of_chain
     count, estimates, plain_failures, episodes = POPULATIONS, np.zeros(0), 0, 0
+    seen: list[Seen] = []
     while True:
         found = yield from _side_by_side_populations(
             space, pilot, chains, range(len(estimates), len(estimates) + count), seed
         )
         estimates = np.concatenate([estimates, found.estimates])
+        seen.append(found.seen)
         plain_failures, episodes = plain_failures + found.plain_failures, episodes + found.episodes
         plain = clopper_pearson(plain_failures, len(estimates) * chains * _LENGTH, (1.0 - aim.confidence) / 2.0)
-        estimate, interval = float(estimates.mean()), _scatter_interval(estimates, aim.confidence, plain)
+        estimate, interval = float(estimates.mean()), scatter_interval(estimates, aim.confidence, plain)
         count = (left - episodes) // cost
         if aim.relative_error is None or aim.reached(estimate, interval) or count < 1:
             break
         reach = _reach(estimate, interval) / aim.relative_error
         count = min(count, max(ceil(len(estimates) * (min(reach, 1e3) ** 2 - 1.0)), POPULATIONS // 4))
-    return FailureProbability(
+    probability = FailureProbability(
         estimate=estimate,
         interval=interval,
         method="splitting",
@@ -309,14 +339,23 @@ def _populations(
         levels=(*pilot.levels[:-1], 0.0),
         ended="narrow" if aim.reached(estimate, interval) else "spent",
     )
+    return Estimated(probability, _seen_together(seen))
 
 
 class _Populations(NamedTuple):
-    """What populations found: the estimate of each, how many of their plain draws failed, and what they took."""
+    """What populations found.
+
+    Attributes:
+        estimates: Of each.
+        plain_failures: How many of their plain draws failed.
+        episodes: How many they took.
+        seen: Their plain draws that passed, and their last particles, those that failed; numbered from 0.
+    """
 
     estimates: Float64[np.ndarray, "populations"]
     plain_failures: int
     episodes: int
+    seen: Seen
 
 
 def _side_by_side_populations(
@@ -338,6 +377,7 @@ def _side_by_side_populations(
     plain_failures, episodes = int(np.count_nonzero(scores < 0.0)), len(scores)
     shares = np.ones((len(pilot.levels), len(numbers)))
     alive = np.arange(len(numbers))
+    plain, passing = particles, scores >= 0.0
     for number, level in enumerate(pilot.levels):
         within = scores.reshape(len(alive), size) <= level
         shares[number] = 0.0
@@ -367,14 +407,39 @@ def _side_by_side_populations(
         ]
         particles = _side_by_side([part for part, _ in parts])
         scores = np.concatenate([part for _, part in parts])
-    return _Populations(np.prod(shares, axis=0), plain_failures, episodes)
+    estimates, failing = np.prod(shares, axis=0), scores < 0.0
+    populations = np.repeat(alive, size)[failing]
+    counts = np.bincount(populations, minlength=len(numbers))
+    some = np.flatnonzero(passing)[:: 1 + int(passing.sum()) // _PASSED_KEPT]
+    seen = Seen(
+        failed=particles.take(np.flatnonzero(failing)),
+        weights=(estimates / np.maximum(counts, 1))[populations],
+        failed_of=populations,
+        passed=plain.take(some),
+        passed_of=some // size,
+        populations=len(numbers),
+    )
+    return _Populations(estimates, plain_failures, episodes, seen)
+
+
+def _seen_together(parts: list[Seen]) -> Seen:
+    """Returns what parts of populations have seen, numbered on."""
+    first = np.cumsum([0, *(each.populations for each in parts)]).tolist()
+    return Seen(
+        failed=_side_by_side([each.failed for each in parts]),
+        weights=np.concatenate([each.weights for each in parts]),
+        failed_of=np.concatenate([each.failed_of + at for each, at in zip(parts, first, strict=False)]),
+        passed=_side_by_side([each.passed for each in parts]),
+        passed_of=np.concatenate([each.passed_of + at for each, at in zip(parts, first, strict=False)]),
+        populations=first[-1],
+    )
 
 
 def _rows_of(alive: Int[np.ndarray, "alive"], chains: int) -> list[Int[np.ndarray, "chains"]]:
     return [np.arange(chains * row, chains * (row + 1)) for row in range(len(alive))]
 
 
-def _scatter_interval(estimates: Float64[np.ndarray, "populations"], confidence: float, plain: Interval) -> Interval:
+def scatter_interval(estimates: Float64[np.ndarray, "populations"], confidence: float, plain: Interval) -> Interval:
     """Returns the interval of the mean of estimates, which are never below 0 and skewed, on the scale of logarithms.
 
     Few skewed numbers often scatter less than their distribution, and so the wider of two is taken: that of the mean,
@@ -402,25 +467,43 @@ def _scatter_interval(estimates: Float64[np.ndarray, "populations"], confidence:
 _DRAWN_AT_ONCE = 4096
 
 
-def _plain_draws(
-    space: Space, left: int, pilot: _Pilot, aim: Aim, seed: int
-) -> Generator[Particles, Scores, FailureProbability]:
+def _plain_draws(space: Space, left: int, pilot: _Pilot, aim: Aim, seed: int) -> Estimation:
     """Yields plain draws, as many as are left or needed, and returns the share that failed with its exact interval."""
     failed = drawn = 0
     interval = Interval(lower=0.0, upper=1.0)
+    parts: list[tuple[Particles, Scores]] = []
     for part, first in enumerate(range(0, left, _DRAWN_AT_ONCE)):
-        scores = yield _plain(space, min(_DRAWN_AT_ONCE, left - first), seed, (1, part))
+        particles = _plain(space, min(_DRAWN_AT_ONCE, left - first), seed, (1, part))
+        scores = yield particles
+        parts.append((particles, scores))
         failed, drawn = failed + int(np.count_nonzero(scores < 0.0)), drawn + len(scores)
         interval = clopper_pearson(failed, drawn, (1.0 - aim.confidence) / 2.0)
         if aim.reached(failed / drawn, interval):
             break
-    return FailureProbability(
+    probability = FailureProbability(
         estimate=failed / drawn,
         interval=interval,
         method="draws",
         why=pilot.why_draws(left),
         episodes=pilot.episodes + drawn,
         ended="narrow" if aim.reached(failed / drawn, interval) else "spent",
+    )
+    return Estimated(probability, _seen_of_draws(*_joined(parts)))
+
+
+def _seen_of_draws(particles: Particles, scores: Scores) -> Seen:
+    """Returns what plain draws have seen, cut into as many populations as splitting has."""
+    population = np.arange(len(scores)) * POPULATIONS // len(scores)
+    failing = np.flatnonzero(scores < 0.0)
+    passing = np.flatnonzero(scores >= 0.0)
+    passing = passing[:: 1 + len(passing) // _PASSED_KEPT]
+    return Seen(
+        failed=particles.take(failing),
+        weights=1.0 / np.bincount(population, minlength=POPULATIONS)[population[failing]],
+        failed_of=population[failing],
+        passed=particles.take(passing),
+        passed_of=population[passing],
+        populations=POPULATIONS,
     )
 
 

@@ -101,6 +101,12 @@ def test_a_rare_failure_is_found_with_what_it_takes_to_drive_it_again(
     assert len({(each.world, each.seed, each.environment["FAULT"]) for each in answer.failures}) == 20
     assert {each.world for each in answer.failures} == {*batch.plan.worlds}
     assert simulated.engines == [batch.plan.engine] * (len(simulated.asked) - 1) + [REFERENCE]
+    fault, world = answer.causes.causes
+    assert (fault.name, world.name) == ("FAULT", "world")
+    assert fault.share > 0.95
+    assert fault.parts[0].values == "below 0.1"
+    assert fault.parts[0].interval.lower < 10 * 0.002 < fault.parts[0].interval.upper
+    assert {each.values for each in world.parts} == {*batch.plan.worlds}
 
 
 class Vanishing(Simulated):

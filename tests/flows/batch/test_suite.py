@@ -14,6 +14,7 @@ from specs.data.episode import reason
 from specs.errors import DocumentError
 from specs.pipeline.search_section import Distribution, Search, SearchBudget, SearchFind
 from tasks.documents.pipeline_file import read_pipeline
+from tasks.results.statistics.failure_causes import FailureCauses
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, write_search
 from tasks.results.statistics.intervals import Interval
 from tasks.results.statistics.rare_failures import FailureProbability
@@ -54,6 +55,7 @@ def searched(batch: OpenBatch) -> BatchSearch:
         ),
         failures=(failed, failed.model_copy(update={"world": second, "seed": 2**32 - 1})),
         vanished=(failed.model_copy(update={"seed": 4, "reference": ""}),),
+        causes=FailureCauses(why="too few"),
         failed=6,
     )
     write_search(batch.store, found)

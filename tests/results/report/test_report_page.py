@@ -17,6 +17,7 @@ from specs.untrusted_text import escape_markdown
 from tasks.results.report.batch_facts import Judgement, Link, RuleAnswer
 from tasks.results.report.last_pictures import SeenPicture
 from tasks.results.report.report_page import report_markdown, report_page, report_picture, report_styles
+from tasks.results.statistics.failure_causes import Cause, CausePart, FailureCauses, FailureMap
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure
 from tasks.results.statistics.intervals import Interval
 from tasks.results.statistics.rare_failures import FailureProbability
@@ -28,6 +29,21 @@ from tests.results.estimands import blocks_without_estimand, intervals, without_
 EVIL = '<script>alert(1)</script><img src=x onerror="alert(1)">"\'&'
 STYLES = report_styles()
 VOID = frozenset({"meta", "link", "br", "img", "input"})
+
+
+def some_causes() -> FailureCauses:
+    """Returns the causes of failures of two variables, whose names are not what a page may hold as they are."""
+    parts = tuple(
+        CausePart(values=values, probability=often, interval=Interval(lower=0.5 * often, upper=2.0 * often))
+        for values, often in zip(("below 0.2", *"23456789", "above 0.74"), (*[0.0] * 8, 0.001, 1 / 105), strict=True)
+    )
+    first = Cause(name=EVIL, share=0.62, interval=Interval(lower=0.55, upper=0.69), parts=parts, more=3)
+    rows = [[10.0 ** -(9 - min(across, up)) for across in range(10)] for up in range(10)]
+    return FailureCauses(
+        causes=(first, first.model_copy(update={"name": "SIGMA", "share": 0.38})),
+        told=0.97,
+        map=FailureMap(across=EVIL, up="SIGMA", probability=tuple(map(tuple, rows)), failures=((0.9, 0.95),)),
+    )
 
 
 class Elements(HTMLParser):
@@ -311,6 +327,7 @@ def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(t
         failures=failures[:11],
         vanished=failures[11:],
         failed=340,
+        causes=some_causes(),
     )
     found = report_page(view(tmp_path, search=search)).decode()
     assert "fails with probability 0.001 (0.0007 to 0.0014), by 20,000 episodes of multilevel splitting" in found
@@ -321,6 +338,13 @@ def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(t
     assert "On C MuJoCo: <b>passed</b>" in vanished
     assert "simyard replay arn:simyard:simulation-job-batch:0123456789ab:simb-1 --found 12" in vanished
     assert EVIL not in found
+    assert "which is which in 97 of 100" in found
+    assert "<b>62 %</b><small>55 to 69 %</small>" in found.replace("\xa0", " ")
+    assert "most at above 0.74: 1 in 105; 3 values are left out" in found
+    assert found.count('<rect class="shade"') == 100
+    assert found.count('fill-opacity="1.0"') == 1
+    unknown = search.model_copy(update={"causes": FailureCauses(why="seeds decide")})
+    assert "Not known: seeds decide." in report_page(view(tmp_path, search=unknown)).decode()
     assert 'id="search"' not in report_page(view(tmp_path)).decode()
 
 

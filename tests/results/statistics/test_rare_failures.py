@@ -14,8 +14,8 @@ from tasks.results.statistics.rare_failures import (
     Scores,
     Space,
     _next_level,
-    _scatter_interval,
     failure_probability,
+    scatter_interval,
 )
 
 Score = Callable[[Particles], Scores]
@@ -160,7 +160,7 @@ def test_what_never_fails_has_an_upper_bound():
 
 def test_all_populations_that_died_out_leave_the_bound_of_plain_draws():
     plain = clopper_pearson(0, 1000, 0.025)
-    assert _scatter_interval(np.zeros(12), 0.95, plain) == plain
+    assert scatter_interval(np.zeros(12), 0.95, plain) == plain
 
 
 def test_worlds_and_seeds_alone_may_vary():
