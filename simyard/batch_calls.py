@@ -168,6 +168,7 @@ def search(
     over: Mapping[str, "Mapping[str, JsonValue]"],
     *,
     measure: str = "min_clearance_m",
+    against: str | None = None,
     episodes: int = 20_000,
     distinct: int = 20,
     confidence: float = 0.95,
@@ -184,7 +185,8 @@ def search(
         over: Its environment variables that vary, each with `uniform` or `logUniform` bounds, a `normal` distribution
             or a `choice`.
         measure: A column of the results that is near 0 close to a failure, and below it in one.
-        episodes: How many may be simulated, 1,000 to 1,000,000.
+        against: Number of another version of the robot application: a failure is an episode in which that one passes.
+        episodes: How many may be simulated, 1,000 to 1,000,000; those that failed are driven by the other version, too.
         distinct: How many failures are reported, at most 100; each is simulated twice more, once on C MuJoCo.
         confidence: Of the interval.
         relative_error: The search ends once the interval reaches so far from the probability, as a share of it, 0.01 to
@@ -208,6 +210,7 @@ def search(
     settings: dict[str, JsonValue] = {
         "over": {name: {**each} for name, each in over.items()},
         "measure": measure,
+        **({} if against is None else {"against": against}),
         "find": {"distinct": distinct},
         "budget": {"episodes": episodes},
         "estimate": {"confidence": confidence, **({} if relative_error is None else {"relativeError": relative_error})},

@@ -18,10 +18,11 @@ from jaxtyping import Float64
 
 from flows.batch.replay_episode import JobReplay, bundles, playback
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
-from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
 from specs.data.physics import PHYSICAL
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
+from tasks.applications.registry import resolve, unpack
 from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
@@ -35,6 +36,7 @@ from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES
 from tasks.simulate.replay.replay_run import replay_request, resimulate
 from tasks.storage.base.keys import search_step_key
+from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store, create_once, encode_document, find_document
 from tasks.storage.jobs.records import read
 from tasks.storage.resource_names import find_batch_name
@@ -42,8 +44,10 @@ from tasks.storage.store_url import open_store
 
 STAGE = "Search"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
-_FORM = 3
+_FORM = 4
 _SEEDS = 2**32
+# The score of an episode that fails with the other version, too: no failure, and nothing is nearer to one.
+_NEAREST = 0.0
 # Of those that are to be reported, so many times as many are driven again where some vanish.
 _TRIES = 3
 # Pilots and tails take a few episodes at a time, for which a program of all lanes takes several times as long. Whatever
@@ -119,11 +123,12 @@ def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulat
             found = BatchSearch(
                 batch=opened.id,
                 search=search,
-                probability=likely,
+                probability=likely.model_copy(update={"against": search.against}),
                 causes=failure_causes(estimated.seen, drawn.factors(), likely.estimate, search.estimate.confidence),
                 failures=tuple(each for each in distinct if each.confirmed),
                 vanished=tuple(each for each in distinct if not each.confirmed),
                 failed=steps.failed,
+                common=steps.common,
             )
             return SearchResult(found, steps.simulated)
 
@@ -197,6 +202,8 @@ class _DrawnEpisodes:
 
     Attributes:
         space: Its smooth coordinates are the numbers; the others are the choices, the world and the seed.
+        other: The version that the search is against; None if it is against none.
+        judges: Digest of the simulation application, which that version's episodes run as well.
     """
 
     def __init__(self, batch: OpenBatch, search: Search) -> None:
@@ -212,6 +219,8 @@ class _DrawnEpisodes:
         unknown = [name for name in search.over if name not in known and name not in PHYSICAL]
         allowed = f"a variable that the batch's request or matrix sets: {', '.join(sorted(known)) or 'there is none'}"
         refused = [Fault(path=f"over.{name}", value=name, allowed=allowed) for name in unknown]
+        self.judges = {self._first.scenario.digest}
+        self.other = None if search.against is None else self._other_version(batch.store, search.against)
         template, *others = plan.templates
         if others:
             one = "a batch of one request: which of several is to be searched is not said"
@@ -227,6 +236,18 @@ class _DrawnEpisodes:
         self._smooth = [name for name, each in self._over.items() if each.choice is None]
         self._choices = [name for name, each in self._over.items() if each.choice is not None]
         self.space = Space(len(self._smooth), len(self._choices) + 2)
+
+    def _other_version(self, store: Store, number: str) -> ApplicationLaunch:
+        """Returns how another version of the robot application is launched: as the batch's is.
+
+        Raises:
+            ResourceNotFound: There is no such version.
+        """
+        robot = self._first.robot
+        version = resolve(store, "robot-application", robot.name, number)
+        builds = {each.architecture: each.digest for each in version.builds}
+        digest = builds.get(robot.architecture or "X86_64", version.digest)
+        return robot.model_copy(update={"version": number, "digest": digest})
 
     def requests(self, particles: Particles) -> list[EpisodeRequest]:
         """Returns the episodes of particles; their indices follow those of the batch."""
@@ -332,10 +353,12 @@ class _Answers(Spec):
     Attributes:
         scores: How far each was from failing; None where that is not known.
         failures: Those that failed, by their place.
+        common: How many failed with the other version, too, and are no failures, where the search is against one.
     """
 
     scores: tuple[float | None, ...]
     failures: dict[int, _Failed]
+    common: int = 0
 
 
 class _StoredAnswers(Spec):
@@ -350,20 +373,21 @@ class _Steps:
 
     Attributes:
         failed: How many episodes failed.
+        common: How many failed with the version that the search is against, too, and are not among them.
         simulated: How many were simulated now.
     """
 
     def __init__(
         self, batch: OpenBatch, search: Search, drawn: _DrawnEpisodes, run: str, *, may_simulate: bool
     ) -> None:
-        self.failed = self.simulated = 0
+        self.failed = self.common = self.simulated = 0
         self._batch, self._search, self._drawn, self._run = batch, search, drawn, run
         # Whoever asks for more failures has the same estimate.
         self._estimate = self._digest(search.model_copy(update={"find": SearchFind()}), "estimate")
         self._confirm = self._digest(search, "confirm")
         self._number = self._done = 0
         self._found: list[tuple[Particles, list[_Failed]]] = []
-        self._may_simulate, self._bundles = may_simulate, dict[str, Path]()
+        self._may_simulate, self._bundles, self._others = may_simulate, dict[str, Path](), dict[str, Path]()
 
     def _digest(self, search: Search, part: Literal["estimate", "confirm"]) -> str:
         return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
@@ -375,6 +399,7 @@ class _Steps:
         self._number += 1
         self._done += len(answers.scores)
         self.failed += len(answers.failures)
+        self.common += answers.common
         failing = sorted(answers.failures)
         self._found.append((particles.take(np.array(failing, np.intp)), [answers.failures[each] for each in failing]))
         return np.array([math.inf if each is None else each for each in answers.scores])
@@ -454,16 +479,39 @@ class _Steps:
         if not self._bundles:
             self._bundles = bundles(self._batch)
         plan, measure = self._batch.plan, self._search.measure
-        runner = ChunkRunner(self._bundles, engine or plan.engine, plan.recordings.rateHz, lambda _: None)
-        rows = resimulate(self._batch, requests, runner.run, _lanes(plan.lanes, len(requests)))
+        engine = engine or plan.engine
+        rows = self._driven(requests, engine, self._bundles)
+        failures = {
+            place: _Failed(reason=why, place_m=(_finite(row.final_x_m), _finite(row.final_y_m)))
+            for place, row in enumerate(rows)
+            if (why := _why(row, measure))
+        }
+        common = self._common([*failures], requests, engine)
         return _Answers(
-            scores=tuple(_score(row, measure) for row in rows),
-            failures={
-                place: _Failed(reason=why, place_m=(_finite(row.final_x_m), _finite(row.final_y_m)))
-                for place, row in enumerate(rows)
-                if (why := _why(row, measure))
-            },
+            scores=tuple(_NEAREST if place in common else _score(row, measure) for place, row in enumerate(rows)),
+            failures={place: each for place, each in failures.items() if place not in common},
+            common=len(common),
         )
+
+    def _common(self, failing: list[int], requests: Sequence[EpisodeRequest], engine: str) -> frozenset[int]:
+        """Returns the places of episodes, of those that failed, that fail with the other version, too."""
+        other = self._drawn.other
+        if other is None or not failing:
+            return frozenset()
+        if other.digest not in self._bundles:
+            folder = unpack(self._batch.store, other.digest, cache_folder() / "bundles")
+            self._others = {other.digest: folder, **{each: self._bundles[each] for each in self._drawn.judges}}
+        asked = [requests[place].model_copy(update={"robot": other}) for place in failing]
+        rows = self._driven(asked, engine, self._others)
+        return frozenset(place for place, row in zip(failing, rows, strict=True) if _why(row, self._search.measure))
+
+    def _driven(
+        self, requests: Sequence[EpisodeRequest], engine: str, folders: Mapping[str, Path]
+    ) -> list[EpisodeResult]:
+        """Returns what came of episodes that run some bundles alone."""
+        plan = self._batch.plan
+        runner = ChunkRunner(folders, engine, plan.recordings.rateHz, lambda _: None)
+        return resimulate(self._batch, requests, runner.run, _lanes(plan.lanes, len(requests)))
 
 
 def _finite(place_m: float) -> float:

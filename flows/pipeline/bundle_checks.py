@@ -315,6 +315,8 @@ def unchecked_references(spec: PipelineSpec) -> list[str]:
     ]
     if spec.gate and spec.gate.noWorseThan:
         found.append(f"version {spec.gate.noWorseThan.applicationVersion} to compare with")
+    if spec.search and spec.search.against:
+        found.append(f"version {spec.search.against} that the search is against")
     if spec.deployment and isinstance(spec.deployment.fleet, str):
         found.append(f"fleet {spec.deployment.fleet}")
     return list(dict.fromkeys(found))

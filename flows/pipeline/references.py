@@ -26,6 +26,7 @@ from flows.pipeline.tested_batch import (
     compared_digest,
     launch_faults,
     require_one_version,
+    searched_against,
     tested_bundles,
     world_digests,
     worldless_fault,
@@ -259,6 +260,7 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         faults.keep(lambda: check_planned_confinement(plan, store) if plan else None)
         compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
+        faults.keep(lambda: searched_against(spec.search, batch, find))
         if spec.gate and plan:
             judged = plan
             faults.keep(lambda: require_one_version(judged, compared or ""))

@@ -12,6 +12,7 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError, KeptFaults, ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
+from specs.pipeline.search_section import Search
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
 from specs.robomaker.simulation import DataSourceConfig
@@ -188,14 +189,32 @@ def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion
         ResourceNotFound: There is no such version.
     """
     rule = gate.noWorseThan if gate else None
+    return _other_digest(rule and rule.applicationVersion, batch, find, "gate.noWorseThan.applicationVersion")
+
+
+def searched_against(search: Search | None, batch: SimulationBatch, find: FindVersion) -> str:
+    """Returns the digest of the version that a search is against; empty if it is against none.
+
+    Args:
+        search: The document's section.
+        batch: The document's batch.
+        find: Finds versions.
+
+    Raises:
+        ResourceNotFound: There is no such version.
+    """
+    return _other_digest(search and search.against, batch, find, "search.against")
+
+
+def _other_digest(version: str | None, batch: SimulationBatch, find: FindVersion, path: str) -> str:
+    """Returns the digest of another version of the application that a batch tests; empty if there is not one."""
     uses = [use.application for request in batch.createSimulationJobRequests for use in request.robotApplications or ()]
-    if rule is None or len(set(uses)) != 1:
+    if version is None or len(set(uses)) != 1:
         return ""
     try:
-        return find("robot-application", uses[0], rule.applicationVersion).digest
+        return find("robot-application", uses[0], version).digest
     except ResourceNotFound as exc:
-        faults = [fault.model_copy(update={"path": "gate.noWorseThan.applicationVersion"}) for fault in exc.faults]
-        raise ResourceNotFound(faults) from exc
+        raise ResourceNotFound([fault.model_copy(update={"path": path}) for fault in exc.faults]) from exc
 
 
 def candidates(plan: BatchPlan, baseline: str) -> frozenset[str]:

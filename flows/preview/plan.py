@@ -383,6 +383,8 @@ def _search_lines(
     most, over = search.budget.episodes, ", ".join([*sorted(search.over), "worlds and seeds"])
     yield f"search            up to {_count(most, 'episode')} beside the batch's {plan.episodes:,}, over {over}"
     yield f"                  failures are where {search.measure} is below 0, and where an episode does not pass"
+    if search.against:
+        yield f"                  and version {search.against} passes, which drives those that fail besides"
     yield f"                  reports up to {search.find.distinct} unlike each other, driven again on C MuJoCo too"
     alike = batch.model_copy(
         update={

@@ -10,6 +10,7 @@ from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PHYSICAL
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
+from specs.robomaker.deployment import DeploymentVersion
 from specs.rules import Finding, Ruled, Within, items, part
 
 MIN_SEARCHED, MAX_SEARCHED = 1_000, 1_000_000
@@ -118,6 +119,7 @@ class Search(Ruled):
             each of the batch's worlds is as likely, and so is each seed.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
+        against: Number of another version of the robot application: a failure is an episode in which that one passes.
         find: Which failures are reported.
         budget: What it may cost.
         estimate: How sharp the probability has to be.
@@ -126,6 +128,7 @@ class Search(Ruled):
 
     over: Annotated[dict[str, Distribution], Field(max_length=20)] = Field(title="Over")
     measure: str = Field(default="min_clearance_m", title="Measure")
+    against: DeploymentVersion | None = Field(default=None, title="Against")
     find: SearchFind = Field(default=SearchFind(), title="Failures")
     budget: SearchBudget = Field(default=SearchBudget(), title="Budget")
     estimate: SearchEstimate = Field(default=SearchEstimate(), title="Estimate")

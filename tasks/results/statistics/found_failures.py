@@ -64,6 +64,7 @@ class BatchSearch(Spec):
         failures: Those that are reported: unlike each other, and each confirmed.
         vanished: Those that were to be reported, and did not fail again.
         failed: How many episodes failed in all.
+        common: How many more failed with the other version, too, where the search is against one.
         causes: What failures have in common.
     """
 
@@ -74,6 +75,7 @@ class BatchSearch(Spec):
     failures: tuple[FoundFailure, ...]
     vanished: tuple[FoundFailure, ...] = ()
     failed: int
+    common: int = 0
 
     @property
     def numbered(self) -> tuple[FoundFailure, ...]:
@@ -84,7 +86,10 @@ class BatchSearch(Spec):
     def findings(self) -> str:
         """How many failed, how many of them are reported, and how many vanished, for a person."""
         vanished = f"; {len(self.vanished)} more vanished when driven again" if self.vanished else ""
-        return f"{self.failed:,} episodes failed; {len(self.failures)} of them, unlike each other, fail again{vanished}"
+        failed = f"{self.failed:,} episodes failed"
+        if self.search.against:
+            failed += f" where version {self.search.against} passes, {self.common:,} more with both"
+        return f"{failed}; {len(self.failures)} of them, unlike each other, fail again{vanished}"
 
     def facts(self) -> Mapping[str, JsonValue]:
         """Returns the numbers of a stage's report."""

@@ -89,6 +89,7 @@ class FailureProbability(Spec):
         episodes: How many were simulated in all, the pilot's among them.
         levels: Scores that populations went through, from far to near; empty for plain draws.
         ended: Whether the interval was narrow enough, or the budget was spent.
+        against: The version that passes where an episode counts as a failure; None where each failure counts.
     """
 
     estimate: float
@@ -98,14 +99,17 @@ class FailureProbability(Spec):
     episodes: int
     levels: tuple[float, ...] = ()
     ended: Literal["narrow", "spent"] = "spent"
+    against: str | None = None
 
     @property
     def sentence(self) -> str:
         """The probability, its interval, what it took, how it was found, and why it ended."""
         how = "multilevel splitting" if self.method == "splitting" else "plain draws"
         ended = "; the interval is as narrow as asked for" if self.ended == "narrow" else ""
+        within = f"({self.interval.lower:.3g} to {self.interval.upper:.3g})"
+        where = f" where version {self.against} passes" if self.against else ""
         return (
-            f"fails with probability {self.estimate:.3g} ({self.interval.lower:.3g} to {self.interval.upper:.3g}), by "
+            f"fails{where} with probability {self.estimate:.3g} {within}, by "
             f"{self.episodes:,} episodes of {how}: {self.why}{ended}"
         )
 

@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, repl
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchBudget, SearchFind
+from tasks.applications.registry import publish_bundle
 from tasks.results.statistics.found_failures import write_search
 from tasks.results.statistics.rare_failures import Particles
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
@@ -25,7 +27,7 @@ from tasks.storage.base.keys import world_key
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import advance, submit
 from tasks.storage.store_url import open_store
-from tests.factories.batches import pushing_plan
+from tests.factories.batches import PUSHER, pushing_plan
 from tests.factories.episodes import collided, crashed, passed
 from tests.factories.planned_batches import request
 
@@ -107,6 +109,46 @@ def test_a_rare_failure_is_found_with_what_it_takes_to_drive_it_again(
     assert fault.parts[0].values == "below 0.1"
     assert fault.parts[0].interval.lower < 10 * 0.002 < fault.parts[0].interval.upper
     assert {each.values for each in world.parts} == {*batch.plan.worlds}
+
+
+class Better(Simulated):
+    """A version that fails a quarter as often as its predecessor, and where that one does not: below 0.002 alone."""
+
+    def row(self, each: EpisodeRequest) -> Row:
+        fault = float(each.environment["FAULT"])
+        fails = fault < 0.0005 if each.robot.version == "2" else fault < 0.002
+        if fails:
+            return collided(each.index)
+        return passed(each.index).model_copy(update={"min_clearance_m": max(fault - 0.002, 0.0)})
+
+
+def test_against_another_version_only_failures_count_where_that_one_passes(
+    store: Store, batch: OpenBatch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    folder = shutil.copytree(PUSHER, tmp_path / "pusher")
+    (folder / "NEWS").write_text("another bundle")
+    assert publish_bundle(store, "robot-application", "pusher", folder).number == 2
+    simulated = Better(monkeypatch)
+    search = SEARCH.model_copy(update={"budget": SearchBudget(episodes=20_000), "against": "2"})
+    answer = found(batch, search).found
+    assert 0.001 < answer.probability.estimate < 0.0019
+    assert "fails where version 2 passes with probability" in answer.probability.sentence
+    assert all(0.0005 <= float(each.environment["FAULT"]) < 0.002 for each in answer.failures)
+    assert len(answer.failures) == 20
+    assert answer.common > 0
+    assert f"where version 2 passes, {answer.common:,} more with both" in answer.findings
+    of_other = [each for step in simulated.asked for each in step if each.robot.version == "2"]
+    assert len(of_other) == answer.failed + answer.common + 2 * 20
+    assert {each.robot.digest for each in of_other}.isdisjoint(batch.plan.digests())
+
+
+def test_a_version_that_is_not_there_is_told_before_anything_is_simulated(
+    batch: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    simulated = Simulated(monkeypatch)
+    with pytest.raises(ResourceNotFound, match="7"):
+        found(batch, SEARCH.model_copy(update={"against": "7"}))
+    assert simulated.asked == []
 
 
 class Vanishing(Simulated):

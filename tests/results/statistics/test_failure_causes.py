@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 from scipy.special import ndtr
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import norm
 
 from tasks.results.statistics.failure_causes import Factor, FailureCauses, _told, failure_causes
 from tasks.results.statistics.rare_failures import Estimated, Particles, Scores, Space, failure_probability
@@ -46,7 +46,7 @@ def by_name(found: FailureCauses) -> dict[str, float]:
 def plane(*slopes: float, rare: float = 1e-3) -> Score:
     """Returns the distance from a plane beyond which lies a share of all draws."""
     slope = np.array(slopes) / np.linalg.norm(slopes)
-    return lambda each: -norm.ppf(rare) - each.smooth @ slope
+    return lambda each: float(-norm.ppf(rare)) - each.smooth @ slope
 
 
 def exact_shares(slopes: tuple[float, ...], rare: float) -> list[float]:
@@ -58,7 +58,8 @@ def exact_shares(slopes: tuple[float, ...], rare: float) -> list[float]:
         alike = min(float((slope[list(kept)] ** 2).sum()), 1.0)
         if alike > 1.0 - 1e-9:
             return rare
-        return float(multivariate_normal([0, 0], [[1, alike], [alike, 1]]).cdf([limit, limit]))
+        x = np.linspace(-9.0, limit, 20_001)
+        return float(np.trapezoid(norm.pdf(x) * ndtr((limit - alike * x) / np.sqrt(1.0 - alike**2)), x))
 
     effects, orders = np.zeros(count), list(permutations(range(count)))
     for order in orders:
