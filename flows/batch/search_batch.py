@@ -27,7 +27,7 @@ from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
 from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
-from tasks.results.statistics.failure_causes import PARTS, Factor, failure_causes
+from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
 from tasks.results.statistics.rare_failures import FAILED, Estimated, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
@@ -273,7 +273,7 @@ class _DrawnEpisodes:
         bounds = ndtri(np.arange(1, PARTS) / PARTS)
         numbers = [Factor(name, _parts(_values(self._over[name], bounds)), number=True) for name in self._smooth]
         choices = [Factor(name, self._over[name].choice or (), number=False) for name in self._choices]
-        worlds = [Factor("world", tuple(self._worlds), number=False)] if len(self._worlds) > 1 else []
+        worlds = [Factor(WORLD, tuple(self._worlds), number=False)] if len(self._worlds) > 1 else []
         return [*numbers, *choices, *worlds]
 
     def traits(self, particles: Particles, failures: "Sequence[_Failed]") -> FailureTraits:

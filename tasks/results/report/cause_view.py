@@ -3,7 +3,8 @@
 from math import log10
 
 from specs.base import Spec
-from tasks.results.statistics.failure_causes import PARTS, Cause, FailureCauses, FailureMap
+from tasks.results.report.rate_tables import short_world
+from tasks.results.statistics.failure_causes import PARTS, WORLD, Cause, FailureCauses, FailureMap
 
 _CELL = 10  # of the map, in units of its drawing
 _DECADES = 3.0  # of the map's shades
@@ -54,7 +55,7 @@ class CauseRow(Spec):
 
 
 class MapCell(Spec):
-    """A square of the map: where, how dark from 0 to 1, and what it says."""
+    """A square of the map: where, its shade from 0 to 1, and what it says."""
 
     x: int
     y: int
@@ -73,7 +74,7 @@ class CauseMap(Spec):
         cells: The squares.
         dots: Failures that were found (x, y).
         ends: What is left, right, below and above.
-        darkest: How probable a failure is in the darkest square.
+        strongest: How probable a failure is in the square with most shade.
         lightest: From which probability on squares have no shade.
     """
 
@@ -84,7 +85,7 @@ class CauseMap(Spec):
     cells: tuple[MapCell, ...]
     dots: tuple[tuple[float, float], ...]
     ends: tuple[str, str, str, str]
-    darkest: str
+    strongest: str
     lightest: str
 
 
@@ -120,6 +121,7 @@ def _row(cause: Cause) -> CauseRow:
     top = max(each.probability for each in cause.parts)
     width = 100.0 / len(cause.parts)
     most = max(cause.parts, key=lambda each: each.probability)
+    said = short_world([each.values for each in cause.parts]) if cause.name == WORLD else str
     return CauseRow(
         name=cause.name,
         share=f"{100 * cause.share:.0f} %",
@@ -133,19 +135,19 @@ def _row(cause: Cause) -> CauseRow:
                 width=f"{0.8 * width:.2f}%",
                 y=f"{100 - 100 * each.probability / (top or 1.0):.1f}%",
                 height=f"{100 * each.probability / (top or 1.0):.1f}%",
-                text=f"{each.values}: {how_often(each.probability)} "
+                text=f"{said(each.values)}: {how_often(each.probability)} "
                 f"({how_often(each.interval.lower)} to {how_often(each.interval.upper)})",
             )
             for at, each in enumerate(cause.parts)
         ),
-        most=f"{most.values}: {how_often(most.probability)}",
+        most=f"{said(most.values)}: {how_often(most.probability)}",
         more=cause.more,
     )
 
 
 def _map(found: FailureMap, parts: dict[str, tuple[str, ...]]) -> CauseMap:
     across, up = parts[found.across], parts[found.up]
-    darkest = max(max(row) for row in found.probability)
+    strongest = max(max(row) for row in found.probability)
     return CauseMap(
         across=found.across,
         up=found.up,
@@ -155,7 +157,7 @@ def _map(found: FailureMap, parts: dict[str, tuple[str, ...]]) -> CauseMap:
             MapCell(
                 x=_CELL * column,
                 y=_CELL * (PARTS - 1 - row),
-                shade=_shade(probability, darkest),
+                shade=_shade(probability, strongest),
                 text=f"{found.across} {across[column]}, {found.up} {up[row]}: {how_often(probability)}",
             )
             for row, found_row in enumerate(found.probability)
@@ -163,16 +165,16 @@ def _map(found: FailureMap, parts: dict[str, tuple[str, ...]]) -> CauseMap:
         ),
         dots=tuple((round(PARTS * _CELL * x, 1), round(PARTS * _CELL * (1.0 - y), 1)) for x, y in found.failures),
         ends=(across[0], across[-1], up[0], up[-1]),
-        darkest=how_often(darkest),
-        lightest=how_often(darkest * 10.0**-_DECADES),
+        strongest=how_often(strongest),
+        lightest=how_often(strongest * 10.0**-_DECADES),
     )
 
 
-def _shade(probability: float, darkest: float) -> float:
-    """Returns how dark a probability is: by its logarithm, so that a tenth is a third lighter."""
+def _shade(probability: float, strongest: float) -> float:
+    """Returns how much shade a probability has: by its logarithm, so that a tenth has a third less."""
     if probability <= 0.0:
         return 0.0
-    return round(max(0.0, 1.0 + log10(probability / darkest) / _DECADES), 3)
+    return round(max(0.0, 1.0 + log10(probability / strongest) / _DECADES), 3)
 
 
 def how_often(probability: float) -> str:

@@ -27,6 +27,8 @@ from tasks.results.statistics.rare_failures import Particles, Seen, scatter_inte
 
 PARTS = 10
 """So many parts of the same probability has the distribution of a number."""
+WORLD = "world"
+"""Name of the factor that says in which world an episode is."""
 _MOST_SHOWN = 10  # values of a choice, or worlds
 _FEWEST_FAILURES = 40
 _FEWEST_POPULATIONS = 6

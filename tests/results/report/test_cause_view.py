@@ -15,7 +15,7 @@ def test_a_probability_is_said_as_people_say_it(probability: float, said: str):
 
 
 @pytest.mark.parametrize(("probability", "shade"), [(0.3, 1.0), (0.03, 0.667), (0.0003, 0.0), (1e-9, 0.0), (0.0, 0.0)])
-def test_a_tenth_of_a_probability_is_a_third_lighter(probability: float, shade: float):
+def test_a_tenth_of_a_probability_has_a_third_less_shade(probability: float, shade: float):
     assert _shade(probability, 0.3) == shade
 
 
@@ -33,7 +33,14 @@ def test_the_map_has_its_lowest_values_at_the_lower_left():
     assert corner.text == f"{EVIL} below 0.2, SIGMA below 0.2: 1 in 1,000,000,000"
     assert next(each for each in found.cells if each.shade == 1.0).x == 90
     assert found.dots == ((90.0, 5.0),)
-    assert (found.darkest, found.lightest) == ("100 %", "1 in 1,000")
+    assert (found.strongest, found.lightest) == ("100 %", "1 in 1,000")
+
+
+def test_worlds_of_one_generation_are_named_without_it():
+    first = some_causes().causes[0]
+    parts = tuple(each.model_copy(update={"values": f"wgj-1/{each.values}"}) for each in first.parts)
+    worlds = first.model_copy(update={"name": "world", "parts": parts})
+    assert causes_view(FailureCauses(causes=(worlds,))).rows[0].most == "above 0.74: 1 in 105"
 
 
 def test_without_causes_it_says_why():
