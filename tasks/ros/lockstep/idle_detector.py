@@ -353,7 +353,7 @@ class IdleDetector:
 
     def find_sleepers(self) -> None:
         """Notes which threads sleep by the wall's clock while nothing is to be done, as ``rospy.spin`` does."""
-        self._sleepers = self._watch.sleepers()
+        self._sleepers = self._watch.resting()
 
     def _begin_to_poll(self, napping: frozenset[int], now_s: float) -> bool:
         """Returns whether some of those that nap for too long, or do not rest, poll: all wait for them from now on."""

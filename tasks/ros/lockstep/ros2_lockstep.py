@@ -357,6 +357,7 @@ class Ros2Lockstep(Ros1Lockstep):
             recorded={topic: _ros2_kind(kind) for topic, kind in self._base.robot.record.items()},
         )
         application = ApplicationProcesses(home, self._tracker, self._limits)
+        application.watch.limits = True
         graph = DdsGraph(domain, interface, (processes, names), application.found)
         self._graphs = {**self._graphs, number: graph}
         detector = IdleDetector(application, graph, self._patience.nap_s)

@@ -9,6 +9,9 @@ to its second, and these stretches overlap. A thread that is woken but waits for
 Since Linux 6.12 a thread that sleeps may stay in its core's queue for a while, and the kernel does not tell then where
 it sleeps (``wchan`` reads 0). Such a thread is one that may nap, until the kernel tells.
 
+A callback may also sleep on a condition until a time, as ``rclcpp::sleep_for`` and waits of Python's ``threading`` do.
+What a thread is waiting with says whether there is a time: the fourth argument of futex(2).
+
 roscpp's thread looks at the clock each millisecond, and sleeps in between on a condition that is a variable of roscpp's
 library. So the address that it waits at, which the kernel tells (``/proc/*/task/*/syscall``), says which one it is.
 """
@@ -77,9 +80,12 @@ _AWAKE = b"RD"
 _STOPPED = b"Tt"
 _NAP = b"nanosleep"
 _UNTOLD = b"0"
+_CONDITION = b"futex"
+# Of futex(2): waiting on one, without and with a set of bits; other bits of the operation say which clock, and whose it is.
+_WAITS, _OPERATION = frozenset({0, 9}), 0x7F
 _LOOK_AGAIN_S = 0.002
 # Whoever waits there hears nothing of a socket; the last is where a nap is held (``nap_gate``).
-_DEAF = (_NAP, b"futex", b"seccomp")
+_DEAF = (_NAP, _CONDITION, b"seccomp")
 _NONE: frozenset[int] = frozenset()
 
 
@@ -124,13 +130,14 @@ class ThreadWatch:
         proc: Where the kernel tells of processes.
 
     Attributes:
+        limits: Whether a wait on a condition until a time is a nap.
         looks: How often it looked.
         runs: What was noted last of each thread: how long and how often it was run.
         changed: Threads that were run between the last two notes.
     """
 
     def __init__(self, proc: Path = Path("/proc")) -> None:
-        self._proc = proc
+        self._proc, self.limits = proc, False
         self.looks = 0
         self.runs: dict[int, bytes] = {}
         self.changed: frozenset[int] = frozenset()
@@ -274,13 +281,27 @@ class ThreadWatch:
         if self.runs == self._marked:
             return _NONE
         ran = [tid for tid in _differ(self.runs, self._marked) - exempt if tid in self._threads]
-        naps = frozenset(tid for tid in ran if _may_nap(self._threads[tid]))
+        naps = frozenset(tid for tid in ran if _may_nap(self._threads[tid]) or self._waits_until(self._threads[tid]))
         woken = any(self._woken(tid) for tid in ran if tid not in naps)
         return None if woken else naps
 
     def sleepers(self) -> frozenset[int]:
         """Returns the threads that the kernel tells to sleep by the wall's clock now."""
         return frozenset(tid for tid, thread in self._threads.items() if _NAP in _waits_at(thread))
+
+    def resting(self) -> frozenset[int]:
+        """Returns the sleepers, and the threads that wait on a condition until a time where that is a nap."""
+        return self.sleepers() | {tid for tid, thread in self._threads.items() if self._waits_until(thread)}
+
+    def _waits_until(self, thread: _Thread) -> bool:
+        """Returns whether a thread waits on a condition until a time; False where the kernel does not tell."""
+        if not self.limits or _CONDITION not in _waits_at(thread):
+            return False
+        with contextlib.suppress(OSError, ValueError):
+            # The number of the call, then what it was called with: an address, what to do, a value, the time.
+            words = Path(f"{self._proc}/{thread.pid}/task/{thread.tid}/syscall").read_text().split()
+            return len(words) > 4 and int(words[2], 16) & _OPERATION in _WAITS and int(words[4], 16) != 0
+        return False
 
     def doing(self, tid: int) -> str:
         """Returns what a thread does, for a person: where it waits is the kernel's name; empty if it is gone."""

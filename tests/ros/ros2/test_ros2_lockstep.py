@@ -38,6 +38,16 @@ def test_a_scan_is_answered_in_its_own_control_step_as_ros_1s_bytes_would_be(tmp
         world.drive(command)
 
 
+def test_a_callback_that_waits_on_a_condition_until_its_time_is_over_answers_in_its_own_control_step(
+    tmp_path: Path,
+) -> None:
+    """As ``rclcpp::sleep_for`` does, and a wait of ``threading`` with a limit."""
+    run, at_once = (drive(tmp_path / each, each, steps=20) for each in ("waiter", "avoider"))
+    assert run.failures == {}
+    assert (run.tallies[0].commands, run.tallies[0].late, run.tallies[0].stray) == (20, 0, 0)
+    assert run.commands == at_once.commands
+
+
 def test_nothing_is_left_of_an_episode(tmp_path: Path) -> None:
     threads = {*Path("/proc/self/task").iterdir()}
     drive(tmp_path, "avoider", steps=1)
