@@ -222,6 +222,9 @@ class Readiness:
         """Returns why a lane that is complete does not begin: one that sleeps before it advertises is waited for."""
         quiet = "" if lane.graph.publishers(self._commands) else f", and none of them publishes {self._commands}"
         by_wall = "" if lane.graph.outgoing.get(CLOCK) else f", and none reads {CLOCK}: use_sim_time: true is for that"
+        # Nothing is sent to them yet, so what they go on to say has no other cause.
+        if lane.commands > self._limit_s:
+            by_wall += f", and they publish {self._commands} by the wall's clock: {lane.commands} commands"
         return f"its nodes did not come to rest{quiet}{by_wall}"
 
 

@@ -81,7 +81,7 @@ _STOPPED = b"Tt"
 _NAP = b"nanosleep"
 _UNTOLD = b"0"
 _CONDITION = b"futex"
-# Of futex(2): waiting on one, without and with a set of bits; other bits of the operation say which clock, and whose it is.
+# Of futex(2): to wait, without and with a set of bits; other bits say which clock there is, and whose it is.
 _WAITS, _OPERATION = frozenset({0, 9}), 0x7F
 _LOOK_AGAIN_S = 0.002
 # Whoever waits there hears nothing of a socket; the last is where a nap is held (``nap_gate``).

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from specs.ros_robot import RosRobot
 from tasks.ros.lockstep.exchange import TwistCommand
 from tasks.ros.lockstep.robot_topics import SensorMessages
 from tasks.ros.lockstep.ros2_lockstep import DdsGraph
@@ -46,6 +47,12 @@ def test_a_callback_that_waits_on_a_condition_until_its_time_is_over_answers_in_
     assert run.failures == {}
     assert (run.tallies[0].commands, run.tallies[0].late, run.tallies[0].stray) == (20, 0, 0)
     assert run.commands == at_once.commands
+
+
+def test_a_node_that_commands_by_the_walls_clock_is_not_ready_for_that_reason(tmp_path: Path) -> None:
+    run = drive(tmp_path, "hurried", steps=1, robot=RosRobot(ready_s=5.0))
+    assert run.failures[0].startswith("not ready within 5 s: its nodes did not come to rest")
+    assert "they publish /cmd_vel by the wall's clock: " in run.failures[0]
 
 
 def test_nothing_is_left_of_an_episode(tmp_path: Path) -> None:
