@@ -102,6 +102,24 @@ def test_one_that_sleeps_by_the_walls_clock_naps(start: Start) -> None:
     watched.close()
 
 
+@pytest.mark.parametrize(("limit_s", "naps"), [(600, True), (-1, False)])
+def test_one_that_waits_on_a_condition_naps_where_its_wait_ends_by_itself(
+    start: Start, limit_s: int, *, naps: bool
+) -> None:
+    waits = f"lock = _thread.allocate_lock(); lock.acquire(); lock.acquire(True, {limit_s})"
+    process = start(f"import os, _thread; os.write(1, b'.'); {waits}")
+    watched = watch(process)
+    watched.limits = True
+    until(watched, Rest.ASLEEP)
+    # A kernel may tell only after a while where it sleeps, and until then it may nap.
+    while watched.napping() != ({process.pid} if naps else frozenset()):
+        time.sleep(0.001)
+    assert (process.pid in watched.resting()) is naps
+    watched.limits = False
+    assert process.pid not in watched.resting()
+    watched.close()
+
+
 def test_one_may_nap_as_long_as_the_kernel_does_not_tell_where_it_sleeps(tmp_path: Path) -> None:
     thread, watched = fake_thread(tmp_path, 1, 2), ThreadWatch(tmp_path)
     thread.waits_at = "0"
