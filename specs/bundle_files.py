@@ -1,8 +1,8 @@
 """Files of a bundle that declare a robot: its sensors, ``<launch>.yaml`` of a policy, ``image.json`` of an image."""
 
 import math
-from collections.abc import Sequence
-from typing import Annotated, Literal, Self
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, Self, cast
 
 from pydantic import Field, model_validator
 
@@ -17,7 +17,10 @@ _MOST_COLUMNS, _MOST_ROWS = 640, 480
 Latency = Annotated[int, Field(ge=0, le=20)]
 
 
-ONE_OF_A_KIND = "a robot has one sensor of a kind, not a list of them; what to do instead: docs/guide/limits.md"
+ONE_OF_A_KIND = "a robot has one sensor of this kind, not a list of them; what to do instead: docs/guide/limits.md"
+MOST_CAMERAS = 8
+# What cameras of a list have in common, so that their pictures are one array.
+ALIKE = ("columns", "rows", "range_m", "rate_hz", "latency_steps")
 
 
 # The fields are those that a controller's own sensors have (docs/guide/applications.md).
@@ -34,10 +37,12 @@ class PacedDeclaration(Spec):
 
     @model_validator(mode="before")
     @classmethod
-    def _one(cls, given: object) -> object:
-        if isinstance(given, list | tuple):
-            raise ValueError(ONE_OF_A_KIND)  # noqa: TRY004 - pydantic makes a fault of the document of it
-        return given
+    def _no_list(cls, given: object) -> object:
+        return cls._one_of(cast("Sequence[object]", given)) if isinstance(given, list | tuple) else given
+
+    @classmethod
+    def _one_of(cls, _given: Sequence[object]) -> object:
+        raise ValueError(ONE_OF_A_KIND)
 
 
 class LidarDeclaration(PacedDeclaration):
@@ -103,6 +108,8 @@ class CameraDeclaration(PacedDeclaration):
         x_m, y_m, z_m: Where it is mounted: ahead, to the left, above the floor.
         pitch_rad, yaw_rad: How it is turned: down, counter-clockwise.
         sees_robot: Whether its own robot is in its pictures, as that stands at the start.
+        name: Of one in a list of cameras; empty for the only one.
+        others: Those behind it in its list, each with a place, a turn and errors of its own.
     """
 
     columns: Annotated[int, Field(ge=1, le=_MOST_COLUMNS)] = 64
@@ -115,6 +122,43 @@ class CameraDeclaration(PacedDeclaration):
     pitch_rad: Annotated[float, Field(ge=-math.pi / 2, le=math.pi / 2)] = 0.0
     yaw_rad: Place = 0.0
     sees_robot: bool = False
+    name: Annotated[str, Field(pattern=r"^([a-z][a-z0-9_]{0,31})?$")] = ""
+    others: Annotated[tuple[Self, ...], Field(max_length=MOST_CAMERAS - 1)] = ()
+
+    @classmethod
+    def _one_of(cls, given: Sequence[object]) -> object:
+        if len(given) < 2 or not all(isinstance(each, Mapping) for each in given):
+            raise ValueError(f"a list of cameras has 2 to {MOST_CAMERAS}, each with a name; one alone is no list")
+        first, *others = cast("Sequence[Mapping[str, object]]", given)
+        return {**first, "others": others}
+
+    @property
+    def every(self) -> tuple[Self, ...]:
+        """Returns it and those behind it in its list."""
+        return self, *self.others
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Returns the shape of what it shows: rows and columns, after the number of cameras of a list."""
+        return (*([len(self.every)] if self.others else []), self.rows, self.columns)
+
+    def own(self, name: str) -> str:
+        """Returns a topic or a frame of cameras as this one has it: with its name before it in a list of some."""
+        if not self.name:
+            return name
+        return f"/{self.name}{name}" if name.startswith("/") else f"{self.name}_{name}"
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        names = [each.name for each in self.every]
+        if self.others and ("" in names or len({*names}) < len(names)):
+            raise ValueError("name: each camera of a list has one of its own")
+        if any(each.others for each in self.others):
+            raise ValueError("others: a camera of a list has none behind it")
+        wrong = [name for name in ALIKE if len({getattr(each, name) for each in self.every}) > 1]
+        if wrong:
+            raise ValueError(f"{', '.join(wrong)}: cameras of a list have the same, and places and turns of their own")
+        return self
 
 
 def fitted_size(columns: int, rows: int) -> tuple[int, int]:

@@ -1,6 +1,6 @@
 """``ros.yaml`` of a bundle: the base, the sensors, the topics and the frames of a robot that ROS drives; its draft."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -242,10 +242,19 @@ class RosRobot(Spec):
         raw = self.topics.color_image
         return f"{raw}/compressed" if raw and self.color_camera else None
 
+    @property
+    def _named_topics(self) -> Iterator[str]:
+        """Yields the topics of cameras that have names: each topic's own, with the camera's before it."""
+        depths = (self.topics.depth_image, self.topics.depth_info, self.topics.depth_points)
+        colors = (self.topics.color_image, self.topics.color_info, self.compressed_topic)
+        for camera, topics in ((self.depth_camera, depths), (self.color_camera, colors)):
+            for each in camera.every if camera else ():
+                yield from (each.own(topic) for topic in topics if topic and each.name)
+
     @model_validator(mode="after")
     def _records_topics_of_nodes(self) -> Self:
         named = {topic for field, topic in self.topics if topic is not None and field != "range_finders"}
-        derived = {*self.range_topics, *filter(None, [self.compressed_topic])}
+        derived = {*self.range_topics, *filter(None, [self.compressed_topic]), *self._named_topics}
         for topic in sorted(derived & (named | OWN_TOPICS)):
             raise ValueError(f"topics: {topic} is made of one of its names, and is another's: choose another name")
         own = OWN_TOPICS - {"/map"} | named | derived

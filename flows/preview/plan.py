@@ -410,7 +410,8 @@ def _search_lines(
 def _camera(camera: CameraPlan, plan: EnginePlan) -> str:
     """Returns what a camera costs, and the batch's time without it."""
     size = f"of {camera.columns}x{camera.rows} at {camera.rate_hz:g} Hz"
-    shown = f"{camera.kind} {'whose size its code knows; one ' if camera.assumed else ''}{size}"
+    several = f"{camera.cameras} of " if camera.cameras > 1 else ""
+    shown = f"{several}{camera.kind} {'whose size its code knows; one ' if camera.assumed else ''}{size}"
     pictures = f"{_rounded(camera.pictures.low)} to {_rounded(camera.pictures.high)} pictures a second of a core"
     part = Span(low=min(camera.batch_s.low, plan.wall_s.low), high=min(camera.batch_s.high, plan.wall_s.high))
     least, most = plan.wall_s.low - part.low, plan.wall_s.high - part.high

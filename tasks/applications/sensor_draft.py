@@ -5,12 +5,14 @@ and ROS 2, and of ``gz-sim``. A sensor looks along the x axis of its link, whate
 """
 
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 from xml.etree.ElementTree import Element
 
-from specs.bundle_files import facing, fitted_size
+from specs.bundle_files import ALIKE, MOST_CAMERAS, facing, fitted_size
 from specs.data.episode import CONTROL_HZ, control_stride
+from specs.ros_robot import RosFrames
 from tasks.applications.robot_description import RobotDescription, Sensor, number, said
 
 _LIDARS = ("ray", "gpu_ray", "lidar", "gpu_lidar")
@@ -49,7 +51,9 @@ def draft_sensors(robot: RobotDescription, floor_m: float) -> SensorDraft:
         _add_lidar(lidar, floor_m, draft)
     depths, colors = _of_kinds(robot, _DEPTHS), _of_kinds(robot, _COLORS)
     for name, cameras in (("depth", depths), ("color", colors)):
-        if camera := _first(cameras, f"{name} camera", draft):
+        if several := _together(cameras, name, floor_m):
+            _add_together(several, cameras, f"{name}_camera", draft)
+        elif camera := _first(cameras, f"{name} camera", draft):
             _add_camera(camera, name, floor_m, draft)
     _add_imu(robot, draft)
     seen: dict[str, str] = {}
@@ -187,6 +191,59 @@ def _add_camera(sensor: Sensor, name: str, floor_m: float, draft: SensorDraft) -
     elif noise:
         draft.findings.append(f"{_named(sensor)}: <noise> is not taken: a depth errs with its square (sigma_m_per_m2)")
     draft.sensors[f"{name}_camera"] = declared
+
+
+_NAMED = re.compile(r"/([a-z][a-z0-9_]{0,31})(/.+)")
+
+
+def _together(cameras: Sequence[Sensor], name: str, floor_m: float) -> dict[str, SensorDraft]:
+    """Returns drafts of some alike cameras by their names; nothing where they cannot be a list.
+
+    They have pictures of one size at one time, and the same topics but for names of their own before them.
+    """
+    alone: dict[str, SensorDraft] = {}
+    for camera in cameras:
+        if camera.element.get("type") != cameras[0].element.get("type"):
+            continue
+        draft = SensorDraft({}, {}, {}, [camera.element], [])
+        _add_camera(camera, name, floor_m, draft)
+        parts = {key: _NAMED.fullmatch(topic) for key, topic in draft.topics.items() if topic}
+        names = {found[1] if found else "" for found in parts.values()}
+        if len(names) != 1 or "" in names or names <= alone.keys():
+            return {}
+        draft.topics.update({key: found[2] for key, found in parts.items() if found})
+        alone[names.pop()] = draft
+    first = next(iter(alone.values()), None)
+    sensor = f"{name}_camera"
+    same = [
+        first is not None
+        and each.topics == first.topics
+        and all(each.sensors[sensor].get(key) == first.sensors[sensor].get(key) for key in ALIKE)
+        for each in alone.values()
+    ]
+    return alone if 2 <= len(alone) <= MOST_CAMERAS and all(same) else {}
+
+
+def _add_together(
+    several: Mapping[str, SensorDraft], cameras: Sequence[Sensor], sensor: str, draft: SensorDraft
+) -> None:
+    drafts = [*several.values()]
+    taken = [element for each in drafts for element in each.taken]
+    draft.topics.update(drafts[0].topics)
+    draft.sensors[sensor] = [{"name": name, **each.sensors[sensor]} for name, each in several.items()]
+    draft.findings.extend(finding for each in drafts for finding in each.findings)
+    ends = {each.frames.get(sensor, "").removeprefix(f"{name}_") for name, each in several.items()}
+    if len(ends) == 1 and all(each.frames.get(sensor, "").startswith(f"{name}_") for name, each in several.items()):
+        draft.frames[sensor] = ends.pop()
+    else:
+        frame = RosFrames.model_fields[sensor].default
+        for name, each in several.items():
+            if given := each.frames.get(sensor):
+                draft.findings.append(f"{sensor} {name}: its frame is {name}_{frame}, not {given}")
+    for each in cameras:
+        if each.element not in taken and each.element not in draft.taken:
+            draft.findings.append(f"{_named(each)}: another {sensor.replace('_', ' ')} is not taken")
+    draft.taken.extend(each.element for each in cameras)
 
 
 _SIZES = (("width", 320.0), ("height", 240.0))

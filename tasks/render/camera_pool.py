@@ -42,6 +42,7 @@ class Shot(NamedTuple):
         x_m, y_m, yaw_rad: Where its robot is.
         seed: The episode's.
         number: The picture's in its episode, from 0.
+        place: The camera's in a list of several on a robot.
     """
 
     key: str
@@ -50,6 +51,7 @@ class Shot(NamedTuple):
     yaw_rad: float
     seed: int = 0
     number: int = 0
+    place: int = 0
 
 
 class AddCamera(Spec):

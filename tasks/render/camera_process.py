@@ -38,7 +38,7 @@ class _Cameras:
             if request.kind == "color":
                 renderer.stand(shot.x_m, shot.y_m, shot.yaw_rad)
                 pixels = renderer.color(pose, episode_light(added.camera, shot.seed))
-                yield exposed(pixels, added.camera, shot.seed, shot.number).tobytes()
+                yield exposed(pixels, added.camera, shot.seed, (shot.number, shot.place)).tobytes()
             else:
                 for array in renderer.depth_and_solids(pose):
                     yield array.tobytes()

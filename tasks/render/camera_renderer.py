@@ -182,7 +182,7 @@ def _shine(scene: mujoco.MjvScene, light: Light) -> None:
 
 def episode_light(camera: ColorCameraDeclaration, seed: int) -> Light:
     """Returns the light of an episode: drawn by its seed from what the camera declares."""
-    rng = _counted(seed, _LIGHT, 0)
+    rng = _counted(seed, _LIGHT, (0, 0))
     brightness, *tints, tilt, around = rng.uniform(-1.0, 1.0, 6).tolist()
     color = [(1.0 + camera.light_spread * brightness) * (1.0 + camera.tint_spread * tint) for tint in tints]
     if camera.light_tilt_rad == 0.0:
@@ -193,14 +193,14 @@ def episode_light(camera: ColorCameraDeclaration, seed: int) -> Light:
     return Light((color[0], color[1], color[2]), direction)
 
 
-def exposed(pixels: Pixels, camera: ColorCameraDeclaration, seed: int, number: int) -> Pixels:
+def exposed(pixels: Pixels, camera: ColorCameraDeclaration, seed: int, number: tuple[int, int]) -> Pixels:
     """Returns a picture as the camera takes it: blurred, exposed, with noise; as it is if none is declared.
 
     Args:
         pixels: What is there.
         camera: How it errs.
         seed: The episode's.
-        number: The picture's, from 0; each has its own errors.
+        number: The picture's, from 0, and its camera's in a list; each has its own errors.
     """
     if not (camera.blur_px or camera.exposure_spread or camera.noise):
         return pixels
@@ -212,9 +212,9 @@ def exposed(pixels: Pixels, camera: ColorCameraDeclaration, seed: int, number: i
     return np.rint(np.clip(taken, 0.0, 255.0)).astype(np.uint8)
 
 
-def _counted(seed: int, stream: int, number: int) -> np.random.Generator:
+def _counted(seed: int, stream: int, number: tuple[int, int]) -> np.random.Generator:
     key = np.array([seed & (1 << 64) - 1, stream], np.uint64)  # a list of both would become floats
-    return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, 0, number]))
+    return np.random.Generator(np.random.Philox(key=key, counter=[0, 0, number[1], number[0]]))
 
 
 def _blurred(pixels: Float[np.ndarray, "rows columns 3"], sigma_px: float) -> Float[np.ndarray, "rows columns 3"]:

@@ -38,7 +38,7 @@ class Sight:
 
 @dataclass(frozen=True)
 class CameraFilm:
-    """What a camera saw.
+    """What a camera saw, or what those of a list saw, one above the other.
 
     Attributes:
         t_s: When pictures were taken: some of all.
@@ -48,6 +48,15 @@ class CameraFilm:
     camera: CameraDeclaration
     t_s: Float[np.ndarray, "pictures"]
     pictures: Float[np.ndarray, "pictures rows columns"] | UInt8[np.ndarray, "pictures rows columns 3"]
+
+    @property
+    def apart(self) -> tuple["CameraFilm", ...]:
+        """Returns what each camera of a list saw; of one alone itself."""
+        if not self.camera.others:
+            return (self,)
+        rows = self.camera.rows
+        each = enumerate((self.camera.model_copy(update={"others": ()}), *self.camera.others))
+        return tuple(CameraFilm(one, self.t_s, self.pictures[:, at * rows : (at + 1) * rows]) for at, one in each)
 
 
 @dataclass(frozen=True)

@@ -345,11 +345,17 @@ PEOPLE_TOPICS = {"/people": "foxglove.SceneUpdate"}
 """The same of an episode with people."""
 
 
-def camera_topics(name: str) -> dict[str, str]:
-    """Returns the same of a robot's camera, which has topics of its own."""
+def camera_topics(kind: str, name: str = "") -> dict[str, str]:
+    """Returns the same of a robot's camera, which has topics of its own.
+
+    Args:
+        kind: Of the camera: ``depth`` or ``color``.
+        name: Of one in a list.
+    """
     # Viewers show raw depths in colours; a PNG of them is a third smaller, and nearly black (docs/guide/replay.md).
-    picture = "foxglove.RawImage" if name == "depth" else "foxglove.CompressedImage"
-    return {f"/{name}": picture, f"/{name}/calibration": "foxglove.CameraCalibration"}
+    picture = "foxglove.RawImage" if kind == "depth" else "foxglove.CompressedImage"
+    topic = f"/{name}/{kind}" if name else f"/{kind}"
+    return {topic: picture, f"{topic}/calibration": "foxglove.CameraCalibration"}
 
 
 def write_mcap(path: Path, world: World, playback: Playback) -> None:
@@ -363,15 +369,18 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=CompressionType.ZSTD)
         writer.start(profile="", library="simyard")
-        films = {name: film for name, film in (("depth", playback.depth), ("color", playback.color)) if film}
+        whole = {kind: film for kind, film in (("depth", playback.depth), ("color", playback.color)) if film}
+        films = [(kind, film) for kind, every in whole.items() for film in every.apart]
         topics = {
             **TOPICS,
             **(PEOPLE_TOPICS if playback.people_m.shape[1] else {}),
-            **{topic: schema for name in films for topic, schema in camera_topics(name).items()},
+            **{
+                topic: schema for kind, film in films for topic, schema in camera_topics(kind, film.camera.name).items()
+            },
         }
         channels = {topic: _channel(writer, topic, schema) for topic, schema in topics.items()}
         writer.add_metadata("simyard", {"job": playback.job, "world": world.name, "ending": playback.ending})
-        seen = (_camera_messages(name, film) for name, film in films.items())
+        seen = (_camera_messages(kind, film) for kind, film in films)
         messages = heapq.merge(_messages(world, playback), *seen, key=itemgetter(0))
         for number, (time_s, topic, message) in enumerate(messages):
             at_ns = nanoseconds_of(time_s)
@@ -407,9 +416,10 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
             yield time_s, "/step", _step(playback, sample, time_s)
 
 
-def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, Message]]:
+def _camera_messages(kind: str, film: CameraFilm) -> Iterator[tuple[float, str, Message]]:
     """Yields where the camera is, how it projects, and what it saw: in its optical frame, ahead along z (REP 103)."""
-    camera, frame = film.camera, _CAMERA_FRAMES[name]
+    camera = film.camera
+    frame, (topic, calibrated) = camera.own(_CAMERA_FRAMES[kind]), camera_topics(kind, camera.name)
     at = _frame(0.0, ROBOT_FRAME, frame, (camera.x_m, camera.y_m, camera.z_m), 0.0)
     x, y, z, w = optical_turn(camera.yaw_rad, camera.pitch_rad)
     at["rotation"] = {"x": x, "y": y, "z": z, "w": w}
@@ -426,7 +436,7 @@ def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, 
         "R": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         "P": [focal_px, 0.0, across, 0.0, 0.0, focal_px, down, 0.0, 0.0, 0.0, 1.0, 0.0],
     }
-    yield 0.0, f"/{name}/calibration", calibration
+    yield 0.0, calibrated, calibration
     for time_s, pixels in zip(film.t_s.tolist(), film.pictures, strict=True):
         picture: Message = {"format": "jpeg"}
         if pixels.dtype == np.uint8:
@@ -435,7 +445,7 @@ def _camera_messages(name: str, film: CameraFilm) -> Iterator[tuple[float, str, 
             shown = depths_in_mm(pixels, camera.range_m).astype("<u2")
             data, picture = shown.tobytes(), {**size, "encoding": "16UC1", "step": shown[0].nbytes}
         stamp: Message = {"timestamp": time_of(time_s), "frame_id": frame}
-        yield time_s, f"/{name}", {**stamp, **picture, "data": base64.b64encode(data).decode()}
+        yield time_s, topic, {**stamp, **picture, "data": base64.b64encode(data).decode()}
 
 
 def _frame(time_s: float, parent: str, child: str, place_m: tuple[float, float, float], yaw_rad: float) -> Message:

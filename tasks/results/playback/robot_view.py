@@ -54,9 +54,15 @@ def robot_views(playback: Playback) -> Iterator[RobotView]:
     """Yields what each of the robot's cameras saw, first the depth camera's; nothing for a robot without any."""
     if playback.depth and len(playback.depth.t_s):
         far_m = farthest_m(playback.depth.pictures, playback.depth.camera.range_m)
-        yield RobotView(playback.depth, f"depth, light 0 m to dark {far_m:.1f} m", far_m)
+        for film in playback.depth.apart:
+            yield RobotView(film, _label(film, f"depth, light 0 m to dark {far_m:.1f} m"), far_m)
     if playback.color and len(playback.color.t_s):
-        yield RobotView(playback.color, "colour", None)
+        for film in playback.color.apart:
+            yield RobotView(film, _label(film, "colour"), None)
+
+
+def _label(film: CameraFilm, shown: str) -> str:
+    return f"{film.camera.name}: {shown}" if film.camera.name else shown
 
 
 def farthest_m(depth_m: Float[np.ndarray, "*pictures rows columns"], range_m: float) -> float:

@@ -14,7 +14,14 @@ from tasks.results.playback.playback import CameraFilm, Playback
 from tasks.results.tables.recordings import COLOR_JPEG, DEPTH_PNG
 from tasks.ros.bag.message_log import MessageLog
 from tasks.ros.bag.track_log import Track, TrackCamera, TrackLidar, track_log
-from tasks.ros.message.camera_messages import Pinhole, depths_in_mm, depths_of_png, jpeg_bytes, optical_turn
+from tasks.ros.message.camera_messages import (
+    Pinhole,
+    depths_in_mm,
+    depths_of_png,
+    jpeg_bytes,
+    jpegs_apart,
+    optical_turn,
+)
 
 logger = logging.getLogger(__name__)
 Twists = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -60,10 +67,10 @@ def playback_log(view: RosView, playback: Playback) -> MessageLog:
 
 def _filmed(robot: RosRobot, playback: Playback) -> Iterator[TrackCamera]:
     """Yields cameras with what a playback has of them."""
-    if film := playback.depth:
+    for film in playback.depth.apart if playback.depth else ():
         depths_mm = (depths_in_mm(each, film.camera.range_m) for each in film.pictures)
         yield _depth_camera(robot, film.camera, dict(zip(_taken(playback, film), depths_mm, strict=True)))
-    if film := playback.color:
+    for film in playback.color.apart if playback.color else ():
         jpegs = map(jpeg_bytes, film.pictures)
         yield _color_camera(robot, film.camera, dict(zip(_taken(playback, film), jpegs, strict=True)))
 
@@ -80,13 +87,15 @@ def _depth_camera(
     pictures: Mapping[int, np.ndarray] = depths_mm
     if robot.depth_camera and robot.depth_camera.encoding == "32FC1":
         pictures = {each: np.where(mm, mm / np.float32(1000.0), np.float32(np.inf)) for each, mm in depths_mm.items()}
-    topics = robot.topics.depth_image, robot.topics.depth_info
-    return TrackCamera(*topics, robot.frames.depth_camera, *_optics(camera), pictures)
+    named = robot.topics.depth_image, robot.topics.depth_info
+    image, info = (each and camera.own(each) for each in named)
+    return TrackCamera(image, info, camera.own(robot.frames.depth_camera), *_optics(camera), pictures)
 
 
 def _color_camera(robot: RosRobot, camera: CameraDeclaration, jpegs: Mapping[int, bytes]) -> TrackCamera:
-    topics = robot.topics.color_image and f"{robot.topics.color_image}/compressed", robot.topics.color_info
-    return TrackCamera(*topics, robot.frames.color_camera, *_optics(camera), jpegs)
+    named = robot.topics.color_image and f"{robot.topics.color_image}/compressed", robot.topics.color_info
+    image, info = (each and camera.own(each) for each in named)
+    return TrackCamera(image, info, camera.own(robot.frames.color_camera), *_optics(camera), jpegs)
 
 
 def _optics(camera: CameraDeclaration) -> tuple[Pinhole, tuple[float, ...]]:
@@ -118,13 +127,24 @@ def _recorded(robot: RosRobot, own: Mapping[str, np.ndarray]) -> Iterator[TrackC
         depths_mm: dict[int, UInt16[np.ndarray, "rows columns"]] = {}
         for at, png in pngs.items():
             try:
-                depths_mm[at] = depths_of_png(png, camera.columns, camera.rows)
+                depths_mm[at] = depths_of_png(png, camera.columns, len(camera.every) * camera.rows)
             except (OSError, ValueError) as exc:
                 logger.warning("no picture of depths in a bag, at %.2f s: %s", own["t_s"][at], exc)
-        yield _depth_camera(robot, camera, depths_mm)
+        for number, one in enumerate(camera.every):
+            own_mm = {at: mm[number * one.rows : (number + 1) * one.rows] for at, mm in depths_mm.items()}
+            yield _depth_camera(robot, one, own_mm)
     camera, jpegs = _camera_samples(own, "color_camera", COLOR_JPEG)
-    if camera:
+    if camera and not camera.others:
         yield _color_camera(robot, camera, jpegs)
+    elif camera:
+        parts: dict[int, list[bytes]] = {}
+        for at, jpeg in jpegs.items():
+            try:
+                parts[at] = jpegs_apart(jpeg, camera.columns, camera.rows, len(camera.every))
+            except (OSError, ValueError) as exc:
+                logger.warning("no picture of colours in a bag, at %.2f s: %s", own["t_s"][at], exc)
+        for number, one in enumerate(camera.every):
+            yield _color_camera(robot, one, {at: each[number] for at, each in parts.items()})
 
 
 def _camera_samples(

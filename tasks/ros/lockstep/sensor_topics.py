@@ -6,13 +6,14 @@ base. ``readings`` of what is sensed has the fields of the observation that the 
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from specs.bundle_files import CameraDeclaration, PacedDeclaration
 from specs.data.episode import control_stride
-from specs.ros_robot import RosRobot, numbered
+from specs.ros_robot import RosDepthCamera, RosRobot, numbered
 from tasks.ros.lockstep.exchange import JointStates, RobotBase, Sensed
 from tasks.ros.message import camera_messages, ros_messages
 from tasks.ros.message.camera_messages import Pinhole
@@ -225,22 +226,29 @@ def _gps_mounts(robot: RosRobot) -> Iterator[Mount]:
         yield robot.frames.gps, (robot.gps.x_m, robot.gps.y_m, 0.0, robot.gps.z_m)
 
 
+Seeing = TypeVar("Seeing", bound=CameraDeclaration)
+Read = Callable[[Moment, str], np.ndarray]
+
+
 class _Camera(NamedTuple):
-    """A camera: how it projects, its optical frame, and when its pictures come."""
+    """A camera: how it projects, its optical frame, when its pictures come, and what makes topics its own."""
 
     pinhole: Pinhole
     frame: str
     pace: tuple[int, int]
+    named: Callable[[str], str]
 
     @classmethod
-    def of(cls, camera: CameraDeclaration, frame: str, control_s: float) -> "_Camera":
-        """Returns a camera as it is declared."""
-        pinhole = Pinhole(camera.columns, camera.rows, camera.fov_rad)
-        return cls(pinhole, frame, _pace(camera, control_s))
+    def all(cls, first: Seeing, frame: str, control_s: float) -> Iterator[tuple["_Camera", Seeing, Read]]:
+        """Yields the cameras of a list, as they are declared, and what takes each one's picture from a reading."""
+        for place, camera in enumerate(first.every):
+            pinhole = Pinhole(camera.columns, camera.rows, camera.fov_rad)
+            own = cls(pinhole, camera.own(frame), _pace(camera, control_s), camera.own)
+            yield own, camera, partial(_picture_of, place if first.others else None)
 
     def topic(self, name: str | None, kind: str, write: Callable[[Moment], bytes]) -> SensorTopic:
         """Returns one of its topics."""
-        return SensorTopic(name, kind, write, *self.pace)
+        return SensorTopic(name and self.named(name), kind, write, *self.pace)
 
     def info(self, name: str | None) -> SensorTopic:
         """Returns the topic that says how it projects."""
@@ -251,47 +259,51 @@ class _Camera(NamedTuple):
         return moment.sequence, moment.time, self.frame
 
 
-def _camera_mount(frame: str, camera: CameraDeclaration | None) -> Iterator[Mount]:
-    if camera is not None:
+def _picture_of(place: int | None, moment: Moment, reading: str) -> np.ndarray:
+    pictures = moment.sensed.readings[reading]
+    return pictures if place is None else pictures[place]
+
+
+def _camera_mounts(frame: str, first: CameraDeclaration | None) -> Iterator[Mount]:
+    for camera in first.every if first else ():
         turn = camera_messages.optical_turn(camera.yaw_rad, camera.pitch_rad)
-        yield frame, (camera.x_m, camera.y_m, camera.z_m, *turn)
+        yield camera.own(frame), (camera.x_m, camera.y_m, camera.z_m, *turn)
 
 
 def _depth_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
-    robot = base.robot
-    declared, names = robot.depth_camera, robot.topics
-    if declared is None:
+    robot, names = base.robot, base.robot.topics
+    if robot.depth_camera is None:
         return
-    camera, range_m = _Camera.of(declared, robot.frames.depth_camera, control_s), declared.range_m
+    for camera, declared, read in _Camera.all(robot.depth_camera, robot.frames.depth_camera, control_s):
+        yield camera.info(names.depth_info)
+        yield camera.topic(names.depth_points, _POINTS, partial(_points, camera, read, declared.range_m))
+        yield camera.topic(names.depth_image, _IMAGE, partial(_depths, camera, read, declared))
+
+
+def _depths(camera: _Camera, read: Read, declared: RosDepthCamera, moment: Moment) -> bytes:
     pixels = camera_messages.depths_in_mm if declared.encoding == "16UC1" else camera_messages.depths_in_m
+    return camera_messages.image(*camera.head(moment), pixels(read(moment, "depth_m"), declared.range_m))
 
-    def picture(moment: Moment) -> bytes:
-        return camera_messages.image(*camera.head(moment), pixels(moment.sensed.readings["depth_m"], range_m))
 
-    def points(moment: Moment) -> bytes:
-        seen_m = camera_messages.depths_in_m(moment.sensed.readings["depth_m"], range_m)
-        return camera_messages.point_cloud(*camera.head(moment), camera.pinhole, seen_m)
-
-    yield camera.info(names.depth_info)
-    yield camera.topic(names.depth_points, _POINTS, points)
-    yield camera.topic(names.depth_image, _IMAGE, picture)
+def _points(camera: _Camera, read: Read, range_m: float, moment: Moment) -> bytes:
+    seen_m = camera_messages.depths_in_m(read(moment, "depth_m"), range_m)
+    return camera_messages.point_cloud(*camera.head(moment), camera.pinhole, seen_m)
 
 
 def _color_topics(base: RobotBase, control_s: float) -> Iterator[SensorTopic]:
     robot = base.robot
     if robot.color_camera is None:
         return
-    camera = _Camera.of(robot.color_camera, robot.frames.color_camera, control_s)
+    for camera, _, read in _Camera.all(robot.color_camera, robot.frames.color_camera, control_s):
+        yield camera.info(robot.topics.color_info)
+        yield camera.topic(
+            robot.compressed_topic, _JPEG, partial(_colors, camera, read, camera_messages.compressed_image)
+        )
+        yield camera.topic(robot.topics.color_image, _IMAGE, partial(_colors, camera, read, camera_messages.image))
 
-    def picture(moment: Moment) -> bytes:
-        return camera_messages.image(*camera.head(moment), moment.sensed.readings["color"])
 
-    def jpeg(moment: Moment) -> bytes:
-        return camera_messages.compressed_image(*camera.head(moment), moment.sensed.readings["color"])
-
-    yield camera.info(robot.topics.color_info)
-    yield camera.topic(robot.compressed_topic, _JPEG, jpeg)
-    yield camera.topic(robot.topics.color_image, _IMAGE, picture)
+def _colors(camera: _Camera, read: Read, packed: Callable[..., bytes], moment: Moment) -> bytes:
+    return packed(*camera.head(moment), read(moment, "color"))
 
 
 ROS_SENSORS: tuple[RosSensor, ...] = (
@@ -302,8 +314,8 @@ ROS_SENSORS: tuple[RosSensor, ...] = (
     RosSensor(_bumper_topics),
     RosSensor(_range_topics, _range_mounts, ("finder_m",)),
     RosSensor(_scan_topics, _scan_mounts),
-    RosSensor(_depth_topics, lambda robot: _camera_mount(robot.frames.depth_camera, robot.depth_camera), ("depth_m",)),
-    RosSensor(_color_topics, lambda robot: _camera_mount(robot.frames.color_camera, robot.color_camera), ("color",)),
+    RosSensor(_depth_topics, lambda robot: _camera_mounts(robot.frames.depth_camera, robot.depth_camera), ("depth_m",)),
+    RosSensor(_color_topics, lambda robot: _camera_mounts(robot.frames.color_camera, robot.color_camera), ("color",)),
 )
 """In the order in which nodes are told: what a robot feels, then what it sees, which most nodes answer."""
 READINGS = tuple(field for sensor in ROS_SENSORS for field in sensor.readings)

@@ -100,6 +100,21 @@ def depths_of_png(png: bytes, columns: int, rows: int) -> UInt16[np.ndarray, "ro
         return np.asarray(found, np.uint16)
 
 
+def jpegs_apart(jpeg: bytes, columns: int, rows: int, count: int) -> list[bytes]:
+    """Returns each of some pictures that one JPEG has, one above the other, as a JPEG.
+
+    Raises:
+        OSError: It is no JPEG.
+        ValueError: It is of another size.
+    """
+    from PIL import Image  # noqa: PLC0415 - where somebody asks for such a picture
+
+    with Image.open(BytesIO(jpeg), formats=["JPEG"]) as found:
+        if found.size != (columns, count * rows) or found.mode != "RGB":
+            raise ValueError(f"a picture of {found.width} x {found.height} pixels in mode {found.mode}")
+        return [jpeg_bytes(each) for each in np.split(np.asarray(found), count)]
+
+
 def _saved(pixels: Shaped[np.ndarray, "rows columns *channels"], form: str, **options: int) -> bytes:
     from PIL import Image  # noqa: PLC0415 - where somebody asks for such a picture
 

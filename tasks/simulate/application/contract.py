@@ -78,7 +78,8 @@ class Observation(NamedTuple):
         goal_robot_m: The same seen from ``pose``: (ahead, to the left).
         bumper: Which sectors were touched during the last control step, counter-clockwise from straight ahead.
         joints: All that moves, of a robot with more than a planar base; None for one without.
-        depth_m: The depth camera's last picture that is there, from its upper left corner; None for a robot without.
+        depth_m: The depth camera's last picture that is there, from its upper left corner, or that of each camera of a
+            list; None for a robot without.
         turn_rad_s, force_m_s2: What an IMU reads, along its own axes: turn rates, and specific force, which is 9.81
             upwards at rest; None for a robot without.
         finder_m: How near the nearest thing is for each range finder; None for a robot without.
@@ -99,7 +100,7 @@ class Observation(NamedTuple):
     goal_robot_m: Float[jax.Array, "2"]
     bumper: Bool[jax.Array, "sectors"]
     joints: Joints | None = None
-    depth_m: Float[jax.Array, "height width"] | None = None
+    depth_m: Float[jax.Array, "*cameras height width"] | None = None
     turn_rad_s: Float[jax.Array, "3"] | None = None
     force_m_s2: Float[jax.Array, "3"] | None = None
     finder_m: Float[jax.Array, "finders"] | None = None
@@ -107,7 +108,7 @@ class Observation(NamedTuple):
     field_ut: Float[jax.Array, "3"] | None = None
     cliff_m: Float[jax.Array, "cliffs"] | None = None
     gps_m: Float[jax.Array, "3"] | None = None
-    color: UInt8[np.ndarray, "height width 3"] | None = None
+    color: UInt8[np.ndarray, "*cameras height width 3"] | None = None
 
 
 class Controller(Protocol):

@@ -56,6 +56,7 @@ class CameraPlan(Spec):
     Attributes:
         robot: The application's name, as that of its ``RobotPlan``.
         kind: As it is declared.
+        cameras: How many, of a list; each takes pictures.
         columns, rows: Of its pictures.
         rate_hz: At which they are taken.
         assumed: Whether only the robot's code knows these numbers, and they are the usual ones.
@@ -65,6 +66,7 @@ class CameraPlan(Spec):
 
     robot: str
     kind: CameraKind
+    cameras: int
     columns: int
     rows: int
     rate_hz: float
@@ -109,10 +111,11 @@ def _plan(robot: Driven, kind: CameraKind, found: CameraDeclaration | None) -> C
     rate_hz, pixels = CONTROL_HZ / control_stride(camera.rate_hz), camera.columns * camera.rows
     fast_s, slow_s = (cost.picture_s + pixels * cost.pixel_s for cost in _COSTS[kind])
     cores = device_count() if kind == "depth_camera" else len(os.sched_getaffinity(0))
-    taken = robot.simulated_s * rate_hz / cores
+    taken = robot.simulated_s * rate_hz * len(camera.every) / cores
     return CameraPlan(
         robot=robot.label,
         kind=kind,
+        cameras=len(camera.every),
         columns=camera.columns,
         rows=camera.rows,
         rate_hz=rate_hz,
@@ -166,7 +169,20 @@ def _assigned(tree: ast.AST, name: str) -> Iterator[ast.expr]:
 def _written_down(
     kind: CameraKind, value: ast.expr, classes: Mapping[str, ast.ClassDef], robot: Path
 ) -> CameraDeclaration | None:
-    """Returns a camera that is made of a class of the module, from numbers alone; None for any other."""
+    """Returns a camera that is made of a class of the module, from numbers alone, or a list of such; else None."""
+    several = value.elts if isinstance(value, ast.List | ast.Tuple) else None
+    written = [_written(kind, each, classes, robot) for each in several or [value]]
+    if None in written:
+        return None
+    try:
+        return _FORMS[kind].model_validate(written if several else written[0])
+    except ValidationError:  # which a run will say
+        return None
+
+
+def _written(
+    kind: CameraKind, value: ast.expr, classes: Mapping[str, ast.ClassDef], robot: Path
+) -> dict[str, Any] | None:
     if not isinstance(value, ast.Call) or not isinstance(value.func, ast.Name) or value.args:
         return None
     if value.func.id not in classes and not value.keywords:
@@ -177,9 +193,9 @@ def _written_down(
         known = {"mjcf", *_FORMS[kind].model_fields}
         own = {name: each for name, each in fields.items() if name in known}
         declared = with_file_sensors({kind: own}, robot)[kind]
-        return _FORMS[kind].model_validate(declared) if "columns" in declared or kind == "color_camera" else None
-    except (ValueError, TypeError, ValidationError, RobotRefused):  # what it is only its code knows, or a run will say
+    except (ValueError, TypeError, RobotRefused):  # what it is only its code knows, or a run will say
         return None
+    return declared if "columns" in declared or kind == "color_camera" else None
 
 
 def _fields(made: ast.ClassDef | None) -> Iterator[tuple[str, Any]]:

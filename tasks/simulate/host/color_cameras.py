@@ -27,8 +27,8 @@ from tasks.simulate.geometry.hull_outline import robot_shape
 from tasks.simulate.host.controllers import HostControllers, HostStart
 
 _logger = logging.getLogger(__name__)
-Pictures = UInt8[np.ndarray, "lanes rows columns 3"]
-_SHARED = ("columns", "rows", "rate_hz", "latency_steps")
+Pictures = UInt8[np.ndarray, "lanes *cameras rows columns 3"]
+_SHARED = ("shape", "rate_hz", "latency_steps")
 
 
 class _Taken(NamedTuple):
@@ -60,15 +60,21 @@ class CameraKeys:
         self._worlds, self._robot, self._digests = worlds, robot, dict[str, str]()
 
     def name(self, world: str, camera: ColorCameraDeclaration) -> str:
-        """Returns the name of a camera in a world."""
+        """Returns the name of a camera in a world, whichever others are in a list with it."""
         if world not in self._digests:
             text = f"{self._robot}{self._worlds[world].model_dump_json()}"
             self._digests[world] = hashlib.sha256(text.encode()).hexdigest()
-        return f"{self._digests[world]} {camera.model_dump_json()}"
+        return f"{self._digests[world]} {camera.model_dump_json(exclude={'others'})}"
 
     def add(self, pool: CameraPool, world: str, camera: ColorCameraDeclaration) -> None:
         """Adds a camera in a world to a pool."""
-        pool.add(self.name(world, camera), self._worlds[world], camera, self._robot if camera.sees_robot else ())
+        for each in camera.every:
+            robot = self._robot if each.sees_robot else ()
+            pool.add(self.name(world, each), self._worlds[world], each.model_copy(update={"others": ()}), robot)
+
+    def names(self, world: str, camera: ColorCameraDeclaration) -> tuple[str, ...]:
+        """Returns the names of a camera, and of those behind it in a list, in a world."""
+        return tuple(self.name(world, each) for each in camera.every)
 
 
 class LanePictures:
@@ -98,11 +104,11 @@ class LanePictures:
         self.undrawn, self.gl = set[int](), ""
         self._pool: CameraPool | None = None
         self._moving = np.zeros(start.width, np.bool_)
-        seen = any(isinstance(each, ColorCameraDeclaration) and each.sees_robot for each in cameras)
+        seen = any(one.sees_robot for each in cameras if isinstance(each, ColorCameraDeclaration) for one in each.every)
         self._names = CameraKeys(start.worlds, robot_shape(robot) if seen else ())
-        self._keys = [self._added_key(lane, camera) for lane, camera in enumerate(cameras)]
+        self._keys = [self._added_keys(lane, camera) for lane, camera in enumerate(cameras)]
         self._step, self._poses = 0, np.zeros((start.width, 3), np.float32)
-        self._blank = np.zeros((start.width, self._camera.rows, self._camera.columns, 3), np.uint8)
+        self._blank = np.zeros((start.width, *self._camera.shape, 3), np.uint8)
         self._blank.flags.writeable = False
         self._taken = deque([_Taken(-1 - self._camera.latency_steps, -1, self._poses, np.zeros(start.width, np.bool_))])
         self._drawn = {-1: self._blank}
@@ -153,12 +159,13 @@ class LanePictures:
         self, steps: Int[np.ndarray, "pictures"], poses: Float32[np.ndarray, "pictures 3"]
     ) -> UInt8[np.ndarray, "pictures rows columns 3"]:
         """Returns what the first lane's camera saw, as ``SeesWorlds.drawn_again``."""
-        key, seed = self._keys[0], self._start.lanes[0].request.seed
+        keys, seed = self._keys[0], self._start.lanes[0].request.seed
         shots = [
-            Shot(key, x_m, y_m, yaw_rad, seed, step // self._stride)
+            Shot(key, x_m, y_m, yaw_rad, seed, step // self._stride, place)
             for step, (x_m, y_m, yaw_rad) in zip(steps.tolist(), poses.tolist(), strict=True)
+            for place, key in enumerate(keys)
         ]
-        return self._opened().color(shots)
+        return self._opened().color(shots).reshape(len(steps), -1, self._camera.columns, 3)
 
     def failure_code(self, lane: int) -> SimulationJobErrorCode:
         """Returns whose fault it is that a lane, which crashed, did not come to its end."""
@@ -168,12 +175,13 @@ class LanePictures:
         if taken.number not in self._drawn:
             pictures, lanes = self._blank.copy(), np.flatnonzero(taken.able[: len(self._keys)]).tolist()
             if lanes:
-                pictures[lanes] = self._shots_drawn([self._shot(lane, taken) for lane in lanes])
+                drawn = self._shots_drawn([shot for lane in lanes for shot in self._shots(lane, taken)])
+                pictures[lanes] = drawn.reshape(len(lanes), *pictures.shape[1:])
             pictures.flags.writeable = False
             self._drawn[taken.number] = pictures
         return self._drawn[taken.number]
 
-    def _shots_drawn(self, shots: Sequence[Shot]) -> Pictures:
+    def _shots_drawn(self, shots: Sequence[Shot]) -> UInt8[np.ndarray, "shots rows columns 3"]:
         try:
             return self._opened().color(shots)
         except DrawingFailed:
@@ -190,19 +198,21 @@ class LanePictures:
                     self._names.add(self._pool, lane.request.world, camera)
         return self._pool
 
-    def _added_key(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> str:
-        """Returns the name of a lane's camera in its world; a lane whose camera cannot be crashes."""
+    def _added_keys(self, lane: int, camera: ColorCameraDeclaration | BundleCrash | None) -> tuple[str, ...]:
+        """Returns the names of a lane's cameras in its world; a lane whose camera cannot be crashes."""
         if isinstance(camera, BundleCrash):
             self.crashes[lane] = camera.reason
         elif camera is None or any(getattr(camera, name) != getattr(self._camera, name) for name in _SHARED):
-            self.crashes[lane] = f"color_camera: {', '.join(_SHARED)} must not follow from a numeric variable"
+            names = "columns, rows, rate_hz, latency_steps and how many there are"
+            self.crashes[lane] = f"color_camera: {names} must not follow from a numeric variable"
         else:
-            return self._names.name(self._start.lanes[lane].request.world, camera)
-        return ""
+            return self._names.names(self._start.lanes[lane].request.world, camera)
+        return ()
 
-    def _shot(self, lane: int, taken: _Taken) -> Shot:
-        x_m, y_m, yaw_rad = taken.poses[lane].tolist()
-        return Shot(self._keys[lane], x_m, y_m, yaw_rad, self._start.lanes[lane].request.seed, taken.number)
+    def _shots(self, lane: int, taken: _Taken) -> list[Shot]:
+        (x_m, y_m, yaw_rad), seed = taken.poses[lane].tolist(), self._start.lanes[lane].request.seed
+        keys = enumerate(self._keys[lane])
+        return [Shot(key, x_m, y_m, yaw_rad, seed, taken.number, place) for place, key in keys]
 
 
 class SeeingControllers:

@@ -131,7 +131,7 @@ class SeesWorlds(Protocol):
     def drawn_again(
         self, steps: Int[np.ndarray, "pictures"], poses: Float32[np.ndarray, "pictures 3"]
     ) -> UInt8[np.ndarray, "pictures rows columns 3"]:
-        """Returns what the first lane's camera saw at control steps at which it took pictures.
+        """Returns what the first lane's camera saw when it took pictures, or what those of a list saw, in one column.
 
         Args:
             steps: Which.

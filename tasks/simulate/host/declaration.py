@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, Literal, TypeVar, cast, get_args
+from typing import Any, Literal, TypeGuard, TypeVar, cast, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
@@ -281,12 +281,16 @@ def with_file_sensors(declared: Mapping[str, Any], robot: Path) -> dict[str, Any
     Raises:
         RobotRefused: The file has no such sensor, or cannot be read.
     """
-    asked = {
-        name: own
-        for name, own in declared.items()
-        if name in _FILE_KINDS and isinstance(own, Mapping) and _OF_FILE in own
-    }
-    return {**declared, **{name: _with_file_sensor(name, dict(own), robot) for name, own in asked.items()}}
+    return {name: _taken(name, own, robot) if name in _FILE_KINDS else own for name, own in declared.items()}
+
+
+def _taken(name: str, own: object, robot: Path) -> object:
+    """Returns a declaration, or each of a list, with what it asks for of the file."""
+    if isinstance(own, list | tuple):
+        return [_taken(name, each, robot) for each in cast("Sequence[object]", own)]
+    if not isinstance(own, Mapping) or _OF_FILE not in own:
+        return own
+    return _with_file_sensor(name, dict(cast("Mapping[str, Any]", own)), robot)
 
 
 def _with_file_sensor(name: str, own: dict[str, Any], robot: Path) -> dict[str, Any]:
@@ -330,7 +334,7 @@ def load_controller(
 
     def made(environment: object) -> object:
         controller = make(environment)
-        asking = {name: each for name in _FILE_KINDS if hasattr(each := getattr(controller, name, None), _OF_FILE)}
+        asking = {name: each for name in _FILE_KINDS if _asks(each := getattr(controller, name, None))}
         return _Declaring(controller, asking, folder / ROBOT_FILE) if asking else controller
 
     return made
@@ -342,14 +346,28 @@ class _Declaring:
     def __init__(self, controller: object, asking: Mapping[str, object], robot: Path) -> None:
         self._controller = controller
         own = {
-            name: {field: getattr(each, field) for field in sorted(_fields_of(name)) if hasattr(each, field)}
+            name: [_written(one, name) for one in each] if _is_list(each) else _written(each, name)
             for name, each in asking.items()
         }
-        for name, fields in with_file_sensors(own, robot).items():
-            setattr(self, name, SimpleNamespace(**fields))
+        for name, found in with_file_sensors(own, robot).items():
+            every = [SimpleNamespace(**each) for each in (found if isinstance(found, list) else [found])]
+            setattr(self, name, every if isinstance(found, list) else every[0])
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._controller, name)
+
+
+def _is_list(declared: object) -> TypeGuard[Sequence[object]]:
+    return isinstance(declared, list | tuple) and not hasattr(declared, "_fields")
+
+
+def _asks(declared: object) -> bool:
+    """Returns whether a sensor, or one of a list, asks for what the robot's file has."""
+    return any(hasattr(each, _OF_FILE) for each in (declared if _is_list(declared) else [declared]))
+
+
+def _written(declared: object, name: str) -> dict[str, object]:
+    return {field: getattr(declared, field) for field in sorted(_fields_of(name)) if hasattr(declared, field)}
 
 
 def _fields_of(name: str) -> set[str]:

@@ -324,7 +324,7 @@ def part_numbers(policy: Policy, shown: PolicyInput, robot: RobotNumbers | None)
 _OF_SENSORS: Mapping[str, tuple[str, Callable[[Any], int]]] = {
     "ranges_m": ("lidar", lambda lidar: lidar.rays),
     "bumper": ("bumper", lambda bumper: bumper.sectors),
-    "depth_m": ("depth_camera", lambda camera: camera.rows * camera.columns),
+    "depth_m": ("depth_camera", lambda camera: math.prod(camera.shape)),
     "finder_m": ("range_finders", lambda finders: finders.finders),
     "turn_rad_s": ("imu", lambda _: 3),
     "force_m_s2": ("imu", lambda _: 3),
@@ -332,7 +332,7 @@ _OF_SENSORS: Mapping[str, tuple[str, Callable[[Any], int]]] = {
     "field_ut": ("compass", lambda _: 3),
     "cliff_m": ("cliff_sensors", lambda cliffs: cliffs.sensors),
     "gps_m": ("gps", lambda _: 3),
-    "color": ("color_camera", lambda camera: 3 * camera.rows * camera.columns),
+    "color": ("color_camera", lambda camera: 3 * math.prod(camera.shape)),
 }
 
 

@@ -76,7 +76,7 @@ class LaneInputs(NamedTuple):
     alive: Bool[jax.Array, ""]
     near: Any = None
     scene: DepthScene | None = None
-    hull_depth_m: Float[jax.Array, "rows columns"] | None = None
+    hull_depth_m: Float[jax.Array, "*cameras rows columns"] | None = None
     people: PeopleInputs | None = None
     standing_m: Float[jax.Array, "people 2"] | None = None
     physics: Float[jax.Array, "3"] | None = None

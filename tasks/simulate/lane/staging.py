@@ -49,7 +49,7 @@ class Lane(NamedTuple):
     shortest_path_m: float | None = None
     lidar: Lidar = NO_LIDAR
     camera: DepthCamera | None = None
-    hull_depth_m: Float32[np.ndarray, "rows columns"] | None = None
+    hull_depth_m: Float32[np.ndarray, "*cameras rows columns"] | None = None
     people: HostPeople | None = None
 
 
@@ -170,7 +170,7 @@ def _stacked_physics(factors: Sequence[tuple[float, float, float] | None]) -> An
     return _stacked(some) if some else None
 
 
-def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "rows columns"] | None]) -> Any:  # noqa: ANN401 - as _stacked
+def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "*cameras rows columns"] | None]) -> Any:  # noqa: ANN401 - as _stacked
     some = [picture for picture in pictures if picture is not None]
     return _stacked(some) if some else None
 

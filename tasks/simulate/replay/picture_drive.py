@@ -4,6 +4,7 @@ A depth is a whole number of millimetres, in a PNG of 16 bits a pixel; colours a
 same poses, with the same Pillow and, of colours, the same GL.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -64,7 +65,7 @@ def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_h
     camera, scene = lane.camera, lane.arrays.scene
     if camera is None or scene is None:
         return _packed([], [])
-    taken = some_pictures(steps, camera.pace.stride, pictures_hz, 4 * camera.rows * camera.columns)
+    taken = some_pictures(steps, camera.pace.stride, pictures_hz, 4 * math.prod(camera.shape))
     seed, packed = jnp.asarray(seed_words(lane.request.seed)), list[bytes]()
     hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
     for first in range(0, len(taken), _TOGETHER):
@@ -90,7 +91,7 @@ def _colors(
     if camera is None:
         return None, _packed([], []), ""
     steps, poses, pictures_hz = wanted
-    taken = some_pictures(steps, control_stride(camera.rate_hz), pictures_hz, 3 * camera.rows * camera.columns)
+    taken = some_pictures(steps, control_stride(camera.rate_hz), pictures_hz, 3 * math.prod(camera.shape))
     start = HostStart([lane], 1, program.actuators, program.applications.sensors, worlds)
     eyes = LanePictures([camera], start, bundles[lane.request.robot.digest] / "robot.xml")
     try:

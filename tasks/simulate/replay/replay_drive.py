@@ -1,5 +1,6 @@
 """Drives one episode again, and keeps what a picture of it needs besides its row."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol, TypedDict, runtime_checkable
@@ -134,7 +135,7 @@ def _pictures(
     camera = lane.camera
     if camera is None or lane.arrays.scene is None:
         return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
-    taken = _some_steps(len(poses), camera.pace.stride, 4 * camera.rows * camera.columns)
+    taken = _some_steps(len(poses), camera.pace.stride, 4 * math.prod(camera.shape))
     seed = jnp.asarray(seed_words(lane.request.seed))
     hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
     beside = jax.vmap(people_cylinders)(jnp.asarray(people_m[taken]))
@@ -156,7 +157,7 @@ def _colors(host: HostControllers | None, poses: Float32[np.ndarray, "samples 3"
     camera = host.first_camera() if isinstance(host, SeesWorlds) else None
     if camera is None or not isinstance(host, SeesWorlds):
         return _Colors(color_camera=None, colored_s=np.zeros(0), colors=np.zeros((0, 0, 0, 3), np.uint8))
-    taken = _some_steps(len(poses), control_stride(camera.rate_hz), 3 * camera.rows * camera.columns)
+    taken = _some_steps(len(poses), control_stride(camera.rate_hz), 3 * math.prod(camera.shape))
     return _Colors(color_camera=camera, colored_s=taken * CONTROL_S, colors=host.drawn_again(taken, poses[taken]))
 
 

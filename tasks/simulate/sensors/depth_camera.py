@@ -36,6 +36,8 @@ from tasks.simulate.sensors.sensor import (
 )
 
 _NOISE, _DROPOUT, _EDGE_DROPOUT = 3, 4, 5
+# Of cameras behind the first one of a list: each begins with a seed of its own.
+_OTHERS = 64
 _ERRORS = ("sigma_m_per_m2", "baseline_m", "disparity_px", "dropout", "edge_dropout", "edge_share")
 
 
@@ -60,6 +62,18 @@ class DepthCamera(NamedTuple):
     edge_dropout: Scalar = 0.0
     edge_share: Scalar = 0.1
     sees_robot: int = 0
+    name: str = ""
+    others: tuple["DepthCamera", ...] = ()
+
+    @property
+    def every(self) -> tuple["DepthCamera", ...]:
+        """Returns it and those behind it in a list of cameras, whose pictures are as large."""
+        return self, *self.others
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Returns the shape of what it shows: rows and columns, after the number of cameras of a list."""
+        return (*([len(self.every)] if self.others else []), self.rows, self.columns)
 
     @property
     def view(self) -> View:
@@ -74,17 +88,21 @@ class DepthCamera(NamedTuple):
     @property
     def declared(self) -> DepthCameraDeclaration:
         """Returns the declaration of a camera in plain numbers."""
-        return DepthCameraDeclaration.model_validate(self._asdict())
+        of_list = {"others": [each.declared.model_dump() for each in self.others]}
+        return DepthCameraDeclaration.model_validate(self._asdict() | of_list)
 
 
-def seen_hull_m(camera: DepthCamera | None, robot: Path) -> Float32[np.ndarray, "rows columns"] | None:
-    """Returns what a camera, in plain numbers, sees of its own robot; None if that is nothing.
+def seen_hull_m(camera: DepthCamera | None, robot: Path) -> Float32[np.ndarray, "*cameras rows columns"] | None:
+    """Returns what a camera, in plain numbers, sees of its own robot, or each of a list; None if that is nothing.
 
     Raises:
         RobotRefused: No engine takes the robot.
     """
-    if camera is None or not camera.sees_robot:
+    if camera is None or not any(each.sees_robot for each in camera.every):
         return None
+    if camera.others:
+        alone = [seen_hull_m(each._replace(others=()), robot) for each in camera.every]
+        return np.stack([np.full(camera.shape[1:], np.inf, np.float32) if each is None else each for each in alone])
     mount = Mount(*map(float, (camera.x_m, camera.y_m, camera.z_m, camera.yaw_rad)))
     return hull_picture(robot, camera.view, mount)
 
@@ -191,7 +209,7 @@ def _camera(view: View) -> Callable[[_Shot], Float[Array, "slots rows columns"]]
 
 def _begin(shared: DepthCamera, own: DepthCamera, start: Situation) -> Memory:
     blank = jnp.full((shared.pace.slots, shared.rows, shared.columns), shared.range_m)
-    return _taken(shared, own, blank, start)
+    return _taken(shared, own, (blank,) * len(shared.every) if shared.others else blank, start)
 
 
 def _feel(shared: DepthCamera, own: DepthCamera, pictures: Memory, drive: Drive) -> Memory:
@@ -199,7 +217,19 @@ def _feel(shared: DepthCamera, own: DepthCamera, pictures: Memory, drive: Drive)
 
 
 def _taken(shared: DepthCamera, own: DepthCamera, pictures: Memory, now: Situation) -> Memory:
-    return _camera(shared.view)(_shot(shared, own, pictures, now))
+    if not shared.others:
+        return _camera(shared.view)(_shot(shared, own, pictures, now))
+    cameras = enumerate(zip(shared.every, own.every, pictures, strict=True))
+    return tuple(
+        _taken(one._replace(others=()), its, kept, _seen_by(now, place)) for place, (one, its, kept) in cameras
+    )
+
+
+def _seen_by(now: Situation, number: int) -> Situation:
+    """Returns a lane as one camera of a list has it: with errors of its own, and what it sees of the robot."""
+    hull_m = None if now.hull_depth_m is None else now.hull_depth_m[number]
+    seed = jax.random.key_data(step_key(now.seed, _OTHERS, jnp.int32(number))) if number else now.seed
+    return now._replace(seed=seed, hull_depth_m=hull_m)
 
 
 def _shot(shared: DepthCamera, own: DepthCamera, pictures: Array, now: Situation) -> _Shot:
@@ -230,9 +260,9 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
     steps: Int[Array, "pictures"],
     beside: Float[Array, "pictures cylinders 5"],
     *,
-    hull_depth_m: Picture | None = None,
+    hull_depth_m: Float[Array, "*cameras rows columns"] | None = None,
 ) -> Float[Array, "pictures rows columns"]:
-    """Returns the pictures that a robot's camera took, from where the robot was.
+    """Returns the pictures that a robot's camera took, from where the robot was; those of a list one above the other.
 
     Args:
         camera: The episode's, in plain numbers.
@@ -249,7 +279,12 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
         body = Body(at[0], none, none, none)
         seen = scene._replace(cylinders=jnp.concatenate([scene.cylinders, at[2]]))
         now = Situation(body, none, seed, at[1], seen, hull_depth_m)
-        return _picture(camera.view, _shot(camera, camera, none, now))
+        if not camera.others:
+            return _picture(camera.view, _shot(camera, camera, none, now))
+        each = [
+            _picture(one.view, _shot(one, one, none, _seen_by(now, number))) for number, one in enumerate(camera.every)
+        ]
+        return jnp.concatenate(each)
 
     return jax.lax.map(again, (poses, steps, beside))
 
@@ -257,11 +292,15 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
 def _observe(shared: DepthCamera, _own: DepthCamera, pictures: Memory, now: Situation) -> Fields:
     pace = shared.pace
     taken = (now.step - pace.latency_steps) // pace.stride
-    return {"depth_m": jnp.where(taken >= 0, pictures[taken % pace.slots], shared.range_m)}
+
+    def shown(kept: Array) -> Array:
+        return jnp.where(taken >= 0, kept[taken % pace.slots], shared.range_m)
+
+    return {"depth_m": jnp.stack([shown(each) for each in pictures]) if shared.others else shown(pictures)}
 
 
 def _blank(shared: DepthCamera) -> Fields:
-    return {"depth_m": jnp.full((shared.rows, shared.columns), shared.range_m)}
+    return {"depth_m": jnp.full(shared.shape, shared.range_m)}
 
 
 DEPTH_CAMERA = Sensor(
@@ -288,6 +327,6 @@ DEPTH_CAMERA = Sensor(
     },
     whole=("columns", "rows", "sees_robot"),
     shared=("columns", "rows", "fov_rad", "range_m", "pitch_rad", "sees_robot"),
-    streams=(_NOISE, _DROPOUT, _EDGE_DROPOUT),
+    streams=(_NOISE, _DROPOUT, _EDGE_DROPOUT, _OTHERS),
     keeps=True,
 )

@@ -70,7 +70,7 @@ class Situation(NamedTuple):
     seed: Seed
     step: Int[jax.Array, ""]
     scene: DepthScene | None = None
-    hull_depth_m: Float[jax.Array, "rows columns"] | None = None
+    hull_depth_m: Float[jax.Array, "*cameras rows columns"] | None = None
 
 
 class Drive(NamedTuple):

@@ -1,18 +1,19 @@
 """The table of sensors, and the sensors of a robot: read from its controller object, and checked.
 
 A controller has its sensors as attributes, by the names in ``SENSORS``. Each is an object with the attributes of the
-tuple in its module; those that have a default may be left out. What decides array shapes or what is staged is the same
-in all episodes of a program; the other numbers may follow from environment variables, and are then traced values.
+tuple in its module; those that have a default may be left out. Cameras may be a list of such objects. What decides
+array shapes or what is staged is the same in all episodes of a program; the other numbers may follow from environment
+variables, and are then traced values.
 """
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, TypeGuard, cast
 
 import jax.numpy as jnp
 from pydantic import ValidationError
 
-from specs.bundle_files import ONE_OF_A_KIND, ColorCameraDeclaration
+from specs.bundle_files import MOST_CAMERAS, ONE_OF_A_KIND, ColorCameraDeclaration
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.sensors.bumper import BUMPER, Bumper
 from tasks.simulate.sensors.depth_camera import DEPTH_CAMERA, DepthCamera
@@ -49,12 +50,14 @@ SENSORS: tuple[Sensor[Any], ...] = (
 # Of every sensor that has a pace.
 _PACE_LIMITS: Limits = {"rate_hz": (0.0, 1e3), "latency_steps": (0, 20)}
 _PACE_WHOLE = "latency_steps"
+# What a camera has that is no number.
+_OF_LISTS = frozenset({"name", "others"})
 
 
 def sensors_of(controller: object) -> Sensors:
     """Returns what a controller declares; its numbers may be traced, and none is checked."""
     declared = ((sensor, getattr(controller, sensor.name, None)) for sensor in SENSORS)
-    values: list[Any] = [sensor.absent if own is None else _filled(sensor, own) for sensor, own in declared]
+    values: list[Any] = [sensor.absent if own is None else _filled_all(sensor, own) for sensor, own in declared]
     return Sensors(*values)
 
 
@@ -65,17 +68,24 @@ def read_sensors(make_controller: Callable[..., object], environment: Mapping[st
         BundleCrash: The controller cannot be made, or declares what cannot be; tells of all faults at once.
     """
     made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
-    _require_one_of_a_kind(made, [sensor.name for sensor in SENSORS])
+    _require_lists_of_cameras(made, [sensor.name for sensor in SENSORS])
     found = call_bundle(_ROBOT, "the controller's sensors", sensors_of, made)
     faults = [
         fault
         for sensor, declared in zip(SENSORS, found, strict=True)
         if declared is not sensor.absent
-        for fault in _faults(sensor, declared)
+        for one in _members(declared)
+        for fault in _faults(sensor, one)
     ]
     if faults:
         raise BundleCrash(_ROBOT, "; ".join(faults))
-    return Sensors(*(_plain(sensor, declared) for sensor, declared in zip(SENSORS, found, strict=True)))
+    sensors = Sensors(*(_plain(sensor, declared) for sensor, declared in zip(SENSORS, found, strict=True)))
+    if sensors.depth_camera and sensors.depth_camera.others:
+        try:
+            _ = sensors.depth_camera.declared
+        except ValidationError as exc:
+            raise BundleCrash(_ROBOT, f"controller.{DEPTH_CAMERA.name}: {exc.errors()[0]['msg']}") from exc
+    return sensors
 
 
 COLOR_CAMERA = "color_camera"
@@ -92,34 +102,61 @@ def read_color_camera(
         BundleCrash: It declares what cannot be; tells of all faults at once.
     """
     made = call_bundle(_ROBOT, "controller(environment)", make_controller, environment)
-    _require_one_of_a_kind(made, [COLOR_CAMERA])
+    _require_lists_of_cameras(made, [COLOR_CAMERA])
     given = call_bundle(_ROBOT, f"the controller's {COLOR_CAMERA}", _declared_color, made)
     try:
         return None if given is None else ColorCameraDeclaration.model_validate(given)
     except ValidationError as exc:
-        faults = [f"{COLOR_CAMERA}.{each['loc'][0]}: {each['input']:g}: {each['msg']}" for each in exc.errors()]
+        faults = [
+            ".".join([COLOR_CAMERA, *map(str, each["loc"])])
+            + (f": {each['input']:g}" if isinstance(each["input"], float) else "")
+            + f": {each['msg']}"
+            for each in exc.errors()
+        ]
         raise BundleCrash(_ROBOT, "; ".join(f"controller.{fault}" for fault in faults)) from exc
 
 
-def _declared_color(made: object) -> dict[str, float] | None:
+def _declared_color(made: object) -> object:
     declared = getattr(made, COLOR_CAMERA, None)
     if declared is None:
         return None
-    fields = ColorCameraDeclaration.model_fields
-    return {name: float(getattr(declared, name)) for name in fields if hasattr(declared, name)}
+    fields = ColorCameraDeclaration.model_fields.keys() - _OF_LISTS
+    found = [
+        {name: float(getattr(one, name)) for name in fields if hasattr(one, name)}
+        | ({"name": str(getattr(one, "name", ""))} if _is_list(declared) or getattr(declared, "others", ()) else {})
+        for one in _members(declared)
+    ]
+    return found if _is_list(declared) or len(found) > 1 else found[0]
 
 
-def _require_one_of_a_kind(made: object, names: Iterable[str]) -> None:
-    """Checks that a controller declares no list of sensors.
+def _is_list(declared: object) -> TypeGuard[Sequence[Any]]:
+    # A tuple with names is a record of one.
+    return isinstance(declared, list | tuple) and not hasattr(declared, "_fields")
+
+
+def _members(declared: Any) -> Sequence[Any]:  # noqa: ANN401 - whatever a bundle has there
+    """Returns the cameras of a list; of anything else that alone."""
+    return declared if _is_list(declared) else (declared, *getattr(declared, "others", ()))
+
+
+def _require_lists_of_cameras(made: object, names: Iterable[str]) -> None:
+    """Checks that a controller declares no list of sensors, but of some cameras.
 
     Raises:
         BundleCrash: It does; tells of all of them at once.
     """
     declared = ((name, call_bundle(_ROBOT, f"the controller's {name}", getattr, made, name, None)) for name in names)
-    # A tuple with names is a record of one.
-    lists = [name for name, own in declared if isinstance(own, list | tuple) and not hasattr(own, "_fields")]
-    if lists:
-        raise BundleCrash(_ROBOT, "; ".join(f"controller.{name}: {ONE_OF_A_KIND}" for name in lists))
+    lists = [(name, own) for name, own in declared if _is_list(own)]
+    faults: list[str] = []
+    for name, own in lists:
+        if name not in {DEPTH_CAMERA.name, COLOR_CAMERA}:
+            faults.append(f"controller.{name}: {ONE_OF_A_KIND}")
+        elif not 2 <= len(own) <= MOST_CAMERAS:
+            faults.append(
+                f"controller.{name}: {len(own)} in a list of cameras: must be 2 to {MOST_CAMERAS}, or no list"
+            )
+    if faults:
+        raise BundleCrash(_ROBOT, "; ".join(faults))
 
 
 def require_shared(program: Sensors, episode: Sensors) -> None:
@@ -239,20 +276,40 @@ def _shared(program: Sensors, episode: Sensors) -> Iterator[tuple[str, object, o
     for sensor, one, other in each:
         names = (*sensor.shared, *(name for name in _PACE_LIMITS if name in sensor.kind._fields))
         for name in names if one is not None and other is not None else ():
-            yield f"{sensor.name}.{name}", getattr(one, name), getattr(other, name)
+            yield f"{sensor.name}.{name}", _values(one, name), _values(other, name)
     for sensor, one, other in each:
         yield sensor.name, one is not None, other is not None
+
+
+def _values(declared: object, name: str) -> object:
+    """Returns a number of a sensor; of a list of cameras that of each."""
+    values = [getattr(each, name) for each in _members(declared)]
+    return values[0] if len(values) == 1 else values
 
 
 def _filled(sensor: Sensor[Any], declared: object) -> Any:  # noqa: ANN401 - the sensor's own tuple
     """Returns the sensor's tuple with what a bundle declares; None for what is missing and has no default."""
     kind = sensor.kind
-    values: list[Any] = [getattr(declared, name, kind._field_defaults.get(name)) for name in kind._fields]
-    return kind(*values)
+    values = {name: getattr(declared, name, kind._field_defaults.get(name)) for name in kind._fields}
+    return kind(**values | {name: kind._field_defaults[name] for name in _OF_LISTS & values.keys()})
+
+
+def _filled_all(sensor: Sensor[Any], declared: object) -> Any:  # noqa: ANN401 - the sensor's own tuple
+    """Returns the same, of a list of cameras the first, which has the others."""
+    first, *others = (_filled(sensor, one) for one in _members(declared))
+    if not others:
+        return first
+    named = [
+        one._replace(name=str(getattr(own, "name", "")))
+        for one, own in zip((first, *others), _members(declared), strict=True)
+    ]
+    return named[0]._replace(others=tuple(named[1:]))
 
 
 def _faults(sensor: Sensor[Any], declared: Any) -> Iterator[str]:  # noqa: ANN401 - the sensor's own tuple
     for name, value in declared._asdict().items():
+        if name in _OF_LISTS:
+            continue
         least, most = {**_PACE_LIMITS, **sensor.limits}.get(name, _NOT_NEGATIVE)
         number, whole = _number(value), _whole(sensor, name)
         if number is None or not least <= number <= most or (whole and number % 1):
@@ -279,5 +336,8 @@ def _number(value: object) -> float | None:
 def _plain(sensor: Sensor[Any], declared: Any) -> Any:  # noqa: ANN401 - the sensor's own tuple
     if declared is None:
         return None
-    pairs = declared._asdict().items()
-    return sensor.kind(*(int(each) if _whole(sensor, name) else float(each) for name, each in pairs))
+    pairs = ((name, each) for name, each in declared._asdict().items() if name not in _OF_LISTS)
+    numbers = {name: int(each) if _whole(sensor, name) else float(each) for name, each in pairs}
+    if not hasattr(declared, "others"):
+        return sensor.kind(**numbers)
+    return sensor.kind(**numbers, name=declared.name, others=tuple(_plain(sensor, one) for one in declared.others))

@@ -220,7 +220,7 @@ def _placed(
         environment = {**texts, **{name: jnp.float32(each) for name, each in numbers.items()}}
         scenario = applications.placing_scenario(environment)
         camera = applications.sensors.depth_camera
-        if camera and camera.sees_robot:
+        if camera and any(each.sees_robot for each in camera.every):
             camera = applications.episode_sensors(environment).depth_camera
         try:
             placement = place(scenario, request, worlds[request.world], world_arrays[request.world], hull)

@@ -48,20 +48,21 @@ class LaneColors:
         """
         self._task, self._camera = task, task.camera
         self._stride, self._latency = control_stride(task.camera.rate_hz), task.camera.latency_steps
-        self._keys = CameraKeys(task.worlds, robot_shape(task.robot) if task.camera.sees_robot else ())
+        seen = any(each.sees_robot for each in self._camera.every)
+        self._keys = CameraKeys(task.worlds, robot_shape(task.robot) if seen else ())
         # As many as may be on their way, and the one that is shown.
         self._poses = np.zeros((count, self._latency // self._stride + 2, 3), np.float32)
         self._numbers = np.full(count, -1)
-        self._pictures = np.zeros((count, task.camera.rows, task.camera.columns, 3), np.uint8)
+        self._pictures = np.zeros((count, *task.camera.shape, 3), np.uint8)
         self._pool: CameraPool | None = None
-        self._names: dict[str, str] = {}
+        self._names: dict[str, tuple[str, ...]] = {}
 
     def shown(
         self,
         steps: Int[np.ndarray, "lanes"],
         poses: Float32[np.ndarray, "lanes 3"],
         episodes: Int[np.ndarray, "lanes"],
-    ) -> UInt8[np.ndarray, "lanes rows columns 3"]:
+    ) -> UInt8[np.ndarray, "lanes *cameras rows columns 3"]:
         """Returns what lanes are shown, an array of the caller's own.
 
         Args:
@@ -84,19 +85,22 @@ class LaneColors:
         if able.any():
             pool = self._opened()
             pairs = zip(changed[able].tolist(), seen_from[able].tolist(), strict=True)
-            shots = [self._shot(int(episodes[lane]), pose, int(numbers[lane])) for lane, pose in pairs]
-            self._pictures[changed[able]] = pool.color(shots)
+            shots = [
+                shot for lane, pose in pairs for shot in self._shots(int(episodes[lane]), pose, int(numbers[lane]))
+            ]
+            self._pictures[changed[able]] = pool.color(shots).reshape(-1, *self._pictures.shape[1:])
         return self._pictures.copy()
 
-    def _shot(self, episode: int, pose: list[float], number: int) -> Shot:
+    def _shots(self, episode: int, pose: list[float], number: int) -> list[Shot]:
         request = self._task.requests[episode]
         x_m, y_m, yaw_rad = pose
-        return Shot(self._names[request.world], x_m, y_m, yaw_rad, request.seed, number)
+        keys = enumerate(self._names[request.world])
+        return [Shot(key, x_m, y_m, yaw_rad, request.seed, number, place) for place, key in keys]
 
     def _opened(self) -> CameraPool:
         if self._pool is None:
             self._pool = standing_cameras(len(self._numbers))
             for world in dict.fromkeys(request.world for request in self._task.requests):
-                self._names[world] = self._keys.name(world, self._camera)
+                self._names[world] = self._keys.names(world, self._camera)
                 self._keys.add(self._pool, world, self._camera)
         return self._pool

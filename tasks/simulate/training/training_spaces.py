@@ -151,7 +151,7 @@ def field_bounds(
     """
     known = _all_bounds(sensors, joints, episodes)
     if camera:
-        size = (camera.rows, camera.columns, 3)
+        size = (*camera.shape, 3)
         known[COLOR] = FieldBounds(np.zeros(size, np.uint8), np.full(size, 255, np.uint8))
     wrong = [name for name in dict.fromkeys(fields) if name not in known]
     twice = sorted({name for name in fields if list(fields).count(name) > 1})
@@ -190,7 +190,7 @@ def _all_bounds(sensors: Sensors, joints: Joints | None, episodes: EpisodeBounds
         "time_s": _between(0.0, episodes.duration_s),
     }
     if camera := sensors.depth_camera:
-        known["depth_m"] = _between(0.0, camera.range_m, camera.rows, camera.columns)
+        known["depth_m"] = _between(0.0, camera.range_m, *camera.shape)
     if finders := sensors.range_finders:
         known["finder_m"] = _between(0.0, finders.range_m, finders.finders)
     if cliffs := sensors.cliff_sensors:

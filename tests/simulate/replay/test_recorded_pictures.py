@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+from mcap.reader import make_reader
 from PIL import Image
 
 from flows.batch.replay_episode import replay_job
 from specs.data.people import People
 from specs.pipeline.simulation_section import Recordings
+from tasks.results.playback.replay_mcap import write_mcap
+from tasks.results.playback.robot_view import robot_views
 from tasks.results.tables.result_files import recorded_samples
 from tasks.ros.message.camera_messages import depth_png, depths_in_mm
 from tasks.simulate.batch.batch_record import OpenBatch
@@ -51,6 +54,39 @@ class Seer:
 def controller(environment):
     return Seer()
 """
+
+PAIRS = (
+    SEER.partition("\n\ndef controller")[0]
+    + """
+
+class Rear(Depth):
+    name, yaw_rad, x_m, sigma_m_per_m2 = "rear", 3.1, -0.1, 0.0
+
+
+class Left(Eye):
+    name, y_m, rows = "left", 0.06, 16
+
+
+class Right(Left):
+    name, y_m = "right", -0.06
+
+
+class Front(Depth):
+    name = "front"
+
+
+class Pairs(Seer):
+    depth_camera, color_camera = [Front(), Rear()], (Left(), Right())
+
+    def step(self, observation):
+        assert observation.depth_m.shape == (2, 8, 12) and observation.color.shape == (2, 16, 12, 3)
+        return super().step(observation)
+
+
+def controller(environment):
+    return Pairs()
+"""
+)
 
 
 def seeing_batch(folder: Path, *, robot: str = SEER, people: People | None = None) -> OpenBatch:
@@ -103,6 +139,46 @@ def test_a_recording_keeps_what_the_robot_saw_and_a_replay_finds_the_same_bytes(
         assert packed == [kept[t_s] for t_s in sorted(kept)]
         assert [bytes(each.data) for each in read_bag(bag, "/camera/color/image_raw/compressed")] == jpegs
         assert [each.width for each in read_bag(bag, "/camera/depth/camera_info")] == [12] * len(depths)
+
+
+@pytest.mark.long
+def test_pictures_of_cameras_in_a_list_are_one_above_the_other_and_apart_in_bags(tmp_path: Path):
+    batch = seeing_batch(tmp_path, robot=PAIRS)
+    again = replay_job(batch.store, f"{batch.id}/1")
+    if "InternalServiceError" in {each.recorded for each in again.deviations if each.column == "failure_code"}:
+        skip_or_fail("no GL draws")
+    assert again.same
+    assert again.playback
+    films = [again.playback.depth, again.playback.color]
+    for film, names in zip(films, (["front", "rear"], ["left", "right"]), strict=True):
+        assert film
+        assert [each.camera.name for each in film.apart] == names
+        assert all((one != other).any() for one, other in zip(*(each.pictures for each in film.apart), strict=True))
+    assert [view.label.partition(":")[0] for view in robot_views(again.playback)] == ["front", "rear", "left", "right"]
+    table = recording(batch, 1)
+    pngs, jpegs = ([each for each in table.column(name).to_pylist() if each] for name in ("depth_png", "color_jpeg"))
+    assert {Image.open(io.BytesIO(each)).size for each in pngs} == {(12, 16)}
+    assert {Image.open(io.BytesIO(each)).size for each in jpegs} == {(12, 32)}
+    bucket = open_bucket(batch.store, recorded_location(batch.record()).s3Bucket or "")
+    (key,) = (key for key in bucket.keys("") if key.endswith("000001.bag"))
+    bucket.download(key, tmp_path / "one.bag")
+    for place, name in enumerate(("front", "rear")):
+        depths = read_bag(tmp_path / "one.bag", f"/{name}/camera/depth/image_raw")
+        kept = [np.asarray(Image.open(io.BytesIO(each)))[place * 8 : place * 8 + 8] for each in pngs]
+        assert [each.data.view("<u2").reshape(8, 12).tolist() for each in depths] == [each.tolist() for each in kept]
+        assert {each.header.frame_id for each in depths} == {f"{name}_camera_depth_optical_frame"}
+    for place, name in enumerate(("left", "right")):
+        drawn = read_bag(tmp_path / "one.bag", f"/{name}/camera/color/image_raw/compressed")
+        assert len(drawn) == len(jpegs)
+        for each, both in zip(drawn, jpegs, strict=True):
+            half = np.asarray(Image.open(io.BytesIO(both)), float)[place * 16 : place * 16 + 16]
+            assert np.abs(np.asarray(Image.open(io.BytesIO(bytes(each.data))), float) - half).mean() < 4.0
+    write_mcap(tmp_path / "replay.mcap", PENS["hand/pen-0"], again.playback)
+    with (tmp_path / "replay.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+        assert summary
+        topics = {each.topic for each in summary.channels.values()}
+    assert topics >= {"/front/depth", "/rear/depth/calibration", "/left/color", "/right/color/calibration"}
 
 
 PNG = depth_png(np.ones((2, 3)), 3.0)

@@ -135,3 +135,17 @@ def test_lanes_that_a_gpu_takes_at_once_see_the_same(monkeypatch: pytest.MonkeyP
     at_once = driven(camera, MANY)
     monkeypatch.undo()
     np.testing.assert_allclose(at_once, driven(camera, MANY), atol=1e-5)
+
+
+@pytest.mark.long
+def test_cameras_of_a_list_see_what_each_alone_sees_with_errors_of_its_own():
+    camera = CAMERA._replace(rate_hz=10.0, latency_steps=1, name="front")
+    rear = camera._replace(name="rear", yaw_rad=3.0, pitch_rad=0.2, x_m=-0.1)
+    noisy = {"sigma_m_per_m2": 0.01, "dropout": 0.05}
+    both = driven(camera._replace(others=(rear, camera)), 2)
+    assert both.shape == (2, STEPS, 3, 8, 12)
+    for place, each in enumerate((camera, rear, camera)):
+        np.testing.assert_array_equal(both[:, :, place], driven(each, 2))
+    erring = driven(camera._replace(**noisy, others=(rear, camera._replace(**noisy))), 2)
+    np.testing.assert_array_equal(erring[:, :, 0], driven(camera._replace(**noisy), 2))
+    assert (erring[:, 2:, 2] != erring[:, 2:, 0]).mean() > 0.3

@@ -89,10 +89,40 @@ def test_what_cannot_be_is_refused_with_its_name_and_what_is_allowed(sensors: di
 
 def test_a_list_of_sensors_is_refused_with_where_to_read_what_to_do_instead():
     twice = [SimpleNamespace(**LIDAR)] * 2
-    with pytest.raises(BundleCrash, match=r"controller\.lidar: a robot has one .*; controller\.depth_camera: a robot"):
-        read_sensors(lambda _: SimpleNamespace(lidar=twice, depth_camera=tuple(twice), bumper=Bumper(3)), {})
-    with pytest.raises(BundleCrash, match=r"controller\.color_camera: a robot has one"):
-        read_color_camera(lambda _: SimpleNamespace(color_camera=[SimpleNamespace(columns=8)]), {})
+    with pytest.raises(BundleCrash, match=r"controller\.lidar: a robot has one .*; controller\.imu: a robot"):
+        read_sensors(lambda _: SimpleNamespace(lidar=twice, imu=tuple(twice), bumper=Bumper(3)), {})
+
+
+CAMERA: Declared = {"columns": 8, "rows": 4, "fov_rad": 1.0, "range_m": 5.0, "z_m": 0.3}
+
+
+@pytest.mark.parametrize(
+    ("cameras", "message"),
+    [
+        ([{"name": "front"}], "1 in a list of cameras"),
+        ([{"name": "front"}, {}], "each camera of a list has one of its own"),
+        ([{"name": "front"}, {"name": "front"}], "each camera of a list has one of its own"),
+        ([{"name": "front"}, {"name": "rear", "rows": 5}], "rows: cameras of a list have the same"),
+        ([{"name": "front"}, {"name": "rear", "rate_hz": 5.0}], "rate_hz: cameras of a list have the same"),
+    ],
+)
+def test_a_list_of_cameras_has_names_and_pictures_of_one_size(cameras: list[Declared], message: str):
+    made = [SimpleNamespace(**{**CAMERA, **each}) for each in cameras]
+    with pytest.raises(BundleCrash, match=f"controller.depth_camera: .*{message}"):
+        read_sensors(lambda _: SimpleNamespace(depth_camera=made), {})
+    with pytest.raises(BundleCrash, match=f"controller.color_camera: .*{message}"):
+        read_color_camera(lambda _: SimpleNamespace(color_camera=made), {})
+
+
+def test_cameras_of_a_list_are_read_as_one_and_the_others_behind_it():
+    made = [SimpleNamespace(**CAMERA, name="front"), SimpleNamespace(**CAMERA, name="rear", yaw_rad=3.0)]
+    depth = read_sensors(lambda _: SimpleNamespace(depth_camera=made), {}).depth_camera
+    color = read_color_camera(lambda _: SimpleNamespace(color_camera=made), {})
+    assert depth
+    assert color
+    for each in (depth, color):
+        assert [(one.name, one.yaw_rad) for one in each.every] == [("front", 0.0), ("rear", 3.0)]
+        assert each.shape == (2, 4, 8)
 
 
 def test_all_faults_are_told_at_once():

@@ -120,7 +120,7 @@ def test_worlds_of_different_sizes_go_together():
         ({"sensors": {"radar": {}}}, "sensors: 'radar'"),
         ({"sensors": {"lidar": {"rays": 0}}}, "rays"),
         ({"sensors": {"depth_camera": {"mjcf": "eye"}}}, "'eye': no camera of robot.xml"),
-        ({"sensors": {"depth_camera": [{"columns": 8}, {}]}}, "depth_camera: .* a robot has one sensor of a kind"),
+        ({"sensors": {"depth_camera": [{"columns": 8}, {}]}}, "depth_camera: .* each camera of a list has one"),
         ({"seeds": 0}, "seeds: 0"),
         ({"seeds": [-1]}, "seeds:"),
         ({"duration_s": 0.0}, "duration_s: 0.0"),
