@@ -171,6 +171,48 @@ def test_a_kinect_becomes_a_depth_and_a_colour_camera(tmp_path: Path):
     assert "<sensor name='kinect' type='depth'> of mast: <image> 1280 x 960: 640 x 480 are taken" in draft.findings
 
 
+def kinect(name: str, width: int = 64, frame: str = "") -> str:
+    return (
+        f'<sensor name="{name}" type="depth"><camera><image><width>{width}</width><height>48</height></image></camera>'
+        f'<plugin name="{name}" filename="libgazebo_ros_openni_kinect.so"><cameraName>{name}</cameraName>'
+        f"<frameName>{frame or name + '_optical'}</frameName></plugin></sensor>"
+    )
+
+
+def test_cameras_that_are_alike_become_a_list_with_the_topics_that_they_have(tmp_path: Path):
+    found = declared(drafted(with_sensors(kinect("front"), kinect("rear")), tmp_path), tmp_path)
+    topics, frames = found.topics, found.frames
+    for first, image, points in (
+        (found.depth_camera, "depth/image_raw", topics.depth_points),
+        (found.color_camera, "image_raw", None),
+    ):
+        assert first is not None
+        assert [each.name for each in first.every] == ["front", "rear"]
+        for each in first.every:
+            named = topics.depth_image if "depth" in image else topics.color_image
+            assert each.own(named or "") == f"/{each.name}/{image}"
+            assert points is None or each.own(points) == f"/{each.name}/points"
+            assert each.own(frames.depth_camera) == each.own(frames.color_camera) == f"{each.name}_optical"
+
+
+@pytest.mark.parametrize(
+    ("others", "finding"),
+    [
+        ([kinect("rear", width=32)], "<sensor name='rear' type='depth'> of mast: a second depth camera is not taken"),
+        ([kinect("rear", frame="eye")], "depth_camera rear: its frame is rear_camera_depth_optical_frame, not eye"),
+        (
+            [kinect("rear"), '<sensor name="up" type="depth_camera"/>'],
+            "<sensor name='up' type='depth_camera'> of mast: another depth camera is not taken",
+        ),
+    ],
+    ids=["another size", "another frame", "another kind"],
+)
+def test_what_is_not_taken_of_several_cameras_is_named(others: list[str], finding: str, tmp_path: Path):
+    draft = drafted(with_sensors(kinect("front"), *others), tmp_path)
+    assert finding in draft.findings
+    assert declared(draft, tmp_path).depth_camera is not None
+
+
 def test_a_camera_of_gz_has_the_topics_that_it_bridges(tmp_path: Path):
     noise = "<noise><stddev>0.01</stddev></noise>"
     rgbd = f'<sensor name="eyes" type="rgbd_camera"><topic>eyes</topic><camera>{noise}</camera></sensor>'

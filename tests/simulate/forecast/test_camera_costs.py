@@ -91,3 +91,17 @@ def test_the_range_is_that_of_the_guide(kind: str, column: str, marker: str, tmp
         (camera,) = planned(tmp_path, {"ros.yaml": f"{kind}: {{columns: {columns}, rows: {high}}}"}, "ros")
         measured = float(row[head.index(column)].replace(",", ""))
         assert 0.5 * camera.pictures.low < measured < 2.0 * camera.pictures.high, row
+
+
+@pytest.mark.parametrize("kind", ["depth_camera", "color_camera"])
+def test_cameras_of_a_list_cost_what_each_costs(kind: str, tmp_path: Path):
+    alone = "Eye(name='front')"
+    (one,) = planned(tmp_path / "one", {"nav/nav.py": CLASS.format(kind=kind, made=alone)})
+    made = f"[{alone}, Eye(name='rear', yaw_rad=3.1)]"
+    (two,) = planned(tmp_path / "two", {"nav/nav.py": CLASS.format(kind=kind, made=made)})
+    assert (one.cameras, two.cameras, two.columns, two.assumed) == (1, 2, 160, False)
+    assert two.pictures == one.pictures
+    assert two.batch_s.high == pytest.approx(2 * one.batch_s.high)
+    listed = f"{kind}: [{{name: front}}, {{name: rear}}, {{name: left}}]"
+    (three,) = planned(tmp_path / "ros", {"ros.yaml": listed}, "ros")
+    assert three.cameras == 3

@@ -261,6 +261,20 @@ def test_a_declaration_has_what_it_asks_the_robots_file_for_and_what_it_says_its
     assert robot.color_camera is None, "nobody asks for it"
 
 
+def test_each_camera_of_a_list_may_ask_for_one_of_the_robots_file(tmp_path: Path):
+    (tmp_path / "robot.xml").write_text(SENSING)
+    listed = "[{name: front, mjcf: eye}, {name: rear, mjcf: eye, yaw_rad: 3.1}]"
+    (tmp_path / "ros.yaml").write_text(f"depth_camera: {listed}")
+    camera = read_ros_robot(tmp_path).depth_camera
+    assert camera is not None
+    assert [(each.name, each.columns, each.x_m) for each in camera.every] == [("front", 80, 0.1), ("rear", 80, 0.1)]
+    assert camera.others[0].yaw_rad == 3.1
+    make = seer(tmp_path, "c", "eye", "[Eye(), Eye()]\n    depth_camera[0].name, depth_camera[1].name = 'a', 'b'")
+    seen = read_sensors(make, {}).depth_camera
+    assert seen is not None
+    assert [(each.name, each.columns, each.z_m) for each in seen.every] == [("a", 80, 0.4), ("b", 80, 0.4)]
+
+
 @pytest.mark.parametrize(
     ("declared", "refusal"),
     [
@@ -285,7 +299,7 @@ class Eye:
 
 
 class Seer:
-    depth_camera = color_camera = Eye()
+    depth_camera = color_camera = {eyes}
     answer = 42
 
 
@@ -294,10 +308,10 @@ def controller(environment):
 """
 
 
-def seer(folder: Path, digest: str, name: str) -> Callable[..., object]:
+def seer(folder: Path, digest: str, name: str, eyes: str = "Eye()") -> Callable[..., object]:
     (folder / "robot.xml").write_text(SENSING)
     (folder / "seer").mkdir()
-    (folder / "seer/seer.py").write_text(CONTROLLER.format(name=name))
+    (folder / "seer/seer.py").write_text(CONTROLLER.format(name=name, eyes=eyes))
     launch = ApplicationLaunch(name="r", version="1", digest=digest * 64, package="seer", launch_file="seer")
     return load_controller(folder, launch, "controller")
 

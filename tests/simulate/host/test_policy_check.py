@@ -48,6 +48,16 @@ def test_an_input_may_be_a_picture(tmp_path: Path):
     assert checked(tmp_path / "color", made, declared).input_shapes == ((4, 6, 3),)
 
 
+def test_an_input_may_be_the_pictures_of_some_cameras(tmp_path: Path):
+    cameras = "[{name: front, columns: 6, rows: 4}, {name: rear, columns: 6, rows: 4}]"
+    declared = f"depth_camera: {cameras}\ninputs: [{{parts: [{{field: depth_m, scale: 0.1}}]}}]\n"
+    made = model([helper.make_node("Relu", ["o"], ["a"])], {"o": ("n", 2, 4, 6)}, {"a": ("n", 2)})
+    assert checked(tmp_path, made, declared).input_shapes == ((2, 4, 6),)
+    declared = f"color_camera: {cameras}\ninputs: [{{parts: [{{field: color, scale: 0.004}}]}}]\n"
+    made = model([helper.make_node("Relu", ["o"], ["a"])], {"o": ("n", 2, 4, 6, 3)}, {"a": ("n", 2)})
+    assert checked(tmp_path / "color", made, declared).input_shapes == ((2, 4, 6, 3),)
+
+
 @pytest.mark.parametrize(
     ("made", "declared", "told"),
     [

@@ -122,3 +122,29 @@ def test_points_of_a_cloud_lie_on_the_box_that_they_show():
     left = np.abs(cos * (y - middle_y) - sin * (x - middle_x)) - half_y
     above = np.abs(z - (low + high) / 2) - (high - low) / 2
     np.testing.assert_allclose(np.max([ahead, left, above], axis=0), 0.0, atol=1e-4)
+
+
+def test_each_camera_of_a_list_tells_what_it_sees_on_topics_and_in_a_frame_of_its_own():
+    cameras = [{"name": "front", "columns": 6, "rows": 4}, {"name": "rear", "columns": 6, "rows": 4, "yaw_rad": 3.0}]
+    declared = {"depth_camera": cameras, "color_camera": [{**each, "fov_rad": 0.8} for each in cameras]}
+    robot = RosRobot.model_validate({**declared, "lidar": None})
+    depths = np.linspace(0.5, 2.0, 48, dtype=np.float32).reshape(2, 4, 6)
+    colors = np.arange(144, dtype=np.uint8).reshape(2, 4, 6, 3)
+    zeros, readings = np.zeros(3), {"depth_m": depths, "color": colors}
+    sensed = Sensed(zeros, zeros, zeros[:2], np.ones(0), np.zeros(0, bool), zeros[:2], None, readings)
+    messages = SensorMessages(RobotBase(robot, 0, 0.0, 1.0, 8.0), 0.05)
+    moment = Moment(0, 1_000_000_000, sensed)
+    mounted = frames(messages.fixed(moment, None)[STATIC])
+    for place, name in enumerate(("front", "rear")):
+        image = round_trip("sensor_msgs/Image", messages.write(f"/{name}/camera/depth/image_raw", moment))
+        np.testing.assert_array_equal(image.data.view("<f4").reshape(4, 6), depths[place])
+        assert image.header.frame_id == f"{name}_camera_depth_optical_frame"
+        cloud = round_trip("sensor_msgs/PointCloud2", messages.write(f"/{name}/camera/depth/points", moment))
+        np.testing.assert_array_equal(cloud.data.view("<f4").reshape(4, 6, 3)[..., 2], depths[place])
+        image = round_trip("sensor_msgs/Image", messages.write(f"/{name}/camera/color/image_raw", moment))
+        np.testing.assert_array_equal(image.data.reshape(4, 6, 3), colors[place])
+        info = round_trip("sensor_msgs/CameraInfo", messages.write(f"/{name}/camera/color/camera_info", moment))
+        assert info.P[0] == pytest.approx(3 / math.tan(0.4))
+        ahead = mounted[f"{name}_camera_depth_optical_frame"][:2, 2]
+        np.testing.assert_allclose(ahead, [math.cos(3.0 * place), math.sin(3.0 * place)], atol=1e-6)
+    assert f"/{name}/camera/color/image_raw/compressed" in {each.name for each in messages.topics}

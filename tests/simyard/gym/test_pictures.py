@@ -182,3 +182,28 @@ def test_a_number_of_frames_that_cannot_be_is_refused(frames: object, options: d
 def test_a_camera_that_cannot_be_is_refused(options: dict[str, Any]):
     with pytest.raises(DocumentError, match=r"color_camera\.columns"):
         SimyardVectorEnv(3, **options, sensors={"color_camera": {"columns": 0}})
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("gl")
+def test_cameras_of_a_list_show_what_each_alone_shows(options: dict[str, Any]):
+    front, rear = {**CAMERA, "noise": 0.0}, {**CAMERA, "noise": 0.0, "yaw_rad": 3.0}
+    depth = {"columns": 8, "rows": 6}
+    listed: Any = {
+        "color_camera": [{**front, "name": "front"}, {**rear, "name": "rear"}],
+        "depth_camera": [{**depth, "name": "front"}, {**depth, "name": "rear", "yaw_rad": 3.0}],
+    }
+    both = SimyardVectorEnv(2, **options, sensors=listed)
+    spaces: Any = both.single_observation_space
+    assert (spaces["color"].shape, spaces["depth_m"].shape) == ((2, 12, 16, 3), (2, 6, 8))
+    alone = [
+        SimyardVectorEnv(2, **options, sensors={"color_camera": color, "depth_camera": {**depth, "yaw_rad": yaw_rad}})
+        for color, yaw_rad in ((front, 0.0), (rear, 3.0))
+    ]
+    for envs in (both, *alone):
+        envs.reset(seed=5)
+    for action in actions(0)[:5]:
+        seen, *each = (envs.step(action[:2])[0] for envs in (both, *alone))
+        for name in ("color", "depth_m"):
+            np.testing.assert_array_equal(seen[name], np.stack([one[name] for one in each], axis=1))
+    assert (seen["color"][:, 0] != seen["color"][:, 1]).any()
