@@ -147,4 +147,4 @@ def test_each_camera_of_a_list_tells_what_it_sees_on_topics_and_in_a_frame_of_it
         assert info.P[0] == pytest.approx(3 / math.tan(0.4))
         ahead = mounted[f"{name}_camera_depth_optical_frame"][:2, 2]
         np.testing.assert_allclose(ahead, [math.cos(3.0 * place), math.sin(3.0 * place)], atol=1e-6)
-    assert f"/{name}/camera/color/image_raw/compressed" in {each.name for each in messages.topics}
+        assert f"/{name}/camera/color/image_raw/compressed" in {each.name for each in messages.topics}

@@ -206,4 +206,4 @@ def test_cameras_of_a_list_show_what_each_alone_shows(options: dict[str, Any]):
         seen, *each = (envs.step(action[:2])[0] for envs in (both, *alone))
         for name in ("color", "depth_m"):
             np.testing.assert_array_equal(seen[name], np.stack([one[name] for one in each], axis=1))
-    assert (seen["color"][:, 0] != seen["color"][:, 1]).any()
+        assert (seen["depth_m"][:, 0] != seen["depth_m"][:, 1]).any()
