@@ -420,9 +420,7 @@ class _Steps:
             requests = self._drawn.requests(particles.take(np.array(part, np.intp)))
             first = len(driven)
             again = self._answers(self._confirm, 2 * first, requests).failures
-            reference = None
-            if self._batch.plan.people is None:
-                reference = self._answers(self._confirm, 2 * first + 1, requests, REFERENCE).failures
+            reference = self._answers(self._confirm, 2 * first + 1, requests, REFERENCE).failures
             driven += [
                 FoundFailure(
                     world=request.world,
@@ -430,7 +428,7 @@ class _Steps:
                     environment={name: request.environment[name] for name in sorted(self._search.over)},
                     reason=failures[part[place]].reason,
                     replayed=_reason(again, place),
-                    reference=None if reference is None else _reason(reference, place),
+                    reference=_reason(reference, place),
                     alike=1,
                 )
                 for place, request in enumerate(requests)

@@ -5,15 +5,13 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from specs.base import Spec
-from specs.field_types import EngineName, Integer, Number
+from specs.field_types import Integer, Number
 
 MOST_PEOPLE = 8
 PERSON_RADIUS_M = 0.25
 """Of the upright cylinder that stands for a person: half of the widest shoulders."""
 
 PERSON_HEIGHT_M = 1.7
-PEOPLE_ENGINE: EngineName = "planar"
-"""The engine that people walk in."""
 
 PERSONAL_M, INTIMATE_M = 1.2, 0.45
 """How near strangers and friends come to one another (E. Hall, The Hidden Dimension, 1966)."""

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field
 
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
-from specs.data.people import MOST_PEOPLE, PEOPLE_ENGINE, People
+from specs.data.people import MOST_PEOPLE, People
 from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PhysicalName
 from specs.field_types import (
     GENERIC_PATTERN,
@@ -236,21 +236,6 @@ PeopleChoice = Annotated[
 ]
 
 
-def unpeopled(section: object) -> Iterator[Finding]:
-    """Yields what else a section with people asks for that is there without people alone.
-
-    Args:
-        section: The document's, right or wrong.
-    """
-    if part(section, "people") is None:
-        return
-    engine, lanes = part(section, "engine"), part(part(section, "audit"), "lanes")
-    if engine not in {None, "auto", PEOPLE_ENGINE}:
-        yield Finding(("engine",), engine, f"auto or {PEOPLE_ENGINE}, as people walk in no other engine")
-    if lanes:
-        yield Finding(("audit", "lanes"), lanes, "0 or nothing, as C MuJoCo drives no episode with people again")
-
-
 class PipelineWorldConfig(Spec):
     """The world of a request that names its own.
 
@@ -345,7 +330,6 @@ class SimulationBatch(Ruled):
         """Yields jobs that last too long for a batch, too many jobs for a call, and what excludes one another."""
         requests = items(part(data, "createSimulationJobRequests"))
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
-        yield from unpeopled(data)
         yield from _two_seeds(requests, part(part(data, "matrix"), "seeds"))
         if part(data, "operation") == "CreateSimulationJob":
             if len(requests) > 1:

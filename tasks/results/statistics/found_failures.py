@@ -23,7 +23,7 @@ class FoundFailure(Spec):
         environment: The variables that were varied.
         reason: Why it failed.
         replayed: Why it failed when it was simulated again; empty if it passed.
-        reference: Likewise on C MuJoCo; None where that was not asked, because it drives no people.
+        reference: Likewise on C MuJoCo.
         alike: How many of the failures that were found are nearest to it, itself among them.
     """
 
@@ -32,7 +32,7 @@ class FoundFailure(Spec):
     environment: dict[str, str]
     reason: str
     replayed: str
-    reference: str | None
+    reference: str
     alike: int
 
     @property
@@ -51,7 +51,7 @@ class FoundFailure(Spec):
         """What C MuJoCo says, or the replay if that says something else, for a person."""
         if self.replayed != self.reason:
             return f"{self.replayed or 'passed'} when replayed"
-        return "not asked" if self.reference is None else self.reference or "passed"
+        return self.reference or "passed"
 
 
 class BatchSearch(Spec):

@@ -19,7 +19,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
-from specs.data.people import PEOPLE_ENGINE
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement
@@ -236,12 +235,10 @@ def _people(request: EpisodeRequest, world: World, placement: Placement, program
     """Returns who walks about in an episode.
 
     Raises:
-        PeopleRefused: The world has no room for them, or the engine knows no people.
+        PeopleRefused: The world has no room for them.
     """
     if request.people is None:
         return None
-    if program.engine != PEOPLE_ENGINE:
-        raise PeopleRefused(f"people: {request.people.count}: on engine {PEOPLE_ENGINE} alone, not {program.engine}")
     return walks_in(world).people(request.people, request.seed, placement.start[:2], program.hull.radius_m)
 
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Float64
 
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.world import MOST_CORNERS
 from tasks.simulate.geometry.hull_outline import HullPart
 from tasks.simulate.geometry.obstacles import PARKING_M
@@ -135,6 +136,23 @@ def hull_distance_m(
         obstacles = LaneObstacles(*near, *obstacles[len(near) :])
     distances = [_part_distance_m(part, obstacles, pose, alone=alone) for part in parts]
     return jnp.stack(distances).min()
+
+
+def hull_to_people_m(
+    parts: Sequence[HullPart], people_m: Float[jax.Array, "people 2"], pose: Float[jax.Array, "3"]
+) -> Float[jax.Array, ""]:
+    """Returns how far the nearest part of a robot is from the nearest person; below 0 inside one.
+
+    Args:
+        parts: Of the hull.
+        people_m: Where people stand (x, y).
+        pose: Of the robot's base.
+    """
+    half_m = PERSON_HEIGHT_M / 2
+    same = jnp.broadcast_to(jnp.array([half_m, PERSON_RADIUS_M, half_m], people_m.dtype), (len(people_m), 3))
+    no_box = jnp.array([[PARKING_M, PARKING_M, half_m, 0.0, 0.0, half_m, 1.0, 0.0]], people_m.dtype)
+    people = LaneObstacles(no_box, jnp.concatenate([people_m, same], axis=1), jnp.zeros((0, 4 + 2 * MOST_CORNERS)))
+    return hull_distance_m(parts, people, pose)
 
 
 def _nearest(obstacles: Array, distances: Float[Array, "n"], count: int) -> Array:

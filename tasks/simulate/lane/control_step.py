@@ -233,9 +233,16 @@ def people_walk(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) ->
     """Returns a lane whose people have gone a control step, before an engine drives it; one that is done stays."""
     if inputs.people is None or state.people is None:
         return inputs, state
-    gone = walk(inputs.people, state.people, state.body, mechanics.hull.radius_m)
-    people = jax.tree.map(lambda old, new: jnp.where(state.done, old, new), state.people, gone)
+    people = go_on(inputs.people, state.people, state.body, state.done, mechanics.hull.radius_m)
     return inputs._replace(standing_m=people.place_m), state._replace(people=people)
+
+
+def go_on(
+    people: PeopleInputs, before: PeopleState, body: Body, done: Bool[jax.Array, ""], hull_radius_m: float
+) -> PeopleState:
+    """Returns the people of a lane a control step later; those of one that is done stay where they are."""
+    gone = walk(people, before, body, hull_radius_m)
+    return jax.tree.map(lambda old, new: jnp.where(done, old, new), before, gone)
 
 
 # What MuJoCo calls a bad number, finite or not (mjMAXVAL); every engine's lanes end there.

@@ -11,7 +11,7 @@ from pydantic import JsonValue
 from specs.arn import parse_reference
 from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
-from specs.data.people import PEOPLE_ENGINE, People
+from specs.data.people import People
 from specs.errors import DocumentError, KeptFaults
 from specs.field_types import Architecture, OutputLocation, TagMap
 from specs.launched_file import (
@@ -89,10 +89,10 @@ def plan_batch(
         lanes=1,
         timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
         world_digests=dict(world_digests),
-        engine=PEOPLE_ENGINE if section.people else section.engine,
+        engine=section.engine,
         data_sources={source.digest: source for sources in data for source in sources},
         recordings=section.recordings,
-        audit=0 if section.people else section.audit.lanes,
+        audit=section.audit.lanes,
         people=People(count=section.people) if isinstance(section.people, int) else section.people,
     )
     return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})

@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from jax.custom_batching import custom_vmap
 from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
-from tasks.simulate.application.contract import Body, Joints, Motion, Work, joints_kind
+from tasks.simulate.application.contract import Body, Joints, Motion, PeopleWork, Work, joints_kind
 from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
 from tasks.simulate.application.varied_physics import AGAINST_MASS, WITH_MASS, WITH_STRENGTH, force_columns
 from tasks.simulate.engines.mjx.mjx_robot import (
@@ -28,9 +28,10 @@ from tasks.simulate.engines.mjx.mjx_robot import (
     load_robot,
     mjx,
     nearest_obstacles,
+    nearest_people,
     with_window,
 )
-from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m
+from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m, hull_to_people_m
 from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 
 Result = TypeVar("Result")
@@ -221,8 +222,9 @@ class Given(NamedTuple):
     """What a lane's control step is driven from.
 
     Attributes:
-        near_m: From the robot's place to the nearest obstacle, seen from above.
+        near_m: From the robot's place to the nearest obstacle or person, seen from above.
         physics: Factors of mass, friction and motor strength; None in a program without.
+        people_m: Where the nearest people stand (x, y); likewise.
     """
 
     window: LaneObstacles
@@ -230,13 +232,15 @@ class Given(NamedTuple):
     body: Body
     control: Control
     physics: Float[jax.Array, "3"] | None = None
+    people_m: Float[jax.Array, "slots 2"] | None = None
 
 
 class Driven(NamedTuple):
-    """What a control step's physics did to a robot."""
+    """What a control step's physics did to a robot, and what people pushed with."""
 
     body: Body
     work: Work
+    people_ns: Float[jax.Array, ""]
 
 
 def mjx_mechanics(path: Path) -> Mechanics:
@@ -248,12 +252,15 @@ def mjx_mechanics(path: Path) -> Mechanics:
     robot = load_robot(path)
 
     @functools.cache
-    def among_prisms() -> RobotModel:
+    def among(*, prisms: bool, people: bool) -> RobotModel:
+        if not (prisms or people):
+            return robot
         with jax.ensure_compile_time_eval():  # it is asked for while a program is traced, and kept for the next one
-            return load_robot(path, prisms=True)
+            return load_robot(path, prisms=prisms, people=people)
 
     def drive_it(inputs: LaneInputs, body: Body, control: Control) -> Motion:
-        return drive(among_prisms() if len(inputs.obstacles.prisms) else robot, inputs, body, control)
+        own = among(prisms=bool(len(inputs.obstacles.prisms)), people=inputs.standing_m is not None)
+        return drive(own, inputs, body, control)
 
     return Mechanics(
         engine="mjx",
@@ -281,9 +288,16 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         control: One number for each actuator.
     """
     window, near_m = nearest_obstacles(inputs.obstacles, body.qpos[:2])
-    driven = _drive(robot)(Given(window, near_m, body, control, inputs.physics))
+    standing_m, people_m = inputs.standing_m, None
+    if standing_m is not None:
+        people_m, person_m = nearest_people(standing_m, body.qpos[:2])
+        near_m = jnp.minimum(near_m, person_m)
+    driven = _drive(robot)(Given(window, near_m, body, control, inputs.physics, people_m))
     clearance_m = hull_distance_m(robot.parts, window, driven.body.qpos)
-    return Motion(driven.body, driven.work, clearance_m)
+    if standing_m is None:
+        return Motion(driven.body, driven.work, clearance_m)
+    met = PeopleWork(driven.people_ns, hull_to_people_m(robot.parts, standing_m, driven.body.qpos))
+    return Motion(driven.body, driven.work, clearance_m, met)
 
 
 def _drive(robot: RobotModel) -> custom_vmap:
@@ -331,28 +345,32 @@ def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array
     (after, energy_j, reach_m), _ = jax.lax.scan(
         physics_step, (given.body, zero, zero), None, length=robot.physics_steps
     )
-    return Driven(after, Work(zero, jnp.zeros(2), energy_j)), reach_m < given.near_m
+    return Driven(after, Work(zero, jnp.zeros(2), energy_j), zero), reach_m < given.near_m
 
 
 def drive_among(robot: RobotModel, given: Given) -> Driven:
     """Returns what a control step does among the obstacles of a window."""
-    model = varied_model(with_window(robot, given.window), robot.host, given.physics)
+    model = varied_model(with_window(robot, given.window, given.people_m), robot.host, given.physics)
     step_s = model.opt.timestep
 
-    def physics_step(carry: tuple[Body, Work], _: None) -> tuple[tuple[Body, Work], None]:
-        before, work = carry
-        data = mjx.step(model, _data(robot.data, before, given.control))
-        push_n = _push_n(robot, data)
+    def physics_step(before: Driven, _: None) -> tuple[Driven, None]:
+        work, people_ns = before.work, before.people_ns
+        data = mjx.step(model, _data(robot.data, before.body, given.control))
+        push_n = whole_n = _push_n(robot, data, robot.slots)
+        if len(robot.person_slots):
+            people_n = _push_n(robot, data, robot.person_slots)
+            whole_n = push_n + people_n
+            people_ns += jnp.sqrt(jnp.sum(people_n**2)) * step_s
         worked = Work(
             work.impulse_ns + jnp.sqrt(jnp.sum(push_n**2)) * step_s,
-            work.push_ns + push_n * step_s,
+            work.push_ns + whole_n * step_s,
             work.energy_j + _power_w(data) * step_s,
         )
-        return (_after(robot, data), worked), None
+        return Driven(_after(robot, data), worked, people_ns), None
 
-    nothing = Work(jnp.zeros(()), jnp.zeros(2), jnp.zeros(()))
-    (after, work), _ = jax.lax.scan(physics_step, (given.body, nothing), None, length=robot.physics_steps)
-    return Driven(after, work)
+    zero = jnp.zeros(())
+    first = Driven(given.body, Work(zero, jnp.zeros(2), zero), zero)
+    return jax.lax.scan(physics_step, first, None, length=robot.physics_steps)[0]
 
 
 def varied_model(model: mjx.Model, host: mujoco.MjModel, factors: Float[jax.Array, "3"] | None) -> mjx.Model:
@@ -396,8 +414,8 @@ def _power_w(data: mjx.Data) -> Float[jax.Array, ""]:
     return jnp.sum(jnp.abs(data.actuator_force * speeds))
 
 
-def _push_n(robot: RobotModel, data: mjx.Data) -> Float[jax.Array, "2"]:
-    """Returns the force of obstacles on the robot in the plane; floor, limits and dry friction do not count.
+def _push_n(robot: RobotModel, data: mjx.Data, slots: Int[np.ndarray, "slots"]) -> Float[jax.Array, "2"]:
+    """Returns the force of what is in slots on the robot in the plane; floor, limits and dry friction do not count.
 
     What acts on the base's first two coordinates is the net force on the whole robot.
     """
@@ -405,7 +423,7 @@ def _push_n(robot: RobotModel, data: mjx.Data) -> Float[jax.Array, "2"]:
         return data.qfrc_constraint[:2]
     inner = data._impl  # noqa: SLF001 - MJX has no public way to a contact's force
     contact = inner.contact
-    by_obstacle = jnp.isin(contact.geom, robot.slots).any(axis=1)
+    by_obstacle = jnp.isin(contact.geom, slots).any(axis=1)
     first, count = contact.efc_address, np.where(contact.dim == 1, 1, 2 * (contact.dim - 1))
     if robot.host.opt.cone:
         count = contact.dim

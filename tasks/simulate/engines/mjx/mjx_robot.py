@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from specs.data.episode import CONTROL_S
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.world import MOST_CORNERS
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
@@ -48,6 +49,7 @@ __all__ = ["mjx"]
 BOX_SLOTS = 5
 CYLINDER_SLOTS = 3
 PRISM_SLOTS = 3
+PERSON_SLOTS = 3
 SLOTS = (BOX_SLOTS, CYLINDER_SLOTS, PRISM_SLOTS)
 _NEWTON_ITERATIONS = 2
 _LINE_SEARCHES = 4
@@ -88,6 +90,7 @@ class RobotModel:
         box_slots: Geom ids of the boxes in ``model``.
         cylinder_slots: Geom ids of the capsules that stand for cylinders.
         prism_slots: Geom ids of the meshes that become prisms; none in a program without any.
+        person_slots: Geom ids of the capsules that stand for people; none in a program without any.
         parts: Of the hull, for its clearance.
         physics_steps: In one control step.
     """
@@ -102,6 +105,7 @@ class RobotModel:
     box_slots: Int[np.ndarray, "boxes"]
     cylinder_slots: Int[np.ndarray, "cylinders"]
     prism_slots: Int[np.ndarray, "prisms"]
+    person_slots: Int[np.ndarray, "people"]
     hull: Hull
     parts: tuple[HullPart, ...]
     physics_steps: int
@@ -113,23 +117,24 @@ class RobotModel:
 
     @property
     def slots(self) -> Int[np.ndarray, "slots"]:
-        """Returns the geom ids of all slots."""
+        """Returns the geom ids of all slots of solids."""
         return np.concatenate([self.box_slots, self.cylinder_slots, self.prism_slots])
 
     @property
     def only_obstacles_hold(self) -> bool:
-        """Returns whether nothing but obstacles can hold the base: no floor, no limits, no friction of joints."""
+        """Returns whether nothing but solids can hold the base: no floor, people, limits or friction."""
         host = self.host
         held = host.jnt_limited.any() or host.dof_frictionloss.any() or host.neq or host.ntendon
-        return not (self.base.free or self.base.articulated or held)
+        return not (self.base.free or self.base.articulated or held or len(self.person_slots))
 
 
-def load_robot(path: Path, *, prisms: bool = False) -> RobotModel:
+def load_robot(path: Path, *, prisms: bool = False, people: bool = False) -> RobotModel:
     """Returns the model of a ``robot.xml``.
 
     Args:
         path: Of the file.
         prisms: Whether there are slots for prisms: where none is near they cost time all the same.
+        people: Likewise for people.
 
     Raises:
         RobotRefused: The robot cannot be represented; says which element, and the remedy.
@@ -141,6 +146,7 @@ def load_robot(path: Path, *, prisms: bool = False) -> RobotModel:
     _tune(spec, alone, base)
     free_host = compile_robot(spec)
     boxes, cylinders, wedges = _add_slots(spec, PRISM_SLOTS if prisms else 0)
+    alive = _add_person_slots(spec, PERSON_SLOTS if people else 0)
     host = compile_robot(spec)
     (model, data), free = _put(host), _put(free_host)
     return RobotModel(
@@ -154,6 +160,7 @@ def load_robot(path: Path, *, prisms: bool = False) -> RobotModel:
         box_slots=np.array([host.geom(name).id for name in boxes]),
         cylinder_slots=np.array([host.geom(name).id for name in cylinders]),
         prism_slots=np.array([host.geom(name).id for name in wedges], int),
+        person_slots=np.array([host.geom(name).id for name in alive], int),
         hull=hull,
         parts=hull_parts(alone),
         physics_steps=round(CONTROL_S / host.opt.timestep),
@@ -203,6 +210,15 @@ def _add_slots(spec: mujoco.MjSpec, prism_slots: int) -> tuple[list[str], list[s
     return boxes, cylinders, wedges
 
 
+def _add_person_slots(spec: mujoco.MjSpec, count: int) -> list[str]:
+    """Adds parked slots for people, as those for cylinders are."""
+    bits, half_m, names = collision_bits(spec), PERSON_HEIGHT_M / 2, [f"person-slot-{k}" for k in range(count)]
+    for k, name in enumerate(names):
+        geom = add_obstacle(spec, name, mujoco.mjtGeom.mjGEOM_CAPSULE, bits)
+        geom.pos, geom.size = [PARKING_M + k, -PARKING_M, half_m], [PERSON_RADIUS_M, half_m, 0.0]
+    return names
+
+
 def _tune(spec: mujoco.MjSpec, alone: mujoco.MjModel, base: Base) -> None:
     """Sets the solver as measured: two Newton iterations hold for a hull among eight obstacles.
 
@@ -236,16 +252,29 @@ def nearest_obstacles(
     return LaneObstacles(*window, *obstacles[len(window) :]), nearest_m
 
 
-def with_window(robot: RobotModel, window: LaneObstacles) -> mjx.Model:
-    """Returns the robot's model with the window's obstacles in its slots."""
+def nearest_people(
+    people_m: Float[jax.Array, "people 2"], center_m: Float[jax.Array, "2"]
+) -> tuple[Float[jax.Array, "slots 2"], Float[jax.Array, ""]]:
+    """Returns as many people as there are slots, those nearest to a point, and how near the nearest is."""
+    away_m = jnp.sqrt(jnp.sum((people_m - center_m) ** 2, axis=1)) - PERSON_RADIUS_M
+    return people_m[jax.lax.top_k(-away_m, PERSON_SLOTS)[1]], away_m.min()
+
+
+def with_window(
+    robot: RobotModel, window: LaneObstacles, people_m: Float[jax.Array, "slots 2"] | None = None
+) -> mjx.Model:
+    """Returns the robot's model with the window's obstacles in its slots, and people where they stand (x, y)."""
     base, box, cylinder = robot.model, robot.box_slots, robot.cylinder_slots
     if len(robot.prism_slots):
         base = _with_prisms(robot, window.prisms)
     half_yaw = jnp.arctan2(window.boxes[:, 7], window.boxes[:, 6]) / 2
     flat = jnp.zeros_like(half_yaw)
     turn = jnp.stack([jnp.cos(half_yaw), flat, flat, jnp.sin(half_yaw)], axis=-1)
+    places = base.geom_pos.at[box].set(window.boxes[:, :3]).at[cylinder].set(window.cylinders[:, :3])
+    if people_m is not None:
+        places = places.at[robot.person_slots, :2].set(people_m)
     return base.replace(
-        geom_pos=base.geom_pos.at[box].set(window.boxes[:, :3]).at[cylinder].set(window.cylinders[:, :3]),
+        geom_pos=places,
         geom_quat=base.geom_quat.at[box].set(turn),
         geom_size=base.geom_size.at[box].set(window.boxes[:, 3:6]).at[cylinder, :2].set(window.cylinders[:, 3:5]),
     )

@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float, Float32
 from specs.data.physics import physical_factors
 from specs.data.world import World
 from specs.field_types import EngineName
-from tasks.simulate.application.contract import Body, Motion, Observation, Work, joints_kind
+from tasks.simulate.application.contract import Body, Motion, Observation, PeopleWork, Work, joints_kind
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.mujoco.world_stepper import (
@@ -45,7 +45,7 @@ from tasks.simulate.engines.program import (
 )
 from tasks.simulate.engines.program_cache import ProgramCache, open_program_cache
 from tasks.simulate.engines.pytree_schema import flatten_state, unflatten_state
-from tasks.simulate.geometry.hull_distance import hull_distance_m
+from tasks.simulate.geometry.hull_distance import hull_distance_m, hull_to_people_m
 from tasks.simulate.host.controllers import (
     HostApplication,
     HostControllers,
@@ -62,9 +62,11 @@ from tasks.simulate.lane.control_step import (
     begin_lane,
     decide,
     finish_step,
+    go_on,
     observe,
 )
 from tasks.simulate.lane.staging import Lane
+from tasks.simulate.lane.walkers import PeopleInputs, PeopleState
 from tasks.simulate.plan.chunks import SLICE_STEPS
 
 # Of a lane, as one row of numbers: what was driven, and what the host needs of it: each array more that goes from the
@@ -90,6 +92,7 @@ class HostProgram:
         decide: Returns what the controllers change of their states, their controls, and what they saw.
         finish: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
             state given is used up.
+        walk: Returns the people a control step later, who then stand while robots are driven.
         step: Returns what ``finish`` does, and what is decided then, all that the host needs of both as one array; what
             it is given of either is used up.
         cache: Of the functions, for processes to come.
@@ -108,6 +111,7 @@ class HostProgram:
     step: Callable[
         [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
     ]
+    walk: Callable[[PeopleInputs, PeopleState, Body, jax.Array], PeopleState]
     cache: ProgramCache
     host: HostApplication | None
     engine: EngineName = "mujoco"
@@ -129,7 +133,8 @@ class HostProgram:
 
     def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "HostRun":
         """Returns episodes ready to run."""
-        models = world_models(self.robot, {lane.request.world: worlds[lane.request.world] for lane in lanes})
+        people = 0 if inputs.people is None else inputs.people.there.shape[1]
+        models = world_models(self.robot, {lane.request.world: worlds[lane.request.world] for lane in lanes}, people)
         filled = [*lanes, *[lanes[0]] * (self.lanes - len(lanes))]
         each = [varied_model(models[lane.request.world], physical_factors(lane.request.environment)) for lane in filled]
         stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
@@ -165,10 +170,11 @@ class HostRun:
             decided, controls = self._decided(state, moving)
             if self.host is not None and (poses := placed_poses(self.host, len(moving))) is not None:
                 state = self._placed(state, poses)
-            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving)))
+            state, people_m = self._walked(state)
+            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving, people_m)))
             state, rows = self._settled(state, decided, driven)
             moving = rows[:, _SETTLED - 1] == 0.0
-            records.append(_record(rows, controls))
+            records.append(_record(rows, controls, people_m))
         return state, stacked_records(records)
 
     def _decided(
@@ -192,6 +198,13 @@ class HostRun:
             return jnp.where(chosen.reshape(-1, *[1] * (old.ndim - 1)), new, old)
 
         return state._replace(body=jax.tree.map(pick, _body(self.program.robot, self.stepper.body()), state.body))
+
+    def _walked(self, state: LaneState) -> tuple[LaneState, Float32[np.ndarray, "lanes people 2"] | None]:
+        """Returns the lanes whose people have gone a control step, and where they stand; None in lanes without."""
+        if self.inputs.people is None or state.people is None:
+            return state, None
+        people = self.program.walk(self.inputs.people, state.people, state.body, state.done)
+        return state._replace(people=people), self._fetched(people.place_m)
 
     def _settled(
         self, state: LaneState, decided: Decided, driven: jax.Array
@@ -236,6 +249,7 @@ def host_program(
     def split(name: str, kernel: Callable[..., object], arguments: int) -> Callable[..., Any]:
         return cache.cached(name, split_over(mesh, jax.vmap(functools.partial(kernel, seen)), arguments))
 
+    walk = jax.vmap(functools.partial(go_on, hull_radius_m=robot.hull.radius_m))
     return HostProgram(
         robot=robot,
         applications=seen,
@@ -246,6 +260,7 @@ def host_program(
         sense=jax.jit(split("sense", observe, 2)),
         decide=jax.jit(split("decide", _decide_lane, 2)),
         finish=jax.jit(split("finish", functools.partial(_finish_lane, robot), 4), donate_argnums=1),
+        walk=jax.jit(cache.cached("walk", split_over(mesh, walk, 4))),
         step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
         cache=cache,
         host=host,
@@ -269,12 +284,15 @@ def _finish_lane(  # noqa: PLR0917 - as the program maps it
 ) -> tuple[LaneState, Row]:
     changed, control, ranges_m = decided
     state = unflatten_state(applications, inputs, state)
-    body, work = _from_row(robot, driven)
+    body, work, people_ns = _from_row(robot, driven)
     clearance_m = hull_distance_m(robot.parts, inputs.obstacles, body.qpos)
+    met = None
+    if state.people is not None:
+        met = PeopleWork(people_ns, hull_to_people_m(robot.parts, state.people.place_m, body.qpos))
     leaves, form = jax.tree.flatten(state.controller)
     memory = jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
     decision = Decision(memory, control, ranges_m)
-    after, record = finish_step(applications, inputs, state, decision, Motion(body, work, clearance_m))
+    after, record = finish_step(applications, inputs, state, decision, Motion(body, work, clearance_m, met))
     numbers = (record.pose, record.velocity, record.goal_index, record.impulse_ns, after.done, record.ranges_m)
     return flatten_state(after), jnp.concatenate([jnp.ravel(each).astype(jnp.float32) for each in numbers])
 
@@ -289,22 +307,28 @@ def _step_lane(  # noqa: PLR0917 - as the program maps it
 
 def _driven_rows(body: HostBody, work: HostWork) -> Float32[np.ndarray, "lanes numbers"]:
     joints = body.joints or ()
-    return np.concatenate([*body[:3], *joints, work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None]], axis=1)
+    done = (work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None], work.people_ns[:, None])
+    return np.concatenate([*body[:3], *joints, *done], axis=1)
 
 
-def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work]:
-    """Returns what a row of ``_driven_rows`` tells."""
+def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work, Float[Array, ""]]:
+    """Returns what a row of ``_driven_rows`` tells, what people pushed with last."""
     model, articulated = robot.alone, robot.base.articulated
-    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1]
-    pose, velocity, act, *joints, impulse, push, energy = jnp.split(row, np.cumsum(sizes)[:-1])
+    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1, 1]
+    pose, velocity, act, *joints, impulse, push, energy, people_ns = jnp.split(row, np.cumsum(sizes)[:-1])
     kind = joints_kind(free=robot.base.free)
     body = Body(pose, velocity, act, jnp.zeros(0), kind(*joints) if articulated else None)
-    return body, Work(impulse[0], push, energy[0])
+    return body, Work(impulse[0], push, energy[0]), people_ns[0]
 
 
-def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarray, "lanes actuators"]) -> StepRecord:
+def _record(
+    rows: Float32[np.ndarray, "lanes numbers"],
+    controls: Float[np.ndarray, "lanes actuators"],
+    people_m: Float32[np.ndarray, "lanes people 2"] | None,
+) -> StepRecord:
     found: Any = rows  # a record's arrays are NumPy's on the host
     given: Any = controls
+    standing: Any = people_m
     return StepRecord(
         pose=found[:, :3],
         velocity=found[:, 3:6],
@@ -312,6 +336,7 @@ def _record(rows: Float32[np.ndarray, "lanes numbers"], controls: Float[np.ndarr
         control=given,
         ranges_m=found[:, _SETTLED:],
         impulse_ns=found[:, 7],
+        people_m=standing,
     )
 
 

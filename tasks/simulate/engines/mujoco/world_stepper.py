@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Float32, Float64, Int
 from mujoco.rollout import Rollout
 
 from specs.data.episode import CONTROL_S
+from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.world import Solid, World, solids
 from tasks.simulate.application.robot_file import read_robot_mjcf
 from tasks.simulate.application.robot_model import (
@@ -40,6 +41,7 @@ _SOLIDS = "simyard/solids"
 _PUSH_SENSOR = "simyard/push"
 _FORCE = "simyard/force/"
 _SPEED = "simyard/speed/"
+_PERSON = "simyard/person/"
 _SPECK_M = 0.05
 _KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -99,21 +101,32 @@ def host_robot(path: Path) -> HostRobot:
     )
 
 
-def world_models(robot: HostRobot, worlds: Mapping[str, World]) -> dict[str, mujoco.MjModel]:
+def world_models(robot: HostRobot, worlds: Mapping[str, World], people: int = 0) -> dict[str, mujoco.MjModel]:
     """Returns the robot's model in each world, all of the same sizes: worlds with fewer solids get specks far away.
 
     MuJoCo's state of one then fits all of them. Specks touch nothing and come last, so that a world's results are the
     same bits whatever worlds it is compiled with.
+
+    Args:
+        robot: The robot.
+        worlds: By name.
+        people: How many have a place in each.
     """
     most = max((len(solids(world)) for world in worlds.values()), default=0)
-    return {name: world_model(robot, world, most) for name, world in worlds.items()}
+    return {name: world_model(robot, world, most, people) for name, world in worlds.items()}
 
 
-def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjModel:
-    """Returns a robot among all solids of a world, with at least so many places for solids.
+def world_model(robot: HostRobot, world: World, places: int = 0, people: int = 0) -> mujoco.MjModel:
+    """Returns a robot among all solids of a world.
 
     Its sensors are, for each physics step, the net force of the solids on the robot, then each actuator's force, then
-    its speed.
+    its speed, then each person's force on the robot.
+
+    Args:
+        robot: The robot.
+        world: The world.
+        places: At least so many for solids.
+        people: Likewise for people: bodies that are put where they stand, and that nothing moves.
     """
     spec = robot.spec.copy()
     bits = collision_bits(spec)
@@ -124,7 +137,9 @@ def world_model(robot: HostRobot, world: World, places: int = 0) -> mujoco.MjMod
     for number in range(len(given), places):
         geom = add_obstacle(spec, f"{_SOLIDS}/{number}", mujoco.mjtGeom.mjGEOM_SPHERE, bits, body)
         geom.pos, geom.size = [PARKING_M, PARKING_M, -PARKING_M], [_SPECK_M] * 3
-    _add_sensors(spec, robot)
+    for number in range(people):
+        _add_person(spec, number, bits)
+    _add_sensors(spec, robot, people)
     # A state that blows up stays as it is, and is reported, instead of starting anew.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return compile_robot(spec)
@@ -159,17 +174,31 @@ def _add_solid(spec: mujoco.MjSpec, body: mujoco.MjsBody, solid: Solid, bits: tu
     geom.quat = [np.cos(solid.yaw_rad / 2), 0.0, 0.0, np.sin(solid.yaw_rad / 2)]
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot) -> None:
+def _add_person(spec: mujoco.MjSpec, number: int, bits: tuple[int, int]) -> None:
+    name, half_m = f"{_PERSON}{number}", PERSON_HEIGHT_M / 2
+    body = spec.worldbody.add_body(name=name, mocap=True, pos=[PARKING_M + number, PARKING_M, half_m])
+    geom = add_obstacle(spec, name, mujoco.mjtGeom.mjGEOM_CYLINDER, bits, body)
+    geom.size = [PERSON_RADIUS_M, half_m, 0.0]
+
+
+def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot, people: int) -> None:
     for sensor in list(spec.sensors):
         spec.delete(sensor)
-    push = spec.add_sensor(name=_PUSH_SENSOR, type=mujoco.mjtSensor.mjSENS_CONTACT)
-    push.objtype, push.objname = mujoco.mjtObj.mjOBJ_BODY, _SOLIDS
-    push.reftype, push.refname = mujoco.mjtObj.mjOBJ_XBODY, robot.alone.body(robot.base.body).name
-    push.intprm[:3] = [_CONTACT_FORCE, _NET_FORCE, _ONE]
+    _add_push_sensor(spec, robot, _PUSH_SENSOR, _SOLIDS)
     for prefix, kind in ((_FORCE, mujoco.mjtSensor.mjSENS_ACTUATORFRC), (_SPEED, mujoco.mjtSensor.mjSENS_ACTUATORVEL)):
         for actuator in spec.actuators:
             sensor = spec.add_sensor(name=f"{prefix}{actuator.name}", type=kind)
             sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_ACTUATOR, actuator.name
+    for number in range(people):
+        _add_push_sensor(spec, robot, f"{_PERSON}{number}", f"{_PERSON}{number}")
+
+
+def _add_push_sensor(spec: mujoco.MjSpec, robot: HostRobot, name: str, body: str) -> None:
+    """Adds what reads the net force of a body on the robot."""
+    push = spec.add_sensor(name=name, type=mujoco.mjtSensor.mjSENS_CONTACT)
+    push.objtype, push.objname = mujoco.mjtObj.mjOBJ_BODY, body
+    push.reftype, push.refname = mujoco.mjtObj.mjOBJ_XBODY, robot.alone.body(robot.base.body).name
+    push.intprm[:3] = [_CONTACT_FORCE, _NET_FORCE, _ONE]
 
 
 def _name_parts(spec: mujoco.MjSpec) -> None:
@@ -182,6 +211,8 @@ def _name_parts(spec: mujoco.MjSpec) -> None:
 _STATE = int(mujoco.mjtState.mjSTATE_FULLPHYSICS)
 _TIME = 1  # comes first in a state, then qpos, qvel and act
 _PUSH_NUMBERS = 3
+_CONTROLS = mujoco.mjtState.mjSTATE_CTRL
+_AMONG_PEOPLE = _CONTROLS | mujoco.mjtState.mjSTATE_MOCAP_POS
 # MuJoCo calls numbers beyond this bad and stops stepping (mjMAXVAL).
 _MOST = 1e10
 
@@ -198,11 +229,12 @@ class HostBody(NamedTuple):
 
 
 class HostWork(NamedTuple):
-    """What a control step's physics did; fields as in ``application.motion.Work``."""
+    """What a control step's physics did; fields as in ``application.motion.Work``, and what people pushed with."""
 
     impulse_ns: Float32[np.ndarray, "lanes"]
     push_ns: Float32[np.ndarray, "lanes 2"]
     energy_j: Float32[np.ndarray, "lanes"]
+    people_ns: Float32[np.ndarray, "lanes"]
 
 
 class Stepper:
@@ -243,13 +275,27 @@ class Stepper:
 
     @np.errstate(over="ignore", invalid="ignore")  # a state that blows up is a row
     def drive(
-        self, controls: Float[np.ndarray, "lanes actuators"], moving: Bool[np.ndarray, "lanes"]
+        self,
+        controls: Float[np.ndarray, "lanes actuators"],
+        moving: Bool[np.ndarray, "lanes"],
+        people_m: Float[np.ndarray, "lanes people 2"] | None = None,
     ) -> tuple[HostBody, HostWork]:
-        """Returns the robots a control step later, and what was done; those that are not moving stay as they are."""
+        """Returns the robots a control step later, and what was done; those that are not moving stay as they are.
+
+        Args:
+            controls: Of each lane.
+            moving: Which lanes are driven.
+            people_m: Where people stand meanwhile (x, y), as many as the models have; None without any.
+        """
         chosen = np.flatnonzero(moving)
-        work = HostWork(*(np.zeros((len(moving), *shape), np.float32) for shape in ((), (2,), ())))
+        work = HostWork(*(np.zeros((len(moving), *shape), np.float32) for shape in ((), (2,), (), ())))
         if len(chosen):
-            path, sensed = self._rolled_out(chosen, controls[chosen].astype(np.float64))
+            given = controls[chosen].astype(np.float64)
+            if people_m is not None:
+                heights = np.full((len(chosen), people_m.shape[1], 1), PERSON_HEIGHT_M / 2)
+                standing = np.concatenate([people_m[chosen].astype(np.float64), heights], axis=2)
+                given = np.concatenate([given, standing.reshape(len(chosen), -1)], axis=1)
+            path, sensed = self._rolled_out(chosen, given)
             self._warmstarts[chosen] = self._accelerations(np.concatenate([self._states[chosen, None], path], axis=1))
             self._states[chosen] = path[:, -1]
             # MuJoCo would take a control that it calls bad for 0, and say so in a log.
@@ -275,9 +321,15 @@ class Stepper:
         return states
 
     def _rolled_out(
-        self, chosen: Int[np.ndarray, "chosen"], controls: Float64[np.ndarray, "chosen actuators"]
+        self, chosen: Int[np.ndarray, "chosen"], given: Float64[np.ndarray, "chosen numbers"]
     ) -> tuple[Float64[np.ndarray, "chosen steps state"], Float64[np.ndarray, "chosen steps sensors"]]:
-        """Returns the states after each physics step of a control step, and what the sensors read in it."""
+        """Returns the states after each physics step of a control step, and what the sensors read in it.
+
+        Args:
+            chosen: The lanes.
+            given: Their controls, then where people stand in them.
+        """
+        kind = _AMONG_PEOPLE if given.shape[1] > self._robot.actuators else _CONTROLS
         steps = self._robot.physics_steps
         states = np.empty((len(chosen), steps, self._states.shape[1]))
         sensed = np.empty((len(chosen), steps, self._models[0].nsensordata))
@@ -286,8 +338,8 @@ class Stepper:
                 [self._models[lane] for lane in chosen],
                 self._datas,
                 self._states[chosen],
-                np.repeat(controls[:, None], steps, axis=1),
-                control_spec=int(mujoco.mjtState.mjSTATE_CTRL),
+                np.repeat(given[:, None], steps, axis=1),
+                control_spec=int(kind),
                 skip_checks=True,
                 nstep=steps,
                 initial_warmstart=self._warmstarts[chosen],
@@ -303,11 +355,15 @@ class Stepper:
     def _work(self, sensed: Float64[np.ndarray, "chosen steps sensors"]) -> HostWork:
         step_s, forces = self._models[0].opt.timestep, self._robot.actuators
         push_n = sensed[:, :, :2]
-        powers_w = sensed[:, :, _PUSH_NUMBERS : _PUSH_NUMBERS + forces] * sensed[:, :, _PUSH_NUMBERS + forces :]
+        ends = np.cumsum([_PUSH_NUMBERS, forces, forces])
+        _, forces_n, speeds, own = np.split(sensed, ends, axis=2)
+        people_n = own.reshape(*own.shape[:2], -1, _PUSH_NUMBERS)[..., :2].sum(axis=2)
+        powers_w = forces_n * speeds
         return HostWork(
             _single(np.hypot(push_n[:, :, 0], push_n[:, :, 1]).sum(axis=1) * step_s),
-            _single(push_n.sum(axis=1) * step_s),
+            _single((push_n + people_n).sum(axis=1) * step_s),
             _single(np.abs(powers_w).sum(axis=(1, 2)) * step_s),
+            _single(np.hypot(people_n[:, :, 0], people_n[:, :, 1]).sum(axis=1) * step_s),
         )
 
 

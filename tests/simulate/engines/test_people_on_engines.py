@@ -1,0 +1,88 @@
+"""People on every engine: they walk the same ways, stop robots alike, and what they push is no solid's."""
+
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import pytest
+
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.people import PERSON_RADIUS_M, People
+from specs.data.world import World
+from tasks.simulate.chunk.chunk_simulation import ready_chunk
+from tasks.simulate.chunk.lane_pool import lane_row
+from tasks.simulate.lane.control_step import StepRecord
+from tests.factories.simulations import FOLDERS, pushing
+
+LANES, STEPS = 8, 240
+# Where a person is so near to a robot, the robot's last bits decide where it stops.
+NEAR_M = 0.3 + PERSON_RADIUS_M
+
+
+class Driven(NamedTuple):
+    """What a chunk gave: a row and its paths for each lane."""
+
+    rows: list[EpisodeResult]
+    pose: np.ndarray
+    people_m: np.ndarray
+
+
+def among_people(index: int) -> EpisodeRequest:
+    drawn = pushing(index, world=f"hand/pen-{index % 3}", seed=index, duration_s=0.05 * STEPS)
+    return drawn.model_copy(update={"people": People(count=3, unaware=1.0)})
+
+
+def driven(requests: list[EpisodeRequest], pens: dict[str, World], engine: str) -> Driven:
+    chunk = ready_chunk(requests, pens, FOLDERS, lanes=LANES, engine=engine)
+    assert chunk.run is not None
+    state, records = chunk.run.begin(), list[StepRecord]()
+    while not np.all(state.done):
+        state, record = chunk.run.advance(state)
+        records.append(jax.tree.map(np.asarray, record))
+    whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
+    end, poses = jax.device_get(state._replace(controller=None)), [np.asarray(whole.pose)]
+    rows = [lane_row(chunk.program, None, lane, place, end, poses) for place, lane in enumerate(chunk.lanes)]
+    return Driven(rows, poses[0], np.asarray(whole.people_m))
+
+
+@pytest.fixture(scope="module")
+def planar(pens: dict[str, World]) -> Driven:
+    return driven([among_people(k) for k in range(LANES)], pens, "planar")
+
+
+@pytest.fixture(scope="module", params=["mujoco", pytest.param("mjx", marks=pytest.mark.long)])
+def other(request: pytest.FixtureRequest, pens: dict[str, World]) -> Driven:
+    return driven([among_people(k) for k in range(LANES)], pens, request.param)
+
+
+def test_people_walk_the_same_ways_until_a_robot_is_in_them(planar: Driven, other: Driven):
+    compared = 0
+    for lane in range(LANES):
+        here, there = planar.people_m[lane, :, :3], other.people_m[lane, :, :3]
+        away_m = np.hypot(*np.moveaxis(here - planar.pose[lane, :, None, :2], -1, 0)).min(axis=1)
+        free = int(np.argmax(away_m < NEAR_M)) if (away_m < NEAR_M).any() else len(away_m)
+        free = min(free, len(there))
+        # The compiler rounds the same code otherwise in other company.
+        np.testing.assert_allclose(there[:free], here[:free], atol=1e-5)
+        compared += free
+    assert compared > LANES * STEPS // 4
+
+
+def test_robots_meet_people_as_on_the_planar_engine(planar: Driven, other: Driven):
+    assert sum(bool(row.person_contacts) for row in planar.rows) >= LANES // 4
+    for ours, theirs in zip(other.rows, planar.rows, strict=True):
+        assert (ours.outcome_reason, ours.person_contacts, ours.collisions) == (
+            theirs.outcome_reason,
+            theirs.person_contacts,
+            theirs.collisions,
+        )
+        assert ours.min_person_m == pytest.approx(theirs.min_person_m, abs=1e-3)
+        assert ours.person_contact_m_s == pytest.approx(theirs.person_contact_m_s, abs=1e-3)
+        assert ours.impulse_ns == pytest.approx(theirs.impulse_ns, rel=5e-3, abs=1e-2)
+        assert (ours.final_x_m, ours.final_y_m) == pytest.approx((theirs.final_x_m, theirs.final_y_m), abs=1e-2)
+
+
+@pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.long)])
+def test_an_episode_among_people_alone_has_the_row_that_it_has_among_others(pens: dict[str, World], engine: str):
+    together = driven([among_people(k) for k in range(LANES)], pens, engine)
+    assert driven([among_people(5)], pens, engine).rows == [together.rows[5]]
