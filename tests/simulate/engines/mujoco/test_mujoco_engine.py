@@ -121,6 +121,19 @@ def test_a_robot_is_pushed_back_from_what_it_drives_against(pens: dict[str, Worl
     assert pushes[-1].impulse_ns[0] == pytest.approx(0.5, abs=0.02)
 
 
+def test_a_robot_is_pushed_back_from_a_person_wherever_that_stands(pens: dict[str, World]):
+    robot, bare = host_robot(ROBOT), pens["hand/pen-0"].model_copy(update={"furniture": ()})
+    stepper = Stepper(robot, [world_model(robot, bare, people=2)] * 2, np.zeros((2, 3)), 1)
+    # One lane's second person stands in the way, the other one's stand aside.
+    people_m = np.array([[[5.0, 5.0], [0.5, 0.0]], [[5.0, 5.0], [0.5, 1.0]]])
+    given = np.tile([0.4, 0.0, 0.0], (2, 1)), np.ones(2, bool), people_m
+    pushes = [stepper.drive(*given)[1] for _ in range(30)]
+    assert stepper.body().qpos[0][0] < 0.07 < 0.4 < stepper.body().qpos[1][0]
+    assert pushes[-1].people_ns == pytest.approx([0.5, 0.0], abs=0.02)
+    assert pushes[-1].push_ns == pytest.approx(np.array([[-0.5, 0.0], [0.0, 0.0]]), abs=0.02)
+    assert not any(push.impulse_ns.any() for push in pushes)
+
+
 def test_it_drives_as_mujoco_does_step_by_step(pens: dict[str, World]):
     model = world_model(host_robot(ROBOT), pens["hand/pen-1"])
     rng = np.random.default_rng(5)
