@@ -236,11 +236,11 @@ class Given(NamedTuple):
 
 
 class Driven(NamedTuple):
-    """What a control step's physics did to a robot, and what people pushed with."""
+    """What a control step's physics did to a robot, and what people pushed with; None in a program without."""
 
     body: Body
     work: Work
-    people_ns: Float[jax.Array, ""]
+    people_ns: Float[jax.Array, ""] | None = None
 
 
 def mjx_mechanics(path: Path) -> Mechanics:
@@ -294,7 +294,7 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         near_m = jnp.minimum(near_m, person_m)
     driven = _drive(robot)(Given(window, near_m, body, control, inputs.physics, people_m))
     clearance_m = hull_distance_m(robot.parts, window, driven.body.qpos)
-    if standing_m is None:
+    if standing_m is None or driven.people_ns is None:
         return Motion(driven.body, driven.work, clearance_m)
     met = PeopleWork(driven.people_ns, hull_to_people_m(robot.parts, standing_m, driven.body.qpos))
     return Motion(driven.body, driven.work, clearance_m, met)
@@ -345,7 +345,7 @@ def drive_alone(robot: RobotModel, given: Given) -> tuple[Driven, Bool[jax.Array
     (after, energy_j, reach_m), _ = jax.lax.scan(
         physics_step, (given.body, zero, zero), None, length=robot.physics_steps
     )
-    return Driven(after, Work(zero, jnp.zeros(2), energy_j), zero), reach_m < given.near_m
+    return Driven(after, Work(zero, jnp.zeros(2), energy_j), _nobody_ns(given)), reach_m < given.near_m
 
 
 def drive_among(robot: RobotModel, given: Given) -> Driven:
@@ -357,10 +357,10 @@ def drive_among(robot: RobotModel, given: Given) -> Driven:
         work, people_ns = before.work, before.people_ns
         data = mjx.step(model, _data(robot.data, before.body, given.control))
         push_n = whole_n = _push_n(robot, data, robot.slots)
-        if len(robot.person_slots):
+        if people_ns is not None:
             people_n = _push_n(robot, data, robot.person_slots)
             whole_n = push_n + people_n
-            people_ns += jnp.sqrt(jnp.sum(people_n**2)) * step_s
+            people_ns = people_ns + jnp.sqrt(jnp.sum(people_n**2)) * step_s
         worked = Work(
             work.impulse_ns + jnp.sqrt(jnp.sum(push_n**2)) * step_s,
             work.push_ns + whole_n * step_s,
@@ -369,8 +369,12 @@ def drive_among(robot: RobotModel, given: Given) -> Driven:
         return Driven(_after(robot, data), worked, people_ns), None
 
     zero = jnp.zeros(())
-    first = Driven(given.body, Work(zero, jnp.zeros(2), zero), zero)
+    first = Driven(given.body, Work(zero, jnp.zeros(2), zero), _nobody_ns(given))
     return jax.lax.scan(physics_step, first, None, length=robot.physics_steps)[0]
+
+
+def _nobody_ns(given: Given) -> Float[jax.Array, ""] | None:
+    return None if given.people_m is None else jnp.zeros(())
 
 
 def varied_model(model: mjx.Model, host: mujoco.MjModel, factors: Float[jax.Array, "3"] | None) -> mjx.Model:

@@ -171,7 +171,7 @@ class HostRun:
             if self.host is not None and (poses := placed_poses(self.host, len(moving))) is not None:
                 state = self._placed(state, poses)
             state, people_m = self._walked(state)
-            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving, people_m)))
+            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving, people_m), people_m))
             state, rows = self._settled(state, decided, driven)
             moving = rows[:, _SETTLED - 1] == 0.0
             records.append(_record(rows, controls, people_m))
@@ -288,7 +288,7 @@ def _finish_lane(  # noqa: PLR0917 - as the program maps it
     clearance_m = hull_distance_m(robot.parts, inputs.obstacles, body.qpos)
     met = None
     if state.people is not None:
-        met = PeopleWork(people_ns, hull_to_people_m(robot.parts, state.people.place_m, body.qpos))
+        met = PeopleWork(people_ns[0], hull_to_people_m(robot.parts, state.people.place_m, body.qpos))
     leaves, form = jax.tree.flatten(state.controller)
     memory = jax.tree.unflatten(form, [changed.get(place, leaf) for place, leaf in enumerate(leaves)])
     decision = Decision(memory, control, ranges_m)
@@ -305,20 +305,23 @@ def _step_lane(  # noqa: PLR0917 - as the program maps it
     return after, following, jnp.concatenate([finished, following[1].astype(jnp.float32)])
 
 
-def _driven_rows(body: HostBody, work: HostWork) -> Float32[np.ndarray, "lanes numbers"]:
+def _driven_rows(
+    body: HostBody, work: HostWork, people_m: Float32[np.ndarray, "lanes people 2"] | None
+) -> Float32[np.ndarray, "lanes numbers"]:
     joints = body.joints or ()
-    done = (work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None], work.people_ns[:, None])
-    return np.concatenate([*body[:3], *joints, *done], axis=1)
+    done = (work.impulse_ns[:, None], work.push_ns, work.energy_j[:, None])
+    alive = () if people_m is None else (work.people_ns[:, None],)
+    return np.concatenate([*body[:3], *joints, *done, *alive], axis=1)
 
 
-def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work, Float[Array, ""]]:
-    """Returns what a row of ``_driven_rows`` tells, what people pushed with last."""
+def _from_row(robot: HostRobot, row: Row) -> tuple[Body, Work, Float[Array, "alive"]]:
+    """Returns what a row of ``_driven_rows`` tells, what people pushed with last: nothing in lanes without."""
     model, articulated = robot.alone, robot.base.articulated
-    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1, 1]
-    pose, velocity, act, *joints, impulse, push, energy, people_ns = jnp.split(row, np.cumsum(sizes)[:-1])
+    sizes = [3, 3, model.na, *((model.nq, model.nv) if articulated else ()), 1, 2, 1]
+    pose, velocity, act, *joints, impulse, push, energy, people_ns = jnp.split(row, np.cumsum(sizes))
     kind = joints_kind(free=robot.base.free)
     body = Body(pose, velocity, act, jnp.zeros(0), kind(*joints) if articulated else None)
-    return body, Work(impulse[0], push, energy[0]), people_ns[0]
+    return body, Work(impulse[0], push, energy[0]), people_ns
 
 
 def _record(

@@ -361,7 +361,7 @@ class Stepper:
         powers_w = forces_n * speeds
         return HostWork(
             _single(np.hypot(push_n[:, :, 0], push_n[:, :, 1]).sum(axis=1) * step_s),
-            _single((push_n + people_n).sum(axis=1) * step_s),
+            _single((push_n + people_n if own.size else push_n).sum(axis=1) * step_s),
             _single(np.abs(powers_w).sum(axis=(1, 2)) * step_s),
             _single(np.hypot(people_n[:, :, 0], people_n[:, :, 1]).sum(axis=1) * step_s),
         )
