@@ -29,4 +29,8 @@ class People(Spec):
     unaware: Annotated[Number, Field(ge=0.0, le=1.0)] = Field(
         default=0.0, title="Unaware", description="How probable it is of each of them not to see the robot."
     )
-    model: Literal["orca"] = Field(default="orca", title="Model", description="How they keep clear of one another.")
+    model: Literal["orca", "recorded"] = Field(
+        default="orca",
+        title="Model",
+        description="orca: they walk about, and keep clear of one another; recorded: as the world's walks say.",
+    )

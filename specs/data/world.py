@@ -330,6 +330,25 @@ class Route(Spec):
     points_m: tuple[tuple[float, float], ...]
 
 
+MOST_WALK_PLACES = 10_000
+
+
+class RecordedWalk(Spec):
+    """How somebody walked, which people of an episode may do again.
+
+    Attributes:
+        name: Unique in the world.
+        times_s: When it was at each place, ascending, from the episode's beginning; before the first it stands there.
+        points_m: The places (x, y), in the frame of the source; it goes straight from one to the next.
+        period_s: After so long it begins anew; none for one that stays at its last place.
+    """
+
+    name: str
+    times_s: tuple[float, ...] = Field(min_length=1, max_length=MOST_WALK_PLACES)
+    points_m: tuple[tuple[float, float], ...] = Field(min_length=1, max_length=MOST_WALK_PLACES)
+    period_s: float | None = None
+
+
 MOST_ZONE_CORNERS = 256
 
 
@@ -471,6 +490,7 @@ class World(Spec):
         report: What became of the source's parts.
         routes: Ways that came with the source, or named places: routes of one point.
         zones: Parts of its floor that came with the source, or were found; not in a world that has rooms.
+        walks: How people walked in the source.
     """
 
     version: Literal["1", "2"] = "1"
@@ -499,6 +519,7 @@ class World(Spec):
     report: ImportReport | None = _later
     routes: tuple[Route, ...] | None = _later
     zones: tuple[FloorZone, ...] | None = _later
+    walks: tuple[RecordedWalk, ...] | None = _later
 
     @property
     def areas(self) -> "tuple[Room, ...] | tuple[FloorZone, ...]":
@@ -508,9 +529,8 @@ class World(Spec):
     @model_validator(mode="after")
     def _check_version(self) -> Self:
         if self.version == "1":
-            later = [
-                name for name in ("start", "source", "report", "routes", "zones") if getattr(self, name) is not None
-            ]
+            names = ("start", "source", "report", "routes", "zones", "walks")
+            later = [name for name in names if getattr(self, name) is not None]
             if later or any(solid.shape == "prism" for solid in solids(self)):
                 raise broken(f'version "{WORLD_VERSION}" for {" and ".join(later or ["prisms"])}')
         return self

@@ -124,7 +124,7 @@ class WorldImport(Ruled):
     )
     unit: MeshUnit | None = Field(default=None, title="Unit", description="Of a mesh; metres if left out.")
     routes: Annotated[tuple[SourcePath, ...], Field(max_length=100)] | None = Field(
-        default=None, title="Routes", description="Files of routes, places and zones, in the source's frame."
+        default=None, title="Routes", description="Files of routes, places, zones and walks, in the source's frame."
     )
     variants: Annotated[Integer, Field(ge=1, le=MAX_WORLDS_OF_DOCUMENT)] | None = Field(default=None, title="Variants")
     seed: Seed | None = Field(default=None, title="Seed")

@@ -140,7 +140,7 @@ def _shape(lane: Lane) -> Shape:
     placement, arrays = lane.placement, lane.arrays
     prisms = [part.prisms for part in (arrays.contact_obstacles, arrays.lidar_outlines, arrays.scene) if part]
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
-    people = lane.people and (lane.people.place_m.shape, lane.people.room_m.shape)
+    people = lane.people and tuple(array.shape for array in jax.tree.leaves(lane.people))
     return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, people, *map(len, prisms))
 
 

@@ -9,7 +9,7 @@ from collections import OrderedDict
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int
+from jaxtyping import Array, Float, Float32, Float64, Int
 
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from specs.data.world import FloorZone, Room, World
@@ -38,10 +38,26 @@ _DRAWS = 64
 # The stream of a seed's noise that people are drawn from; each has a counter of its own.
 _STREAM = 0x70656F706C65
 _KEPT = 64
+# Of a recording; more by powers of two.
+_LEAST_KNOTS = 8
 
 
 class PeopleRefused(ValueError):  # noqa: N818 - an episode
     """An episode cannot have the people that it asks for."""
+
+
+class Recording(NamedTuple):
+    """How people walked, which they do again; arrays of the host or of a device.
+
+    Attributes:
+        at_s: When each was at each of its places; never at those that fill up.
+        places_m: The places (x, y).
+        period_s: After so long each begins anew; infinite for one that stays.
+    """
+
+    at_s: Float[Array, "people knots"]
+    places_m: Float[Array, "people knots 2"]
+    period_s: Float[Array, "people"]
 
 
 class HostPeople(NamedTuple):
@@ -61,6 +77,7 @@ class HostPeople(NamedTuple):
         room_m: A map of how much room a person has left around it where it stands, rows first; below 0 in none.
         low_m: Where the map's first point is.
         cell_m: From one point to the next.
+        recording: How they walked; None of people who walk by ORCA.
     """
 
     there: np.ndarray
@@ -76,6 +93,7 @@ class HostPeople(NamedTuple):
     room_m: Float32[np.ndarray, "rows columns"]
     low_m: Float32[np.ndarray, "2"]
     cell_m: Float32[np.ndarray, ""]
+    recording: Recording | None = None
 
 
 class _Round(NamedTuple):
@@ -154,6 +172,8 @@ class Walks:
         Raises:
             PeopleRefused: The world has not enough places to walk between, or not enough room for all to begin.
         """
+        if asked.model == "recorded":
+            return _recorded(self._world, asked, robot_m, robot_radius_m)
         if not self.legs:
             raise PeopleRefused(f"people: {asked.count}: {self._world.name} has no two places that a person fits in")
         size = _LEAST if asked.count <= _LEAST else 2 * _LEAST
@@ -254,6 +274,32 @@ def _begin(
         if all(clear) and from_robot_m >= _FROM_ROBOT_M:
             return number, place
     return 0, None
+
+
+def _recorded(world: World, asked: People, robot_m: Float64[np.ndarray, "2"], robot_radius_m: float) -> HostPeople:
+    """Returns people who do the world's first walks again; its seed draws nothing of them.
+
+    Raises:
+        PeopleRefused: It has too few, or one begins where the robot does.
+    """
+    walks = (world.walks or ())[: asked.count]
+    if len(walks) < asked.count:
+        raise PeopleRefused(f"people: {asked.count}: {world.name} has {len(walks)} recorded walks")
+    size = _LEAST if asked.count <= _LEAST else 2 * _LEAST
+    knots = 1 << max(_LEAST_KNOTS, *(len(walk.times_s) for walk in walks)).bit_length()
+    nothing = np.zeros((2, 2), np.float32)
+    lone = _nobody(size, HostMap(nothing, nothing[0], np.ones((), np.float32), np.zeros(4, np.float32)))
+    at_s, places_m = np.full((size, knots), np.inf, np.float32), np.zeros((size, knots, 2), np.float32)
+    period_s = np.full(size, np.inf, np.float32)
+    for number, walk in enumerate(walks):
+        count = len(walk.times_s)
+        at_s[number, :count], places_m[number, :count] = walk.times_s, walk.points_m
+        places_m[number, count:] = walk.points_m[-1]
+        period_s[number] = walk.period_s or np.inf
+        lone.there[number], lone.place_m[number] = True, walk.points_m[0]
+        if np.hypot(*(np.asarray(walk.points_m[0]) - robot_m)) < robot_radius_m + PERSON_RADIUS_M:
+            raise PeopleRefused(f"people: {asked.count}: {walk.name} begins where the robot does")
+    return lone._replace(recording=Recording(at_s, places_m, period_s))
 
 
 _walks: OrderedDict[int, tuple[World, Walks]] = OrderedDict()

@@ -182,7 +182,7 @@ def _stacked_scenes(scenes: Sequence[DepthScene | None]) -> DepthScene | None:
 
 def _stacked_people(people: Sequence[HostPeople | None]) -> PeopleInputs | None:
     some = [each for each in people if each is not None]
-    return PeopleInputs(*map(_canonical, zip(*some, strict=True))) if some else None
+    return PeopleInputs(*jax.tree.map(lambda *each: _canonical(each), *some)) if some else None
 
 
 def last_step(request: EpisodeRequest) -> int:

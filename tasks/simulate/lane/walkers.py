@@ -4,6 +4,8 @@ Each follows the corners of its round, keeps clear of the others and, unless it 
 (``orca``), and of solids by the map of the room that a person has. Whoever gets no further turns to the right bit by
 bit, as two who stand before each other at a wall would stay there for good; after its patience it turns back to the
 place that it came from.
+
+Who does a recorded walk again keeps clear of nobody: it is where the walk says, and waits while the robot stands there.
 """
 
 from typing import NamedTuple
@@ -16,6 +18,7 @@ from specs.data.episode import CONTROL_S
 from specs.data.people import INTIMATE_M, PERSON_HEIGHT_M, PERSON_RADIUS_M, PERSONAL_M
 from tasks.simulate.application.contract import Body, PeopleWork
 from tasks.simulate.geometry.obstacles import PARKING_M
+from tasks.simulate.geometry.walks import Recording
 from tasks.simulate.lane.orca import Disc, HalfPlane, Scalar, Vector, choose, nearest_velocity, neighbour_plane
 
 # Of other people and the robot, so many of the nearest are kept clear of.
@@ -38,6 +41,7 @@ _PRESS_M = 0.005
 # What numbers of 32 bits may add to the speed at which people come nearer to one another.
 _ROUNDED_M_S = 1e-4
 _FLAT = 0.1
+_JUMP_M_S = 10.0
 _TINY_M = 1e-6
 
 
@@ -57,6 +61,7 @@ class PeopleInputs(NamedTuple):
     room_m: Float[jax.Array, "rows columns"]
     low_m: Float[jax.Array, "2"]
     cell_m: Float[jax.Array, ""]
+    recording: Recording | None = None
 
 
 class Meetings(NamedTuple):
@@ -75,7 +80,7 @@ class PeopleState(NamedTuple):
 
     Attributes:
         place_m, velocity: Of each; far away where there is nobody.
-        toward: The corner that each walks to.
+        toward: The corner that each walks to; of a recorded walk, how many control steps of it are done.
         way: 1 along its round, -1 back.
         stay_s: How long it still stays where it is.
         stalled_s: For how long it has made no progress.
@@ -111,6 +116,8 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
         robot: Likewise.
         robot_radius_m: Of its hull.
     """
+    if people.recording is not None:
+        return _walk_again(people, people.recording, state, robot, robot_radius_m)
     place, velocity = _vector(state.place_m), _vector(state.velocity)
     state, onward = _next_corner(people, state, place)
     stays = state.stay_s > 0.0
@@ -135,6 +142,33 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
         way=jnp.where(back, -state.way, state.way),
         stalled_s=jnp.where(back, 0.0, stalled_s),
     )
+
+
+def _walk_again(
+    people: PeopleInputs, walks: Recording, state: PeopleState, robot: Body, robot_radius_m: float
+) -> PeopleState:
+    """Returns the people a control step of their recorded walks later; who would walk into the robot waits."""
+    step = state.toward + 1
+    to_m = jnp.where(people.there[:, None], recorded_m(walks, step * CONTROL_S), state.place_m)
+    before_m, after_m = (jnp.sqrt(jnp.sum((each - robot.qpos[:2]) ** 2, axis=1)) for each in (state.place_m, to_m))
+    waits = (after_m < robot_radius_m + PERSON_RADIUS_M - _PRESS_M) & (after_m < before_m)
+    place_m = jnp.where(waits[:, None], state.place_m, to_m)
+    velocity = (place_m - state.place_m) / CONTROL_S
+    walked = jnp.sum(velocity**2, axis=1, keepdims=True) < _JUMP_M_S**2  # a walk that begins anew may jump
+    return state._replace(
+        place_m=place_m, velocity=jnp.where(walked, velocity, 0.0), toward=jnp.where(waits, state.toward, step)
+    )
+
+
+def recorded_m(walks: Recording, t_s: Float[jax.Array, "people"]) -> Float[jax.Array, "people 2"]:
+    """Returns where people are at times of their walks, each straight between two of its places."""
+    t_s = jnp.where(jnp.isfinite(walks.period_s), jnp.mod(t_s, walks.period_s), t_s)
+    last = jnp.sum(walks.at_s <= t_s[:, None], axis=1) - 1
+    since = jnp.clip(last, 0, walks.at_s.shape[1] - 2)[:, None]
+    begin_s, end_s = (jnp.take_along_axis(walks.at_s, each, 1)[:, 0] for each in (since, since + 1))
+    share = jnp.where(jnp.isfinite(end_s), jnp.clip((t_s - begin_s) / (end_s - begin_s), 0.0, 1.0), 0.0)
+    begin_m, end_m = (jnp.take_along_axis(walks.places_m, each[..., None], 1)[:, 0] for each in (since, since + 1))
+    return begin_m + share[:, None] * (end_m - begin_m)
 
 
 def _next_corner(people: PeopleInputs, state: PeopleState, place: Vector) -> tuple[PeopleState, Vector]:

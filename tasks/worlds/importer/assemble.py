@@ -130,6 +130,7 @@ def assemble_world(scene: Scene, described: ImportedAs) -> World:
     )
     lights = scene.lights or (Light(position_m=(start.x_m, start.y_m, rounded(ceiling_m - _LIGHT_BELOW_M))),)
     update: dict[str, object] = {"start": start, "report": report, "lights": lights, "routes": routes or None}
+    update["walks"] = scene.walks or None
     update["zones"] = zones or found_rooms(bare, start) or None
     return measured(world.model_copy(update=update), floor=grid)
 

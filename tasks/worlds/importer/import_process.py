@@ -29,6 +29,7 @@ from tasks.worlds.importer.source_files import MAPS, SourceFiles
 from tasks.worlds.importer.source_scene import ImportAnswer, Scene, SourceError
 from tasks.worlds.importer.triangle_mesh import MESH_SUFFIXES, MeshUnreadable, joined, mesh_parts
 from tasks.worlds.importer.upright_solids import TOLERANCE_M
+from tasks.worlds.importer.walk_reader import WALK_FILES, read_walks
 
 UNITS_M: Mapping[MeshUnit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 MOST_BYTES = 4 << 30
@@ -47,8 +48,10 @@ def import_source(asked: WorldImport) -> ImportAnswer:
         if kind != "map":
             scene, agreements = _with_maps(scene, path)
         if given := _named_beside(path, [Path(each) for each in asked.routes or ()]):
-            named = read_routes(given)
+            named = read_routes([each for each in given if each.suffix.lower() not in WALK_FILES])
             scene = replace(scene, routes=named.routes, zones=named.zones, files={**scene.files, **named.files})
+            walked = read_walks([each for each in given if each.suffix.lower() in WALK_FILES])
+            scene = replace(scene, walks=(*scene.walks, *walked.walks), files={**scene.files, **walked.files})
         described = ImportedAs(
             name=asked.name,
             kind=kind,

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from specs.data.world import OVERHEAD_M, Color, Furniture, ImportFinding, Light, Solid, Start
+from specs.data.world import OVERHEAD_M, Color, Furniture, ImportFinding, Light, RecordedWalk, Solid, Start
 from tasks.worlds.geometry import rounded
 from tasks.worlds.importer.source_files import SourceFiles
 from tasks.worlds.importer.source_scene import Scene
@@ -83,6 +83,7 @@ class Found:
         lights: Positions.
         start: Where a robot starts.
         findings: What is not in the parts.
+        walks: How people walk.
     """
 
     models: list[Model] = field(default_factory=list)
@@ -91,6 +92,7 @@ class Found:
     lights: list[tuple[float, float, float]] = field(default_factory=list)
     start: Start | None = None
     findings: list[ImportFinding] = field(default_factory=list)
+    walks: list[RecordedWalk] = field(default_factory=list)
 
     def note(self, subject: str, became: str, why: str, off_m: float | None = None) -> None:
         """Notes what became of something, once."""
@@ -146,6 +148,7 @@ def _scene(
         exact=exact,
         findings=tuple(found.findings),
         files=dict(sorted(files.digests.items())),
+        walks=tuple(found.walks),
         floor_m=rounded(floor_m),
     )
 

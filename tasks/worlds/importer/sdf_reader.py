@@ -14,7 +14,8 @@ from xml.parsers.expat import ExpatError
 
 import numpy as np
 
-from specs.data.world import Color
+from specs.data.world import MOST_WALK_PLACES, Color, RecordedWalk
+from tasks.worlds.geometry import rounded
 from tasks.worlds.importer.placed_parts import Found, Model, Placed, scene_of, unique
 from tasks.worlds.importer.source_files import Element, SourceFiles, shown
 from tasks.worlds.importer.source_scene import Scene
@@ -46,12 +47,11 @@ _SIZES: Mapping[str, tuple[tuple[str, int], ...]] = {
     "ellipsoid": (("radii", 3),),
 }
 _DROPPED = {
-    "actor": "moves by a script; Simyard's worlds stand still",
     "population": "models that Gazebo would spread at random; name each of them",
     "road": "a road is paint on the floor",
     "plugin": "code of a simulator, which is not run here",
 }
-_TRUE = ("1", "true")
+_TRUE, _FALSE = ("1", "true"), ("0", "false")
 _COLORS: Mapping[str, Color] = {
     "Gazebo/Black": (0.1, 0.1, 0.1),
     "Gazebo/Blue": (0.1, 0.1, 0.8),
@@ -212,12 +212,38 @@ class _Reader:
             self._frame(child, scope)
         elif child.tag == "plugin":
             self._plugin(child)
+        elif child.tag == "actor":
+            self._actor(child)
         elif child.tag in _DROPPED:
             self.found.note(f"{child.tag} {child.get('name')}".strip(), "dropped", _DROPPED[child.tag])
 
     def _plugin(self, element: Element) -> None:
         name = element.get("filename") or element.get("name")
         self._plugins[name] = self._plugins.get(name, 0) + 1
+
+    def _actor(self, actor: Element) -> None:
+        """Takes the trajectories of an actor, one after the other, as the walk of a person."""
+        name = unique(actor.get("name") or "actor", {each.name for each in self.found.walks})
+        script, at_s = actor.first("script"), dict[float, tuple[float, float]]()
+        delay = script.first("delay_start") if script else None
+        (wait_s,) = (self._numbers(delay, 1) if delay else None) or [0.0]
+        for trajectory in script.all("trajectory") if script else ():
+            since_s, own = max(at_s, default=max(wait_s, 0.0)), dict[float, tuple[float, float]]()
+            for each in trajectory.all("waypoint"):
+                time, pose = each.first("time"), each.first("pose")
+                found = (self._numbers(time, 1), self._numbers(pose, 6)) if time and pose else (None, None)
+                if found[0] and found[1] and found[0][0] >= 0.0:
+                    own[rounded(since_s + found[0][0])] = (rounded(found[1][0]), rounded(found[1][1]))
+            at_s |= dict(sorted(own.items())[:MOST_WALK_PLACES])
+        if script is None or not at_s or len(at_s) > MOST_WALK_PLACES or script.said("auto_start") in _FALSE:
+            why = f"has no trajectory of 1 to {MOST_WALK_PLACES:,} waypoints that it starts by itself"
+            self.found.note(f"actor {name}", "dropped", why)
+            return
+        period_s = None if script.said("loop") in _FALSE else max(at_s)
+        walk = RecordedWalk(name=name, times_s=tuple(at_s), points_m=tuple(at_s.values()), period_s=period_s or None)
+        self.found.walks.append(walk)
+        why = "becomes a walk: people of model recorded go straight from waypoint to waypoint, as upright cylinders"
+        self.found.note(f"actor {name}", "approximated", why)
 
     # Models and includes, into the scope of what holds them.
 

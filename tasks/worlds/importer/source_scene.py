@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from specs.base import Fault, Spec
-from specs.data.world import FloorZone, Furniture, ImportFinding, Light, Route, Start
+from specs.data.world import FloorZone, Furniture, ImportFinding, Light, RecordedWalk, Route, Start
 from specs.errors import DocumentError
 
 MOST_SOLIDS = 20_000
@@ -30,6 +30,7 @@ class Scene:
             that it was found in.
         routes: Ways and places that came with it.
         zones: Parts of the floor that somebody named.
+        walks: How people walk in it.
         floor_m: How high the floor stands in the source; the pieces are lower by that.
     """
 
@@ -42,6 +43,7 @@ class Scene:
     files: Mapping[str, str] = field(default_factory=dict)
     routes: tuple[Route, ...] = ()
     zones: tuple[FloorZone, ...] = ()
+    walks: tuple[RecordedWalk, ...] = ()
     floor_m: float = 0.0
 
 

@@ -256,11 +256,29 @@ def test_what_nothing_meets_is_dropped_and_said(tmp_path: Path):
     more = f"<actor name='walker'/>{plugins}<road name='r'/>"
     said = findings(scene(tmp_path, model("box") + model("sign", visual) + more), "dropped")
     assert said == [
-        "actor walker: moves by a script; Simyard's worlds stand still",
+        "actor walker: has no trajectory of 1 to 10,000 waypoints that it starts by itself",
         "road r: a road is paint on the floor",
         "sign/glow: has no collision: it is seen, and nothing meets it",
         "plugin libx.so: code of a simulator, which is not run here; 2 times",
     ]
+
+
+def waypoint(time_s: float, x_m: float, y_m: float) -> str:
+    return f"<waypoint><time>{time_s}</time><pose>{x_m} {y_m} 1 0 0 0</pose></waypoint>"
+
+
+def test_an_actor_becomes_a_walk_through_its_trajectories(tmp_path: Path):
+    first = f"<trajectory id='0' type='walk'>{waypoint(4, 2, 1)}{waypoint(0, 1, 1)}</trajectory>"
+    second = f"<trajectory id='1' type='walk'>{waypoint(1.5, 2, 3)}</trajectory>"
+    script = f"<script><loop>{{}}</loop><delay_start>2</delay_start>{first}{second}</script>"
+    actors = "".join(
+        f"<actor name='walker'><pose>9 9 9 0 0 0</pose>{script.format(loop)}</actor>" for loop in ("true", "0")
+    )
+    found = scene(tmp_path, model("box") + actors)
+    assert [(walk.name, walk.period_s) for walk in found.walks] == [("walker", 7.5), ("walker_1", None)]
+    assert {walk.times_s for walk in found.walks} == {(2.0, 6.0, 7.5)}
+    assert {walk.points_m for walk in found.walks} == {((1.0, 1.0), (2.0, 1.0), (2.0, 3.0))}
+    assert [each.partition(":")[0] for each in findings(found, "approximated")] == ["actor walker", "actor walker_1"]
 
 
 def test_colours_are_those_of_the_visuals_or_of_the_mesh(tmp_path: Path):
