@@ -275,10 +275,10 @@ def test_an_actor_becomes_a_walk_through_its_trajectories(tmp_path: Path):
         f"<actor name='walker'><pose>9 9 9 0 0 0</pose>{script.format(loop)}</actor>" for loop in ("true", "0")
     )
     found = scene(tmp_path, model("box") + actors)
-    assert [(walk.name, walk.period_s) for walk in found.walks] == [("walker", 7.5), ("walker_1", None)]
+    assert [(walk.name, walk.period_s) for walk in found.walks] == [("walker", 7.5), ("walker_2", None)]
     assert {walk.times_s for walk in found.walks} == {(2.0, 6.0, 7.5)}
     assert {walk.points_m for walk in found.walks} == {((1.0, 1.0), (2.0, 1.0), (2.0, 3.0))}
-    assert [each.partition(":")[0] for each in findings(found, "approximated")] == ["actor walker", "actor walker_1"]
+    assert [each.partition(":")[0] for each in findings(found, "approximated")] == ["actor walker", "actor walker_2"]
 
 
 def test_colours_are_those_of_the_visuals_or_of_the_mesh(tmp_path: Path):
