@@ -77,7 +77,7 @@ def walled_hall(
     )
     return World(
         version="2",
-        generator="simyard-import-6",
+        generator="simyard-import-7",
         template_digest="",
         seed=0,
         generation="import-000000000000",

@@ -33,7 +33,7 @@ from tasks.worlds.importer.own_floor import cell_at, measured, own_floor, reache
 from tasks.worlds.importer.source_scene import MOST_SOLIDS, Scene, SourceError
 from tasks.worlds.survey import ExactGrid
 
-IMPORTER = "simyard-import-6"
+IMPORTER = "simyard-import-7"
 """Changes whenever the same source would give another world."""
 MOST_CELLS = 1 << 24
 """Of a floor, whose map would grow beyond what a machine holds for every lane: 42,000 m2."""

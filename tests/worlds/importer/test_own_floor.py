@@ -51,7 +51,7 @@ def test_with_fewer_pieces_a_world_of_ones_own_is_measured_anew():
     world = measured(walled_hall((6.0, 4.0), pieces), 0.2)
     fewer = keep_pieces(world, {"box"})
     assert [each.name for each in fewer.furniture] == ["box"]
-    assert fewer.generator == keep_pieces(fewer, {"box"}).generator == "simyard-import-6-shrunk"
+    assert fewer.generator == keep_pieces(fewer, {"box"}).generator == "simyard-import-7-shrunk"
     assert fewer.certificate.free_floor_share > world.certificate.free_floor_share
     assert fewer.certificate.guaranteed_robot_radius_m == 0.2
     assert keep_pieces(world, {"rack", "box"}).certificate == world.certificate
