@@ -102,6 +102,10 @@ def limit_exceeded(name: str, kind: ApplicationKind, free: Iterable[Version]) ->
     return LimitExceeded.of("application", f"a new version of {name}", allowed, source=name)
 
 
+# A gate's other version and a deployment's, and the one that a search is against.
+_NAMES_VERSION = frozenset({"applicationVersion", "against"})
+
+
 def free_versions(store: Store, kind: ApplicationKind, name: str, spec: PipelineSpec | None = None) -> list[Version]:
     """Returns the versions that nothing refers to, oldest first; never the newest.
 
@@ -180,7 +184,7 @@ def _numbers(document: JsonValue) -> Iterator[str]:
             yield from _numbers(each)
     elif isinstance(document, dict):
         for key, value in document.items():
-            if key == "applicationVersion":
+            if key in _NAMES_VERSION:
                 yield str(value)
             else:
                 yield from _numbers(value)

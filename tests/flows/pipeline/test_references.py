@@ -212,6 +212,14 @@ def test_all_that_is_missing_is_told_at_once(file_store: Store):
     assert told == ["'nowhere'", "'none/none'", "'nobody'"]
 
 
+def test_a_version_that_a_search_is_against_has_to_be_there(file_store: Store):
+    publish_bundle(file_store, ROBOT, "mine", ROOT / "applications/courier")
+    spec = _generated(_request("mine"), search={"over": {}, "against": "7"})
+    with pytest.raises(ResourceNotFound) as refused:
+        resolve_references(spec, file_store, ROOT / "examples")
+    assert [fault.path for fault in refused.value.faults] == ["search.against"]
+
+
 def test_every_world_and_application_that_a_batch_lacks_is_told_at_once(file_store: Store):
     one, other = _request("nobody"), _request("nobody", worldConfigs=[{"world": "g/own"}])
     other["simulationApplications"][0]["application"] = "noplace"

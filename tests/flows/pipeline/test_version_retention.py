@@ -66,9 +66,13 @@ def test_the_bundle_of_a_version_that_made_room_stays(full: Store, tmp_path: Pat
     assert full.exists(bundle_key(found.versions[0].digest))
 
 
-def test_a_version_that_the_gate_compares_with_makes_no_room(full: Store, tmp_path: Path):
-    spec: dict[str, JsonValue] = {"name": "other", "gate": {"noWorseThan": {"applicationVersion": "1"}}}
-    submit(full, "pipeline-run", {"flow": "pipeline", "spec": spec}, "token")
+@pytest.mark.parametrize(
+    "section", [{"gate": {"noWorseThan": {"applicationVersion": "1"}}}, {"search": {"over": {}, "against": "1"}}]
+)
+def test_a_version_that_a_document_compares_with_makes_no_room(
+    full: Store, tmp_path: Path, section: dict[str, JsonValue]
+):
+    submit(full, "pipeline-run", {"flow": "pipeline", "spec": {"name": "other", **section}}, "token")
     _change_again(full, tmp_path)
     assert _numbers(full)[:2] == [1, 3]
 
