@@ -9,7 +9,8 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from tasks.results.statistics.failure_causes import Factor, FailureCauses, _told, failure_causes
-from tasks.results.statistics.rare_failures import Estimated, Particles, Scores, Space, failure_probability
+from tasks.results.statistics.rare_failures import Particles, Scores, Space
+from tests.results.statistics.test_rare_failures import estimated
 
 _WORLDS = 8
 _TENTHS = tuple(f"{tenth}" for tenth in range(10))
@@ -21,20 +22,10 @@ def numbers(*names: str) -> list[Factor]:
     return [Factor(name, _TENTHS, number=True) for name in names]
 
 
-def estimated(score: Score, smooth: int, drawn: int, *, budget: int = 20_000, seed: int = 0) -> Estimated:
-    going = failure_probability(Space(smooth, drawn), budget=budget, confidence=0.95, seed=seed)
-    particles = next(going)
-    while True:
-        try:
-            particles = going.send(score(particles))
-        except StopIteration as end:
-            return end.value
-
-
 def causes(score: Score, factors: list[Factor], **settings: int) -> FailureCauses:
     """Returns the causes of failures by a score whose last drawn coordinate is a seed."""
     count = sum(each.number for each in factors)
-    answer = estimated(score, count, len(factors) - count + 1, **settings)
+    answer = estimated(score, Space(count, len(factors) - count + 1), **settings)
     return failure_causes(answer.seen, factors, answer.probability.estimate, 0.95)
 
 
@@ -118,7 +109,7 @@ def test_a_failure_in_a_few_episodes_has_no_causes():
 
 
 def test_where_nothing_but_the_seed_varies_it_says_so():
-    answer = estimated(lambda each: each.drawn[:, 0] - 0.1, 0, 1, budget=1_000)
+    answer = estimated(lambda each: each.drawn[:, 0] - 0.1, Space(0, 1), budget=1_000)
     assert failure_causes(answer.seen, [], 0.1, 0.95).why == "nothing varies but the seed"
 
 

@@ -9,6 +9,7 @@ from scipy.special import ndtr, ndtri
 from tasks.results.statistics.intervals import clopper_pearson
 from tasks.results.statistics.rare_failures import (
     FAILED,
+    Estimated,
     FailureProbability,
     Particles,
     Scores,
@@ -75,6 +76,12 @@ CASES: dict[str, tuple[Callable[[float], Score], Space]] = {
 def found(
     score: Score, space: Space, *, budget: int = 20_000, seed: int = 0, relative_error: float | None = None
 ) -> FailureProbability:
+    return estimated(score, space, budget=budget, seed=seed, relative_error=relative_error).probability
+
+
+def estimated(
+    score: Score, space: Space, *, budget: int = 20_000, seed: int = 0, relative_error: float | None = None
+) -> Estimated:
     going = failure_probability(space, budget=budget, confidence=0.95, seed=seed, relative_error=relative_error)
     particles = next(going)
     while True:
@@ -82,6 +89,18 @@ def found(
             particles = going.send(score(particles))
         except StopIteration as end:
             return end.value
+
+
+@pytest.mark.parametrize(("rare", "method"), [(1e-3, "splitting"), (0.2, "draws")])
+def test_failures_stand_for_the_estimate_of_their_population(rare: float, method: str):
+    score, space = worlds(rare), Space(_SMOOTH, 2)
+    probability, seen = estimated(score, space)
+    assert probability.method == method
+    of_each = np.bincount(seen.failed_of, seen.weights, seen.populations)
+    assert of_each.mean() == pytest.approx(probability.estimate, rel=0.002)
+    assert (score(seen.failed) < 0.0).all()
+    assert (score(seen.passed) >= 0.0).all()
+    assert {*seen.passed_of.tolist()} == {*range(seen.populations)}
 
 
 @pytest.mark.parametrize("name", CASES)
