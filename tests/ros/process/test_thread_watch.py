@@ -114,6 +114,8 @@ def test_one_that_waits_on_a_condition_naps_where_its_wait_ends_by_itself(
     # A kernel may tell only after a while where it sleeps, and until then it may nap.
     while watched.napping() != ({process.pid} if naps else frozenset()):
         time.sleep(0.001)
+    while naps and process.pid not in watched.resting():  # likewise
+        time.sleep(0.001)
     assert (process.pid in watched.resting()) is naps
     watched.limits = False
     assert process.pid not in watched.resting()

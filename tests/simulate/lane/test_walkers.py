@@ -21,7 +21,7 @@ def inputs(seeds: range, unaware: float = 0.0) -> PeopleInputs:
     """Returns the people of a lane for each seed, lanes first."""
     walks = walks_in(cluttered(1))
     each = [walks.people(People(count=COUNT, unaware=unaware), seed, np.full(2, FAR_M), HULL_M) for seed in seeds]
-    return PeopleInputs(*(jnp.stack([jnp.asarray(part) for part in parts]) for parts in zip(*each, strict=True)))
+    return PeopleInputs(*jax.tree.map(lambda *parts: jnp.stack([*map(jnp.asarray, parts)]), *each))
 
 
 @jax.jit
