@@ -215,11 +215,28 @@ class Walks:
             parts.append(leg[:-1])
             marks.append(np.arange(len(leg) - 1) == 0)
             here = there
+        if not parts:
+            return self._short_round(rng)
         if here != first:
             leg = self.legs[here, first]
             parts.append(leg[:-1])
             marks.append(np.arange(len(leg) - 1) == 0)
         return _Round(np.concatenate(parts), np.concatenate(marks))
+
+    def _short_round(self, rng: np.random.Generator) -> _Round:
+        """Returns a round from one place to another and back: for who has drawn a first leg of too many corners.
+
+        Raises:
+            PeopleRefused: All have too many.
+        """
+        short = sorted(
+            pair for pair, leg in self.legs.items() if len(leg) + len(self.legs[pair[1], pair[0]]) <= CORNERS
+        )
+        if not short:
+            raise PeopleRefused(f"{self._world.name} has no way with at most {CORNERS} corners, there and back")
+        one, other = short[int(rng.integers(len(short)))]
+        parts = [self.legs[one, other][:-1], self.legs[other, one][:-1]]
+        return _Round(np.concatenate(parts), np.concatenate([np.arange(len(part)) == 0 for part in parts]))
 
 
 def _middle(area: Room | FloorZone) -> tuple[float, float]:

@@ -8,7 +8,7 @@ import pytest
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
-from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, Walks, walks_in
+from tasks.simulate.geometry.walks import CORNERS, HostPeople, PeopleRefused, Walks, walks_in
 from tests.factories.simulations import cluttered
 
 ROBOT_M, HULL_M = np.zeros(2), 0.2
@@ -52,3 +52,27 @@ def test_people_begin_apart_from_one_another_and_from_the_robot(walks: Walks):
 def test_a_world_without_room_refuses_people_and_says_how_many_fit(walks: Walks):
     with pytest.raises(PeopleRefused, match="people: 2: cluttered-1 has room for 0 people to begin in"):
         walks.people(People(count=2), 0, ROBOT_M, 30.0)
+
+
+def winding(corners: int) -> Walks:
+    """Returns walks between two near places, and to a third one whose way has many corners."""
+    found = Walks(cluttered(1))
+    near = np.array([[1.0, 1.0], [2.0, 1.0]])
+    far = np.stack([np.linspace(1.0, 2.0, corners), np.ones(corners)], axis=1)
+    found.__dict__["legs"] = {(0, 1): near, (1, 0): near[::-1]}
+    found.legs.update({(0, 2): far, (2, 0): far[::-1], (1, 2): far + 1.0, (2, 1): far[::-1] + 1.0})
+    return found
+
+
+def test_a_person_whose_first_way_has_too_many_corners_takes_a_short_one():
+    walks = winding(CORNERS)
+    for seed in range(20):
+        (count,) = people(walks, 1, seed).corner_count[:1]
+        assert 2 <= count <= CORNERS
+
+
+def test_a_world_whose_ways_all_have_too_many_corners_refuses_people():
+    walks = winding(CORNERS)
+    del walks.legs[0, 1], walks.legs[1, 0]
+    with pytest.raises(PeopleRefused, match=f"no way with at most {CORNERS} corners"):
+        people(walks, 1)
