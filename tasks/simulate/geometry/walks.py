@@ -6,10 +6,10 @@ A person is an upright cylinder that is higher than a robot, and so fits into fe
 import functools
 import itertools
 from collections import OrderedDict
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Array, Float, Float32, Float64, Int
+from jaxtyping import Float, Float32, Float64, Int
 
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from specs.data.world import FloorZone, Room, World
@@ -42,6 +42,9 @@ _KEPT = 64
 _LEAST_KNOTS = 8
 
 
+Arrays = Any  # of NumPy on the host, of JAX in a program
+
+
 class PeopleRefused(ValueError):  # noqa: N818 - an episode
     """An episode cannot have the people that it asks for."""
 
@@ -55,9 +58,9 @@ class Recording(NamedTuple):
         period_s: After so long each begins anew; infinite for one that stays.
     """
 
-    at_s: Float[Array, "people knots"]
-    places_m: Float[Array, "people knots 2"]
-    period_s: Float[Array, "people"]
+    at_s: Float[Arrays, "people knots"]
+    places_m: Float[Arrays, "people knots 2"]
+    period_s: Float[Arrays, "people"]
 
 
 class HostPeople(NamedTuple):
