@@ -106,13 +106,13 @@ def _walks(path: Path, body: bytes) -> list[RecordedWalk]:
     ]
 
 
-def _rows(path: Path, body: bytes) -> list[Mapping[str, object]]:
+def _rows(path: Path, body: bytes) -> Sequence[Mapping[str, object]]:
     if path.suffix.lower() == ".parquet":
         import pyarrow as pa  # noqa: PLC0415 - the other sources need none of it
         import pyarrow.parquet as pq  # noqa: PLC0415 - likewise
 
         try:
-            rows: list[Mapping[str, object]] = pq.read_table(io.BytesIO(body)).to_pylist()
+            rows: Sequence[Mapping[str, object]] = pq.read_table(io.BytesIO(body)).to_pylist()
         except pa.ArrowException as exc:
             raise _refused(path, "", f"no Parquet ({exc})", "a Parquet file") from exc
     else:
