@@ -3,7 +3,7 @@
 The files are a drawing, and MCAP, a film or ROS's formats if asked for.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -100,7 +100,12 @@ def replay_job(store: Store, text: str) -> JobReplay:
 
 def bundles(batch: OpenBatch) -> dict[str, Path]:
     """Returns the folders of a batch's applications on this machine, by digest."""
-    return {digest: unpack(batch.store, digest, cache_folder() / "bundles") for digest in batch.plan.digests()}
+    return unpacked(batch.store, batch.plan.digests())
+
+
+def unpacked(store: Store, digests: Iterable[str]) -> dict[str, Path]:
+    """Returns the folders of some bundles on this machine, by digest."""
+    return {digest: unpack(store, digest, cache_folder() / "bundles") for digest in digests}
 
 
 def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:

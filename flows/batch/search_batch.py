@@ -16,13 +16,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from jaxtyping import Float64
 
-from flows.batch.replay_episode import JobReplay, bundles, playback
+from flows.batch.replay_episode import JobReplay, bundles, playback, unpacked
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
 from specs.data.physics import PHYSICAL
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
-from tasks.applications.registry import resolve, unpack
+from tasks.applications.registry import resolve
 from tasks.progress.listener import report_progress
 from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
@@ -36,7 +36,6 @@ from tasks.simulate.engines.engine_table import REFERENCE
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES
 from tasks.simulate.replay.replay_run import replay_request, resimulate
 from tasks.storage.base.keys import search_step_key
-from tasks.storage.base.local_files import cache_folder
 from tasks.storage.base.store import Store, create_once, encode_document, find_document
 from tasks.storage.jobs.records import read
 from tasks.storage.resource_names import find_batch_name
@@ -203,7 +202,6 @@ class _DrawnEpisodes:
     Attributes:
         space: Its smooth coordinates are the numbers; the others are the choices, the world and the seed.
         other: The version that the search is against; None if it is against none.
-        judges: Digest of the simulation application, which that version's episodes run as well.
     """
 
     def __init__(self, batch: OpenBatch, search: Search) -> None:
@@ -219,7 +217,6 @@ class _DrawnEpisodes:
         unknown = [name for name in search.over if name not in known and name not in PHYSICAL]
         allowed = f"a variable that the batch's request or matrix sets: {', '.join(sorted(known)) or 'there is none'}"
         refused = [Fault(path=f"over.{name}", value=name, allowed=allowed) for name in unknown]
-        self.judges = {self._first.scenario.digest}
         self.other = None if search.against is None else self._other_version(batch.store, search.against)
         template, *others = plan.templates
         if others:
@@ -496,10 +493,9 @@ class _Steps:
         other = self._drawn.other
         if other is None or not failing:
             return frozenset()
-        if other.digest not in self._bundles:
-            folder = unpack(self._batch.store, other.digest, cache_folder() / "bundles")
-            self._others = {other.digest: folder, **{each: self._bundles[each] for each in self._drawn.judges}}
         asked = [requests[place].model_copy(update={"robot": other}) for place in failing]
+        if not self._others:
+            self._others = unpacked(self._batch.store, sorted(asked[0].bundles))
         rows = self._driven(asked, engine, self._others)
         return frozenset(place for place, row in zip(failing, rows, strict=True) if _why(row, self._search.measure))
 

@@ -25,8 +25,8 @@ from flows.pipeline.tested_batch import (
     candidates,
     compared_digest,
     launch_faults,
+    other_digest,
     require_one_version,
-    searched_against,
     tested_bundles,
     world_digests,
     worldless_fault,
@@ -260,7 +260,8 @@ def resolve_references(spec: PipelineSpec, store: Store, base: Path) -> Resolved
         faults.keep(lambda: check_planned_names(spec.gate, plan, store) if plan else None)
         faults.keep(lambda: check_planned_confinement(plan, store) if plan else None)
         compared = faults.keep(lambda: compared_digest(spec.gate, batch, find))
-        faults.keep(lambda: searched_against(spec.search, batch, find))
+        against = spec.search.against if spec.search else None
+        faults.keep(lambda: other_digest(against, batch, find, "search.against"))
         if spec.gate and plan:
             judged = plan
             faults.keep(lambda: require_one_version(judged, compared or ""))

@@ -12,7 +12,6 @@ from specs.base import Fault
 from specs.data.episode import ApplicationLaunch
 from specs.errors import DocumentError, KeptFaults, ObjectNotFound, ResourceNotFound
 from specs.pipeline.gate_section import Gate, stops_early
-from specs.pipeline.search_section import Search
 from specs.pipeline.simulation_section import SimulationBatch
 from specs.robomaker.bundle import ARCHITECTURES, ApplicationKind
 from specs.robomaker.simulation import DataSourceConfig
@@ -189,25 +188,21 @@ def compared_digest(gate: Gate | None, batch: SimulationBatch, find: FindVersion
         ResourceNotFound: There is no such version.
     """
     rule = gate.noWorseThan if gate else None
-    return _other_digest(rule and rule.applicationVersion, batch, find, "gate.noWorseThan.applicationVersion")
+    return other_digest(rule and rule.applicationVersion, batch, find, "gate.noWorseThan.applicationVersion")
 
 
-def searched_against(search: Search | None, batch: SimulationBatch, find: FindVersion) -> str:
-    """Returns the digest of the version that a search is against; empty if it is against none.
+def other_digest(version: str | None, batch: SimulationBatch, find: FindVersion, path: str) -> str:
+    """Returns the digest of another version of the application that a batch tests; empty if there is not one.
 
     Args:
-        search: The document's section.
+        version: Its number; None for none.
         batch: The document's batch.
         find: Finds versions.
+        path: Where the document names it.
 
     Raises:
         ResourceNotFound: There is no such version.
     """
-    return _other_digest(search and search.against, batch, find, "search.against")
-
-
-def _other_digest(version: str | None, batch: SimulationBatch, find: FindVersion, path: str) -> str:
-    """Returns the digest of another version of the application that a batch tests; empty if there is not one."""
     uses = [use.application for request in batch.createSimulationJobRequests for use in request.robotApplications or ()]
     if version is None or len(set(uses)) != 1:
         return ""

@@ -19,7 +19,7 @@ from specs.base import Fault
 from specs.data.world import MOST_ZONE_CORNERS, FloorZone, Route
 from tasks.worlds.geometry import rounded
 from tasks.worlds.importer.map_reader import is_number
-from tasks.worlds.importer.source_files import shown
+from tasks.worlds.importer.source_files import file_body, refused_file
 from tasks.worlds.importer.source_scene import SourceError
 
 _MOST_BYTES = 1 << 20
@@ -55,7 +55,7 @@ def read_routes(paths: Sequence[Path]) -> NamedWays:
     found, files, faults = dict[tuple[type, str], Route | FloorZone](), dict[str, str](), list[Fault]()
     for number, path in enumerate(paths):
         try:
-            body = _body(path)
+            body = file_body(path, _MOST_BYTES, "routes")
             files[f"routes/{number}/{path.name}"] = hashlib.sha256(body).hexdigest()
             for each in _named_of(path, body):
                 if (type(each), each.name) in found:
@@ -70,35 +70,19 @@ def read_routes(paths: Sequence[Path]) -> NamedWays:
     return NamedWays(routes, tuple(each for each in found.values() if isinstance(each, FloorZone)), files)
 
 
-def _refused(path: Path, where: str, value: str, allowed: str) -> SourceError:
-    place = f"{path.name}: {where}" if where else path.name
-    return SourceError([Fault(path=place, value=shown(value), allowed=allowed)], path.name)
-
-
-def _body(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            body = file.read(_MOST_BYTES + 1)
-    except OSError as exc:
-        raise _refused(path, "", exc.strerror or "cannot be read", "a file of routes that can be read") from exc
-    if len(body) > _MOST_BYTES:
-        raise _refused(path, "", "more than 1 MiB", "a smaller file of routes")
-    return body
-
-
 def _named_of(path: Path, body: bytes) -> Iterator[Route | FloorZone]:
     """Yields the routes and zones of one file; the route that has no name is called as the file."""
     try:
         # Aliases make much of a small file, and no tool writes them into one of routes.
         if b"*" in body and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(body)):
-            raise _refused(path, "", "a YAML alias", "the value itself; text with * stands in quotes")
+            raise refused_file(path, "", "a YAML alias", "the value itself; text with * stands in quotes")
         data: object = yaml.safe_load(body)
     except (yaml.YAMLError, ValueError, RecursionError) as exc:
-        raise _refused(path, "", f"no YAML ({exc})", _FILE) from exc
+        raise refused_file(path, "", f"no YAML ({exc})", _FILE) from exc
     given = cast("Mapping[object, object]", data if isinstance(data, dict) else {"poses": data})
     listed = [name for name in _LISTS if name in given]
     if len(listed) > 1 or not (listed or given.keys() & {"routes", "places", "zones"}):
-        raise _refused(path, "", " and ".join(listed) or "nothing of a route", _FILE)
+        raise refused_file(path, "", " and ".join(listed) or "nothing of a route", _FILE)
     for name in listed:
         yield _route(path, path.stem, given[name], name)
     for name, poses in _named(path, given, "routes"):
@@ -112,10 +96,10 @@ def _named_of(path: Path, body: bytes) -> Iterator[Route | FloorZone]:
 def _named(path: Path, given: "Mapping[object, object]", key: str) -> Iterator[tuple[str, object]]:
     named = given.get(key, {})
     if not isinstance(named, dict):
-        raise _refused(path, key, str(named), "names, each with its own")
+        raise refused_file(path, key, str(named), "names, each with its own")
     for name, value in cast("Mapping[object, object]", named).items():
         if not isinstance(name, str) or not 0 < len(name) <= 64 or not name.isprintable():
-            raise _refused(path, key, repr(name), "a name of 1 to 64 letters")
+            raise refused_file(path, key, repr(name), "a name of 1 to 64 letters")
         yield name, value
 
 
@@ -123,7 +107,7 @@ def _route(path: Path, name: str, poses: object, where: str) -> Route:
     """Returns the route through poses: a list, or by names, in the file's order, as Nav2's panel saves them."""
     each = list(cast("Mapping[object, object]", poses).values()) if isinstance(poses, dict) else poses
     if not isinstance(each, list) or not 0 < len(cast("list[object]", each)) <= _MOST_PLACES:
-        raise _refused(path, where, repr(each), f"1 to {_MOST_PLACES:,} poses")
+        raise refused_file(path, where, repr(each), f"1 to {_MOST_PLACES:,} poses")
     points = [_place(path, pose, f"{where}[{number}]") for number, pose in enumerate(cast("list[object]", each))]
     return Route(name=name, points_m=tuple(points))
 
@@ -132,7 +116,7 @@ def _zone(path: Path, name: str, corners: object) -> FloorZone:
     where = f"zones.{name}"
     outline = _route(path, name, corners, where).points_m
     if not 3 <= len(outline) <= MOST_ZONE_CORNERS or not shapely.Polygon(outline).is_valid:
-        raise _refused(path, where, repr(corners), _OUTLINE)
+        raise refused_file(path, where, repr(corners), _OUTLINE)
     return FloorZone(name=name, outline_m=outline, found=False)
 
 
@@ -147,4 +131,4 @@ def _place(path: Path, pose: object, where: str) -> tuple[float, float]:
     if len(first) == 2 and all(is_number(value) and abs(value) <= _FARTHEST_M for value in first):
         x_m, y_m = cast("list[float]", first)
         return rounded(float(x_m)), rounded(float(y_m))
-    raise _refused(path, where, repr(pose), _POSE)
+    raise refused_file(path, where, repr(pose), _POSE)

@@ -33,6 +33,33 @@ def shown(text: str) -> str:
     return line if len(line) <= _MOST_TEXT else f"{line[:_MOST_TEXT]}..."
 
 
+def refused_file(path: Path, where: str, value: str, allowed: str) -> SourceError:
+    """Returns the fault of a file beside a source: where in it, what stands there, and what may."""
+    place = f"{path.name}: {where}" if where else path.name
+    return SourceError([Fault(path=place, value=shown(value), allowed=allowed)], path.name)
+
+
+def file_body(path: Path, most_bytes: int, what: str) -> bytes:
+    """Returns what is in a file beside a source.
+
+    Args:
+        path: Of the file.
+        most_bytes: It may have.
+        what: Is in it, for a person: "routes".
+
+    Raises:
+        SourceError: It cannot be read, or is too large.
+    """
+    try:
+        with path.open("rb") as file:
+            body = file.read(most_bytes + 1)
+    except OSError as exc:
+        raise refused_file(path, "", exc.strerror or "cannot be read", f"a file of {what} that can be read") from exc
+    if len(body) > most_bytes:
+        raise refused_file(path, "", f"more than {most_bytes >> 20} MiB", f"a smaller file of {what}")
+    return body
+
+
 @dataclass
 class Element:
     """An element of an XML file.

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from specs.base import Fault
 from specs.data.world import MOST_WALK_PLACES, RecordedWalk
 from tasks.worlds.geometry import rounded
-from tasks.worlds.importer.source_files import shown
+from tasks.worlds.importer.source_files import file_body, refused_file
 from tasks.worlds.importer.source_scene import SourceError
 
 WALK_FILES = (".csv", ".parquet")
@@ -49,7 +49,7 @@ def read_walks(paths: Sequence[Path]) -> Walked:
     found, files, faults = dict[str, RecordedWalk](), dict[str, str](), list[Fault]()
     for number, path in enumerate(paths):
         try:
-            body = _body(path)
+            body = file_body(path, _MOST_BYTES, "positions")
             files[f"walks/{number}/{path.name}"] = hashlib.sha256(body).hexdigest()
             for each in _walks(path, body):
                 if each.name in found:
@@ -64,22 +64,6 @@ def read_walks(paths: Sequence[Path]) -> Walked:
     return Walked(tuple(found.values()), files)
 
 
-def _refused(path: Path, where: str, value: str, allowed: str) -> SourceError:
-    place = f"{path.name}: {where}" if where else path.name
-    return SourceError([Fault(path=place, value=shown(value), allowed=allowed)], path.name)
-
-
-def _body(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            body = file.read(_MOST_BYTES + 1)
-    except OSError as exc:
-        raise _refused(path, "", exc.strerror or "cannot be read", "a file of positions that can be read") from exc
-    if len(body) > _MOST_BYTES:
-        raise _refused(path, "", f"more than {_MOST_BYTES >> 20} MiB", "a smaller file of positions")
-    return body
-
-
 def _walks(path: Path, body: bytes) -> list[RecordedWalk]:
     """Returns the walks of a file; who is at two places at one time is at the later row's."""
     places: dict[str, dict[float, tuple[float, float]]] = {}
@@ -91,15 +75,15 @@ def _walks(path: Path, body: bytes) -> list[RecordedWalk]:
             t_s = x_m = y_m = math.nan
         name = str(person).strip()
         if not (0.0 <= t_s <= _FARTHEST and abs(x_m) <= _FARTHEST and abs(y_m) <= _FARTHEST):
-            raise _refused(path, f"row {number}", repr(numbers), _NUMBERS)
+            raise refused_file(path, f"row {number}", repr(numbers), _NUMBERS)
         if not 0 < len(name) <= 64 or not name.isprintable():
-            raise _refused(path, f"row {number}", repr(person), "a person's name of 1 to 64 letters, or a number")
+            raise refused_file(path, f"row {number}", repr(person), "a person's name of 1 to 64 letters, or a number")
         places.setdefault(name, {})[rounded(t_s)] = (rounded(x_m), rounded(y_m))
     if not places:
-        raise _refused(path, "", "no row", "a row for each place")
+        raise refused_file(path, "", "no row", "a row for each place")
     for name, own in places.items():
         if len(own) > MOST_WALK_PLACES:
-            raise _refused(path, name, f"{len(own):,} places", f"at most {MOST_WALK_PLACES:,}")
+            raise refused_file(path, name, f"{len(own):,} places", f"at most {MOST_WALK_PLACES:,}")
     return [
         RecordedWalk(name=name, times_s=tuple(sorted(own)), points_m=tuple(own[at_s] for at_s in sorted(own)))
         for name, own in places.items()
@@ -114,13 +98,13 @@ def _rows(path: Path, body: bytes) -> Sequence[Mapping[str, object]]:
         try:
             rows: Sequence[Mapping[str, object]] = pq.read_table(io.BytesIO(body)).to_pylist()
         except pa.ArrowException as exc:
-            raise _refused(path, "", f"no Parquet ({exc})", "a Parquet file") from exc
+            raise refused_file(path, "", f"no Parquet ({exc})", "a Parquet file") from exc
     else:
         try:
             rows = list(csv.DictReader(io.StringIO(body.decode("utf-8-sig"))))
         except (UnicodeDecodeError, csv.Error) as exc:
-            raise _refused(path, "", f"no CSV ({exc})", "a CSV file in UTF-8") from exc
+            raise refused_file(path, "", f"no CSV ({exc})", "a CSV file in UTF-8") from exc
     lacking = [name for name in _COLUMNS if rows and name not in rows[0]]
     if lacking:
-        raise _refused(path, "", f"no column {', '.join(lacking)}", f"columns {', '.join(_COLUMNS)}")
+        raise refused_file(path, "", f"no column {', '.join(lacking)}", f"columns {', '.join(_COLUMNS)}")
     return rows

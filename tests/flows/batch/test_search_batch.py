@@ -69,6 +69,7 @@ class Simulated:
         self.asked.append([*requests])
         runner = getattr(run, "__self__", None)
         assert isinstance(runner, ChunkRunner)
+        assert all(each.bundles == runner.bundles.keys() for each in requests)  # a process has no other application's
         self.engines.append(runner.engine)
         return [self.row(each) for each in requests]
 
@@ -140,6 +141,14 @@ def test_against_another_version_only_failures_count_where_that_one_passes(
     of_other = [each for step in simulated.asked for each in step if each.robot.version == "2"]
     assert len(of_other) == answer.failed + answer.common + 2 * 20
     assert {each.robot.digest for each in of_other}.isdisjoint(batch.plan.digests())
+
+
+def test_against_itself_a_version_has_no_failure_of_its_own(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    search = SEARCH.model_copy(update={"over": {"FAULT": Distribution(uniform=(0.0, 0.01))}, "against": "1"})
+    answer = found(batch, search).found
+    assert (answer.failed, answer.failures) == (0, ())
+    assert answer.common > 0
 
 
 def test_a_version_that_is_not_there_is_told_before_anything_is_simulated(
