@@ -348,6 +348,15 @@ class RecordedWalk(Spec):
     points_m: tuple[tuple[float, float], ...] = Field(min_length=1, max_length=MOST_WALK_PLACES)
     period_s: float | None = None
 
+    @model_validator(mode="after")
+    def _check_times(self) -> Self:
+        ordered = all(one < other for one, other in pairwise(self.times_s)) and self.times_s[0] >= 0.0
+        if not ordered or len(self.times_s) != len(self.points_m):
+            raise broken("times_s: as many as points_m, ascending from 0 s or later")
+        if self.period_s is not None and self.period_s <= 0.0:
+            raise broken("period_s: above 0, or null")
+        return self
+
 
 MOST_ZONE_CORNERS = 256
 

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from specs.data.world import Solid, Start, World, start_pose
+from specs.data.world import RecordedWalk, Solid, Start, World, start_pose
 from tests.factories.worlds import apartment
 
 CORNERS = ((-0.5, -0.5), (0.5, -0.5), (0.0, 0.5))
@@ -59,3 +59,14 @@ def test_what_came_with_version_2_needs_it(later: dict[str, object]):
     with pytest.raises(ValidationError, match='version "2" for '):
         World.model_validate(fields)
     assert World.model_validate(fields | {"version": "2"}).version == "2"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"times_s": [0.0, 1.0]}, {"times_s": [0.0, 2.0, 1.0]}, {"times_s": [-1.0, 0.0, 1.0]}, {"period_s": 0.0}],
+)
+def test_a_walk_whose_times_do_not_fit_its_places_is_refused(changes: dict[str, object]):
+    walk = {"name": "anna", "times_s": [0.0, 1.0, 2.0], "points_m": [[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]}
+    RecordedWalk.model_validate(walk)
+    with pytest.raises(ValidationError, match=r"ascending|above 0"):
+        RecordedWalk.model_validate({**walk, **changes})
