@@ -173,11 +173,17 @@ class EpisodeResult(Spec):
             robots.
         stray: Commands and places that a ROS application gave its robot after it was taken for quiet; None likewise.
         person_contacts: Control steps in which a contact with a person began; None in an episode without people, as the
-            four that follow.
+            all whose names say person.
+        person_standing_contacts: Those that began while the robot stood still.
         person_contact_m_s: The highest speed of robot and person against each other at which one began; 0 without any.
+        person_energy_j: The most that a contact, of a robot that moved, put into a body region (ISO/TS 15066, annex A).
+        person_force_n: The highest force on one.
+        person_force_margin: 1 less the highest share of its limit that such a force came to.
         min_person_m: Smallest distance, seen from above, from the robot's hull to a person.
+        min_person_collision_s: Smallest time to a collision with one; None where none was to come.
         person_personal_s: Simulated time within 1.2 m of a person (Hall 1966).
         person_intimate_s: Simulated time within 0.45 m of one.
+        person_frozen_s: The longest time in which it stood still within 1.2 m of one.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.
         rooms_unreachable: Names of the rooms that a disc of the hull's radius cannot get to from the start, with doors
@@ -215,10 +221,16 @@ class EpisodeResult(Spec):
     late: int | None = None
     stray: int | None = None
     person_contacts: int | None = None
+    person_standing_contacts: int | None = None
     person_contact_m_s: float | None = None
+    person_energy_j: float | None = None
+    person_force_n: float | None = None
+    person_force_margin: float | None = None
     min_person_m: float | None = None
+    min_person_collision_s: float | None = None
     person_personal_s: float | None = None
     person_intimate_s: float | None = None
+    person_frozen_s: float | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     rooms_entered: tuple[str, ...] = ()
     rooms_unreachable: tuple[str, ...] = ()

@@ -16,6 +16,12 @@ PERSON_HEIGHT_M = 1.7
 PERSONAL_M, INTIMATE_M = 1.2, 0.45
 """How near strangers and friends come to one another (E. Hall, The Hidden Dimension, 1966)."""
 
+STANDING_M_S = 0.02
+"""A robot that moves no faster stands still: it does nothing to who walks into it."""
+
+TRANSIENT_S = 0.5
+"""How long an impact lasts at most; what presses for longer is quasi-static (ISO/TS 15066:2016, 5.5.5)."""
+
 
 class People(Spec):
     """People who walk in the rooms while the robot drives."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # who checks a document needs the names of columns, and no Nu
 
     from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
-SCHEMA_VERSION = "7"
+SCHEMA_VERSION = "8"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
@@ -242,9 +242,26 @@ _STRAY = (
 )
 _PERSON_CONTACTS = (
     "Control steps in which a contact with a person began, which is none of collisions; null without people, as the "
-    "four columns that follow."
+    "columns of people that follow."
+)
+_STANDING_CONTACTS = (
+    "Those of them that began while the robot stood still, slower than 0.02 m/s: a person walked into it."
 )
 _PERSON_SPEED = "Highest speed of robot and person against each other at which such a contact began; 0 without any."
+_PERSON_ENERGY = (
+    "The most energy that such a contact, of a robot that did not stand still, put into a body region at the hull's "
+    "heights, by the model of ISO/TS 15066:2016, annex A: mu v^2 / 2; 0 without any."
+)
+_PERSON_FORCE = "The highest force of such a contact on a region, v sqrt(mu k), or of pressing on after 0.5 s."
+_PERSON_MARGIN = (
+    "1 less the highest share that such a force has of its region's limit: the transient one, or the quasi-static one "
+    "of a person who is pinned before a solid, or pressed; 1 without any, below 0 above the limit."
+)
+_COLLISION_TIME = (
+    "Smallest time until disc and person would touch if both kept their velocities (Hayward 1972); 0 in contact, null "
+    "where they never would have."
+)
+_FROZEN = "Longest time in which the robot stood still, slower than 0.02 m/s, within 1.2 m of a person."
 _PERSON_DISTANCE = "Smallest distance, seen from above, from the hull to a person; below 0 only in contact."
 _PERSONAL = "Simulated time within 1.2 m of a person, the personal distance of Hall (1966)."
 _INTIMATE = "Simulated time within 0.45 m of a person, his intimate distance."
@@ -271,10 +288,16 @@ MEASURED = (
     _measured("late", "int32", "", _LATE, nullable=True, course="grows"),
     _measured("stray", "int32", "", _STRAY, nullable=True, course="grows"),
     _measured("person_contacts", "int32", "", _PERSON_CONTACTS, nullable=True, course="grows"),
+    _measured("person_standing_contacts", "int32", "", _STANDING_CONTACTS, nullable=True, course="grows"),
     _measured("person_contact_m_s", "double", "m/s", _PERSON_SPEED, nullable=True, course="grows"),
+    _measured("person_energy_j", "double", "J", _PERSON_ENERGY, nullable=True, course="grows"),
+    _measured("person_force_n", "double", "N", _PERSON_FORCE, nullable=True, course="grows"),
+    _measured("person_force_margin", "double", "", _PERSON_MARGIN, nullable=True, course="falls"),
     _measured("min_person_m", "double", "m", _PERSON_DISTANCE, nullable=True, course="falls"),
+    _measured("min_person_collision_s", "double", "s", _COLLISION_TIME, nullable=True, course="falls"),
     _measured("person_personal_s", "double", "s", _PERSONAL, nullable=True, course="grows"),
     _measured("person_intimate_s", "double", "s", _INTIMATE, nullable=True, course="grows"),
+    _measured("person_frozen_s", "double", "s", _FROZEN, nullable=True, course="grows"),
     _answered("rooms_entered", "list<string>", "", _ENTERED),
     _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
     _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),

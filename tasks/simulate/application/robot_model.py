@@ -76,11 +76,16 @@ _RIM_POINTS = 64
 
 
 class Hull(NamedTuple):
-    """The robot's collision geometry at rest: its radius about the yaw axis and its heights above the floor."""
+    """The robot's collision geometry at rest: its radius about the yaw axis, its heights above the floor, and its mass.
+
+    Attributes:
+        mass_kg: Of all that moves.
+    """
 
     radius_m: float
     low_m: float
     high_m: float
+    mass_kg: float
 
 
 class Base(NamedTuple):
@@ -136,7 +141,8 @@ def hull_of(model: mujoco.MjModel) -> Hull:
     reach = np.hypot(*(outline[:, :2] - data.xpos[base.body][:2]).T) + outline[:, 3]
     low_m, high_m = (outline[:, 2] - outline[:, 3]).min(), (outline[:, 2] + outline[:, 3]).max()
     # What walks may put any part of it on the floor.
-    return Hull(float(reach.max()), min(float(low_m), 0.0) if base.free else float(low_m), float(high_m))
+    lowest_m = min(float(low_m), 0.0) if base.free else float(low_m)
+    return Hull(float(reach.max()), lowest_m, float(high_m), float(model.body_subtreemass[base.body]))
 
 
 def robot_geoms(model: mujoco.MjModel) -> list[int]:

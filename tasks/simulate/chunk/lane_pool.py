@@ -63,7 +63,7 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
         poses: The slices' poses at the ends of their control steps.
     """
     ended = [Ended(lane, position, len(poses))]
-    (row,) = finished_rows(ended, state, poses, engine=program.engine, device=device_kind())
+    (row,) = finished_rows(ended, state, poses, hull=program.hull, engine=program.engine, device=device_kind())
     if host is None:
         return row
     if isinstance(host, TagsJobs):
@@ -195,7 +195,8 @@ class EpisodeGroup:
         ]
         poses = max((end.poses for end in ends), key=len)
         device = device_kind()
-        self._rows.append(finished_rows(ended, state, poses, engine=self.program.engine, device=device))
+        hull, engine = self.program.hull, self.program.engine
+        self._rows.append(finished_rows(ended, state, poses, hull=hull, engine=engine, device=device))
 
     def keep(
         self, age: int, positions: Int[np.ndarray, "lanes"], steps: Int[np.ndarray, "lanes"], samples: SliceSamples

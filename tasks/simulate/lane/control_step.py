@@ -38,6 +38,7 @@ from tasks.simulate.lane.walkers import (
     meet,
     people_circles,
     people_cylinders,
+    to_collision_s,
     walk,
 )
 from tasks.simulate.sensors.sensor import Drive, Fields, Memory, Seed, Situation, rotate
@@ -241,6 +242,8 @@ def go_on(
     people: PeopleInputs, before: PeopleState, body: Body, done: Bool[jax.Array, ""], hull_radius_m: float
 ) -> PeopleState:
     """Returns the people of a lane a control step later; those of one that is done stay where they are."""
+    met, collision_s = before.meetings, to_collision_s(before, body, hull_radius_m)
+    before = before._replace(meetings=met._replace(collision_s=jnp.minimum(met.collision_s, collision_s)))
     gone = walk(people, before, body, hull_radius_m)
     return jax.tree.map(lambda old, new: jnp.where(done, old, new), before, gone)
 
@@ -282,7 +285,7 @@ def finish_step(
         done=verdict.done | timeout,
         reason=reason,
         crash=crash,
-        people=_met(state, motion),
+        people=_met(inputs, state, motion),
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
@@ -315,11 +318,11 @@ def _whose(reason: Int[jax.Array, ""], motion: Motion) -> Int[jax.Array, ""]:
     return jnp.where(alone & (reason == COLLISION), PERSON, reason)
 
 
-def _met(state: LaneState, motion: Motion) -> PeopleState | None:
+def _met(inputs: LaneInputs, state: LaneState, motion: Motion) -> PeopleState | None:
     """Returns the people after the robot met them, or did not."""
-    if state.people is None or motion.people is None:
+    if inputs.people is None or state.people is None or motion.people is None:
         return state.people
-    return state.people._replace(meetings=meet(state.people, state.body, motion.people))
+    return state.people._replace(meetings=meet(inputs.people, state.people, state.body, motion.people))
 
 
 def _crash(decided: Decision, body: Body) -> Int[jax.Array, ""]:

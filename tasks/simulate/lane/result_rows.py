@@ -8,11 +8,14 @@ from jaxtyping import Bool, Float32, Float64, Int
 
 from specs.data.episode import CONTROL_HZ, CONTROL_S, WITHDRAWN, EpisodeRequest, EpisodeResult, unfinished_result
 from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, field_cells, label_cells
+from specs.data.physics import physical_factors
 from tasks.simulate.application.bundle_code import CrashCode
 from tasks.simulate.application.contract import REASONS
+from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.rooms import Visit, visits
 from tasks.simulate.geometry.shortest_path import shortest_paths_m
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
+from tasks.simulate.lane.person_impact import impacts
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import PeopleState
 from tasks.simulate.sensors.odometry import ODOMETRY
@@ -60,6 +63,7 @@ def finished_rows(
     state: LaneState,
     poses: Sequence[Float32[np.ndarray, "lanes steps 3"]],
     *,
+    hull: Hull,
     engine: str = "",
     device: str = "",
 ) -> EpisodeColumns:
@@ -69,18 +73,20 @@ def finished_rows(
         ended: The episodes, at least one.
         state: All lanes' states, on the host.
         poses: The slices' poses at the ends of their control steps, until that slice; as many as the longest drove.
+        hull: The robot's.
         engine: What drove them.
         device: On what.
     """
     at_once = max(1, _POSES_AT_ONCE // sum(each.shape[1] for each in poses))
     groups = [ended[first : first + at_once] for first in range(0, len(ended), at_once)]
-    return EpisodeColumns.join([_rows_together(group, state, poses, engine, device) for group in groups])
+    return EpisodeColumns.join([_rows_together(group, state, poses, hull, engine, device) for group in groups])
 
 
-def _rows_together(
+def _rows_together(  # noqa: PLR0917 - as finished_rows
     ended: Sequence[Ended],
     state: LaneState,
     poses: Sequence[Float32[np.ndarray, "lanes steps 3"]],
+    hull: Hull,
     engine: str,
     device: str,
 ) -> EpisodeColumns:
@@ -114,7 +120,7 @@ def _rows_together(
         "energy_j": Cells(_reals(totals.energy_j, at)),
         **{name: Cells(pose[:, axis].astype(np.float64)) for axis, name in enumerate(_FINAL)},
         "odometry_error_m": _odometry_errors_m(state, at, pose),
-        **_people_columns(state.people, at),
+        **_people_columns(lanes, state.people, at, hull),
         "metrics": _metrics(state.metrics, at),
         **_room_columns(lanes, ways),
         "trajectory": _trajectories(ways, np.where(passed, -1, steps)),
@@ -200,23 +206,36 @@ def _room_columns(lanes: Sequence[Lane], ways: Float32[np.ndarray, "ended steps 
     }
 
 
-def _people_columns(people: PeopleState | None, at: Int[np.ndarray, " ended"]) -> dict[str, Cells]:
+def _people_columns(
+    lanes: Sequence[Lane], people: PeopleState | None, at: Int[np.ndarray, " ended"], hull: Hull
+) -> dict[str, Cells]:
     """Returns how robots met people; nothing of episodes without."""
     if people is None:
         return {}
     met = people.meetings
+    factors = [physical_factors(lane.request.environment) or (1.0,) for lane in lanes]
+    mass_factors = np.array([mass for mass, *_ in factors], np.float64)
+    hardest = impacts(
+        hull, mass_factors, *(_reals(each, at) for each in (met.impact_m_s, met.pinned_m_s, met.pressed_ns))
+    )
     return {
         "person_contacts": Cells(_counts(met.contacts, at)),
+        "person_standing_contacts": Cells(_counts(met.standing_contacts, at)),
         "person_contact_m_s": Cells(_reals(met.contact_m_s, at)),
-        "min_person_m": field_cells(RESULT_KINDS["min_person_m"], _finite(_reals(met.least_m, at))),
+        "person_energy_j": Cells(hardest.energy_j),
+        "person_force_n": Cells(hardest.force_n),
+        "person_force_margin": Cells(hardest.force_margin),
+        "min_person_m": _finite("min_person_m", _reals(met.least_m, at)),
+        "min_person_collision_s": _finite("min_person_collision_s", _reals(met.collision_s, at)),
         "person_personal_s": Cells(_seconds(_counts(met.personal_steps, at))),
         "person_intimate_s": Cells(_seconds(_counts(met.intimate_steps, at))),
+        "person_frozen_s": Cells(_seconds(_counts(met.frozen_steps, at))),
     }
 
 
-def _finite(values: Float64[np.ndarray, " ended"]) -> list[float | None]:
-    """Returns values that are numbers; an episode that ended before its first control step has none."""
-    return [value if np.isfinite(value) else None for value in values.tolist()]
+def _finite(name: str, values: Float64[np.ndarray, " ended"]) -> Cells:
+    """Returns the column of values that are numbers; there is none where nothing came of it."""
+    return field_cells(RESULT_KINDS[name], [value if np.isfinite(value) else None for value in values.tolist()])
 
 
 def _metrics(metrics: Mapping[str, object], at: Int[np.ndarray, " ended"]) -> Cells:

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
-from specs.data.people import INTIMATE_M, PERSON_HEIGHT_M, PERSON_RADIUS_M, PERSONAL_M
+from specs.data.people import INTIMATE_M, PERSON_HEIGHT_M, PERSON_RADIUS_M, PERSONAL_M, STANDING_M_S, TRANSIENT_S
 from tasks.simulate.application.contract import Body, PeopleWork
 from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.geometry.walks import Recording
@@ -43,6 +43,9 @@ _ROUNDED_M_S = 1e-4
 _FLAT = 0.1
 _JUMP_M_S = 10.0
 _TINY_M = 1e-6
+# Places behind a person that are looked at for a wall, and how far its surface gives way there.
+_BEHIND, _GIVE_M = 4, 0.02
+_TRANSIENT_STEPS = round(TRANSIENT_S / CONTROL_S)
 
 
 class PeopleInputs(NamedTuple):
@@ -65,14 +68,31 @@ class PeopleInputs(NamedTuple):
 
 
 class Meetings(NamedTuple):
-    """How the robot met people until now; fields as in EpisodeResult, times in control steps."""
+    """How the robot met people until now; fields as in EpisodeResult, times in control steps.
+
+    Attributes:
+        standing_contacts: Contacts that began while the robot stood still; speeds of impact are of all others.
+        touching_steps: For how long it has touched one.
+        impact_m_s: The highest speed of robot and person against each other at which it touched one.
+        pinned_m_s: The same of those whom a solid kept from giving way.
+        pressed_ns: The most that it pushed one within a control step, where it went on for longer than an impact does.
+        collision_s: The least time to a collision.
+        still_steps: For how long it has stood still near one; ``frozen_steps`` is the longest such time.
+    """
 
     contacts: Int[jax.Array, ""]
-    touching: Bool[jax.Array, ""]
+    standing_contacts: Int[jax.Array, ""]
+    touching_steps: Int[jax.Array, ""]
     contact_m_s: Float[jax.Array, ""]
+    impact_m_s: Float[jax.Array, ""]
+    pinned_m_s: Float[jax.Array, ""]
+    pressed_ns: Float[jax.Array, ""]
     least_m: Float[jax.Array, ""]
+    collision_s: Float[jax.Array, ""]
     personal_steps: Int[jax.Array, ""]
     intimate_steps: Int[jax.Array, ""]
+    still_steps: Int[jax.Array, ""]
+    frozen_steps: Int[jax.Array, ""]
 
 
 class PeopleState(NamedTuple):
@@ -80,6 +100,7 @@ class PeopleState(NamedTuple):
 
     Attributes:
         place_m, velocity: Of each; far away where there is nobody.
+        meant: The velocity that each would have without the robot in its way: with that it walks into it.
         toward: The corner that each walks to; of a recorded walk, how many control steps of it are done.
         way: 1 along its round, -1 back.
         stay_s: How long it still stays where it is.
@@ -89,6 +110,7 @@ class PeopleState(NamedTuple):
 
     place_m: Float[jax.Array, "people 2"]
     velocity: Float[jax.Array, "people 2"]
+    meant: Float[jax.Array, "people 2"]
     toward: Int[jax.Array, "people"]
     way: Int[jax.Array, "people"]
     stay_s: Float[jax.Array, "people"]
@@ -99,12 +121,13 @@ class PeopleState(NamedTuple):
 def begin_people(people: PeopleInputs) -> PeopleState:
     """Returns the people of a lane before the first control step."""
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
-    meetings = Meetings(none, jnp.zeros((), bool), zero, jnp.full((), jnp.inf), none, none)
+    far = jnp.full((), jnp.inf)
+    meetings = Meetings(none, none, none, zero, zero, zero, zero, far, far, none, none, none, none)
     still = jnp.zeros_like(people.speed_m_s)
     away = PARKING_M + jnp.arange(len(people.there), dtype=jnp.float32)[:, None]
     place_m = jnp.where(people.there[:, None], people.place_m, away)
     velocity, way = jnp.zeros_like(place_m), jnp.ones_like(people.toward)
-    return PeopleState(place_m, velocity, people.toward, way, still, still, meetings)
+    return PeopleState(place_m, velocity, velocity, people.toward, way, still, still, meetings)
 
 
 def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: float) -> PeopleState:
@@ -130,7 +153,8 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     beside_m, out = _room(people, place)
     planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, met)]
     chosen = nearest_velocity(planes, 2, preferred, _TOP_SPEED * people.speed_m_s)
-    walked = _on_the_floor(people, place, beside_m, out, _stopped_by(met, place, chosen))
+    stopped = _stopped_by(met, place, chosen)
+    walked = _on_the_floor(people, place, beside_m, out, stopped)
     walked = choose(people.there, walked, Vector(jnp.zeros_like(place.x), jnp.zeros_like(place.y)))
     slow = walked.dot(onward) < _SLOW * people.speed_m_s
     stalled_s = jnp.where(slow & ~stays, state.stalled_s + CONTROL_S, 0.0)
@@ -138,6 +162,7 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     return state._replace(
         place_m=_together(place.plus(walked, CONTROL_S)),
         velocity=_together(walked),
+        meant=_together(walked.plus(chosen).plus(stopped, -1.0)),
         toward=jnp.where(back, _before(people, state), state.toward),
         way=jnp.where(back, -state.way, state.way),
         stalled_s=jnp.where(back, 0.0, stalled_s),
@@ -153,10 +178,13 @@ def _walk_again(
     before_m, after_m = (jnp.sqrt(jnp.sum((each - robot.qpos[:2]) ** 2, axis=1)) for each in (state.place_m, to_m))
     waits = (after_m < robot_radius_m + PERSON_RADIUS_M - _PRESS_M) & (after_m < before_m)
     place_m = jnp.where(waits[:, None], state.place_m, to_m)
-    velocity = (place_m - state.place_m) / CONTROL_S
+    velocity, meant = ((each - state.place_m) / CONTROL_S for each in (place_m, to_m))
     walked = jnp.sum(velocity**2, axis=1, keepdims=True) < _JUMP_M_S**2  # a walk that begins anew may jump
     return state._replace(
-        place_m=place_m, velocity=jnp.where(walked, velocity, 0.0), toward=jnp.where(waits, state.toward, step)
+        place_m=place_m,
+        velocity=jnp.where(walked, velocity, 0.0),
+        meant=jnp.where(jnp.sum(meant**2, axis=1, keepdims=True) < _JUMP_M_S**2, meant, 0.0),
+        toward=jnp.where(waits, state.toward, step),
     )
 
 
@@ -298,26 +326,70 @@ def _on_the_floor(people: PeopleInputs, place: Vector, room_m: Scalar, out: Vect
     return choose(fits(whole), whole, choose(fits(along), along, whole.scaled(0.0)))
 
 
-def meet(state: PeopleState, robot: Body, work: PeopleWork) -> Meetings:
+def meet(people: PeopleInputs, state: PeopleState, robot: Body, work: PeopleWork) -> Meetings:
     """Returns how the robot met people until the end of a control step.
 
     Args:
+        people: Of the lane.
         state: The people in the step.
         robot: At its beginning.
         work: What an engine made of it.
     """
     met, touching = state.meetings, work.impulse_ns > 0.0
-    begins = touching & ~met.touching
-    apart_m = jnp.sum((state.place_m - robot.qpos[:2]) ** 2, axis=1)
-    speed = jnp.sqrt(jnp.sum((state.velocity[jnp.argmin(apart_m)] - robot.qvel[:2]) ** 2))
+    begins = touching & (met.touching_steps == 0)
+    nearest = jnp.argmin(jnp.sum((state.place_m - robot.qpos[:2]) ** 2, axis=1))
+    speed = jnp.sqrt(jnp.sum((state.meant[nearest] - robot.qvel[:2]) ** 2))
+    own_m_s = jnp.sqrt(jnp.sum(robot.qvel[:2] ** 2))
+    stands = own_m_s < STANDING_M_S
+    hits = begins & ~stands
+    pinned = hits & _is_pinned(people, state.place_m[nearest], robot, own_m_s)
+    touching_steps = jnp.where(touching, met.touching_steps + 1, 0)
+    pressed_ns = jnp.where(touching_steps > _TRANSIENT_STEPS, work.impulse_ns, 0.0)
+    near = work.distance_m < PERSONAL_M
+    still_steps = jnp.where(stands & near, met.still_steps + 1, 0)
     return Meetings(
         contacts=met.contacts + begins,
-        touching=touching,
+        standing_contacts=met.standing_contacts + (begins & stands),
+        touching_steps=touching_steps,
         contact_m_s=jnp.where(begins, jnp.maximum(met.contact_m_s, speed), met.contact_m_s),
+        impact_m_s=jnp.where(hits, jnp.maximum(met.impact_m_s, speed), met.impact_m_s),
+        pinned_m_s=jnp.where(pinned, jnp.maximum(met.pinned_m_s, speed), met.pinned_m_s),
+        pressed_ns=jnp.maximum(met.pressed_ns, pressed_ns),
         least_m=jnp.minimum(met.least_m, work.distance_m),
-        personal_steps=met.personal_steps + (work.distance_m < PERSONAL_M),
+        collision_s=jnp.where(touching, 0.0, met.collision_s),
+        personal_steps=met.personal_steps + near,
         intimate_steps=met.intimate_steps + (work.distance_m < INTIMATE_M),
+        still_steps=still_steps,
+        frozen_steps=jnp.maximum(met.frozen_steps, still_steps),
     )
+
+
+def _is_pinned(people: PeopleInputs, place_m: Float[jax.Array, "2"], robot: Body, own_m_s: Scalar) -> Scalar:
+    """Returns whether a person has less room behind it than the robot goes while an impact lasts: it cannot recoil."""
+    away = _vector(place_m - robot.qpos[:2]).unit()
+    behind_m = own_m_s * TRANSIENT_S * jnp.arange(1, _BEHIND + 1) / _BEHIND
+    room_m, _ = _room(people, Vector(place_m[0] + behind_m * away.x, place_m[1] + behind_m * away.y))
+    return jnp.any(room_m < -_GIVE_M)
+
+
+def to_collision_s(state: PeopleState, robot: Body, robot_radius_m: float) -> Scalar:
+    """Returns when the robot would first touch a person if all went on as they move now; infinite if it never would.
+
+    The time to collision of Hayward (Near-miss determination through use of a scale of danger, 1972), for discs: the
+    least t of at least 0 at which ``|p + t v|`` is the sum of the radii, 0 where it is less already.
+
+    Args:
+        state: The people.
+        robot: At the same time.
+        robot_radius_m: Of its hull.
+    """
+    apart, closing = _vector(state.place_m - robot.qpos[:2]), _vector(state.velocity - robot.qvel[:2])
+    along, squared = apart.dot(closing), closing.dot(closing)
+    outside = apart.dot(apart) - (robot_radius_m + PERSON_RADIUS_M) ** 2
+    root = along**2 - squared * outside
+    meets = (along < 0.0) & (root >= 0.0)
+    at_s = outside / jnp.maximum(jnp.sqrt(jnp.maximum(root, 0.0)) - along, _TINY_M)
+    return jnp.min(jnp.where(outside <= 0.0, 0.0, jnp.where(meets, at_s, jnp.inf)))
 
 
 def people_circles(place_m: Float[jax.Array, "people 2"]) -> Float[jax.Array, "people 3"]:

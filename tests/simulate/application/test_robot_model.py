@@ -211,7 +211,7 @@ def test_a_missing_file_is_refused(tmp_path: Path):
 
 def test_the_courier_is_a_ball_of_18_cm_two_centimetres_above_the_floor():
     loaded = load_robot(FOLDERS[COURIER] / "robot.xml")
-    assert loaded.hull == pytest.approx((0.18, 0.02, 0.38))
+    assert loaded.hull == pytest.approx((0.18, 0.02, 0.38, 2.0))
     assert loaded.physics_steps == 10
     assert loaded.actuators == 3
 

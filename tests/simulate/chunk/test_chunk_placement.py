@@ -81,7 +81,9 @@ def test_lanes_of_other_shapes_are_not_driven_together(shapes: list[tuple[int, i
 @settings(max_examples=5, deadline=None)
 def test_a_map_is_the_same_whatever_other_worlds_are_staged(name: str, others: set[str]):
     staged = [
-        arrays_of_worlds({each: WORLDS[each] for each in names}, Hull(0.18, 0.02, 0.38), NO_LIDAR.height_m)[name].floor
+        arrays_of_worlds({each: WORLDS[each] for each in names}, Hull(0.18, 0.02, 0.38, 2.0), NO_LIDAR.height_m)[
+            name
+        ].floor
         for names in ([name], [*others, name])
     ]
     assert all(np.array_equal(one, other) for one, other in zip(*staged, strict=True))

@@ -10,7 +10,7 @@ from tests.factories.simulations import FOLDERS, delivery, pushing, simulate_lan
 from tests.simulate.conftest import Simulate
 
 LANES = 8
-PEOPLE_COLUMNS = ("person_contacts", "person_contact_m_s", "min_person_m", "person_personal_s", "person_intimate_s")
+PEOPLE_COLUMNS = tuple(name for name in EpisodeResult.model_fields if "person" in name)
 
 
 def among_people(asked: EpisodeRequest) -> EpisodeRequest:

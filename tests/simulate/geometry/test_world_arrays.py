@@ -92,7 +92,7 @@ def _beyond_m(solid: Solid, x: float, y: float) -> float:
     return float(np.hypot(max(abs(ahead.real) - half_x, 0.0), max(abs(ahead.imag) - half_y, 0.0)))
 
 
-HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38), 0.2
+HULL, SEEN_AT_M = Hull(0.18, 0.02, 0.38, 2.0), 0.2
 
 
 @pytest.fixture(autouse=True)
@@ -117,7 +117,7 @@ def test_another_robot_or_world_of_that_name_has_arrays_of_its_own():
     world = cluttered(1)
     one = staged(world)
     wide, high, other = (
-        staged(world, Hull(0.3, 0.02, 0.38)),
+        staged(world, Hull(0.3, 0.02, 0.38, 2.0)),
         staged(world, HULL._replace(low_m=1.0, high_m=1.5)),
         staged(cluttered(2)),
     )
@@ -159,7 +159,7 @@ def test_worlds_are_filled_up_like_those_before_that_have_up_to_twice_as_many_so
     )
     staged(most)
     assert counts(staged(few)) == counts(alone)
-    assert counts(staged(few, Hull(0.3, 0.02, 0.38))) == counts(alone)
+    assert counts(staged(few, Hull(0.3, 0.02, 0.38, 2.0))) == counts(alone)
 
 
 def test_a_world_is_filled_up_like_a_larger_one_that_it_once_shared_a_chunk_with():

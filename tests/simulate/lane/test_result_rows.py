@@ -26,7 +26,8 @@ LANES, SLICE = 8, 25
 # Of the lanes, in which slice each began, and how many control steps it did; one ended at once.
 BEGAN = (0, 0, 1, 2, 3, 3, 1, 3)
 STEPS = (100, 83, 75, 41, 7, 0, 60, 25)
-STAGES = arrays_of_worlds({"w/0": cluttered(1), "w/1": cluttered(2)}, Hull(radius_m=0.2, low_m=0.02, high_m=0.38), 0.3)
+HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38, mass_kg=2.0)
+STAGES = arrays_of_worlds({"w/0": cluttered(1), "w/1": cluttered(2)}, HULL, 0.3)
 
 
 def lane(number: int) -> Lane:
@@ -67,8 +68,11 @@ def poses() -> list[np.ndarray]:
 
 def test_rows_of_lanes_together_are_those_of_each_by_itself(state: LaneState, poses: list[np.ndarray]):
     ended = [Ended(lane(place), place, 4 - BEGAN[place]) for place in (3, 0, 7, 5, 1, 2, 6, 4)]
-    together = finished_rows(ended, state, poses, engine="planar", device="cpu")
-    alone = [finished_rows([each], state, poses[4 - each.slices :], engine="planar", device="cpu") for each in ended]
+    together = finished_rows(ended, state, poses, hull=HULL, engine="planar", device="cpu")
+    alone = [
+        finished_rows([each], state, poses[4 - each.slices :], hull=HULL, engine="planar", device="cpu")
+        for each in ended
+    ]
     assert together.rows() == [row for each in alone for row in each]
     assert encode_columns(together) == encode_columns(EpisodeColumns.of(together.rows()))
 
@@ -78,7 +82,7 @@ def test_no_more_poses_are_looked_at_together_than_memory_has_room_for(
     state: LaneState, poses: list[np.ndarray], monkeypatch: pytest.MonkeyPatch, at_once: int, looks: int
 ):
     ended = [Ended(lane(place), place, 4 - BEGAN[place]) for place in range(LANES)]
-    together = finished_rows(ended, state, poses, engine="planar", device="cpu")
+    together = finished_rows(ended, state, poses, hull=HULL, engine="planar", device="cpu")
     sizes: list[int] = []
 
     def look(rooms: RoomMap, placements: Sequence[Placement], *more: Any) -> list[Visit]:  # noqa: ANN401 - given on
@@ -87,13 +91,15 @@ def test_no_more_poses_are_looked_at_together_than_memory_has_room_for(
 
     monkeypatch.setattr(result_rows, "visits", look)
     monkeypatch.setattr(result_rows, "_POSES_AT_ONCE", at_once)
-    parts = finished_rows(ended, state, poses, engine="planar", device="cpu")
+    parts = finished_rows(ended, state, poses, hull=HULL, engine="planar", device="cpu")
     assert encode_columns(parts) == encode_columns(together)
     assert (len(sizes), sum(sizes)) == (looks, LANES)
 
 
 def test_a_row_says_what_its_lane_did(state: LaneState, poses: list[np.ndarray]):
-    rows = finished_rows([Ended(lane(3), 3, 2), Ended(lane(5), 5, 1), Ended(lane(6), 6, 3)], state, poses).rows()
+    rows = finished_rows(
+        [Ended(lane(3), 3, 2), Ended(lane(5), 5, 1), Ended(lane(6), 6, 3)], state, poses, hull=HULL
+    ).rows()
     driven, at_once, passed = rows
     assert [t_s for t_s, *_ in driven.trajectory] == [0.0, 0.5, 1.0, 1.5, 2.0, 2.05]
     assert driven.trajectory[0][1:] == tuple(np.array([0.3, 0.0, 0.5], np.float32).tolist())
@@ -102,12 +108,12 @@ def test_a_row_says_what_its_lane_did(state: LaneState, poses: list[np.ndarray])
     assert [pose[0] for pose in at_once.trajectory] == [0.0]
     assert (passed.trajectory, passed.spl, passed.simulated_s) == ((), 1.0, round(60 * CONTROL_S, 6))
     assert set(passed.metrics) == {"bumps"}
-    unknown = finished_rows([Ended(lane(4), 4, 1), Ended(lane(2), 2, 3)], state, poses).rows()
+    unknown = finished_rows([Ended(lane(4), 4, 1), Ended(lane(2), 2, 3)], state, poses, hull=HULL).rows()
     assert [row.spl is None for row in unknown] == [True, False]
 
 
 def test_a_crash_is_told_with_whose_it_was(state: LaneState, poses: list[np.ndarray]):
-    (row,) = finished_rows([Ended(lane(7), 7, 1)], state, poses)
+    (row,) = finished_rows([Ended(lane(7), 7, 1)], state, poses, hull=HULL)
     assert (row.status, row.failure_code, row.outcome) == ("Failed", "RobotApplicationCrash", "Failed")
 
 
@@ -115,11 +121,11 @@ def test_a_crash_is_told_with_whose_it_was(state: LaneState, poses: list[np.ndar
 def test_a_narrow_robot_may_go_where_the_disc_around_it_cannot(
     state: LaneState, poses: list[np.ndarray], gap_m: float, shortest_m: float
 ):
-    (arrays,) = arrays_of_worlds({"w/0": hall(8.0, gap_m=gap_m)}, Hull(0.2, 0.02, 0.38), 0.3).values()
+    (arrays,) = arrays_of_worlds({"w/0": hall(8.0, gap_m=gap_m)}, HULL, 0.3).values()
     asked = delivery(0, world="w/0")
     lanes = with_shortest_paths([Lane(asked, arrays, Placement(np.zeros(3), np.array([[5.0, 0.0]])))])
     state.totals.path_length_m[0] = 5.0
-    (row,) = finished_rows([Ended(lanes[0], 0, 4)], state, poses).rows()
+    (row,) = finished_rows([Ended(lanes[0], 0, 4)], state, poses, hull=HULL).rows()
     assert row.shortest_path_m == pytest.approx(shortest_m, rel=0.02)
     assert row.spl == 1.0, "no less than the disc's"
     sound = row.model_copy(update={"collisions": 0, "impulse_ns": 0.0, "max_impulse_ns": 0.0, "goals_reached": 1})

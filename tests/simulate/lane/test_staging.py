@@ -13,7 +13,7 @@ from tasks.simulate.lane import staging
 from tasks.simulate.lane.staging import Lane, moved_lane, with_shortest_paths
 from tests.factories.simulations import cluttered, delivery
 
-HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38)
+HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38, mass_kg=2.0)
 
 
 @pytest.fixture
