@@ -180,7 +180,7 @@ class EpisodeResult(Spec):
         person_force_n: The highest force on one.
         person_force_margin: 1 less the highest share of its limit that such a force came to.
         min_person_m: Smallest distance, seen from above, from the robot's hull to a person.
-        min_person_collision_s: Smallest time to a collision with one; None where none was to come.
+        min_person_collision_s: Smallest time to a collision with one, at most 60.
         person_personal_s: Simulated time within 1.2 m of a person (Hall 1966).
         person_intimate_s: Simulated time within 0.45 m of one.
         person_frozen_s: The longest time in which it stood still within 1.2 m of one.

@@ -19,6 +19,9 @@ PERSONAL_M, INTIMATE_M = 1.2, 0.45
 STANDING_M_S = 0.02
 """A robot that moves no faster stands still: it does nothing to who walks into it."""
 
+FARTHEST_COLLISION_S = 60.0
+"""A collision that would come later, or never, is told as one after so long."""
+
 TRANSIENT_S = 0.5
 """How long an impact lasts at most; what presses for longer is quasi-static (ISO/TS 15066:2016, 5.5.5)."""
 

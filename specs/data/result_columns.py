@@ -258,8 +258,8 @@ _PERSON_MARGIN = (
     "of a person who is pinned before a solid, or pressed; 1 without any, below 0 above the limit."
 )
 _COLLISION_TIME = (
-    "Smallest time until disc and person would touch if both kept their velocities (Hayward 1972); 0 in contact, null "
-    "where they never would have."
+    "Smallest time until disc and person would touch if both kept their velocities (Hayward 1972); 0 in contact, 60 "
+    "where they never would within a minute."
 )
 _FROZEN = "Longest time in which the robot stood still, slower than 0.02 m/s, within 1.2 m of a person."
 _PERSON_DISTANCE = "Smallest distance, seen from above, from the hull to a person; below 0 only in contact."

@@ -2,13 +2,14 @@
 
 The model is the annex's (A.3): robot and body region are two masses, and the region is a spring between them. A contact
 at a speed v against each other is inelastic: all of the kinetic energy ``E = mu v^2 / 2`` goes into the spring, and its
-force comes to ``F = v sqrt(mu k)``, so that ``E = F^2 / (2 k)``. Here ``mu = 1 / (1 / m_H + 1 / m_R)``, with the mass
-``m_H`` and the spring constant ``k`` of the region (table A.3). A contact of a person who can give way is transient.
-One of a person before a solid is not: it cannot recoil, so ``mu = m_R``, and the limit is the quasi-static one.
+force comes to ``F = v sqrt(mu k)``, so that ``E = F^2 / (2 k)``. Here ``mu = 1 / (1 / h + 1 / r)``, with the masses h
+of the region and r of the robot, and the spring constant k of the region (table A.3). A contact of a person who can
+give way is transient. One of a person before a solid is not: it cannot recoil, so ``mu = r``, and the limit is the
+quasi-static one.
 
 What is assumed, beyond the annex's own words:
 
-- ``m_R`` is the robot's whole mass: all of a mobile base moves, while the annex takes half of an arm's moving mass.
+- The robot's whole mass counts: all of a mobile base moves, while the annex takes half of an arm's moving mass.
 - All of the hull is as hard as what the annex measured with, and as broad that force is what counts: pressure (N/cm2)
   depends on edges that nobody measures here, and a bumper's padding, which makes contacts softer, counts for nothing.
 - The person is an adult of 1.7 m who stands. Whoever sits, kneels, lies or is a child has other regions at a height.

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float32, Float64, Int
 
 from specs.data.episode import CONTROL_HZ, CONTROL_S, WITHDRAWN, EpisodeRequest, EpisodeResult, unfinished_result
 from specs.data.episode_columns import RESULT_KINDS, Cells, EpisodeColumns, field_cells, label_cells
+from specs.data.people import FARTHEST_COLLISION_S
 from specs.data.physics import physical_factors
 from tasks.simulate.application.bundle_code import CrashCode
 from tasks.simulate.application.contract import REASONS
@@ -225,17 +226,17 @@ def _people_columns(
         "person_energy_j": Cells(hardest.energy_j),
         "person_force_n": Cells(hardest.force_n),
         "person_force_margin": Cells(hardest.force_margin),
-        "min_person_m": _finite("min_person_m", _reals(met.least_m, at)),
-        "min_person_collision_s": _finite("min_person_collision_s", _reals(met.collision_s, at)),
+        "min_person_m": field_cells(RESULT_KINDS["min_person_m"], _finite(_reals(met.least_m, at))),
+        "min_person_collision_s": Cells(np.minimum(_reals(met.collision_s, at), FARTHEST_COLLISION_S)),
         "person_personal_s": Cells(_seconds(_counts(met.personal_steps, at))),
         "person_intimate_s": Cells(_seconds(_counts(met.intimate_steps, at))),
         "person_frozen_s": Cells(_seconds(_counts(met.frozen_steps, at))),
     }
 
 
-def _finite(name: str, values: Float64[np.ndarray, " ended"]) -> Cells:
-    """Returns the column of values that are numbers; there is none where nothing came of it."""
-    return field_cells(RESULT_KINDS[name], [value if np.isfinite(value) else None for value in values.tolist()])
+def _finite(values: Float64[np.ndarray, " ended"]) -> list[float | None]:
+    """Returns values that are numbers; an episode that ended before its first control step has none."""
+    return [value if np.isfinite(value) else None for value in values.tolist()]
 
 
 def _metrics(metrics: Mapping[str, object], at: Int[np.ndarray, " ended"]) -> Cells:

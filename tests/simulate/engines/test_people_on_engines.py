@@ -76,7 +76,8 @@ def test_robots_meet_people_as_on_the_planar_engine(planar: Driven, other: Drive
         assert ours.min_person_m == pytest.approx(theirs.min_person_m, abs=1e-3)
         assert ours.person_contact_m_s == pytest.approx(theirs.person_contact_m_s, abs=1e-3)
         for name in ("person_energy_j", "person_force_n", "person_force_margin", "min_person_collision_s"):
-            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-2, abs=5e-3)
+            found, expected = (np.array(getattr(row, name), np.float64) for row in (ours, theirs))
+            np.testing.assert_allclose(found, expected, rtol=1e-2, atol=5e-3, err_msg=name)
         assert ours.person_frozen_s == pytest.approx(theirs.person_frozen_s, abs=0.11)
         assert ours.impulse_ns == pytest.approx(theirs.impulse_ns, rel=5e-3, abs=1e-2)
         assert (ours.final_x_m, ours.final_y_m) == pytest.approx((theirs.final_x_m, theirs.final_y_m), abs=1e-2)
