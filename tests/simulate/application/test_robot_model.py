@@ -86,7 +86,7 @@ def robot(folder: Path, text: str) -> Path:
 )
 def test_the_hull_encloses_what_collides(tmp_path: Path, geom: str, radius_m: float, low_m: float, high_m: float):
     hull = hull_of(read_robot_mjcf(robot(tmp_path, PLANAR.format(geom=geom))).compile())
-    assert hull == pytest.approx((radius_m, low_m, high_m), abs=1e-4)
+    assert hull == pytest.approx((radius_m, low_m, high_m, 1.0), abs=1e-4)
 
 
 def test_scenery_in_a_robots_file_is_left_out():
@@ -176,7 +176,9 @@ def test_a_robot_without_a_floor_gets_one(tmp_path: Path):
 
 def test_the_hull_of_what_walks_reaches_from_the_floor_around_its_base(tmp_path: Path):
     hull = hull_of(read_robot_mjcf(robot(tmp_path, FREE)).compile())
-    assert hull == pytest.approx((0.55, 0.0, 0.5))
+    # Of the density that MuJoCo takes where none is said: a ball of 0.2 m, and an arm of 0.3 m between two half balls.
+    ball_kg, arm_kg = 4e3 / 3 * np.pi * 0.2**3, 1e3 * np.pi * (0.05**2 * 0.3 + 4 / 3 * 0.05**3)
+    assert hull == pytest.approx((0.55, 0.0, 0.5, ball_kg + arm_kg))
 
 
 def test_a_robot_rests_as_its_first_keyframe_says(tmp_path: Path):
