@@ -3,6 +3,7 @@
 Messages come and go in ROS 1's form, so that lanes of both are brought through a control step by the same code.
 """
 
+import functools
 import os
 import socket
 import time
@@ -22,6 +23,7 @@ from tasks.ros.lockstep.ros1_lockstep import Ros1Lockstep
 from tasks.ros.lockstep.ros_lane import RosLane
 from tasks.ros.message.navigation import Navigation
 from tasks.ros.process.application_processes import ApplicationProcesses
+from tasks.ros.process.nap_gate import NapGate
 from tasks.ros.process.network import EpisodeNetwork
 from tasks.ros.process.thread_watch import Rest, ThreadWatch, own_wait_s
 from tasks.ros.ros2.datagrams import DropWatch, UdpSocket
@@ -32,6 +34,7 @@ from tasks.ros.ros2.navigation_client import NavigationClient
 from tasks.ros.ros2.robot_links import RobotLink, RobotLinks
 from tasks.ros.ros2.ros2_installation import Ros2Installation, ros2_installation
 from tasks.ros.ros2.ros2_node import Matches, RobotInterface, Ros2Node
+from tasks.ros.ros2.steady_clock import build_steady_clock, with_steady_clock
 
 _LENGTH_BYTES = 4
 # Connections seldom change, and asking for all of them costs as much as a message.
@@ -293,6 +296,8 @@ class Ros2Lockstep(Ros1Lockstep):
     _graphs: Mapping[int, DdsGraph] = MappingProxyType({})
     _of_nodes: dict[Path, Mapping[str, str]]
     _drops: DropWatch | None = None
+    # Why the steady clock of C++ nodes is the machine's; None before anybody has asked.
+    _untimed: str | None = None
 
     @property
     def _first_command_s(self) -> float:
@@ -356,7 +361,8 @@ class Ros2Lockstep(Ros1Lockstep):
             navigates=self._base.robot.goals == "navigate_to_pose",
             recorded={topic: _ros2_kind(kind) for topic, kind in self._base.robot.record.items()},
         )
-        application = ApplicationProcesses(home, self._tracker, self._limits)
+        gate = NapGate(self._pump.loop) if self._has_rclcpp else None
+        application = ApplicationProcesses(home, self._tracker, self._limits, gate)
         application.watch.limits = True
         graph = DdsGraph(domain, interface, (processes, names), application.found)
         self._graphs = {**self._graphs, number: graph}
@@ -367,15 +373,32 @@ class Ros2Lockstep(Ros1Lockstep):
             variables = self._launch.variables(number, simulation=source == self._launch.simulation)
             of_domain = domain.environment(home, self._installation(source).fast_dds)
             if image := self._images.get(source):
-                self._enter(lane, image, own, {**variables, **of_domain})
+                self._enter(lane, image, own, self._timed(lane, {**variables, **of_domain}))
                 continue
             of_nodes = self._of_nodes.get(source.bundle, {})
-            self._start(lane, own, {**variables, **of_nodes, **of_domain, **episode_environment(home)})
+            environment = {**variables, **of_nodes, **of_domain, **episode_environment(home)}
+            self._start(lane, own, self._timed(lane, environment))
         return lane
+
+    @functools.cached_property
+    def _has_rclcpp(self) -> bool:
+        """Returns whether nodes may be C++: their steady clock is simulated time then, and their naps have an order."""
+        sources = filter(None, (self._launch.source, self._launch.simulation))
+        return any(self._installation(each).library("rclcpp") for each in sources)
+
+    def _timed(self, lane: RosLane, variables: Mapping[str, str]) -> Mapping[str, str]:
+        """Returns an application's variables with which the steady clock of its C++ nodes follows simulated time."""
+        if not self._has_rclcpp:
+            return variables
+        if self._untimed is None:
+            self._untimed = build_steady_clock(self._launch.home)
+        return with_steady_clock(self._launch.home, lane.application.home, variables)
 
     def begin(self, sensed: Sequence[Sensed | None], floors: Sequence[FloorMap | None]) -> None:
         """Waits as with ROS 1; an episode whose nodes may not know each other is late once."""
         super().begin(sensed, floors)
+        for lane in self._lanes.values():
+            lane.failure = "; ".join(filter(None, (lane.failure, self._untimed))) if lane.failure else ""
         for number, graph in self._graphs.items():
             self._lanes[number].unordered += graph.guessed
 
@@ -387,6 +410,10 @@ class Ros2Lockstep(Ros1Lockstep):
             for number, graph in self._graphs.items():
                 self._lanes[number].unordered += graph.dropped(lost) if sensed[number] is not None else 0
         return commands
+
+    def printed(self, lane: int) -> str:
+        """Returns what a lane's nodes printed last, and what they said, waited for or were timed by in vain."""
+        return "\n".join(filter(None, (super().printed(lane), self._untimed)))
 
     def heard(self, lane: int) -> list[tuple[str, bytes]]:
         """Returns what a lane's nodes said on recorded topics since the last call, in ROS 1's form."""

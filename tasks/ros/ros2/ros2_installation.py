@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from specs.errors import LaunchRefused
 from tasks.ros.ros2.dds_domain import CYCLONE, FAST, MIDDLEWARES
+from tasks.ros.ros2.steady_clock import NO_COMPILER, c_compiler
 
 DISTRIBUTIONS, DEFAULT_DISTRIBUTION = ("humble", "iron", "jazzy", "kilted"), "jazzy"
 """The releases whose types the robot knows, the oldest first, and what it takes one to be that says nothing."""
@@ -71,7 +72,9 @@ class Ros2Installation(NamedTuple):
         other = f", not {self.asked}, which {self._why_not}" if self.asked not in {"", self.middleware} else ""
         middleware = f"; nodes speak {self.middleware}{other}" if self.middleware else ""
         withheld = _WITHHELD if self.middleware == FAST else ""
-        return f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}{middleware}{withheld}{launch}"
+        untimed = f"; {NO_COMPILER}" if self.library("rclcpp") and not c_compiler() else ""
+        found = f"ROS 2 {self.distribution} below {', '.join(map(str, self.prefixes))}"
+        return f"{found}{middleware}{withheld}{launch}{untimed}"
 
     @property
     def _why_not(self) -> str:

@@ -1,12 +1,15 @@
 """A bundle whose nodes play ROS 2's, a world that costs nothing, and what its nodes do in it."""
 
 import hashlib
+import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from specs.ros_robot import RosRobot
 from tasks.ros.launch.launch_plan import LaunchSource
@@ -181,3 +184,19 @@ def drive(
 def _variables(programs: str) -> dict[str, str]:
     first, *others = programs.split("+")
     return {"PROGRAM": first, "BESIDE": " ".join(others)}
+
+
+def compiled(compiler: str, output: Path, *words: str) -> None:
+    """Compiles a file, or skips the test where the compiler is not here."""
+    if shutil.which(compiler) is None and os.environ.get("CI") != "true":
+        pytest.skip(f"{compiler} is not here")
+    done = subprocess.run([compiler, "-o", output, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def make_rclcpp(prefix: Path) -> Path:
+    """Returns a folder like that of rclcpp: with a library of its name, by which a process is known to have it."""
+    for name in ("lib", "share/ament_index"):
+        (prefix / name).mkdir(parents=True)
+    compiled("cc", prefix / "lib/librclcpp.so", "-shared", "-fPIC", "-x", "c", os.devnull)
+    return prefix

@@ -17,7 +17,7 @@ from tasks.ros.lockstep.step_driver import LockstepPatience
 from tasks.ros.ros2.ros2_installation import ros2_installation
 from tests.repository import ROOT
 from tests.ros.lockstep.room import nothing_left
-from tests.ros.ros2.players import CONTROL_S, Run, make_base
+from tests.ros.ros2.players import CONTROL_S, Run, make_base, make_rclcpp
 
 _DIGEST, _PATIENT = "2" * 64, LockstepPatience(stage_s=20.0)
 _JUDGE = """
@@ -28,6 +28,21 @@ rclpy.init()
 node = rclpy.create_node("judge", parameter_overrides=[Parameter("use_sim_time", value=True)])
 hear = lambda seen: print("seen", seen.header.stamp.sec, flush=True)
 node.create_subscription(Odometry, "odom", hear, 10)
+rclpy.spin(node)
+"""
+
+_TIMED = """
+import ctypes
+ctypes.CDLL("librclcpp.so")
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.parameter import Parameter
+rclpy.init()
+node, fired = rclpy.create_node("judge", parameter_overrides=[Parameter("use_sim_time", value=True)]), []
+def fire():
+    fired.append(node.get_clock().now().nanoseconds)
+    print("fired", len(fired), "times at", fired[-1], flush=True)
+node.create_timer(0.05, fire, clock=Clock(clock_type=ClockType.STEADY_TIME))
 rclpy.spin(node)
 """
 
@@ -56,6 +71,14 @@ def image(rclpy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "judge"
 
 
+@pytest.fixture
+def rclcpp(rclpy: Path, judge: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """This machine with what stands for rclcpp."""
+    found = make_rclcpp(judge.parent / "rclcpp")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{found}:{rclpy}")
+    return found
+
+
 def _drive(folder: Path, judge: LaunchSource | None = None) -> tuple[Run, str]:
     folder.mkdir()
     shutil.copytree(ROOT / "examples/ros/roamer2", folder / "bundle/roamer2")
@@ -80,3 +103,15 @@ def test_an_image_with_rclpy_judges_beside_nodes_that_drive_as_they_do_without(
     assert "seen 2" in printed
     ended, _ = _drive(tmp_path / "ended", LaunchSource(image, "", "", ("sh", "-c", "echo why; exit 7")))
     assert ended.failures[0] == "node /simulation-image ended with status 7: why"
+
+
+@pytest.mark.long
+@pytest.mark.usefixtures("rclcpp")
+def test_the_steady_clock_in_an_image_is_simulated_time(judge: Path, rclpy: Path, image: Path, tmp_path: Path) -> None:
+    """A timer has not fired while nodes started, and once a tick since."""
+    judge.write_text(_TIMED)
+    words = (str(rclpy / "bin/python3"), str(judge))
+    run, printed = _drive(tmp_path / "run", LaunchSource(image, "", "", words))
+    assert run.failures == {}, printed
+    assert "fired 20 times at 2000000000" in printed
+    assert [(each.late, each.stray) for each in run.tallies] == [(0, 0)]

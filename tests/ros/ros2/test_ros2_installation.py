@@ -83,6 +83,15 @@ def test_services_that_the_robot_does_not_offer_are_told(prefix: Prefix) -> None
     assert told not in prefix.has(CYCLONE).found().sentence
 
 
+def test_what_wall_timers_of_cpp_nodes_need_is_told(prefix: Prefix, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = "wall timers of rclcpp go by the machine's clock, for there is no C compiler: install gcc and libc6-dev"
+    monkeypatch.setattr(found_here, "c_compiler", str)
+    assert told not in prefix.has(FAST).found().sentence
+    assert told in prefix.has("lib/librclcpp.so").found().sentence
+    monkeypatch.setattr(found_here, "c_compiler", lambda: "/usr/bin/cc")
+    assert told not in prefix.found().sentence
+
+
 def test_the_release_is_what_the_installation_says_and_another_name_is_a_fault(prefix: Prefix, wheels: Prefix) -> None:
     assert (wheels.found().distribution, wheels.found().fault) == ("kilted", "")
     assert "ROS_DISTRO is 'jazzy', and ROS 2 kilted is below" in wheels.found(ROS_DISTRO="jazzy").fault

@@ -11,6 +11,9 @@ setup(
             "seer = trials.nodes:seer",
             "counter = trials.nodes:counter",
             "asker = trials.nodes:asker",
+            "walltimer = trials.nodes:walltimer",
+            "turns = trials.nodes:turns",
+            "looker = trials.nodes:looker",
             "part = trials.nodes:part",
         ]
     },

@@ -1,18 +1,21 @@
 """Nodes of rclpy, each with something that makes its order of events its own affair."""
 
+import ctypes
 import json
 import math
 import os
 import signal
 import struct
 import subprocess
+import threading
 import time
 
 import rclpy
 from ament_index_python.packages import get_package_share_directory
-from geometry_msgs.msg import Twist, TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped, Vector3
 from rclpy.action import ActionClient, ActionServer
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup, ReentrantCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -218,6 +221,50 @@ class Part(Node):
         return response
 
 
+class WallTimer(Driver):
+    """Commands by a timer of the steady clock, as ``create_wall_timer`` of rclcpp makes one."""
+
+    def __init__(self):
+        ctypes.CDLL("librclcpp.so")  # what stands for it, and by which the process is known
+        super().__init__("walltimer")
+        self.turn = 0.0
+        self.create_timer(0.02, self.on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def on_timer(self):
+        self.turn += 0.001
+        twist = Twist()
+        twist.linear.x, twist.angular.z = 0.1, self.turn + 0.1 * math.sin(self.scans / 7)
+        self.commands.publish(twist)
+
+    def publish(self, twist):
+        pass
+
+
+class Turns(Driver):
+    """Two threads sleep until the same tick, as C++ does it: what one of them counts, the other one commands."""
+
+    def __init__(self):
+        self.library = ctypes.CDLL("librclcpp.so")
+        super().__init__("turns")
+        self.counted, self.libc, self.threads = 0, ctypes.CDLL(None), []
+
+    def publish(self, _):
+        if not self.threads:
+            self.threads = [threading.Thread(target=each, daemon=True) for each in (self.command, self.count)]
+            for each in self.threads:
+                each.start()
+
+    def count(self):
+        while True:
+            self.libc.usleep(40_000)
+            self.counted += 1
+
+    def command(self):
+        while True:
+            self.libc.usleep(40_000)
+            self.commands.publish(Twist(angular=Vector3(z=0.01 * self.counted)))
+
+
 def _spin(kind, executor):
     rclpy.init()
     executor = executor()
@@ -243,6 +290,26 @@ def faulty():
 
 def stamped():
     _spin(Stamped, SingleThreadedExecutor)
+
+
+def walltimer():
+    _spin(WallTimer, SingleThreadedExecutor)
+
+
+def turns():
+    _spin(Turns, SingleThreadedExecutor)
+
+
+def looker():
+    """Commands each time that it has looked for messages for so long at most."""
+    ctypes.CDLL("librclcpp.so")
+    rclpy.init()
+    node, turn = Driver("looker"), 0.0
+    node.publish = lambda _: None
+    while rclpy.ok():
+        rclpy.spin_once(node, timeout_sec=0.03)
+        turn += 0.001
+        node.commands.publish(Twist(angular=Vector3(z=turn + 0.01 * node.scans)))
 
 
 def seer():
