@@ -125,6 +125,7 @@ def test_why_it_cannot_be_made_is_said(tmp_path: Path, monkeypatch: pytest.Monke
     assert build_steady_clock(tmp_path) == NO_COMPILER
 
 
+@pytest.mark.long
 def test_a_node_that_is_not_ready_for_want_of_a_compiler_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
