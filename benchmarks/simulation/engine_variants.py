@@ -85,11 +85,24 @@ class Ours:
     """One of Simyard's engines, as a batch runs it."""
 
     def __init__(
-        self, engine: str, lanes: int, obstacles: int, people: People | None = None, *, prisms: bool = False
+        self,
+        engine: str,
+        lanes: int,
+        obstacles: int,
+        people: People | None = None,
+        *,
+        prisms: bool = False,
+        robots: int = 1,
     ) -> None:
         made = ((f"bench/{k}", bench_world(k, obstacles)) for k in range(WORLDS))
         worlds = {name: as_prisms(world) if prisms else world for name, world in made}
-        requests = [each.model_copy(update={"people": people}) for each in explorations(lanes, WORLDS, _FOREVER_S)]
+        alone, lanes = explorations(lanes // robots, WORLDS, _FOREVER_S), lanes // robots * robots
+        shared = {"people": people, "robots": robots if robots > 1 else None}
+        requests = [
+            each.model_copy(update={**shared, "index": each.index * robots + number, "number": number})
+            for each in alone
+            for number in range(robots)
+        ]
         chunk = ready_chunk(requests, worlds, FOLDERS, lanes=lanes, engine=engine)
         run = chunk.run
         if run is None:

@@ -1,6 +1,6 @@
 """Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
 
-    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--prisms]
+    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--robots] [--prisms]
     [--repeats N] [--without NAME ...] [--json FILE]
     .venv/bin/python benchmarks/simulation/engines.py --document docs/reference/engines.md    # all of it, into the
     document
@@ -41,6 +41,7 @@ ENGINES = ("mujoco", "mjx", "planar")
 SCALED_LANES, SCALED_OBSTACLES = (1, 16, 64, 256, 1024, 4096), (25, 100, 400)
 SCALING_REPEATS, WARM_RUNS = 3, 2
 WALKING, WALKED_OBSTACLES = (0, 1, 4, MOST_PEOPLE), 25
+SHARING = (1, 2, 4, 8)
 
 
 class Turn(NamedTuple):
@@ -153,6 +154,19 @@ def walked(repeats: int) -> list[list[str]]:
     return table
 
 
+def shared(repeats: int) -> list[list[str]]:
+    """Returns a table over how many robots share a world on ``planar``: what one of them costs, and a world of them."""
+    made: dict[str, Variant] = {str(count): Ours("planar", LANES, WALKED_OBSTACLES, robots=count) for count in SHARING}
+    found = turns(made, repeats, {name: control_steps("planar", LANES) for name in made})
+    costs = {name: median(turn.cpu_us for turn in each) for name, each in found.items()}
+    rates = {name: median(turn.rate for turn in each) for name, each in found.items()}
+    table = [["robots", "k lane-steps/s", "CPU us a control step of a robot", "a world x one, wall", "CPU"]]
+    for name, rate in rates.items():
+        times = (int(name) * rates["1"] / rate, int(name) * costs[name] / costs["1"])
+        table.append([name, f"{rate / 1e3:,.1f}", f"{costs[name]:,.1f}", *(f"{each:.2f}" for each in times)])
+    return table
+
+
 def shaped(repeats: int) -> list[list[str]]:
     """Returns a table over what the boxes of a hall are written as, for each engine."""
     table = [["engine", "boxes, CPU us a control step", "prisms", "x boxes"]]
@@ -174,6 +188,7 @@ def main() -> None:
     parser.add_argument("--scaling", action="store_true")
     parser.add_argument("--batch", action="store_true")
     parser.add_argument("--people", action="store_true")
+    parser.add_argument("--robots", action="store_true")
     parser.add_argument("--prisms", action="store_true")
     given = parser.parse_args()
     show("machine", machine(), given.document)
@@ -183,7 +198,7 @@ def main() -> None:
 
 def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    parts = given.scaling or given.batch or given.people or given.prisms
+    parts = given.scaling or given.batch or given.people or given.robots or given.prisms
     everything = given.document is not None and not parts
     if not parts:
         yield "side by side", rows(side_by_side(given.repeats, given.without))
@@ -193,6 +208,8 @@ def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]
         yield from scaling(min(given.repeats, SCALING_REPEATS))
     if given.people:
         yield "people", walked(given.repeats)
+    if given.robots:
+        yield "robots", shared(given.repeats)
     if given.prisms:
         yield "prisms", shaped(given.repeats)
 

@@ -138,6 +138,7 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
         ranges_m=steps["ranges_m"],
         impulse_ns=steps["impulse_ns"],
         people_m=_walking(np.asarray(steps["people_m"])),
+        robots_m=np.asarray(steps["robots_m"]),
         shape=robot_shape(robot / "robot.xml"),
         depth=CameraFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
         color=CameraFilm(setting.color_camera, setting.colored_s, setting.colors) if setting.color_camera else None,
@@ -281,19 +282,20 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
     from tasks.results.playback.replay_video import frames, with_captions, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
-    people_m = playback.people_m.astype(np.float64)
+    movers_m = np.concatenate([playback.people_m, playback.robots_m], axis=1).astype(np.float64)
     scene = FilmScene(
         world=world,
         radius_m=playback.radius_m,
         low_m=low_m,
         high_m=high_m,
         shape=playback.shape,
-        people=people_m.shape[1],
+        people=playback.people_m.shape[1],
+        robots=playback.robots_m.shape[1],
     )
     with open_film(scene, *_SIZE) as shoot:
         if shoot is None:
             write_video(path, frames(world, playback), _FROM_ABOVE_HZ)
             return
         shown = playback.every(_STEPS_A_PICTURE).tolist()
-        shot = (shoot(*playback.pose[each].tolist(), people_m=people_m[each].tolist()) for each in shown)
+        shot = (shoot(*playback.pose[each].tolist(), movers_m=movers_m[each].tolist()) for each in shown)
         write_video(path, with_captions(shot, playback, shown), _FROM_ABOVE_HZ // _STEPS_A_PICTURE)

@@ -116,6 +116,10 @@ def shrink_job(store: Store, text: str, budget: int) -> ShrunkJob:
         DocumentError: The job did not fail, or does not fail again.
     """
     batch, index = job_of(store, find_resource(store, text, ("simulation-job",)).path)
+    if batch.plan.robots:
+        raise _refused(
+            batch, index, f"one of a robot that is alone in its world; this one is one of {batch.plan.robots}"
+        )
     search = _Search(batch, index, _failed_row(batch, index), budget)
     found, minimal = search.smallest(is_same_failure)
     if found == search.case:

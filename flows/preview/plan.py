@@ -347,6 +347,9 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, s
     """Yields how a batch is simulated; ``sizes`` are those of the maps of worlds that are there already."""
     longest_s = max((template.duration_s for template in batch.templates), default=0.0)
     yield f"simulationBatch   {_count(plan.episodes, 'episode')} of at most {longest_s:g} simulated seconds"
+    if batch.robots:
+        shared = _count(plan.episodes // batch.robots, "time")
+        yield f"                  {batch.robots} robots share a world, {shared}; each is an episode; none is audited"
     for robot in plan.robots:
         if robot.choice:
             yield f"                  {robot.robot}: engine {robot.choice.engine}, {robot.choice.why}"

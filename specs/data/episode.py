@@ -8,6 +8,7 @@ from pydantic import Field
 from specs.base import Spec
 from specs.data.outcomes import OutcomeReason
 from specs.data.people import People
+from specs.data.robots import own_seed
 from specs.field_types import Architecture
 from specs.launched_file import module_name, names_ros_launch
 from specs.robomaker.simulation import FailureBehavior, SimulationJobErrorCode
@@ -109,6 +110,8 @@ class EpisodeRequest(Spec):
         environment: Environment variables as the launch configurations and the matrix give them.
         judge_environment: Those that the simulation application's own nodes have otherwise; None for none.
         people: Who walks in its world; None for nobody.
+        robots: How many robots share its world, each with a request and a row of its own; None for this one alone.
+        number: Which of them this one is, from 0.
         duration_s: Simulated seconds at most (maxJobDurationInSeconds).
     """
 
@@ -122,6 +125,13 @@ class EpisodeRequest(Spec):
     failure_behavior: FailureBehavior = "Fail"
     judge_environment: dict[str, str] | None = None
     people: People | None = None
+    robots: int | None = None
+    number: int = 0
+
+    @property
+    def own_seed(self) -> int:
+        """Returns the seed of what is drawn of this robot alone."""
+        return own_seed(self.seed, self.number)
 
     @property
     def judge_variables(self) -> dict[str, str]:
@@ -184,6 +194,10 @@ class EpisodeResult(Spec):
         person_personal_s: Simulated time within 1.2 m of a person (Hall 1966).
         person_intimate_s: Simulated time within 0.45 m of one.
         person_frozen_s: The longest time in which it stood still within 1.2 m of one.
+        robot_contacts: Control steps in which a contact with another robot began; None where it is alone, as the two
+            that follow.
+        robot_contact_m_s: The highest speed of both against each other at which one began; 0 without any.
+        min_robot_m: Smallest distance, seen from above, from the circle around the hull to another robot's.
         metrics: What the scenario measures by itself, by name.
         rooms_entered: Names of the rooms that the robot's position was in, in the order in which it came to them.
         rooms_unreachable: Names of the rooms that a disc of the hull's radius cannot get to from the start, with doors
@@ -231,6 +245,9 @@ class EpisodeResult(Spec):
     person_personal_s: float | None = None
     person_intimate_s: float | None = None
     person_frozen_s: float | None = None
+    robot_contacts: int | None = None
+    robot_contact_m_s: float | None = None
+    min_robot_m: float | None = None
     metrics: dict[str, float] = Field(default_factory=dict[str, float])
     rooms_entered: tuple[str, ...] = ()
     rooms_unreachable: tuple[str, ...] = ()

@@ -469,4 +469,4 @@ def _ordered(columns: _Columns, order: Int[np.ndarray, " rows"]) -> _Columns:
 
 def _shared(request: EpisodeRequest) -> tuple[object, ...]:
     environment = tuple(request.environment.items())
-    return request.robot, request.scenario, environment, request.duration_s, request.failure_behavior
+    return request.robot, request.scenario, environment, request.duration_s, request.failure_behavior, request.number

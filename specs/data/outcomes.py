@@ -10,7 +10,18 @@ if TYPE_CHECKING:
     from specs.data.episode import EpisodeResult
 
 OutcomeReason = Literal[
-    "", "collision", "timeout", "stuck", "out of bounds", "crash", "judged", "aborted", "canceled", "person"
+    "",
+    "collision",
+    "timeout",
+    "stuck",
+    "out of bounds",
+    "crash",
+    "judged",
+    "aborted",
+    "canceled",
+    "person",
+    "robot",
+    "deadlock",
 ]
 
 
@@ -74,6 +85,10 @@ OUTCOME_REASONS = (
     ReasonRecord("aborted", "The navigation gave a goal up, or would not take it.", OTHER_MARK),
     ReasonRecord("canceled", "Somebody cancelled a goal of the navigation.", OTHER_MARK),
     ReasonRecord("person", "The robot touched a person harder than the scenario allows of anything.", _HIT),
+    ReasonRecord("robot", "The robot touched another robot harder than the scenario allows of anything.", _HIT),
+    ReasonRecord(
+        "deadlock", "The robot and another one beside it stood still until it was stuck, or too late.", _STUCK
+    ),
 )
 
 REASON_CODES: tuple[OutcomeReason, ...] = ("", *(reason.name for reason in OUTCOME_REASONS))

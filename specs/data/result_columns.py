@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # who checks a document needs the names of columns, and no Nu
 
     from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
-SCHEMA_VERSION = "8"
+SCHEMA_VERSION = "9"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
@@ -177,6 +177,14 @@ REQUESTED = (
         "How many people walk in the world.",
         _shared(lambda request: request.people.count if request.people else 0),
     ),
+    Column(
+        "robots",
+        "int32",
+        "",
+        "How many robots share the world, each with a row of its own.",
+        _shared(lambda request: request.robots or 1),
+    ),
+    Column("robot", "int32", "", "Which of them this one is, from 0.", _shared(attrgetter("number"))),
     _requested("failure_behavior", "string", "", "What a crash does to the job: Fail or Continue."),
 )
 """What was asked for."""
@@ -265,6 +273,14 @@ _FROZEN = "Longest time in which the robot stood still, slower than 0.02 m/s, wi
 _PERSON_DISTANCE = "Smallest distance, seen from above, from the hull to a person; below 0 only in contact."
 _PERSONAL = "Simulated time within 1.2 m of a person, the personal distance of Hall (1966)."
 _INTIMATE = "Simulated time within 0.45 m of a person, his intimate distance."
+_ROBOT_CONTACTS = (
+    "Control steps in which a contact with another robot began, which is none of collisions; null for a robot alone, "
+    "as the two columns that follow."
+)
+_ROBOT_SPEED = "Highest speed of both robots against each other at which such a contact began; 0 without any."
+_ROBOT_DISTANCE = (
+    "Smallest distance, seen from above, from the circle around the hull to another robot's; below 0 only in contact."
+)
 _CLEARANCE = "Smallest distance, seen from above, from the hull to a solid at its heights; below 0 only in contact."
 MEASURED = (
     _measured("simulated_s", "double", "s", "Simulated time until the episode ended.", course="grows"),
@@ -298,6 +314,9 @@ MEASURED = (
     _measured("person_personal_s", "double", "s", _PERSONAL, nullable=True, course="grows"),
     _measured("person_intimate_s", "double", "s", _INTIMATE, nullable=True, course="grows"),
     _measured("person_frozen_s", "double", "s", _FROZEN, nullable=True, course="grows"),
+    _measured("robot_contacts", "int32", "", _ROBOT_CONTACTS, nullable=True, course="grows"),
+    _measured("robot_contact_m_s", "double", "m/s", _ROBOT_SPEED, nullable=True, course="grows"),
+    _measured("min_robot_m", "double", "m", _ROBOT_DISTANCE, nullable=True, course="falls"),
     _answered("rooms_entered", "list<string>", "", _ENTERED),
     _answered("rooms_unreachable", "list<string>", "", _UNREACHABLE),
     _answered("rooms_total", "int32", "", "How many rooms the world has; 0 if the episode did not start."),

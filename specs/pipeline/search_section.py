@@ -168,6 +168,8 @@ def unsearchable(search: object, batch: object) -> Iterator[Finding]:
     if len(requests) > 1:
         one = "one request in createSimulationJobRequests: which of several is to be searched is not said"
         yield Finding(("search",), f"a batch of {len(requests)} requests", one)
+    if (robots := part(batch, "robots")) not in (None, 1):
+        yield Finding(("search",), f"a batch of {robots} robots in each world", "one robot: a search moves one alone")
     known = sorted(_set_names(batch, requests))
     allowed = f"a variable that the batch's request or matrix sets: {', '.join(known) or 'there is none'}"
     over = part(search, "over")

@@ -13,6 +13,7 @@ from specs.base import Spec
 from specs.data.episode import CONTROL_HZ
 from specs.data.people import MOST_PEOPLE, People
 from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PhysicalName
+from specs.data.robots import MOST_ROBOTS
 from specs.field_types import (
     GENERIC_PATTERN,
     Architecture,
@@ -302,6 +303,7 @@ class SimulationBatch(Ruled):
         createSimulationJobRequests: What is driven, from 1 to 1000 of them; each is multiplied by the matrix.
         engine: What simulates; auto takes the fastest that can, on this machine.
         people: Who walks in each world while the robot drives; nobody, if left out.
+        robots: How many robots of its application drive in each world together; one, if left out.
         recordings: Which episodes can be looked at afterwards.
         audit: How much is driven again on C MuJoCo.
         tags: At most 50 keys and values.
@@ -320,6 +322,7 @@ class SimulationBatch(Ruled):
     engine: Engine = Field(default="auto", title="Engine")
     # None, not empty: documents without them keep the digest that they had before there was such a field.
     people: PeopleChoice | None = Field(default=None, title="People")
+    robots: Annotated[Integer, Field(ge=1, le=MOST_ROBOTS)] | None = Field(default=None, title="Robots")
     recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
     audit: Audit = Field(default_factory=Audit, title="Parity audit")
     tags: TagMap | None = Field(default=None, title="Tags of the batch")
@@ -329,6 +332,7 @@ class SimulationBatch(Ruled):
     def findings(cls, data: object) -> Iterator[Finding]:
         """Yields jobs that last too long for a batch, too many jobs for a call, and what excludes one another."""
         requests = items(part(data, "createSimulationJobRequests"))
+        yield from _with_several_robots(data, requests)
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
         yield from _two_seeds(requests, part(part(data, "matrix"), "seeds"))
         if part(data, "operation") == "CreateSimulationJob":
@@ -341,6 +345,30 @@ class SimulationBatch(Ruled):
             if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
                 loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
                 yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
+
+
+def _with_several_robots(data: object, requests: Sequence[object]) -> Iterator[Finding]:
+    """Yields what a raw section asks for that there is only for a robot that is alone in its world."""
+    robots = part(data, "robots")
+    if type(robots) is not int or robots <= 1:
+        return
+    alone = f"only a robot that is alone in its world has it, and there are {robots} robots"
+    if (engine := part(data, "engine")) not in (None, "auto", "planar"):
+        yield Finding(("engine",), engine, f"auto or planar; {alone}")
+    if (people := part(data, "people")) is not None:
+        yield Finding(("people",), people, f"nothing; {alone}")
+    # A document with its defaults spelled out asks for no more than one without them.
+    if (lanes := part(part(data, "audit"), "lanes")) not in (None, 0, AUDITED_LANES):
+        yield Finding(("audit", "lanes"), lanes, f"0, or nothing; {alone}")
+    if (pictures := part(part(data, "recordings"), "picturesHz")) is not None:
+        yield Finding(("recordings", "picturesHz"), pictures, f"nothing; {alone}")
+    if part(data, "operation") == "CreateSimulationJob":
+        yield Finding(("robots",), robots, "1; a CreateSimulationJob makes one job, and each robot is one")
+    for number, request in enumerate(requests):
+        for field in (_ROBOT, _SCENARIO):
+            if runs_nodes(_launch(request, field)):
+                loc = ("createSimulationJobRequests", number, field, 0, _LAUNCH)
+                yield Finding(loc, "nodes of ROS", f"a module or a policy; {alone}")
 
 
 def _two_seeds(requests: Sequence[object], seeds: object) -> Iterator[Finding]:

@@ -229,7 +229,13 @@ class Service:
         from tasks.simulate.replay.replay_result import replay_message  # noqa: PLC0415
 
         replay = drive_replay(
-            work.request, self._worlds, bundles, lanes=work.lanes, engine=work.engine, rate_hz=work.rate_hz
+            work.request,
+            self._worlds,
+            bundles,
+            lanes=work.lanes,
+            engine=work.engine,
+            rate_hz=work.rate_hz,
+            beside=work.beside,
         )
         self.say(*replay_message(replay))
 

@@ -25,10 +25,10 @@ WHEEL, DECK = (
 """A small dark part, and a large blue one above it."""
 
 
-def playback(samples: int = SAMPLES, rays: int = RAYS, people: int = 0) -> Playback:
+def playback(samples: int = SAMPLES, rays: int = RAYS, people: int = 0, robots: int = 0) -> Playback:
     """Returns an episode of so many samples at 20 Hz; a goal is reached and something is touched in the middle.
 
-    People walk along x, a metre apart.
+    People walk along x, a metre apart, and other robots drive beside it.
     """
     number = np.arange(samples)
     last = samples - 1
@@ -53,6 +53,11 @@ def playback(samples: int = SAMPLES, rays: int = RAYS, people: int = 0) -> Playb
             [np.stack([number / 40, np.full(samples, 1.0 + each)], 1) for each in range(people)], 1
         ).astype(np.float32)
         if people
+        else np.zeros((samples, 0, 2), np.float32),
+        robots_m=np.stack(
+            [np.stack([number / 20, np.full(samples, -1.0 - each)], 1) for each in range(robots)], 1
+        ).astype(np.float32)
+        if robots
         else np.zeros((samples, 0, 2), np.float32),
     )
 

@@ -298,6 +298,7 @@ def _to_light(number: int, count: int, azimuth_rad: float, *, sun: bool) -> Floa
 
 _HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
 _PERSON = (0.63, 0.26, 0.96, 1.0)
+_ROBOT = (0.0, 0.51, 0.56, 1.0)
 _AWAY_M = -1e3
 _GOT = b"!"
 
@@ -309,15 +310,15 @@ def film(width: int, height: int, samples: int, asked: BinaryIO, pictures: Binar
         width: Of a picture, in pixels.
         height: Of a picture, in pixels.
         samples: Samples a pixel.
-        asked: The scene, then a pose a line, with the places of people behind it.
+        asked: The scene, then a pose a line, with the places of people and of other robots behind it.
         pictures: Where the pictures go.
     """
     stage = _FilmStage(FilmScene.model_validate_json(asked.readline()), width, height, samples)
     pictures.write(_GOT)
     pictures.flush()
     for line in asked:
-        x, y, yaw, *people = map(float, line.split())
-        pictures.write(stage.picture((x, y, yaw), np.reshape(people, (-1, 2))).tobytes())
+        x, y, yaw, *movers = map(float, line.split())
+        pictures.write(stage.picture((x, y, yaw), np.reshape(movers, (-1, 2))).tobytes())
         pictures.flush()
 
 
@@ -336,19 +337,22 @@ class _FilmStage:
         view = whole_view(scene.world, width / height)
         self._camera, toward = next(views(view, 1, height))
         self._model.light_dir[0], self._model.light_pos[0] = -toward, view.target_m + toward * view.distance_m
-        away = np.zeros((scene.people, 2))
+        self._middles_m = np.array(
+            [PERSON_HEIGHT_M / 2] * scene.people + [(scene.low_m + scene.high_m) / 2] * scene.robots
+        )
+        away = np.zeros((scene.people + scene.robots, 2))
         self._empty = self._plain((0.0, 0.0, 0.0), away, _AWAY_M)
 
-    def picture(self, pose: tuple[float, float, float], people_m: Float64[np.ndarray, "people 2"]) -> Pixels:
-        """Returns the scene with the robot at a pose, and people at their places."""
-        seen = self._plain(pose, people_m, 0.0)
+    def picture(self, pose: tuple[float, float, float], movers_m: Float64[np.ndarray, "movers 2"]) -> Pixels:
+        """Returns the scene with the robot at a pose, and people and other robots at their places."""
+        seen = self._plain(pose, movers_m, 0.0)
         covered = (seen != self._empty).any(axis=2)
         return np.where(covered[:, :, None], seen, self._ground)
 
-    def _plain(self, pose: tuple[float, float, float], people_m: Float64[np.ndarray, "people 2"], z: float) -> Pixels:
+    def _plain(self, pose: tuple[float, float, float], movers_m: Float64[np.ndarray, "movers 2"], z: float) -> Pixels:
         x, y, yaw = pose
         self._data.mocap_pos[0] = x, y, z
-        self._data.mocap_pos[1:, :2], self._data.mocap_pos[1:, 2] = people_m, z + PERSON_HEIGHT_M / 2
+        self._data.mocap_pos[1:, :2], self._data.mocap_pos[1:, 2] = movers_m, z + self._middles_m
         self._data.mocap_quat[0] = math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)
         mujoco.mj_forward(self._model, self._data)
         kinds = int(mujoco.mjtCatBit.mjCAT_ALL)
@@ -360,7 +364,7 @@ class _FilmStage:
 
 
 def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
-    """Returns the world cut open, with a robot that stands where it is put, a bar above it ahead, and people."""
+    """Returns the world cut open, with a robot that stands where it is put, a bar above it ahead, and who moves."""
     spec = world_spec(cut_open(scene.world, CUT_M))
     body = spec.worldbody.add_body(name="filmed-robot", mocap=True)
     half, middle = (scene.high_m - scene.low_m) / 2, (scene.high_m + scene.low_m) / 2
@@ -380,6 +384,9 @@ def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
         person = spec.worldbody.add_body(name=f"filmed-person-{number}", mocap=True)
         size = [PERSON_RADIUS_M, PERSON_HEIGHT_M / 2, 0.0]
         person.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, rgba=_PERSON)
+    for number in range(scene.robots):
+        other = spec.worldbody.add_body(name=f"filmed-robot-{number}", mocap=True)
+        other.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], rgba=_ROBOT)
     return spec
 
 

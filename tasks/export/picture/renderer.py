@@ -61,9 +61,9 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
 
 
 class Shoot(Protocol):
-    """Takes a picture of the robot at a pose (x m, y m, yaw rad), among people (x m, y m)."""
+    """Takes a picture of the robot at a pose (x m, y m, yaw rad), among people and then other robots (x m, y m)."""
 
-    def __call__(self, x: float, y: float, yaw: float, people_m: Sequence[Sequence[float]] = ()) -> Pixels:
+    def __call__(self, x: float, y: float, yaw: float, movers_m: Sequence[Sequence[float]] = ()) -> Pixels:
         """Returns the picture."""
         ...
 
@@ -79,6 +79,7 @@ class FilmScene(Spec):
         low_m, high_m: Where it begins and ends above the floor.
         shape: What the robot looks like; without any part its hull is shown as a cylinder.
         people: How many walk there.
+        robots: How many other robots of the same hull drive there.
     """
 
     world: World
@@ -87,6 +88,7 @@ class FilmScene(Spec):
     high_m: float
     shape: tuple[RobotPart, ...] = ()
     people: int = 0
+    robots: int = 0
 
 
 @contextmanager
@@ -107,8 +109,8 @@ def open_film(
             return
         process.ask(scene.world.name, scene.model_dump_json().encode(), 1)
 
-        def shoot(x: float, y: float, yaw: float, people_m: Sequence[Sequence[float]] = ()) -> Pixels:
-            asked = " ".join(repr(each) for each in (x, y, yaw, *(axis for person_m in people_m for axis in person_m)))
+        def shoot(x: float, y: float, yaw: float, movers_m: Sequence[Sequence[float]] = ()) -> Pixels:
+            asked = " ".join(repr(each) for each in (x, y, yaw, *(axis for mover_m in movers_m for axis in mover_m)))
             return pixels_of(process.ask(scene.world.name, asked.encode(), width * height * CHANNELS), width, height)
 
         yield shoot

@@ -20,8 +20,8 @@ _HAIR = 1e-6
 # Of the 13,900 rows of the shipped robots that were looked at, none that passed is below 1.01.
 _THROUGH = 0.95
 _SHOWN = 3
-# Of what is looked at, the column that older batches have not: their collisions are of all contacts.
-_YOUNGER = "person_contacts"
+# Of what is looked at, the columns that older batches have not: their collisions are of all contacts.
+_YOUNGER = ("person_contacts", "robot_contacts")
 
 
 class Impossible(NamedTuple):
@@ -56,7 +56,7 @@ def _through(row: Row) -> bool:
 
 
 def _pushes_disagree(row: Row) -> bool:
-    contacts = row["collisions"] + (row.get(_YOUNGER) or 0)
+    contacts = row["collisions"] + sum(row.get(name) or 0 for name in _YOUNGER)
     return (row["impulse_ns"] > 0 and not contacts) or row["max_impulse_ns"] > row["impulse_ns"] * (1 + _HAIR)
 
 
@@ -82,7 +82,7 @@ IMPOSSIBLE: tuple[Impossible, ...] = (
     ),
     Impossible(
         "a push without a collision, or one larger than all together",
-        ("collisions", _YOUNGER, "impulse_ns", "max_impulse_ns"),
+        ("collisions", *_YOUNGER, "impulse_ns", "max_impulse_ns"),
         _pushes_disagree,
     ),
     Impossible(
@@ -101,7 +101,7 @@ IMPOSSIBLE_COLUMNS = tuple(
 def impossible_rows(rows: "pa.Table") -> str:
     """Returns how many rows cannot be, why, and which they are; empty if there are none, or if that cannot be said."""
     there = [name for name in IMPOSSIBLE_COLUMNS if name in rows.column_names]
-    if not {*IMPOSSIBLE_COLUMNS} - {*there} <= {_YOUNGER}:
+    if not {*IMPOSSIBLE_COLUMNS} - {*there} <= {*_YOUNGER}:
         return ""
     given = rows.select(there).to_pylist()
     return "; ".join(_lines([row for row in given if row["status"] == _ENDED], len(given)))

@@ -112,6 +112,7 @@ _STYLE = """
 .replay .robot .edges polygon{fill:none;stroke-opacity:.6}
 .replay .robot path{fill:none;stroke:#202124;stroke-width:2.2;stroke-linecap:round;stroke-linejoin:round}
 .replay .person{fill:#a142f4;fill-opacity:.75;stroke:#202124;stroke-width:1}
+.replay .other{fill:#00838f;fill-opacity:.75;stroke:#202124;stroke-width:1}
 .replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
 .replay .reached{fill:#188038;fill-opacity:.45;stroke:none}
 .replay .goal-name{fill:#0d652d;font-size:12px;font-weight:600;text-anchor:middle}
@@ -161,7 +162,7 @@ class _Film:
             self._from(mark, time_s)
         list(self._marks(still))
         self._driven(moving)
-        self._people(moving)
+        self._others(moving)
         self._robot(moving)
         self._clock(moving)
         self._still(still)
@@ -265,12 +266,18 @@ class _Film:
         )
         self._animated(shape, "points", outlines, mode="discrete")
 
-    def _people(self, moving: ET.Element) -> None:
-        for person_m in np.moveaxis(self._playback.people_m, 1, 0):
-            places = [self._page.at(place) for place in person_m[self._shown]]
-            dot = ET.SubElement(moving, "circle", {"class": "person", **self._ring(person_m[0], PERSON_RADIUS_M)})
-            for axis, name in enumerate(("cx", "cy")):
-                self._animated(dot, name, [f"{place[axis]:.1f}" for place in places])
+    def _others(self, moving: ET.Element) -> None:
+        for kind, movers_m, radius_m in self._movers():
+            for mover_m in np.moveaxis(movers_m, 1, 0):
+                places = [self._page.at(place) for place in mover_m[self._shown]]
+                dot = ET.SubElement(moving, "circle", {"class": kind, **self._ring(mover_m[0], radius_m)})
+                for axis, name in enumerate(("cx", "cy")):
+                    self._animated(dot, name, [f"{place[axis]:.1f}" for place in places])
+
+    def _movers(self) -> Iterator[tuple[str, np.ndarray, float]]:
+        """Yields people and other robots: what they are, where they are at each sample, and their radius."""
+        yield "person", self._playback.people_m, PERSON_RADIUS_M
+        yield "other", self._playback.robots_m, self._playback.radius_m
 
     def _robot(self, moving: ET.Element) -> None:
         poses = self._playback.pose[self._shown]
@@ -282,9 +289,10 @@ class _Film:
         self._animated(group[0], "transform", turns, kind="rotate")
 
     def _still(self, still: ET.Element) -> None:
-        """Adds robot and people where they ended, and how long it took."""
-        for person_m in self._playback.people_m[-1]:
-            ET.SubElement(still, "circle", {"class": "person", **self._ring(person_m, PERSON_RADIUS_M)})
+        """Adds robots and people where they ended, and how long it took."""
+        for kind, movers_m, radius_m in self._movers():
+            for mover_m in movers_m[-1]:
+                ET.SubElement(still, "circle", {"class": kind, **self._ring(mover_m, radius_m)})
         x, y, yaw = (float(each) for each in self._playback.pose[-1])
         place = " ".join(f"{each:.1f}" for each in self._page.at((x, y)))
         self._body(still, place, f"{-np.degrees(yaw):.1f}")

@@ -77,6 +77,7 @@ class Playback:
         acted: Whether a scan was seen and a control decided: not where the episode ended.
         impulse_ns: What contacts pushed the robot with until the next sample.
         people_m: Where people are (x, y); without any, none.
+        robots_m: Where other robots are (x, y), of the same hull; without any, none.
         shape: What the robot looks like, the lowest part first; without any it is drawn as a disc.
         depth, color: What its depth camera and its colour camera saw; None for a robot without.
     """
@@ -97,6 +98,7 @@ class Playback:
     ranges_m: Float[np.ndarray, "samples rays"]
     impulse_ns: Float[np.ndarray, "samples"]
     people_m: Float[np.ndarray, "samples people 2"]
+    robots_m: Float[np.ndarray, "samples robots 2"]
     shape: tuple[RobotPart, ...] = ()
     depth: CameraFilm | None = None
     color: CameraFilm | None = None

@@ -27,7 +27,7 @@ from tasks.ros.message.camera_messages import depths_in_mm, jpeg_bytes, optical_
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 _CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
 Message = dict[str, JsonValue]
-_ROBOT, _NOSE, _PERSON = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14), (0.63, 0.26, 0.96)
+_ROBOT, _NOSE, _PERSON, _OTHER = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14), (0.63, 0.26, 0.96), (0.0, 0.51, 0.56)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
@@ -185,14 +185,26 @@ def _robot(playback: Playback) -> Message:
 
 def _people(playback: Playback, sample: int, time_s: float) -> Message:
     """Returns the people of a sample as upright cylinders; the next sample's take their place."""
-    across = 2 * PERSON_RADIUS_M
-    size = vector(across, across, PERSON_HEIGHT_M)
+    places_m = playback.people_m[sample]
+    return _upright("people", places_m, (0.0, PERSON_HEIGHT_M, PERSON_RADIUS_M), _PERSON, time_s)
+
+
+def _robots(playback: Playback, sample: int, time_s: float) -> Message:
+    """Returns the other robots of a sample in the same way."""
+    return _upright("robots", playback.robots_m[sample], (*playback.heights_m, playback.radius_m), _OTHER, time_s)
+
+
+def _upright(
+    name: str, places_m: np.ndarray, form_m: tuple[float, float, float], color: Color, time_s: float
+) -> Message:
+    low_m, high_m, radius_m = form_m
+    size = vector(2 * radius_m, 2 * radius_m, high_m - low_m)
     cylinders: list[Message] = [
-        {"pose": pose(x, y, PERSON_HEIGHT_M / 2), "size": size, **_STRAIGHT, "color": _color(_PERSON)}
-        for x, y in playback.people_m[sample].tolist()
+        {"pose": pose(x, y, (low_m + high_m) / 2), "size": size, **_STRAIGHT, "color": _color(color)}
+        for x, y in places_m.tolist()
     ]
-    people: Message = {**_entity("people", cylinders=cylinders), "timestamp": time_of(time_s)}
-    return {"deletions": [], "entities": [people]}
+    entity: Message = {**_entity(name, cylinders=cylinders), "timestamp": time_of(time_s)}
+    return {"deletions": [], "entities": [entity]}
 
 
 def _part(part: RobotPart) -> Iterator[tuple[str, Message]]:
@@ -344,6 +356,9 @@ TOPICS = {
 PEOPLE_TOPICS = {"/people": "foxglove.SceneUpdate"}
 """The same of an episode with people."""
 
+ROBOTS_TOPICS = {"/robots": "foxglove.SceneUpdate"}
+"""The same of one whose robot is not alone."""
+
 
 def camera_topics(kind: str, name: str = "") -> dict[str, str]:
     """Returns the same of a robot's camera, which has topics of its own.
@@ -374,6 +389,7 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
         topics = {
             **TOPICS,
             **(PEOPLE_TOPICS if playback.people_m.shape[1] else {}),
+            **(ROBOTS_TOPICS if playback.robots_m.shape[1] else {}),
             **{
                 topic: schema for kind, film in films for topic, schema in camera_topics(kind, film.camera.name).items()
             },
@@ -410,6 +426,8 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
         )
         if playback.people_m.shape[1]:
             yield time_s, "/people", _people(playback, sample, time_s)
+        if playback.robots_m.shape[1]:
+            yield time_s, "/robots", _robots(playback, sample, time_s)
         if playback.acted[sample]:
             if playback.ranges_m.shape[1]:
                 yield time_s, "/scan", _scan(playback, sample, time_s)

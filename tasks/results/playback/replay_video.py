@@ -27,7 +27,7 @@ _VIEW, _LABEL = 400, 26
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
-_PERSON = (161, 66, 244)
+_PERSON, _OTHER = (161, 66, 244), (0, 131, 143)
 _ZONE = (95, 104, 112)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 
@@ -112,6 +112,8 @@ class _Stage:
             self._disc(draw, playback.pose[touch, :2], playback.radius_m + 0.06, outline=_TOUCH)
         for person_m in playback.people_m[sample]:
             self._disc(draw, person_m, PERSON_RADIUS_M, outline=_INK, fill=_PERSON)
+        for other_m in playback.robots_m[sample]:
+            self._disc(draw, other_m, playback.radius_m, outline=_INK, fill=_OTHER)
         x, y, yaw = (float(each) for each in playback.pose[sample])
         if playback.shape:
             self._robot(draw, x, y, yaw)

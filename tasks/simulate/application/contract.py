@@ -207,7 +207,8 @@ class Scenario(Protocol):
 
 
 REASONS: tuple[OutcomeReason, ...] = REASON_CODES
-COLLISION, PERSON = REASONS.index("collision"), REASONS.index("person")
+COLLISION, PERSON, ROBOT = REASONS.index("collision"), REASONS.index("person"), REASONS.index("robot")
+STUCK, DEADLOCK = REASONS.index("stuck"), REASONS.index("deadlock")
 TIMEOUT, CRASH = REASONS.index("timeout"), REASONS.index("crash")
 
 
@@ -262,9 +263,11 @@ class Motion(NamedTuple):
         work: What solids and people did to it.
         clearance_m: From its hull to the nearest solid then, seen from above; below 0 where they overlap.
         people: What people did; None where there are none.
+        robots_ns: How much other robots and it pushed each other; None where it is alone.
     """
 
     body: Body
     work: Work
     clearance_m: Float[jax.Array, ""]
     people: PeopleWork | None = None
+    robots_ns: Float[jax.Array, ""] | None = None

@@ -103,7 +103,7 @@ def _members(layout: Layout, rows_of: Rows, lanes: int, pick: Pick, chunks: int)
         rows = rows_of(stretch[pick(f"chunk/{k}", len(stretch))])
         found += [_Member(row, len(stretch)) for row in rows if was_driven(row)]
     settings = math.prod(len(values) for values in layout.plan.sweep.values())
-    seeds = len(layout.plan.seeds)
+    seeds = layout.turns
     return sorted(found, key=lambda each: (each.row.index // seeds % settings, each.row.index))
 
 

@@ -111,14 +111,15 @@ def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:
     """
     plan, offsets, index = layout.plan, np.array(layout.offsets), np.arange(first, end)
     template = np.searchsorted(offsets, index, side="right") - 1
-    rest, seed = np.divmod(index - offsets[template], len(plan.seeds))
+    rest, turn = np.divmod(index - offsets[template], layout.turns)
+    seed, number = np.divmod(turn, plan.robots or 1)
     world, setting = np.divmod(rest, layout.settings)
     worlds = [plan.worlds_of(asked) for asked in plan.templates]
     place = {name: number for number, name in enumerate(dict.fromkeys(name for names in worlds for name in names))}
     codes = np.array([place[name] for names in worlds for name in names], np.int64)
     starts = np.cumsum([0, *map(len, worlds)])
     own = np.array([-1 if asked.seed is None else asked.seed for asked in plan.templates], np.int64)
-    launches, launch = distinct_cells([template, setting])
+    launches, launch = distinct_cells([template, setting, number])
     return RequestColumns(
         index=index,
         seeds=np.where(own[template] < 0, np.array(plan.seeds, np.int64)[seed], own[template]),

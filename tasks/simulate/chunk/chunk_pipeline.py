@@ -76,7 +76,11 @@ class ChunkPipeline:
             progress: Told as often how many of the chunk's episodes are done.
             recorder: Given what the lanes do.
         """
-        if setting == self._refused or any(request.world not in worlds for request in chunk.requests):
+        if (
+            chunk.requests[0].robots
+            or setting == self._refused
+            or any(request.world not in worlds for request in chunk.requests)
+        ):
             self.forget()
             return None
         try:

@@ -9,6 +9,7 @@ To trace them takes a third of a second, and says the same each time.
 """
 
 import functools
+import math
 import weakref
 from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
@@ -21,11 +22,12 @@ import numpy as np
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, load_factory
-from tasks.simulate.application.contract import Placement
+from tasks.simulate.application.contract import Placement, Scenario
 from tasks.simulate.application.mjcf_check import RobotRefused
+from tasks.simulate.chunk.robot_starts import RobotsRefused, placed_robots, robots_inputs
 from tasks.simulate.devices import device_kind
-from tasks.simulate.engines.engine_table import ENGINES, choose_engine
-from tasks.simulate.engines.program import Program
+from tasks.simulate.engines.engine_table import ENGINES, ENGINES_OF_SEVERAL, choose_engine
+from tasks.simulate.engines.program import Program, lane_mesh, padded_lanes
 from tasks.simulate.engines.program_cache import applications_identity
 from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, walks_in
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
@@ -34,7 +36,7 @@ from tasks.simulate.host.declaration import ROBOT_FILE, controller_kind, load_co
 from tasks.simulate.host.ros_judge import until_judged
 from tasks.simulate.lane.chunk_applications import Applications, check_robot, check_scenario
 from tasks.simulate.lane.control_step import LaneInputs
-from tasks.simulate.lane.staging import Lane, place, stack_lanes, with_shortest_paths
+from tasks.simulate.lane.staging import Lane, stack_lanes, with_shortest_paths
 from tasks.simulate.plan.chunks import split_environment, without_job_variables
 from tasks.simulate.sensors.depth_camera import seen_hull_m
 from tasks.simulate.sensors.sensor_table import read_sensors
@@ -102,6 +104,8 @@ def placing(
 ) -> Generator[None, None, PlacedChunk]:
     """Returns what ``place_chunk`` does but for the ways; yields after each piece of work, for others between."""
     program = program_of(requests[0], bundles, lanes, engine)
+    if requests[0].robots and program.engine not in ENGINES_OF_SEVERAL:
+        raise BundleCrash("SimulationApplicationCrash", f"robots: {requests[0].robots}: {program.engine} has one alone")
     used = {name: worlds[name] for name in dict.fromkeys(request.world for request in requests)}
     yield
     applications = program.applications
@@ -132,6 +136,9 @@ def alike(lanes: Sequence[Lane]) -> list[list[Lane]]:
     return list(groups.values())
 
 
+_NOWHERE = Placement(np.zeros(3), np.zeros((1, 2)))
+
+
 def _shape(lane: Lane) -> Shape:
     """Returns the shapes of all that an episode's applications get of it, and the types of what may have any.
 
@@ -159,10 +166,19 @@ def program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int,
     Raises:
         BundleCrash: The applications do not import, or the engine refuses the robot.
     """
+    lanes = _whole_lanes(lanes, request.robots or 1)
     numbers, texts = split_environment(without_job_variables(request.environment))
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
     return _program((request.robot, request.scenario), folders, environment, lanes, engine)
+
+
+def _whole_lanes(lanes: int, robots: int) -> int:
+    """Returns lanes enough that robots which share a world are on one device, in whole vectors."""
+    if robots == 1:
+        return lanes
+    devices = lane_mesh().size
+    return padded_lanes(lanes, devices * robots // math.gcd(robots, padded_lanes(1, 1)))
 
 
 @functools.lru_cache(maxsize=_PROGRAMS_KEPT)
@@ -209,26 +225,70 @@ def _place_all(
     """Returns the episodes that have a start and goals, and rows for those whose scenario failed to give them."""
     placed: list[Lane] = []
     rows: list[EpisodeResult] = []
+    for together in worlds_shared(requests):
+        world = together[0].world
+        try:
+            lanes = _placed_together(program, robot, together, worlds[world], world_arrays[world])
+        except BundleCrash as crash:
+            rows += [failed_result(request.index, crash.failure) for request in together]
+        except (PeopleRefused, RobotsRefused) as narrow:
+            failure = Failure("InvalidInput", str(narrow))
+            rows += [failed_result(request.index, failure) for request in together]
+        else:
+            placed += lanes
+        yield
+    return placed, rows
+
+
+def worlds_shared(requests: Sequence[EpisodeRequest]) -> list[list[EpisodeRequest]]:
+    """Returns episodes, those together whose robots share a world.
+
+    Raises:
+        ValueError: One of those that share it is not there.
+    """
+    groups: dict[int, list[EpisodeRequest]] = {}
+    for request in requests:
+        groups.setdefault(request.index - request.number, []).append(request)
+    for first, group in groups.items():
+        if [request.number for request in group] != [*range(group[0].robots or 1)]:
+            raise ValueError(f"episode {first}: not all of its {group[0].robots} robots, in their order")
+    return list(groups.values())
+
+
+def _placed_together(
+    program: Program, robot: Path, requests: Sequence[EpisodeRequest], world: World, arrays: WorldArrays
+) -> list[Lane]:
+    """Returns the lanes of the robots that share a world; of most episodes, of the one that is alone in it.
+
+    Raises:
+        BundleCrash: The scenario raises, or what it gives cannot be.
+        PeopleRefused: There is no room for people.
+        RobotsRefused: There is none for so many robots.
+    """
+    lanes: list[Lane] = []
+    scenarios: list[Scenario] = []
     for request in requests:
         numbers, texts = split_environment(request.environment)
         environment = {**texts, **{name: _on_device(value.hex()) for name, value in numbers.items()}}
-        try:
-            sensors = program.applications.episode_sensors(environment)
-            scenario = program.applications.placing_scenario(environment)
-            arrays = world_arrays[request.world]
-            placement = place(scenario, request, worlds[request.world], arrays, program.hull)
-            people = _people(request, worlds[request.world], placement, program)
-        except BundleCrash as crash:
-            rows.append(failed_result(request.index, crash.failure))
-        except PeopleRefused as narrow:
-            rows.append(failed_result(request.index, Failure("InvalidInput", str(narrow))))
-        else:
-            camera = sensors.depth_camera
-            seen_m = seen_hull_m(camera, robot)
-            lane = Lane(request, arrays, placement, lidar=sensors.lidar, camera=camera, hull_depth_m=seen_m)
-            placed.append(lane._replace(people=people))
-        yield
-    return placed, rows
+        sensors = program.applications.episode_sensors(environment)
+        scenarios.append(program.applications.placing_scenario(environment))
+        camera = sensors.depth_camera
+        lane = Lane(request, arrays, _NOWHERE, lidar=sensors.lidar, camera=camera)
+        lanes.append(lane)
+    placements = placed_robots(scenarios, requests, world, arrays, program.hull)
+    inputs = robots_inputs(placements, program.hull) if len(requests) > 1 else [None]
+    found = [
+        lane._replace(
+            placement=placement,
+            people=_people(lane.request, world, placement, program),
+            hull_depth_m=seen_hull_m(lane.camera, robot),
+            robots=others,
+        )
+        for lane, placement, others in zip(lanes, placements, inputs, strict=True)
+    ]
+    if len({_shape(lane) for lane in found}) > 1:
+        raise RobotsRefused(f"robots: {len(requests)}: their scenario gives them different numbers of goals or arrays")
+    return found
 
 
 def _people(request: EpisodeRequest, world: World, placement: Placement, program: Program) -> HostPeople | None:

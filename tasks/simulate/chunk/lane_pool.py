@@ -95,6 +95,8 @@ def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
         lidars=np.array([_lidar_numbers(lane.lidar) for lane in lanes]),
         people_start_m=np.stack([nobody[0] if lane.people is None else lane.people.place_m for lane in lanes]),
         people_m=nobody if state.people is None else np.asarray(state.people.place_m)[: len(lanes)],
+        robots_start_m=np.stack([nobody[0] if lane.robots is None else lane.robots.start_m for lane in lanes]),
+        robots_m=nobody if state.robots is None else np.asarray(state.robots.place_m)[: len(lanes)],
     )
 
 

@@ -53,11 +53,13 @@ from tasks.simulate.lane.control_step import (
     LaneState,
     Mechanics,
     StepRecord,
-    advance_lane,
+    advance_lanes,
+    among_others,
     begin_lane,
     finish_step,
     observe,
     people_walk,
+    side_by_side,
 )
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -175,7 +177,9 @@ class StepwiseRun:
         self._calls, self._transfer = calls, LaneTransfer(mesh)
         self._inputs: Any = inputs  # packed, once it has begun
         self._poses = np.asarray(inputs.start)
-        self._people = None if inputs.people is None else inputs.people.there.shape[1]
+        people, robots = inputs.people, inputs.robots
+        self._people = None if people is None else (people.there.shape[1], 2)
+        self._robots = None if robots is None else (robots.radius_m.shape[1], 2)
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -188,9 +192,11 @@ class StepwiseRun:
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
         lanes = len(self._rows)
-        people = () if self._people is None else (self._people, 2)
-        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), (), *([people] if people else [])]
-        blank: list[Any] = [np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes]
+        movers = (self._people, self._robots)
+        sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), (), *movers]
+        blank: list[Any] = [
+            None if size is None else np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes
+        ]
         blank[2] = np.empty((lanes, SLICE_STEPS), np.int32)
         packed, record, steps = self._calls.pack(state), StepRecord(*blank), 0
         while steps < SLICE_STEPS:
@@ -202,7 +208,7 @@ class StepwiseRun:
                 packed = self._calls.place(packed, self._transfer.put(poses))
             packed, after = self._calls.step(self._inputs, packed, self._transfer.put(controls))
             self._rows = self._fetched(after)
-            recorded = self._rows[:, -_RECORDED - math.prod(people or (0,)) :]
+            recorded = self._rows[:, -_RECORDED - sum(math.prod(size) for size in movers if size) :]
             self._poses = recorded[:, :3]
             _keep(record, steps, observed, controls, recorded)
             steps += 1
@@ -244,6 +250,37 @@ class SensedColumns:
         return rows[:, self.rays] > 0
 
 
+def step_lanes(
+    mechanics: Mechanics,
+    applications: Applications,
+    packed_inputs: PackedInputs,
+    packed: PackedState,
+    control: Float[jax.Array, "lanes actuators"],
+) -> tuple[PackedState, Float[jax.Array, "lanes numbers"]]:
+    """Returns all lanes a control step later that the host decided, and what is sensed then and recorded of them."""
+    inputs = jax.vmap(unpack_lane)(packed_inputs)
+    if inputs.robots is None:
+        return jax.vmap(functools.partial(step_lane, mechanics, applications))(packed_inputs, packed, control)
+
+    def step(own: LaneInputs, state: LaneState, control: Float[jax.Array, "actuators"]) -> tuple[LaneState, StepRecord]:
+        decided = Decision(state.controller, control, jnp.zeros(0))
+        motion = mechanics.drive(own, state.body, control)
+        return finish_step(applications, own, state, decided, motion)
+
+    before = unflatten_state(applications, one_lane(inputs), jax.vmap(unpack_lane)(packed))
+    found = jax.vmap(step)(among_others(inputs, before), before, control)
+    state, record = side_by_side(inputs, before, *found)
+    sensed = jax.vmap(functools.partial(sense_lane, applications))(among_others(inputs, state), state)
+    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns, record.robots_m)
+    numbers = [jax.vmap(_numbers)(each) for each in recorded if each is not None]
+    return jax.vmap(pack_lane)(flatten_state(state)), jnp.concatenate([sensed, *numbers], axis=1)
+
+
+def sense_lanes(applications: Applications, inputs: LaneInputs, state: LaneState) -> Float[jax.Array, "lanes numbers"]:
+    """Returns what all lanes' robots sense, as ``sense_lane``."""
+    return jax.vmap(functools.partial(sense_lane, applications))(among_others(inputs, state), state)
+
+
 def step_lane(
     mechanics: Mechanics,
     applications: Applications,
@@ -275,8 +312,9 @@ def _keep(record: Any, step: int, observed: Observation, controls: Rows, recorde
     record.pose[:, step], record.velocity[:, step] = recorded[:, :3], recorded[:, 3:6]
     record.goal_index[:, step], record.impulse_ns[:, step] = recorded[:, 6], recorded[:, 7]
     record.control[:, step], record.ranges_m[:, step] = controls, observed.ranges_m
-    if record.people_m is not None:
-        record.people_m[:, step] = recorded[:, _RECORDED:].reshape(record.people_m[:, step].shape)
+    movers_m = record.people_m if record.robots_m is None else record.robots_m
+    if movers_m is not None:
+        movers_m[:, step] = recorded[:, _RECORDED:].reshape(movers_m[:, step].shape)
 
 
 def _numbers(array: jax.Array) -> Row:
@@ -396,12 +434,12 @@ def compiled_program(
 def _stepwise_calls(
     mechanics: Mechanics, applications: Applications, mesh: Mesh, begin: Callable[[LaneInputs], LaneState]
 ) -> StepwiseCalls:
-    step = jax.vmap(functools.partial(step_lane, mechanics, applications))
+    step = functools.partial(step_lanes, mechanics, applications)
     pack = jax.jit(split_over(mesh, jax.vmap(pack_lane), 1))
     return StepwiseCalls(
         begin=begin,
         observe=jax.vmap(functools.partial(observe, applications)),
-        sense=jax.jit(split_over(mesh, jax.vmap(functools.partial(sense_lane, applications)), 2)),
+        sense=jax.jit(split_over(mesh, functools.partial(sense_lanes, applications), 2)),
         pack_inputs=pack,
         pack=pack,
         step=jax.jit(split_over(mesh, step, 3), donate_argnums=1),
@@ -434,7 +472,7 @@ def _advance_slice(
     mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
 ) -> tuple[LaneState, StepRecord]:
     """Returns one device's lanes a slice later; a device whose lanes are all done does nothing."""
-    control_step = jax.vmap(functools.partial(advance_lane, mechanics, applications))
+    control_step = functools.partial(advance_lanes, mechanics, applications)
 
     def run(lanes: LaneState) -> tuple[LaneState, StepRecord]:
         lanes = unflatten_state(applications, one_lane(inputs), lanes)
@@ -452,6 +490,7 @@ def _advance_slice(
             ranges_m=jnp.zeros((lanes.step.shape[0], applications.lidar.rays)),
             impulse_ns=jnp.zeros_like(lanes.totals.impulse_ns),
             people_m=None if lanes.people is None else lanes.people.place_m,
+            robots_m=None if lanes.robots is None else lanes.robots.place_m,
         )
         return lanes, jax.tree.map(lambda array: jnp.repeat(array[:, None], SLICE_STEPS, 1), one)
 

@@ -155,6 +155,8 @@ ENGINES: Mapping[EngineName, Engine] = {
         cost=EngineCost(4.5, 0.5, 0.8e-3, 35e-6, 1e-3, 750 * _MIB, _MIB),
     ),
 }
+ENGINES_OF_SEVERAL: tuple[EngineName, ...] = ("planar",)
+"""Those that drive several robots in a world."""
 # The engine that the others are compared with: it represents every robot, and runs every controller.
 REFERENCE: EngineName = "mujoco"
 

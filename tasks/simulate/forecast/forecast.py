@@ -273,7 +273,8 @@ def _lane_steps(plan: BatchPlan) -> int:
 def _simulated_s(plan: BatchPlan, template: JobTemplate) -> float:
     """Returns how long a request's episodes last together, if each takes its full duration."""
     settings = math.prod(map(len, plan.sweep.values()))
-    return settings * len(plan.seeds) * len(plan.worlds_of(template)) * template.duration_s
+    turns = len(plan.seeds) * (plan.robots or 1)
+    return settings * turns * len(plan.worlds_of(template)) * template.duration_s
 
 
 class _Drive(NamedTuple):

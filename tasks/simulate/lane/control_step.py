@@ -3,6 +3,7 @@
 A lane senses and decides, is driven by an engine, and is judged by the scenario.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from tasks.simulate.application.contract import (
     COLLISION,
     CRASH,
     PERSON,
+    ROBOT,
     TIMEOUT,
     Body,
     FloorMap,
@@ -31,6 +33,19 @@ from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
+from tasks.simulate.lane.shared_world import (
+    Others,
+    RobotsInputs,
+    RobotsState,
+    begin_robots,
+    first_others,
+    meet_others,
+    nearest_yet_m,
+    others_of,
+    robot_circles,
+    robot_cylinders,
+    with_deadlock,
+)
 from tasks.simulate.lane.walkers import (
     PeopleInputs,
     PeopleState,
@@ -63,6 +78,8 @@ class LaneInputs(NamedTuple):
         people: Who walks about; None in a lane without people.
         physics: Factors of the robot's mass, friction and motor strength; None in a program without.
         standing_m: Where they stand while an engine drives a control step (x, y); likewise.
+        robots: Who else drives in its world; None in a lane whose robot is alone.
+        others: How they are before a control step; likewise.
     """
 
     obstacles: LaneObstacles
@@ -81,6 +98,8 @@ class LaneInputs(NamedTuple):
     people: PeopleInputs | None = None
     standing_m: Float[jax.Array, "people 2"] | None = None
     physics: Float[jax.Array, "3"] | None = None
+    robots: RobotsInputs | None = None
+    others: Others | None = None
 
 
 class EpisodeTotals(NamedTuple):
@@ -103,6 +122,7 @@ class LaneState(NamedTuple):
         goal_steps: After how many control steps each goal was reached; 0 for one that was not.
         metrics: What the scenario measures by itself, by name.
         people: Who walks about; None in a lane without people.
+        robots: How it met other robots; None in a lane whose robot is alone.
     """
 
     body: Body
@@ -118,6 +138,7 @@ class LaneState(NamedTuple):
     reason: Int[jax.Array, ""]
     crash: Int[jax.Array, ""]
     people: PeopleState | None = None
+    robots: RobotsState | None = None
 
 
 class Decision(NamedTuple):
@@ -144,6 +165,7 @@ class StepRecord(NamedTuple):
         ranges_m: The scan at the step's beginning, which the control was decided on.
         impulse_ns: What contacts pushed the robot with during the step.
         people_m: Where people are at the step's end; None in a lane without.
+        robots_m: Where other robots are then; None in a lane whose robot is alone.
     """
 
     pose: Float[jax.Array, "3"]
@@ -153,6 +175,7 @@ class StepRecord(NamedTuple):
     ranges_m: Float[jax.Array, "rays"]
     impulse_ns: Float[jax.Array, ""]
     people_m: Float[jax.Array, "people 2"] | None = None
+    robots_m: Float[jax.Array, "robots 2"] | None = None
 
 
 def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
@@ -160,6 +183,8 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     people = None if inputs.people is None else begin_people(inputs.people)
+    if inputs.robots is not None:
+        inputs = inputs._replace(others=first_others(inputs.robots))
     start = _situation(applications, inputs, body._replace(qpos=inputs.start), none, people)
     return LaneState(
         body=body,
@@ -175,6 +200,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
         reason=none,
         crash=none,
         people=people,
+        robots=None if inputs.robots is None else begin_robots(inputs.robots, inputs.start),
     )
 
 
@@ -227,6 +253,13 @@ def _situation(
             outlines = outlines._replace(people=people_circles(place_m))
         if scene is not None:
             scene = scene._replace(cylinders=jnp.concatenate([scene.cylinders, people_cylinders(place_m)]))
+    if inputs.robots is not None and inputs.others is not None:
+        circles = robot_circles(inputs.robots, inputs.others, applications.lidar.height_m)
+        before = [] if outlines.people is None else [outlines.people]
+        outlines = outlines._replace(people=jnp.concatenate([*before, circles]))
+        if scene is not None:
+            own = robot_cylinders(inputs.robots, inputs.others.place_m)
+            scene = scene._replace(cylinders=jnp.concatenate([scene.cylinders, own]))
     return Situation(body, outlines, inputs.seed, step, scene, inputs.hull_depth_m)
 
 
@@ -271,7 +304,11 @@ def finish_step(
     scenario_state, verdict = applications.scenario(inputs.numbers).step(state.scenario, truth)
     crash = _crash(decided, body)
     timeout = ~verdict.done & (step >= inputs.last_step)
-    reason = jnp.where(crash > 0, CRASH, jnp.where(timeout, TIMEOUT, _whose(verdict.reason, motion)))
+    broken, robots = crash > 0, _met_others(inputs, state, motion)
+    ending = jnp.where(timeout, TIMEOUT, _whose(verdict.reason, motion))
+    if inputs.robots is not None and inputs.others is not None and robots is not None:
+        ending = with_deadlock(ending, inputs.robots, robots, inputs.others, body.qpos[:2])
+    reason = jnp.where(broken, CRASH, ending)
     moved = LaneState(
         body=body,
         sensed=feel(applications, inputs, state, motion),
@@ -286,6 +323,7 @@ def finish_step(
         reason=reason,
         crash=crash,
         people=_met(inputs, state, motion),
+        robots=robots,
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
@@ -301,8 +339,9 @@ def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) ->
         motion: What the engine made of the step.
         step: How many control steps there were with it.
     """
-    body, work, apart_m, people = motion
+    body, work, apart_m, people, robots_ns = motion
     pushed_ns = work.impulse_ns if people is None else work.impulse_ns + people.impulse_ns
+    pushed_ns = pushed_ns if robots_ns is None else pushed_ns + robots_ns
     # Seen from above a hull may lean over an edge that it does not touch: only what pushes it is below 0.
     clearance_m = jnp.where(work.impulse_ns > 0.0, apart_m, jnp.maximum(apart_m, 0.0))
     bounds, place = inputs.floor.bounds_m, body.qpos[:2]
@@ -311,11 +350,19 @@ def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) ->
 
 
 def _whose(reason: Int[jax.Array, ""], motion: Motion) -> Int[jax.Array, ""]:
-    """Returns the reason of a verdict: a collision in a step in which people alone pushed is one with a person."""
-    if motion.people is None:
-        return reason
-    alone = (motion.people.impulse_ns > 0.0) & (motion.work.impulse_ns <= 0.0)
-    return jnp.where(alone & (reason == COLLISION), PERSON, reason)
+    """Returns the reason of a verdict: a collision in a step in which no solid pushed is one with who did."""
+    for movers_ns, theirs in ((motion.robots_ns, ROBOT), (motion.people and motion.people.impulse_ns, PERSON)):
+        if movers_ns is not None:
+            alone = (movers_ns > 0.0) & (motion.work.impulse_ns <= 0.0)
+            reason = jnp.where(alone & (reason == COLLISION), theirs, reason)
+    return reason
+
+
+def _met_others(inputs: LaneInputs, state: LaneState, motion: Motion) -> RobotsState | None:
+    """Returns how the robot has met others after a step; how near it came to them is measured when all are there."""
+    if state.robots is None or inputs.others is None or motion.robots_ns is None:
+        return state.robots
+    return meet_others(state.robots, inputs.others, state.body, motion.body, motion.robots_ns)
 
 
 def _met(inputs: LaneInputs, state: LaneState, motion: Motion) -> PeopleState | None:
@@ -396,6 +443,44 @@ class Mechanics:
     first_body: Callable[[Float[jax.Array, "3"]], Body]
     drive: Callable[[LaneInputs, Body, Float[jax.Array, "actuators"]], Motion]
     near: Callable[[LaneInputs, Body], Any] = _nothing
+
+
+def among_others(inputs: LaneInputs, state: LaneState) -> LaneInputs:
+    """Returns the inputs of all lanes, each with how the robots that share its world are."""
+    if inputs.robots is None or state.robots is None:
+        return inputs
+    return inputs._replace(others=others_of(inputs.robots, state.body, state.done, state.robots.still_steps))
+
+
+def side_by_side(
+    inputs: LaneInputs, before: LaneState, after: LaneState, record: StepRecord
+) -> tuple[LaneState, StepRecord]:
+    """Returns all lanes after a control step, with how near robots came to those that share their worlds.
+
+    Args:
+        inputs: Of all lanes.
+        before: The lanes before the step; what is said of one that was done stays.
+        after: After it.
+        record: Of the step.
+    """
+    if inputs.robots is None or after.robots is None:
+        return after, record
+    others = others_of(inputs.robots, after.body, after.done, after.robots.still_steps)
+    nearest_m = jax.vmap(nearest_yet_m)(inputs.robots, after.robots, after.body, others)
+    ended = before.done | (after.crash > 0)
+    robots = after.robots._replace(
+        least_m=jnp.where(ended, after.robots.least_m, nearest_m),
+        place_m=jnp.where(ended[:, None, None], after.robots.place_m, others.place_m),
+    )
+    return after._replace(robots=robots), record._replace(robots_m=robots.place_m)
+
+
+def advance_lanes(
+    mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
+) -> tuple[LaneState, StepRecord]:
+    """Returns all lanes one control step later; arguments as of ``advance_lane``, lanes first."""
+    step = jax.vmap(functools.partial(advance_lane, mechanics, applications))
+    return side_by_side(inputs, state, *step(among_others(inputs, state), state))
 
 
 def advance_lane(

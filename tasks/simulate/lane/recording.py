@@ -78,6 +78,11 @@ class Steps(Protocol):
         """Returns where people are at the steps' ends; None in lanes without."""
         ...
 
+    @property
+    def robots_m(self) -> object:
+        """Returns where other robots are then; None in lanes without."""
+        ...
+
 
 class Ends(NamedTuple):
     """How the lanes ended, for lanes in their order.
@@ -89,6 +94,7 @@ class Ends(NamedTuple):
         lidars: Each robot's lidar: where it is mounted (x m, y m, yaw rad), the height of its plane and its range (m),
             the direction of its first ray and the turn from one to the next (rad).
         people_start_m, people_m: Where people began and ended; of lanes without, none.
+        robots_start_m, robots_m: The same of other robots.
     """
 
     steps: Int[np.ndarray, "lanes"]
@@ -101,6 +107,8 @@ class Ends(NamedTuple):
     lidars: Float[np.ndarray, "lanes 7"]
     people_start_m: Float[np.ndarray, "lanes people 2"]
     people_m: Float[np.ndarray, "lanes people 2"]
+    robots_start_m: Float[np.ndarray, "lanes robots 2"]
+    robots_m: Float[np.ndarray, "lanes robots 2"]
 
 
 class SliceSamples(NamedTuple):
@@ -112,7 +120,7 @@ class SliceSamples(NamedTuple):
         control, ranges_m: Of the steps for which a sample is due.
         last_control, last_ranges_m: Of each lane's last step in the slice.
         impulse_ns: Of every step.
-        people_m: As the poses; of lanes without people, none.
+        people_m, robots_m: As the poses; of lanes without people or other robots, none.
     """
 
     steps: int
@@ -125,6 +133,7 @@ class SliceSamples(NamedTuple):
     last_ranges_m: np.ndarray
     impulse_ns: np.ndarray
     people_m: np.ndarray
+    robots_m: np.ndarray
 
 
 def sample_stride(rate_hz: float, control_s: float) -> int:
@@ -152,7 +161,8 @@ def slice_samples(
     last = np.clip(steps[:lanes] - before, 0, length - 1)
     control, ranges_m = np.asarray(slice_.control)[:lanes], np.asarray(slice_.ranges_m)[:lanes]
     every = np.arange(lanes)
-    people_m = np.zeros((lanes, length, 0, 2), np.float32) if slice_.people_m is None else np.asarray(slice_.people_m)
+    nobody = np.zeros((lanes, length, 0, 2), np.float32)
+    people_m, robots_m = (nobody if each is None else np.asarray(each) for each in (slice_.people_m, slice_.robots_m))
     return SliceSamples(
         steps=length,
         pose=np.asarray(slice_.pose)[:lanes, ended],
@@ -164,6 +174,7 @@ def slice_samples(
         last_ranges_m=ranges_m[every, last],
         impulse_ns=impulse.astype(np.float32),
         people_m=people_m[:lanes, ended],
+        robots_m=robots_m[:lanes, ended],
     )
 
 
@@ -238,6 +249,7 @@ Wanted = Callable[[EpisodeColumns], Bool[np.ndarray, " rows"] | bool]
 # sees.
 _MEMORY_BYTES = 256 << 20
 _PART_BYTES = 32 << 20
+_MOVERS = ("people_m", "robots_m")
 
 
 # A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it
@@ -355,8 +367,7 @@ class Recorder:
 
         Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
         ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``; and
-        ``goal_m``, where the goal is, ``lidar``, as ``Ends.lidars`` has it, and
-        ``people_m``.
+        ``goal_m``, where the goal is, ``lidar``, as ``Ends.lidars`` has it, ``people_m`` and ``robots_m``.
         """
         for run in self._runs:
             yield from run.parts(unwanted)
@@ -368,7 +379,7 @@ class _RunSamples:
     def __init__(self, lanes: int, control_s: float, stride: int, overflow: ArrayStore) -> None:
         self.lanes, self.stride, self.steps = lanes, stride, 0
         self.kept: list[tuple[int, int]] = []
-        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns", "people_m")
+        names = ("pose", "velocity", "goal_index", "control", "ranges_m", "impulse_ns", *_MOVERS)
         self._blocks: dict[str, list[StoredArray]] = {name: [] for name in names}
         self._last: dict[str, np.ndarray] = {}
         self._ends: Ends | None = None
@@ -421,9 +432,8 @@ class _RunSamples:
         there = slots <= final[:, None]
         at_end = slots == final[:, None]
         acted = np.where(at_end, ends.crashed[lanes][:, None], there)
-        states = {
-            name: self._states(name, lanes, ends, at_end) for name in ("pose", "velocity", "goal_index", "people_m")
-        }
+        names = ("pose", "velocity", "goal_index", *_MOVERS)
+        states = {name: self._states(name, lanes, ends, at_end) for name in names}
         actions = {name: self._actions(name, lanes, at_end) for name in ("control", "ranges_m")}
         columns = {
             "index": np.broadcast_to(indices[:, None], there.shape),
@@ -439,7 +449,8 @@ class _RunSamples:
 
     def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
         final = getattr(ends, name)[lanes]
-        begun = {"pose": ends.start, "people_m": ends.people_start_m}.get(name)
+        started = {"pose": ends.start, "people_m": ends.people_start_m, "robots_m": ends.robots_start_m}
+        begun = started.get(name)
         first = np.zeros_like(final) if begun is None else begun[lanes].astype(final.dtype)
         slots = _fitted([first[:, None], *self._of(name, lanes)], at_end.shape[1])
         slots[at_end] = final

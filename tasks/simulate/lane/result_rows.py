@@ -17,6 +17,7 @@ from tasks.simulate.geometry.rooms import Visit, visits
 from tasks.simulate.geometry.shortest_path import shortest_paths_m
 from tasks.simulate.lane.control_step import NO_CRASH, ROBOT_CRASH, SIMULATION_CRASH, LaneState
 from tasks.simulate.lane.person_impact import impacts
+from tasks.simulate.lane.shared_world import RobotsState
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import PeopleState
 from tasks.simulate.sensors.odometry import ODOMETRY
@@ -122,6 +123,7 @@ def _rows_together(  # noqa: PLR0917 - as finished_rows
         **{name: Cells(pose[:, axis].astype(np.float64)) for axis, name in enumerate(_FINAL)},
         "odometry_error_m": _odometry_errors_m(state, at, pose),
         **_people_columns(lanes, state.people, at, hull),
+        **_robots_columns(state.robots, at),
         "metrics": _metrics(state.metrics, at),
         **_room_columns(lanes, ways),
         "trajectory": _trajectories(ways, np.where(passed, -1, steps)),
@@ -231,6 +233,17 @@ def _people_columns(
         "person_personal_s": Cells(_seconds(_counts(met.personal_steps, at))),
         "person_intimate_s": Cells(_seconds(_counts(met.intimate_steps, at))),
         "person_frozen_s": Cells(_seconds(_counts(met.frozen_steps, at))),
+    }
+
+
+def _robots_columns(robots: RobotsState | None, at: Int[np.ndarray, " ended"]) -> dict[str, Cells]:
+    """Returns how robots met others; nothing of those that were alone."""
+    if robots is None:
+        return {}
+    return {
+        "robot_contacts": Cells(_counts(robots.contacts, at)),
+        "robot_contact_m_s": Cells(_reals(robots.contact_m_s, at)),
+        "min_robot_m": field_cells(RESULT_KINDS["min_robot_m"], _finite(_reals(robots.least_m, at))),
     }
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float32, Float64
 from specs.data.episode import CONTROL_S, EpisodeRequest
 from specs.data.physics import physical_factors
 from specs.data.world import World
-from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
+from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.depth_picture import DepthScene
@@ -22,12 +22,14 @@ from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.walks import HostPeople
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.control_step import LaneInputs
+from tasks.simulate.lane.shared_world import RobotsInputs
 from tasks.simulate.lane.walkers import PeopleInputs
 from tasks.simulate.plan.chunks import split_environment
 from tasks.simulate.sensors.depth_camera import DepthCamera
 from tasks.simulate.sensors.lidar import NO_LIDAR, Lidar
 from tasks.simulate.sensors.sensor import seed_words
 
+_SCENARIO: CrashCode = "SimulationApplicationCrash"
 # Episodes that differ in a swept value alone have the same task, and are chunks apart. A hundred bytes or two each.
 _TASKS_KNOWN = 1 << 16
 _known_m: OrderedDict[bytes, float] = OrderedDict()
@@ -41,6 +43,7 @@ class Lane(NamedTuple):
         lidar, camera: The robot's in this episode.
         hull_depth_m: What the camera sees of its own robot; None for one that sees nothing of it.
         people: Who walks about; None for nobody.
+        robots: Who else drives in its world; None for a robot that is alone.
     """
 
     request: EpisodeRequest
@@ -51,9 +54,18 @@ class Lane(NamedTuple):
     camera: DepthCamera | None = None
     hull_depth_m: Float32[np.ndarray, "*cameras rows columns"] | None = None
     people: HostPeople | None = None
+    robots: RobotsInputs | None = None
 
 
-def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: WorldArrays, hull: Hull) -> Placement:
+def place(
+    scenario: Scenario,
+    request: EpisodeRequest,
+    world: World,
+    arrays: WorldArrays,
+    hull: Hull,
+    *,
+    rng: np.random.Generator | None = None,
+) -> Placement:
     """Returns where an episode starts and which goals it has, drawn by its seed.
 
     Args:
@@ -62,13 +74,23 @@ def place(scenario: Scenario, request: EpisodeRequest, world: World, arrays: Wor
         world: Where.
         arrays: The same as arrays.
         hull: The robot's.
+        rng: What draws instead of the episode's seed.
 
     Raises:
         BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at.
     """
-    code = "SimulationApplicationCrash"
-    rng = np.random.default_rng(request.seed)
-    drawn = call_bundle(code, "scenario.place", scenario.place, world, arrays.floor, hull.radius_m, rng)
+    rng = rng or np.random.default_rng(request.own_seed)
+    drawn = call_bundle(_SCENARIO, "scenario.place", scenario.place, world, arrays.floor, hull.radius_m, rng)
+    return checked_placement(scenario, drawn)
+
+
+def checked_placement(scenario: Scenario, drawn: Placement) -> Placement:
+    """Returns what a scenario has drawn, as arrays.
+
+    Raises:
+        BundleCrash: It is no finite start, or no goal, or no distance to arrive at.
+    """
+    code = _SCENARIO
     start = call_bundle(code, "scenario.place", np.asarray, drawn.start, np.float64)
     goals = call_bundle(code, "scenario.place", np.asarray, drawn.goals_m, np.float64)
     given = call_bundle(code, "scenario.place", lambda: tuple(np.asarray(each) for each in getattr(drawn, "given", ())))
@@ -83,7 +105,7 @@ def _arrived_m(scenario: Scenario) -> float | None:
     arrived = getattr(scenario, "arrived_m", 0.0)
     if arrived is None:
         return None
-    code = "SimulationApplicationCrash"
+    code = _SCENARIO
     arrived_m = call_bundle(code, "scenario.arrived_m", float, arrived)
     if not (np.isfinite(arrived_m) and arrived_m >= 0.0):
         raise BundleCrash(code, f"scenario.arrived_m: {arrived_m}: must be a distance of at least 0, or None")
@@ -154,13 +176,14 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         start=_stacked([lane.placement.start for lane in filled]),
         goals_m=_stacked([filled_up(lane.placement.goals_m, most_goals) for lane in filled]),
         given=tuple(_canonical(arrays) for arrays in zip(*(lane.placement.given for lane in filled), strict=True)),
-        seed=_canonical([seed_words(lane.request.seed) for lane in filled]),
+        seed=_canonical([seed_words(lane.request.own_seed) for lane in filled]),
         numbers=_stacked([np.asarray(each, np.float32) for each in numbers]),
         last_step=_canonical([np.int32(last_step(lane.request)) for lane in filled]),
         alive=_canonical([np.bool_(place < len(lanes)) for place in range(count)]),
         scene=_stacked_scenes([lane.arrays.scene for lane in filled]),
         hull_depth_m=_stacked_hulls([lane.hull_depth_m for lane in filled]),
         people=_stacked_people([lane.people for lane in filled]),
+        robots=_stacked_robots([lane.robots for lane in filled]),
         physics=_stacked_physics([physical_factors(lane.request.environment) for lane in filled]),
     )
 
@@ -183,6 +206,11 @@ def _stacked_scenes(scenes: Sequence[DepthScene | None]) -> DepthScene | None:
 def _stacked_people(people: Sequence[HostPeople | None]) -> PeopleInputs | None:
     some = [each for each in people if each is not None]
     return PeopleInputs(*jax.tree.map(lambda *each: _canonical(each), *some)) if some else None
+
+
+def _stacked_robots(robots: Sequence[RobotsInputs | None]) -> RobotsInputs | None:
+    some = [each for each in robots if each is not None]
+    return RobotsInputs(*map(_stacked, zip(*some, strict=True))) if some else None
 
 
 def last_step(request: EpisodeRequest) -> int:

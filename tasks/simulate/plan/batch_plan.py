@@ -78,6 +78,7 @@ class BatchPlan(Spec):
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
         audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
         people: Who walks in each world; None for nobody.
+        robots: How many robots share each world, each with a row of its own; None for one.
         shuffled: What chunks take from all over the batch, so that it may be ended after any of them: episodes, or the
             same episodes for both versions in turn. False if nothing.
     """
@@ -95,6 +96,7 @@ class BatchPlan(Spec):
     audit: int = AUDITED_LANES
     shuffled: Shuffled = False
     people: People | None = None
+    robots: int | None = None
 
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""
@@ -161,15 +163,20 @@ class BatchPlan(Spec):
         return tuple(dict.fromkeys(template.environment.get(name) for template in self.templates))
 
 
-def lane_count(max_concurrency: int | None, episodes_in_all: int) -> int:
+def lane_count(max_concurrency: int | None, episodes_in_all: int, robots: int = 1) -> int:
     """Returns how many lanes a chunk has.
 
     It depends on the document alone and never on the machine, so that chunks, and with them results, are the same
     everywhere; a machine that has too little memory for so many runs a chunk in parts
     (`tasks.simulate.sandbox.sandbox_client`).
     ``maxConcurrency`` is the number, as it was the number of RoboMaker's active jobs; a small batch is rounded up to a
-    multiple of 16 so that it shares its compilation with others.
+    multiple of 16 so that it shares its compilation with others. Robots that share a world are in one chunk.
     """
     most = min(max_concurrency or DEFAULT_LANES, MOST_LANES)
     rounded = -(-episodes_in_all // _LANE_STEP) * _LANE_STEP
-    return max(1, min(most, rounded))
+    return whole_groups(max(1, min(most, rounded)), robots)
+
+
+def whole_groups(lanes: int, robots: int) -> int:
+    """Returns how many of so many lanes robots fill that share worlds; those of one world at least."""
+    return max(robots, lanes - lanes % robots)

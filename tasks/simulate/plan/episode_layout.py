@@ -1,8 +1,9 @@
 """The layout of a batch: which episode stands where in its plan, computed for any place and never written out.
 
-Episodes are numbered by request, world, parameter set and seed. Those that share a program form a group, in the order
-of their numbers, and a group is cut into chunks of as many as there are lanes. A batch that may be ended early is
-shuffled before it is cut. Versions that are compared are two programs, and take turns on the same shuffled episodes.
+Episodes are numbered by request, world, parameter set, seed and, where several share a world, robot. Those that share a
+program form a group, in the order of their numbers, and a group is cut into chunks of as many as there are lanes. A
+batch that may be ended early is shuffled before it is cut. Versions that are compared are two programs, and take turns
+on the same shuffled episodes.
 """
 
 import bisect
@@ -81,9 +82,15 @@ class Layout:
         """
         self._require(index, self.episodes, "episode")
         template = bisect.bisect_right(self.offsets, index) - 1
-        rest, seed = divmod(index - self.offsets[template], len(self.plan.seeds))
+        rest, seed = divmod(index - self.offsets[template], self.turns)
         world, setting = divmod(rest, self.settings)
         return self._made(index, template, world, setting, seed)
+
+    def whole(self, requests: Sequence[EpisodeRequest]) -> list[EpisodeRequest]:
+        """Returns some of the episodes, each once, with all robots that share a world with theirs, side by side."""
+        groups = dict.fromkeys((each.index - each.number, each.robots or 1) for each in requests)
+        known = {each.index: each for each in requests}
+        return [known.get(first + k) or self.request(first + k) for first, count in groups for k in range(count)]
 
     def requests(self, first: int = 0, end: int | None = None) -> Iterator[EpisodeRequest]:
         """Yields the episodes from ``first`` to before ``end``, or to the last."""
@@ -104,10 +111,11 @@ class Layout:
             IndexError: There are fewer.
         """
         group, turn = self._place(number)
-        start = turn * self.plan.lanes
+        start, robots = turn * self.plan.lanes, self.plan.robots or 1
         positions: Sequence[int] = range(start, min(start + self.plan.lanes, group.size))
         if self.plan.shuffled:
-            positions = sorted(self._shuffle(group).order[start : start + self.plan.lanes])
+            drawn = sorted(self._shuffle(group).order[start // robots : (start + self.plan.lanes) // robots])
+            positions = [robots * together + number for together in drawn for number in range(robots)]
         return Chunk(number=number, requests=tuple(self._at(group, position) for position in positions))
 
     def chunk_size(self, number: int) -> int:
@@ -150,10 +158,10 @@ class Layout:
         found: list[int] = []
         for group in self._groups:
             low, high = self._position(group, first), self._position(group, end)
-            lanes = self.plan.lanes
+            lanes, robots = self.plan.lanes, self.plan.robots or 1
             if low < high and self.plan.shuffled:
-                turns = self._shuffle(group).turn[low:high]
-                found += {group.number(turn // lanes) for turn in turns}
+                turns = self._shuffle(group).turn[low // robots : -(-high // robots)]
+                found += {group.number(robots * turn // lanes) for turn in turns}
             elif low < high:
                 found += range(group.number(low // lanes), group.number((high - 1) // lanes) + 1)
         return sorted(found)
@@ -177,10 +185,10 @@ class Layout:
 
     @cached_property
     def _shuffles(self) -> list[Shuffle]:
-        seed = digest(self.plan)
+        seed, robots = digest(self.plan), self.plan.robots or 1
         if self.plan.shuffled == "pairs":  # both versions in the same order
-            return [Shuffle(self._groups[0].size, f"{seed}/0")] * _VERSIONS
-        return [Shuffle(group.size, f"{seed}/{group.first_chunk}") for group in self._groups]
+            return [Shuffle(self._groups[0].size // robots, f"{seed}/0")] * _VERSIONS
+        return [Shuffle(group.size // robots, f"{seed}/{group.first_chunk}") for group in self._groups]
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -191,10 +199,15 @@ class Layout:
         """How many sets of values there are."""
         return math.prod(len(self.plan.sweep[name]) for name in self._names)
 
+    @property
+    def turns(self) -> int:
+        """How many rows there are of a world and a set of values: one for each seed, and each of several robots."""
+        return len(self.plan.seeds) * (self.plan.robots or 1)
+
     @cached_property
     def offsets(self) -> list[int]:
         """Returns the number of each template's first episode, and at the end the number of all."""
-        of_world = self.settings * len(self.plan.seeds)
+        of_world = self.settings * self.turns
         sizes = (len(self.plan.worlds_of(template)) * of_world for template in self.plan.templates)
         return list(itertools.accumulate(sizes, initial=0))
 
@@ -208,7 +221,7 @@ class Layout:
                 continue
             for settings in kinds:
                 request = self._made(0, number, 0, settings[0], 0)
-                size = worlds * len(settings) * len(self.plan.seeds)
+                size = worlds * len(settings) * self.turns
                 blocks.setdefault(program_key(request), []).append(_Block(number, settings, size))
         ordered = sorted(blocks.values(), key=lambda group: self._first_index(group[0]))
         return tuple(self._numbered(ordered))
@@ -237,15 +250,15 @@ class Layout:
         return list(found.values())
 
     def _first_index(self, block: _Block) -> int:
-        return self.offsets[block.template] + block.settings[0] * len(self.plan.seeds)
+        return self.offsets[block.template] + block.settings[0] * self.turns
 
     def _at(self, group: _Group, position: int) -> EpisodeRequest:
         number = bisect.bisect_right(group.starts, position) - 1
         block = group.blocks[number]
-        rest, seed = divmod(position - group.starts[number], len(self.plan.seeds))
+        rest, seed = divmod(position - group.starts[number], self.turns)
         world, turn = divmod(rest, len(block.settings))
         setting = block.settings[turn]
-        index = self.offsets[block.template] + (world * self.settings + setting) * len(self.plan.seeds) + seed
+        index = self.offsets[block.template] + (world * self.settings + setting) * self.turns + seed
         return self._made(index, block.template, world, setting, seed)
 
     def _position(self, group: _Group, index: int) -> int:
@@ -258,15 +271,15 @@ class Layout:
         return found
 
     def _below(self, block: _Block, below: int) -> int:
-        seeds = len(self.plan.seeds)
+        seeds = self.turns
         rest, seed = divmod(below, seeds)
         world, setting = divmod(rest, self.settings)
         turn = bisect.bisect_left(block.settings, setting)
         own = seed if turn < len(block.settings) and block.settings[turn] == setting else 0
         return (world * len(block.settings) + turn) * seeds + own
 
-    def _made(self, index: int, template: int, world: int, setting: int, seed: int) -> EpisodeRequest:
-        asked = self.plan.templates[template]
+    def _made(self, index: int, template: int, world: int, setting: int, turn: int) -> EpisodeRequest:
+        asked, (seed, number) = self.plan.templates[template], divmod(turn, self.plan.robots or 1)
         return EpisodeRequest(
             index=index,
             world=self.plan.worlds_of(asked)[world],
@@ -278,6 +291,8 @@ class Layout:
             duration_s=asked.duration_s,
             failure_behavior=asked.failure_behavior,
             people=self.plan.people,
+            robots=self.plan.robots,
+            number=number,
         )
 
     def _values(self, setting: int) -> dict[str, str]:

@@ -75,8 +75,11 @@ def plan_batch(
     data = [within_limits(tuple(map(find_data, request.dataSources or ()))) for request in requests]
     launches, faults = _Launches(find_version, find_files), KeptFaults()
     swept = frozenset(section.matrix.environmentVariables)
+    several = section.robots if section.robots != 1 else None
     templates = [
-        faults.keep(lambda number=number, request=request: _template(number, request, launches, data[number], swept))
+        faults.keep(
+            lambda number=number, request=request: _template(number, request, launches, data[number], swept, several)
+        )
         for number, request in enumerate(requests)
     ]
     if faults:
@@ -89,13 +92,16 @@ def plan_batch(
         lanes=1,
         timeout_s=float((policy and policy.timeoutInSeconds) or DEFAULT_TIMEOUT_S),
         world_digests=dict(world_digests),
-        engine=section.engine,
+        engine="planar" if several and section.engine == "auto" else section.engine,
         data_sources={source.digest: source for sources in data for source in sources},
         recordings=section.recordings,
-        audit=section.audit.lanes,
+        audit=0 if several else section.audit.lanes,
+        robots=several,
         people=People(count=section.people) if isinstance(section.people, int) else section.people,
     )
-    return plan.model_copy(update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes)})
+    return plan.model_copy(
+        update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes, plan.robots or 1)}
+    )
 
 
 def seed_list(section: SimulationBatch) -> tuple[int, ...]:
@@ -135,12 +141,13 @@ def output_location(section: SimulationBatch) -> OutputLocation:
     return next(iter(places.values()), DEFAULT_OUTPUT)
 
 
-def _template(
+def _template(  # noqa: PLR0917 - of a request
     number: int,
     request: PipelineJobRequest,
     launches: "_Launches",
     data: Sequence[PinnedSource],
     swept: frozenset[str],
+    several: int | None,
 ) -> JobTemplate:
     where = f"{REQUESTS}[{number}]"
     robot = next(iter(request.robotApplications or ()), None)
@@ -150,6 +157,9 @@ def _template(
     judge = faults.keep(lambda: launches.resolved(place, "simulation-application", scenario))
     if faults or judge is None:
         raise faults.together()
+    if several and any(launches.is_image(each) or each.starts_nodes for each in (driver, judge) if each):
+        allowed = f"modules or a policy; nodes of ROS drive alone in their world, and there are {several} robots"
+        raise DocumentError.of(own, "nodes of ROS", allowed)
     if fault := _judge_fault(where, driver, judge, launches.is_image):
         raise DocumentError([fault])
     judging = scenario.launchConfig.environmentVariables or {}

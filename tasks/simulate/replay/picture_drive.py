@@ -66,7 +66,7 @@ def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_h
     if camera is None or scene is None:
         return _packed([], [])
     taken = some_pictures(steps, camera.pace.stride, pictures_hz, 4 * math.prod(camera.shape))
-    seed, packed = jnp.asarray(seed_words(lane.request.seed)), list[bytes]()
+    seed, packed = jnp.asarray(seed_words(lane.request.own_seed)), list[bytes]()
     hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
     for first in range(0, len(taken), _TOGETHER):
         some = taken[first : first + _TOGETHER]

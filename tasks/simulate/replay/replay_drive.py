@@ -1,23 +1,26 @@
 """Drives one episode again, and keeps what a picture of it needs besides its row."""
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol, TypedDict, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float32, Float64, Int, UInt8
+from jaxtyping import Bool, Float32, Float64, Int, UInt8
 
 from specs.bundle_files import ColorCameraDeclaration
 from specs.data.episode import CONTROL_S, EpisodeRequest, control_stride, failed_result
+from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import World
 from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.host.controllers import HostControllers, SeesWorlds, drawn_by
-from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps
+from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps, Wanted
+from tasks.simulate.lane.shared_world import RobotsInputs, robot_cylinders
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import people_cylinders
 from tasks.simulate.replay.replay_result import ReplayResult, Setting
@@ -44,8 +47,8 @@ class _Talks(Protocol):
 class _AlsoAt(Recorder):
     """A recorder that tells another one, with a rate of its own, all that it is told."""
 
-    def __init__(self, rate_hz: float, other: Recorder) -> None:
-        super().__init__(rate_hz, lambda _: True)
+    def __init__(self, rate_hz: float, wanted: Wanted, other: Recorder) -> None:
+        super().__init__(rate_hz, wanted)
         self._other = other
 
     def begin(self, lanes: int, control_s: float) -> None:
@@ -69,8 +72,9 @@ def drive_replay(
     lanes: int,
     engine: str,
     rate_hz: float,
+    beside: Sequence[EpisodeRequest] = (),
 ) -> ReplayResult:
-    """Returns an episode driven to its end, alone in a program of its batch's layout.
+    """Returns an episode driven to its end, by itself in a program of its batch's layout.
 
     Args:
         request: The episode.
@@ -79,22 +83,30 @@ def drive_replay(
         lanes: Of the batch's chunks.
         engine: What drove it.
         rate_hz: Of the batch's recordings.
+        beside: The other robots that share its world.
     """
+    together = sorted((request, *beside), key=lambda each: each.number)
     try:
-        ready = ready_chunk([request], worlds, bundles, lanes=lanes, engine=engine)
+        ready = ready_chunk(together, worlds, bundles, lanes=lanes, engine=engine)
     except BundleCrash as crash:
         return ReplayResult(failed_result(request.index, crash.failure))
     host = ready.run.host if ready.run else None
     if isinstance(host, _Talks):
         host.keep_traffic()
-    samples = Recorder(rate_hz, lambda _: True)
-    steps = _AlsoAt(_EVERY_STEP_HZ, samples)
-    (row,) = run_ready(ready, lambda: False, lambda _: None, steps)
+
+    def wanted(rows: EpisodeColumns) -> Bool[np.ndarray, " rows"]:
+        return rows.index == request.index
+
+    samples = Recorder(rate_hz, wanted)
+    steps = _AlsoAt(_EVERY_STEP_HZ, wanted, samples)
+    rows = run_ready(ready, lambda: False, lambda _: None, steps)
+    (row,) = (each for each in rows if each.index == request.index)
     if not ready.lanes:
         return ReplayResult(row)
     traffic = host.traffic if isinstance(host, _Talks) else None
     each_step = _only(steps)
-    return ReplayResult(row, _setting(ready, each_step, host), each_step, _only(samples), traffic, drawn_by(host))
+    setting = _setting(ready, ready.lanes[request.number], each_step, host)
+    return ReplayResult(row, setting, each_step, _only(samples), traffic, drawn_by(host))
 
 
 def _only(recorder: Recorder) -> Columns:
@@ -102,8 +114,7 @@ def _only(recorder: Recorder) -> Columns:
     return part
 
 
-def _setting(ready: ReadyChunk, steps: Columns, host: HostControllers | None) -> Setting:
-    (lane,) = ready.lanes
+def _setting(ready: ReadyChunk, lane: Lane, steps: Columns, host: HostControllers | None) -> Setting:
     poses = np.asarray(steps["pose"], np.float32)
     lidar, hull = lane.lidar, ready.program.hull
     return Setting(
@@ -116,7 +127,7 @@ def _setting(ready: ReadyChunk, steps: Columns, host: HostControllers | None) ->
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
         camera=lane.camera and lane.camera.declared,
-        **_pictures(lane, poses, np.asarray(steps["people_m"], np.float32)),
+        **_pictures(lane, poses, *(np.asarray(steps[name], np.float32) for name in ("people_m", "robots_m"))),
         **_colors(host, poses),
     )
 
@@ -129,16 +140,23 @@ class _Pictures(TypedDict):
 
 
 def _pictures(
-    lane: Lane, poses: Float32[np.ndarray, "samples 3"], people_m: Float32[np.ndarray, "samples people 2"]
+    lane: Lane,
+    poses: Float32[np.ndarray, "samples 3"],
+    people_m: Float32[np.ndarray, "samples people 2"],
+    robots_m: Float32[np.ndarray, "samples robots 2"],
 ) -> _Pictures:
     """Returns some of an episode's pictures, taken again from where the robot was: a few a second, of no great size."""
     camera = lane.camera
     if camera is None or lane.arrays.scene is None:
         return _Pictures(pictured_s=np.zeros(0), pictures_m=np.zeros((0, 0, 0), np.float32))
     taken = _some_steps(len(poses), camera.pace.stride, 4 * math.prod(camera.shape))
-    seed = jnp.asarray(seed_words(lane.request.seed))
+    seed = jnp.asarray(seed_words(lane.request.own_seed))
     hull_depth_m = None if lane.hull_depth_m is None else jnp.asarray(lane.hull_depth_m)
     beside = jax.vmap(people_cylinders)(jnp.asarray(people_m[taken]))
+    if lane.robots is not None:
+        others: RobotsInputs = jax.tree.map(jnp.asarray, lane.robots)
+        robots = jax.vmap(functools.partial(robot_cylinders, others))(jnp.asarray(robots_m[taken]))
+        beside = jnp.concatenate([beside, robots], axis=1)
     where = jnp.asarray(poses[taken]), jnp.asarray(taken), beside
     found = pictures_again(camera, lane.arrays.scene, seed, *where, hull_depth_m=hull_depth_m)
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))

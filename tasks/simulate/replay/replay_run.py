@@ -27,6 +27,7 @@ def drive_apart(
     lanes: int,
     engine: str,
     rate_hz: float,
+    beside: Sequence[EpisodeRequest] = (),
 ) -> ReplayResult:
     """Returns an episode driven to its end, as ``drive_replay``, which takes the same.
 
@@ -39,6 +40,7 @@ def drive_apart(
     def question(process: Simulator) -> ReplayWork:
         return ReplayWork(
             request=request,
+            beside=tuple(beside),
             worlds=process.sent_worlds({request.world: worlds[request.world]}),
             bundles={digest: str(folder) for digest, folder in bundles.items()},
             lanes=lanes,
@@ -121,6 +123,7 @@ def replay_request(
         lanes=batch.plan.lanes,
         engine=engine or batch.plan.engine,
         rate_hz=batch.plan.recordings.rateHz,
+        beside=[mounted.resolved(each) for each in batch.layout.whole([request]) if each.index != request.index],
     )
     return Replay(request, worlds[request.world], driven)
 
@@ -130,13 +133,16 @@ def resimulate(
 ) -> list[EpisodeResult]:
     """Returns the results of some episodes, simulated again; a lane's do not depend on those beside it.
 
+    But for robots that share its world, which are simulated with it.
+
     Args:
         batch: The batch.
         requests: Some of its episodes, or others like them, in any order.
         simulate: Simulates a part of a chunk.
         lanes: How many at a time; the batch's, if left out.
     """
-    lanes = lanes or batch.plan.lanes
+    lanes, asked_for = lanes or batch.plan.lanes, requests
+    requests = batch.layout.whole(requests) if batch.plan.robots else requests
     worlds, missing = load_worlds(batch, requests)
     mounted = batch_mounts(batch)
     why_not = {each.index: missing.get(each.world) or mounted.failure(each) for each in requests}
@@ -150,4 +156,4 @@ def resimulate(
     for chunk in plan_chunks([each for each in requests if each.index not in rows], lanes):
         found = retry_with_fewer_lanes(chunk, lanes, part, lambda: False).rows
         rows |= {row.index: row for row in found}
-    return [rows[each.index] for each in requests]
+    return [rows[each.index] for each in asked_for]

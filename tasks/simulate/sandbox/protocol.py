@@ -274,10 +274,15 @@ class AuditWork(Spec):
 
 
 class ReplayWork(Spec):
-    """An episode to drive again."""
+    """An episode to drive again.
+
+    Attributes:
+        beside: The other robots that share its world.
+    """
 
     kind: Literal["again"] = "again"
     request: EpisodeRequest
+    beside: tuple[EpisodeRequest, ...] = ()
     worlds: SentWorlds
     bundles: dict[str, str]
     lanes: int

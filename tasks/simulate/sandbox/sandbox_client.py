@@ -30,6 +30,7 @@ from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.chunk.byproducts import JobTags
 from tasks.simulate.host.declaration import FEWEST_LANES, most_lanes
 from tasks.simulate.lane.recording import Ends, Recorder, RecordingChoice, SliceSamples
+from tasks.simulate.plan.batch_plan import whole_groups
 from tasks.simulate.plan.chunks import Chunk, most_steps
 from tasks.simulate.sandbox.process_pool import simulator
 from tasks.simulate.sandbox.protocol import (
@@ -93,8 +94,9 @@ def retry_with_fewer_lanes(
         Exception: Whatever else than a lack of memory goes wrong.
     """
     parts: list[EpisodeColumns] = []
+    robots = chunk.requests[0].robots or 1 if chunk.requests else 1
     while (done := sum(map(len, parts))) < len(chunk.requests):
-        part = chunk.requests[done : done + lanes]
+        part = chunk.requests[done : done + whole_groups(lanes, robots)]
         if parts and stopped():
             parts.append(EpisodeColumns.of(_not_begun(part)))
             continue
@@ -143,8 +145,8 @@ def _out_of_memory(requests: Sequence[EpisodeRequest], lack: str) -> list[Episod
 
 # The sides of arrays: a number, up to one for each step (?), or a name for one that is the same wherever it stands. All
 # have a lane first; lanes beyond those that hold episodes may follow.
-_SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps", "? people 2")
-_ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7", "people 2", "people 2")
+_SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps", "? people 2", "? robots 2")
+_ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7", "people 2", "people 2", "robots 2", "robots 2")
 
 
 class RecordingCheck:
@@ -301,9 +303,10 @@ class SandboxClient:
         if ended.killed == "stop" or (self._endings > 1 and self.should_stop()):
             return EpisodeColumns.of([_stopped(request) for request in requests])
         logger.warning("chunk %d: %s", chunk.number, ended.reason)
-        if len(requests) == 1 or ended.importing or self._endings >= _MOST_ENDINGS:
+        robots = requests[0].robots or 1
+        if len(requests) <= robots or ended.importing or self._endings >= _MOST_ENDINGS:
             return _failed(requests, ended)
-        half = len(requests) // 2
+        half = whole_groups(len(requests) // 2, robots)
         parts = (requests[:half], requests[half:])
         return EpisodeColumns.join(
             [self._half(chunk.model_copy(update={"requests": part}), worlds, ended) for part in parts]

@@ -196,6 +196,17 @@ def test_people_are_where_they_are_put_and_nowhere_before():
 
 
 @pytest.mark.long
+def test_other_robots_are_where_they_are_put_behind_the_people():
+    with open_film(SCENE.model_copy(update={"people": 1, "robots": 1}), FILM_WIDTH, FILM_HEIGHT, samples=2) as found:
+        if found is None:
+            skip_or_fail("neither EGL nor OSMesa works here: apt-get install libosmesa6")
+        west, east = (found(0.0, 0.5, 0.0, ((0.0, 1.0), (x, 0.5))) for x in (-1.5, 1.0))
+    teal = [np.argwhere(each[:, :, 1:].astype(int).min(2) > each[:, :, 0].astype(int) + 50) for each in (west, east)]
+    assert all(len(each) > 30 for each in teal)
+    assert teal[0][:, 1].mean() + 30 < teal[1][:, 1].mean()
+
+
+@pytest.mark.long
 def test_it_is_hidden_by_what_stands_before_it(shoot: Shoot):
     assert len(robot(shoot(0.0, -1.5, 0.0))) == 0  # within the sofa, whose seat is higher
 

@@ -60,6 +60,14 @@ def lines(file_store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     return tell
 
 
+def test_robots_that_share_a_world_are_told(lines: Tell):
+    told = lines(robots=3)
+    assert "1,152 episodes of at most 60 simulated seconds" in told
+    assert "3 robots share a world, 384 times; each is an episode; none is audited" in told
+    assert "6 chunks of 192 lanes" in told
+    assert "; no audit" in told
+
+
 def test_the_quickstart_is_told_before_it_runs(lines: Tell):
     told = lines()
     assert "worldGeneration   48 worlds (48 floor plans x 1 interior), seed 7" in told

@@ -67,16 +67,19 @@ def test_a_ball_may_lean_over_a_low_edge_without_touching_it():
     assert judge(GATE, material({"min_clearance_m": 0.0})).verdict == "PASS"
 
 
-def test_people_push_without_a_collision():
+@pytest.mark.parametrize("contacts", ["person_contacts", "robot_contacts"])
+def test_people_and_other_robots_push_without_a_collision(contacts: str):
     push = {"impulse_ns": 0.5, "max_impulse_ns": 0.5}
-    assert judge(GATE, material({**push, "person_contacts": 1})).verdict == "PASS"
-    assert judge(GATE, material({**push, "person_contacts": 0})).verdict == "INCONCLUSIVE"
+    assert judge(GATE, material({**push, contacts: 1})).verdict == "PASS"
+    assert judge(GATE, material({**push, contacts: 0})).verdict == "INCONCLUSIVE"
 
 
 def test_a_push_without_a_collision_is_found_in_older_rows_that_know_no_people():
     rows = material({"impulse_ns": 0.5, "max_impulse_ns": 0.5}).rows
     assert rows is not None
-    assert "1 of 48 rows cannot be: a push without" in impossible_rows(rows.drop_columns(["person_contacts"]))
+    assert "1 of 48 rows cannot be: a push without" in impossible_rows(
+        rows.drop_columns(["person_contacts", "robot_contacts"])
+    )
 
 
 def test_without_their_columns_nothing_is_said():

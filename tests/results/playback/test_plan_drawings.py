@@ -104,6 +104,17 @@ def test_people_walk_on_the_plan_and_stand_where_they_ended():
     assert float(stand[0].get("r", "")) == pytest.approx(PERSON_RADIUS_M * PAGE.units_per_m, abs=0.06)
 
 
+def test_other_robots_drive_on_the_plan_and_stand_where_they_ended():
+    driven = ET.fromstring(replay_svg(PLAN, playback(robots=2), WORLD.footprint))  # noqa: S314 - our own document
+    others = [each for each in _of(driven, "moving").iter() if each.get("class") == "other"]
+    assert len(others) == 2
+    across, up = (np.array([float(each) for each in move.get("values", "").split(";")]) for move in _moves(others[1]))
+    np.testing.assert_allclose(np.stack([across[10], up[10]]), PAGE.at((0.5, -2.0)), atol=0.06)
+    stand = [each for each in _of(driven, "still").iter() if each.get("class") == "other"]
+    assert float(stand[0].get("cx", "")) == pytest.approx(PAGE.at((1.0, -1.0))[0], abs=0.06)
+    assert float(stand[0].get("r", "")) == pytest.approx(0.2 * PAGE.units_per_m, abs=0.06)
+
+
 def test_who_wants_less_motion_sees_the_end_and_all_marks_without_animation(root: ET.Element):
     still = _of(root, "still")
     assert not [each for each in still.iter() if _moves(each)]

@@ -17,7 +17,7 @@ from specs.data.people import PERSON_HEIGHT_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
 from tasks.results.playback.playback import CameraFilm
-from tasks.results.playback.replay_mcap import PEOPLE_TOPICS, TOPICS, camera_topics, scene, write_mcap
+from tasks.results.playback.replay_mcap import PEOPLE_TOPICS, ROBOTS_TOPICS, TOPICS, camera_topics, scene, write_mcap
 from tests.factories.own_worlds import WEDGE, piece, wedge
 from tests.factories.playbacks import RAYS, SAMPLES, playback
 from tests.factories.worlds import apartment
@@ -74,6 +74,21 @@ def test_people_stand_where_they_are_in_each_sample(tmp_path: Path):
     places = [each["pose"]["position"] for each in entity["cylinders"]]
     assert [(place["x"], place["y"]) for place in places] == [(0.25, 1.0), (0.25, 2.0)]
     assert [each["size"]["z"] for each in entity["cylinders"]] == [PERSON_HEIGHT_M] * 2
+
+
+def test_other_robots_stand_where_they_are_in_each_sample(tmp_path: Path):
+    write_mcap(tmp_path / "robots.mcap", WORLD, playback(robots=2))
+    with (tmp_path / "robots.mcap").open("rb") as opened:
+        updates = [
+            json.loads(message.data)
+            for _, channel, message in make_reader(opened).iter_messages(topics=["/robots"])
+            if channel.topic in ROBOTS_TOPICS
+        ]
+    assert len(updates) == SAMPLES
+    (entity,) = updates[10]["entities"]
+    places = [each["pose"]["position"] for each in entity["cylinders"]]
+    assert [(place["x"], place["y"], place["z"]) for place in places] == [(0.5, -1.0, 0.15), (0.5, -2.0, 0.15)]
+    assert [each["size"] for each in entity["cylinders"]] == [{"x": 0.4, "y": 0.4, "z": 0.3}] * 2
 
 
 def test_a_robot_with_cameras_shows_what_it_saw_where_it_saw_it(tmp_path: Path):

@@ -14,7 +14,7 @@ from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback, seen_playb
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
-ROBOT, PERSON = (249, 171, 0), (161, 66, 244)
+ROBOT, PERSON, OTHER = (249, 171, 0), (161, 66, 244), (0, 131, 143)
 
 
 def test_the_film_has_all_pictures_at_its_rate(tmp_path: Path):
@@ -43,6 +43,13 @@ def test_people_walk_through_the_pictures():
     columns = [np.argwhere((each == PERSON).all(axis=2))[:, 1] for each in (first, last)]
     assert columns[0].mean() + 20 < columns[1].mean()
     assert not (next(frames(WORLD, playback())) == PERSON).all(axis=2).any()
+
+
+def test_other_robots_drive_through_the_pictures():
+    first, last = list(frames(WORLD, playback(robots=1), stride=20))[:2]
+    columns = [np.argwhere((each == OTHER).all(axis=2))[:, 1] for each in (first, last)]
+    assert columns[0].mean() + 20 < columns[1].mean()
+    assert not (next(frames(WORLD, playback())) == OTHER).all(axis=2).any()
 
 
 def test_the_robot_is_filmed_from_above_as_its_parts():

@@ -62,3 +62,11 @@ def test_a_collision_in_which_people_alone_push_is_one_with_a_person(
     people = PeopleWork(jnp.float32(people_ns), zero)
     motion = Motion(none, Work(jnp.float32(solids_ns), jnp.zeros(2), zero), zero, people)
     assert REASONS[int(_whose(jnp.int32(REASONS.index(verdict)), motion))] == becomes
+
+
+@pytest.mark.parametrize(("solids_ns", "becomes"), [(0.0, "robot"), (0.2, "collision")])
+def test_a_collision_in_which_no_solid_pushes_but_a_robot_is_one_with_that(solids_ns: float, becomes: OutcomeReason):
+    none: Any = None
+    zero = jnp.zeros(())
+    motion = Motion(none, Work(jnp.float32(solids_ns), jnp.zeros(2), zero), zero, robots_ns=jnp.float32(0.3))
+    assert REASONS[int(_whose(jnp.int32(REASONS.index("collision")), motion))] == becomes

@@ -92,6 +92,7 @@ class Steps(NamedTuple):
     ranges_m: np.ndarray
     impulse_ns: np.ndarray
     people_m: np.ndarray
+    robots_m: np.ndarray
 
 
 class Drive(NamedTuple):
@@ -120,6 +121,7 @@ def drives(draw: st.DrawFn) -> Drive:
         ranges_m=drawn(total, RAYS),
         impulse_ns=rng.random((lanes, total)).astype(np.float32),
         people_m=drawn(total, PEOPLE, 2),
+        robots_m=drawn(total, 1, 2),
     )
     crashed = np.array(draw(st.lists(st.booleans(), min_size=lanes, max_size=lanes)))
     done = [draw(st.integers(0 if crash else 1, total - crash)) for crash in crashed]
@@ -134,10 +136,17 @@ def drives(draw: st.DrawFn) -> Drive:
         lidars=rng.normal(size=(lanes, 7)),
         people_start_m=drawn(PEOPLE, 2),
         people_m=drawn(PEOPLE, 2),
+        robots_start_m=drawn(1, 2),
+        robots_m=drawn(1, 2),
     )
     for lane, last in enumerate(done):  # a lane that came to its end stays as it is
-        begun = (ends.start[lane], 0.0, ends.people_start_m[lane])
-        kept = ((ends.pose, steps.pose), (ends.velocity, steps.velocity), (ends.people_m, steps.people_m))
+        begun = (ends.start[lane], 0.0, ends.people_start_m[lane], ends.robots_start_m[lane])
+        kept = (
+            (ends.pose, steps.pose),
+            (ends.velocity, steps.velocity),
+            (ends.people_m, steps.people_m),
+            (ends.robots_m, steps.robots_m),
+        )
         for (mine, all_), first in zip(kept, begun, strict=True):
             mine[lane] = all_[lane, last - 1] if last else first
             all_[lane, last:] = mine[lane]
@@ -180,6 +189,7 @@ def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:
                 "pose": drive.all.pose[lane, at] if step else drive.ends.start[lane],
                 "velocity": drive.all.velocity[lane, at] if step else np.zeros(3),
                 "people_m": drive.all.people_m[lane, at] if step else drive.ends.people_start_m[lane],
+                "robots_m": drive.all.robots_m[lane, at] if step else drive.ends.robots_start_m[lane],
                 "acted": acted,
                 "control": drive.all.control[lane, step] if acted else None,
                 "ranges_m": drive.all.ranges_m[lane, step] if acted else None,
@@ -245,12 +255,12 @@ def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, tim
     recorder.begin(lanes, CONTROL_S)
     three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
     people = np.zeros((lanes, steps, 0, 2), np.float32)
-    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one, people), np.array([steps]))
+    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one, people, people), np.array([steps]))
     whole, none = np.array([steps]), np.zeros(lanes, bool)
     goals, lidars = np.zeros((lanes, 1, 2)), np.zeros((lanes, 7))
     first = three[:, 0]
     driven = whole, none, first, first, first, np.zeros(lanes, int)
-    recorder.end(Ends(*driven, goals, lidars, people[:, 0], people[:, 0]), [passed(70)])
+    recorder.end(Ends(*driven, goals, lidars, *[people[:, 0]] * 4), [passed(70)])
     (columns,) = recorder.parts()
     assert columns["t_s"][:3].tolist() == times_s
 

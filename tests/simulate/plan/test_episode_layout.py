@@ -51,6 +51,41 @@ def plans(draw: st.DrawFn) -> BatchPlan:
     )
 
 
+@st.composite
+def plans_of_several(draw: st.DrawFn) -> BatchPlan:
+    robots = draw(st.integers(2, 4))
+    return draw(plans()).model_copy(update={"robots": robots, "lanes": robots * draw(st.integers(1, 3))})
+
+
+@given(plans_of_several())
+def test_robots_that_share_a_world_are_in_one_chunk_side_by_side(plan: BatchPlan):
+    layout, robots = Layout(plan), plan.robots or 0
+    chunks = [layout.chunk(number).requests for number in range(layout.chunks)]
+    assert sorted(each.index for chunk in chunks for each in chunk) == [*range(layout.episodes)]
+    for chunk in chunks:
+        for first in range(0, len(chunk), robots):
+            group = chunk[first : first + robots]
+            assert [each.number for each in group] == [*range(robots)]
+            assert [each.index for each in group] == [*range(group[0].index, group[0].index + robots)]
+            assert len({(each.world, each.seed, each.robot, *sorted(each.environment.items())) for each in group}) == 1
+            assert len({each.own_seed for each in group}) == robots
+            assert layout.whole(group[-1:]) == list(group)
+    alone = Layout(plan.model_copy(update={"robots": None}))
+    assert [each.seed for each in layout.requests()][::robots] == [each.seed for each in alone.requests()]
+
+
+@given(plans_of_several(), st.data())
+def test_chunks_of_robots_that_share_worlds_are_found(plan: BatchPlan, data: st.DataObject):
+    layout = Layout(plan)
+    first = data.draw(st.integers(0, layout.episodes))
+    end = data.draw(st.integers(first, layout.episodes))
+    chunks = [layout.chunk(number).requests for number in range(layout.chunks)]
+    assert [layout.chunk_size(number) for number in range(layout.chunks)] == [*map(len, chunks)]
+    holding = [number for number, chunk in enumerate(chunks) if any(first <= each.index < end for each in chunk)]
+    assert layout.chunks_between(first, end) == holding
+    assert list(request_columns(layout, first, end)) == list(layout.requests(first, end))
+
+
 def written_out(plan: BatchPlan) -> list[EpisodeRequest]:
     names = sorted(plan.sweep)
     settings = [dict(zip(names, values, strict=True)) for values in itertools.product(*(plan.sweep[n] for n in names))]

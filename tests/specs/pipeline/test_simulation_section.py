@@ -78,3 +78,55 @@ def test_people_walk_on_every_engine_and_are_audited(fields: dict[str, Any]):
 
 def test_a_document_without_people_says_nothing_of_them():
     assert "people" not in canonical_document(section({}, {}))
+
+
+def driven_by(robots: object, **fields: object) -> SimulationBatch:
+    """Returns a section whose worlds are shared by so many robots."""
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{"application": "mine", "launchConfig": {"packageName": "mine", "launchFile": "go"}}],
+        "simulationApplications": [
+            {"application": "mine", "launchConfig": {"packageName": "mine", "launchFile": "go"}}
+        ],
+    }
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [request], "robots": robots, **fields})
+
+
+NODES = {
+    "maxJobDurationInSeconds": 60,
+    "robotApplications": [{"application": "a", "launchConfig": {"packageName": "a", "launchFile": "a.launch"}}],
+    "simulationApplications": [{"application": "b", "launchConfig": {"packageName": "b", "launchFile": "go"}}],
+}
+ONLY_ALONE: list[tuple[dict[str, Any], str]] = [
+    ({"engine": "mujoco"}, "engine"),
+    ({"engine": "mjx"}, "engine"),
+    ({"people": 2}, "people"),
+    ({"audit": {"lanes": 8}}, "audit.lanes"),
+    ({"recordings": {"picturesHz": 1.0}}, "recordings.picturesHz"),
+    ({"operation": "CreateSimulationJob"}, "robots"),
+    ({"createSimulationJobRequests": [NODES]}, "createSimulationJobRequests.0.robotApplications.0.launchConfig"),
+]
+
+
+@pytest.mark.parametrize(("fields", "path"), ONLY_ALONE)
+def test_what_only_a_robot_alone_has_is_refused_for_several(fields: dict[str, Any], path: str):
+    with pytest.raises(ValidationError) as refused:
+        driven_by(3, **fields)
+    assert path in str(refused.value)
+    assert driven_by(1, **fields).robots == 1
+
+
+@pytest.mark.parametrize("robots", [0, 21, 2.5, "two"])
+def test_robots_are_counted_from_1_to_20(robots: object):
+    with pytest.raises(ValidationError):
+        driven_by(robots)
+
+
+def test_a_document_without_robots_says_nothing_of_them():
+    assert "robots" not in canonical_document(section({}, {}))
+    assert driven_by(20, engine="planar", audit={"lanes": 0}).robots == 20
+
+
+def test_a_section_of_several_robots_is_the_same_with_its_defaults_spelled_out():
+    asked = driven_by(3)
+    assert SimulationBatch.model_validate(asked.model_dump(mode="json")) == asked

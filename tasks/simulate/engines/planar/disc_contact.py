@@ -3,6 +3,7 @@
 The window holds the nearest obstacles, as scalars relative to where the robot stands.
 """
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -14,6 +15,9 @@ from tasks.simulate.engines.planar.near_obstacles import Neighbours, nearest
 from tasks.simulate.engines.planar.planar_algebra import Planar, Scalar
 from tasks.simulate.engines.planar.planar_robot import Disc, Softness
 from tasks.simulate.geometry.hull_distance import LaneObstacles, Outline, from_border, outline_of
+from tasks.simulate.lane.shared_world import RobotsInputs
+
+Flag = Bool[jax.Array, ""]
 
 
 # One lane's scalars become vectors over lanes when the program maps it, so that everything downstream is elementwise
@@ -31,6 +35,7 @@ class Obstacle(NamedTuple):
         prism: Whether it is a prism; None in a program without any.
         outline: A prism's, around its middle; likewise.
         person: Whether it is a person; None in a program without people.
+        robot: Whether it is another robot; None in a program whose robots are alone.
     """
 
     x: Scalar
@@ -46,6 +51,7 @@ class Obstacle(NamedTuple):
     prism: Bool[jax.Array, ""] | None
     outline: Outline | None
     person: Bool[jax.Array, ""] | None = None
+    robot: Bool[jax.Array, ""] | None = None
 
 
 def window(
@@ -91,18 +97,10 @@ def with_people(
         center_m: The point.
     """
     solids = [each._replace(person=jnp.zeros((), bool)) for each in nearest]
-    blank = jax.tree.map(jnp.zeros_like, solids[0])
-    half_m = jnp.full_like(blank.x, PERSON_HEIGHT_M / 2)
-    person = blank._replace(
-        cos=blank.cos + 1.0,
-        radius=jnp.full_like(blank.x, PERSON_RADIUS_M),
-        height=half_m,
-        half_height=half_m,
-        round=jnp.ones((), bool),
-        person=jnp.ones((), bool),
-    )
+    person = _cylinder(solids[0], PERSON_RADIUS_M, PERSON_HEIGHT_M / 2, PERSON_HEIGHT_M / 2)
+    person = person._replace(person=jnp.ones((), bool))
     people = [person._replace(x=place[0] - center_m[0], y=place[1] - center_m[1]) for place in people_m]
-    nil = jnp.zeros_like(blank.x)
+    nil = jnp.zeros_like(solids[0].x)
     apart_m = jnp.stack([distance_m([each], nil, nil) for each in (*solids, *people)])
     together: Obstacle = jax.tree.map(lambda *each: jnp.stack(each), *solids, *people)
     chosen: list[Obstacle] = []
@@ -111,6 +109,59 @@ def with_people(
         chosen.append(jax.tree.map(lambda each, at=first: each[at], together))
         apart_m = jnp.where(jnp.arange(len(apart_m)) == first, jnp.inf, apart_m)
     return chosen
+
+
+def with_robots(
+    nearest: list[Obstacle],
+    robots: RobotsInputs,
+    place_m: Float[jax.Array, "robots 2"],
+    center_m: Float[jax.Array, "2"],
+) -> list[Obstacle]:
+    """Returns the nearest of obstacles and other robots, as ``with_people``.
+
+    Args:
+        nearest: The obstacles nearest to a point, nearest first.
+        robots: What the others are like.
+        place_m: Where they are (x, y).
+        center_m: The point.
+    """
+    solids = [each._replace(robot=jnp.zeros((), bool)) for each in nearest]
+    height_m, half_m = (robots.low_m + robots.high_m) / 2, (robots.high_m - robots.low_m) / 2
+    others = [
+        _cylinder(solids[0], robots.radius_m[k], height_m[k], half_m[k])._replace(
+            x=place_m[k, 0] - center_m[0], y=place_m[k, 1] - center_m[1], robot=jnp.ones((), bool)
+        )
+        for k in range(len(place_m))
+    ]
+    return functools.reduce(_inserted, others, solids)
+
+
+def _inserted(nearest: list[Obstacle], one: Obstacle) -> list[Obstacle]:
+    """Returns as many of the nearest of obstacles and one more, nearest first: what is nearer moves the others on."""
+    nil = jnp.zeros_like(one.x)
+    chosen, apart_m = list[Obstacle](), distance_m([one], nil, nil)
+    for each in nearest:
+        its_m = distance_m([each], nil, nil)
+        first = apart_m < its_m
+
+        def pick(yes: jax.Array, no: jax.Array, first: Flag = first) -> jax.Array:
+            return jnp.where(first, yes, no)
+
+        chosen.append(jax.tree.map(pick, one, each))
+        one, apart_m = jax.tree.map(pick, each, one), jnp.where(first, its_m, apart_m)
+    return chosen
+
+
+def _cylinder(like: Obstacle, radius_m: Scalar | float, height_m: Scalar | float, half_m: Scalar | float) -> Obstacle:
+    """Returns an upright cylinder where the control step began, with the fields that another obstacle has."""
+    blank: Obstacle = jax.tree.map(jnp.zeros_like, like)
+    return blank._replace(
+        cos=blank.cos + 1.0,
+        radius=jnp.full_like(blank.x, radius_m),
+        height=jnp.full_like(blank.x, height_m),
+        half_height=jnp.full_like(blank.x, half_m),
+        round=jnp.ones((), bool),
+    )
 
 
 def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:
@@ -128,7 +179,6 @@ def distance_m(obstacles: list[Obstacle], x: Scalar, y: Scalar) -> Scalar:
     return nearest
 
 
-Flag = Bool[jax.Array, ""]
 # Divisors are at least this; a point nearer than that to an obstacle's edge counts as lying on it.
 _TINY_M = 1e-9
 # MuJoCo picks a contact's tangents along y where the normal leans to y by less than this (mju_makeFrame).

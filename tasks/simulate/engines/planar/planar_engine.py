@@ -20,6 +20,7 @@ from tasks.simulate.application.contract import Body, Motion, PeopleWork, Work
 from tasks.simulate.engines.planar.disc_contact import (
     Bearing,
     Contact,
+    Flag,
     Obstacle,
     bearing,
     contact,
@@ -28,6 +29,7 @@ from tasks.simulate.engines.planar.disc_contact import (
     touch,
     window,
     with_people,
+    with_robots,
 )
 from tasks.simulate.engines.planar.near_obstacles import (
     Neighbours,
@@ -52,6 +54,7 @@ from tasks.simulate.engines.planar.planar_robot import Disc, Motor, PlanarRobot,
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.lane.control_step import LaneInputs, Mechanics
+from tasks.simulate.lane.shared_world import Others, RobotsInputs
 
 
 class Push(NamedTuple):
@@ -198,6 +201,9 @@ class _Instant(NamedTuple):
     factors: Float[jax.Array, "3"] | None = None
 
 
+_Push = tuple[Scalar, Scalar]
+
+
 class _Spent(NamedTuple):
     """What is summed up over a control step; fields as in Work."""
 
@@ -206,6 +212,7 @@ class _Spent(NamedTuple):
     push_y_ns: Scalar
     energy_j: Scalar
     people_ns: Scalar
+    robots_ns: Scalar | None = None
 
 
 def planar_mechanics(path: Path) -> Mechanics:
@@ -246,7 +253,10 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
         control: One number for each actuator.
     """
     own, people_m = inputs.physics, inputs.standing_m
-    return drive_among(robot, inputs.obstacles, body, control, near=inputs.near, people_m=people_m, factors=own)
+    robots = None if inputs.robots is None or inputs.others is None else (inputs.robots, inputs.others)
+    return drive_among(
+        robot, inputs.obstacles, body, control, near=inputs.near, people_m=people_m, factors=own, robots=robots
+    )
 
 
 def drive_among(
@@ -258,6 +268,7 @@ def drive_among(
     near: Neighbours | None = None,
     people_m: Float[jax.Array, "people 2"] | None = None,
     factors: Float[jax.Array, "3"] | None = None,
+    robots: tuple[RobotsInputs, Others] | None = None,
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles.
 
@@ -269,10 +280,13 @@ def drive_among(
         near: Those of the obstacles that were picked out before.
         people_m: Where people stand meanwhile (x, y); None without any.
         factors: Of mass, friction and motor strength; None in a program without.
+        robots: What other robots are like, and how they are; None for a robot alone.
     """
     origin = Planar(*body.qpos)
     solids = window(given, body.qpos[:2], _window_size(robot), near)
     obstacles = solids if people_m is None else with_people(solids, people_m, body.qpos[:2])
+    if robots is not None:
+        obstacles = with_robots(obstacles, robots[0], robots[1].place_m, body.qpos[:2])
     bearings = [[bearing(disc, obstacle) for obstacle in obstacles] for disc in robot.discs]
     nil = jnp.zeros_like(origin.x)
     around = _Surroundings(origin, obstacles, bearings, _free_m(robot, obstacles), list(control), factors)
@@ -288,17 +302,17 @@ def drive_among(
     def physics_step(carry: tuple[_Robot, _Spent], _: None) -> tuple[tuple[_Robot, _Spent], None]:
         return _physics_step(robot, around, *carry), None
 
-    nothing = _Spent(nil, nil, nil, nil, nil)
+    nothing = _Spent(nil, nil, nil, nil, nil, None if robots is None else nil)
     (end, spent), _ = jax.lax.scan(physics_step, (begin, nothing), None, length=robot.physics_steps)
     place = jnp.stack([start + moved for start, moved in zip(origin, end.moved, strict=True)])
     activations = jnp.stack(end.activations) if end.activations else body.act
     after = Body(place, jnp.stack(end.rate), activations, jnp.stack(end.acceleration))
     work = Work(spent.impulse_ns, jnp.stack([spent.push_x_ns, spent.push_y_ns]), spent.energy_j)
+    clear_m = _clearance_m(robot, around._replace(obstacles=solids), end)
     if people_m is None:
-        return Motion(after, work, _clearance_m(robot, around, end))
-    among_solids = around._replace(obstacles=solids)
-    apart = (_clearance_m(robot, among_solids, end), _to_people_m(robot, around, end, people_m))
-    return Motion(after, work, apart[0], PeopleWork(spent.people_ns, apart[1]))
+        return Motion(after, work, clear_m, robots_ns=spent.robots_ns)
+    people = PeopleWork(spent.people_ns, _to_people_m(robot, around, end, people_m))
+    return Motion(after, work, clear_m, people, spent.robots_ns)
 
 
 def _to_people_m(
@@ -358,13 +372,13 @@ def _physics_step(robot: PlanarRobot, around: _Surroundings, before: _Robot, spe
     # Which closes over no number of a lane.
     among = among_fewest(functools.partial(_among, given), few_counts(len(around.obstacles)))
     touchable = obstacles_needed(around.free_m, before.moved, before.acceleration)
-    acceleration, contact_n, people_n = among(touchable, (around.obstacles, around.bearings, instant))
+    acceleration, contact_n, movers_n = among(touchable, (around.obstacles, around.bearings, instant))
     mass = _mass(robot, moving)
     rate = plus(before.rate, _integrated(robot, mass, pushed, acceleration), robot.step_s)
     moved = plus(before.moved, rate, robot.step_s)
     yaw = around.origin.yaw + moved.yaw
     after = _Robot(moved, jnp.cos(yaw), jnp.sin(yaw), rate, pushed.activations, acceleration)
-    return after, _spent(robot, spent, pushed.power_w, contact_n, people_n)
+    return after, _spent(robot, spent, pushed.power_w, contact_n, movers_n)
 
 
 def _own(robot: PlanarRobot, factors: Float[jax.Array, "3"] | None) -> PlanarRobot:
@@ -373,10 +387,10 @@ def _own(robot: PlanarRobot, factors: Float[jax.Array, "3"] | None) -> PlanarRob
 
 def _among(
     robot: PlanarRobot, count: int, given: tuple[list[Obstacle], list[list[Bearing]], _Instant]
-) -> tuple[Planar, tuple[Scalar, Scalar], tuple[Scalar, Scalar] | None]:
+) -> tuple[Planar, _Push, tuple[_Push | None, _Push | None]]:
     """Returns the acceleration that the first obstacles leave to a robot, and what they push with along x and y.
 
-    And what people among them push with; None in a program without people.
+    And what people and other robots among them push with; None in a program without.
     """
     obstacles, bearings, instant = given
     robot = _own(robot, instant.factors)
@@ -385,25 +399,30 @@ def _among(
     targets = [-friction.damping * rate[friction.axis] for friction in robot.dry_frictions]
     dry = list(zip(robot.dry_frictions, targets, strict=True))
     acceleration = minimizer(_mass(robot, instant.moving), instant.acting, contacts, dry, instant.before)
-    if any(each.person is None for each in obstacles):
-        return acceleration, contact_force(contacts, acceleration), None
-    people = [each.person for _ in robot.discs for each in obstacles[:count]]
-    solid, alive = (
-        [
-            touch._replace(weight=jnp.where(person == which, touch.weight, 0.0))
-            for touch, person in zip(contacts, people, strict=True)
-        ]
-        for which in (False, True)
-    )
-    return acceleration, contact_force(solid, acceleration), contact_force(alive, acceleration)
+    movers: list[_Push | None] = []
+    for kind in ("person", "robot"):
+        which: list[Flag | None] = [getattr(each, kind) for _ in robot.discs for each in obstacles[:count]]
+        if getattr(obstacles[0], kind) is None:
+            movers.append(None)
+            continue
+        solid, alive = (
+            [
+                touch._replace(weight=jnp.where(flag == mover, touch.weight, 0.0))
+                for touch, flag in zip(contacts, which, strict=True)
+            ]
+            for mover in (False, True)
+        )
+        movers.append(contact_force(alive, acceleration))
+        contacts = solid
+    return acceleration, contact_force(contacts, acceleration), (movers[0], movers[1])
 
 
 def _spent(
     robot: PlanarRobot,
     before: _Spent,
     power_w: Scalar,
-    contact_n: tuple[Scalar, Scalar],
-    people_n: tuple[Scalar, Scalar] | None,
+    contact_n: _Push,
+    movers_n: tuple[_Push | None, _Push | None],
 ) -> _Spent:
     x_n, y_n = contact_n
     after = before._replace(
@@ -412,14 +431,15 @@ def _spent(
         push_y_ns=before.push_y_ns + robot.step_s * y_n,
         energy_j=before.energy_j + robot.step_s * power_w,
     )
-    if people_n is None:
-        return after
-    x_n, y_n = people_n
-    return after._replace(
-        push_x_ns=after.push_x_ns + robot.step_s * x_n,
-        push_y_ns=after.push_y_ns + robot.step_s * y_n,
-        people_ns=before.people_ns + robot.step_s * jnp.sqrt(x_n**2 + y_n**2),
-    )
+    for name, pushed_n in zip(("people_ns", "robots_ns"), movers_n, strict=True):
+        if pushed_n is not None:
+            x_n, y_n = pushed_n
+            after = after._replace(
+                push_x_ns=after.push_x_ns + robot.step_s * x_n,
+                push_y_ns=after.push_y_ns + robot.step_s * y_n,
+                **{name: getattr(before, name) + robot.step_s * jnp.sqrt(x_n**2 + y_n**2)},
+            )
+    return after
 
 
 def _mass(robot: PlanarRobot, moving: Moving) -> Symmetric:
