@@ -5,7 +5,8 @@
  * that follows /clock. The middleware keeps the machine's clock: it is known by the address that a call returns to.
  *
  * Steady time begins at EPOCH, later than any machine's, so a time tells by itself which clock it was read from. It
- * stands while nodes start. Whoever waits for a time waits without a limit, and is woken when rcl is told the time. */
+ * stands while nodes start. Whoever waits for a time waits without a limit, and is woken when rcl is told the time.
+ * So does the system's clock, by which rclcpp::Rate goes that is given no other. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>
@@ -23,6 +24,9 @@
 /* Simulated time when an episode begins, and the steady clock's until then. */
 #define BEGINS (1 * BILLION)
 #define EPOCH (100000000 * BILLION)
+/* The system's clock begins at DATE, earlier than any machine's: a date before LATEST was read from it. */
+#define DATE (1000000000 * BILLION)
+#define LATEST (1500000000 * BILLION)
 #define CLOCKS 256
 #define CALLERS 4096
 
@@ -54,6 +58,12 @@ static __thread bool tells;
 static __thread bool published;
 
 static int64_t nanoseconds(const struct timespec *time) { return time->tv_sec * BILLION + time->tv_nsec; }
+
+/* Returns the steady clock's time at which a wait is over; 0 for one that goes by the machine's clock. */
+static int64_t steady_until(clockid_t clock, int64_t ns) {
+  if (clock == CLOCK_MONOTONIC && ns >= EPOCH) return ns;
+  return clock == CLOCK_REALTIME && ns >= DATE && ns < LATEST ? ns - DATE + EPOCH : 0;
+}
 
 static struct timespec timespec_of(int64_t ns) { return (struct timespec){ns / BILLION, ns % BILLION}; }
 
@@ -239,6 +249,24 @@ OURS int rcutils_steady_time_now(int64_t *now) {
 /* std::chrono::steady_clock::now() */
 OURS int64_t _ZNSt6chrono3_V212steady_clock3nowEv(void) { return simulated(CALLER) ? simulated_ns() : machine_ns(); }
 
+/* What reads the system's: rclcpp::Rate that is given no clock. */
+
+extern int rcutils_system_time_now(int64_t *now);
+
+OURS int rcutils_system_time_now(int64_t *now) {
+  if (!now || !simulated(CALLER)) return BEHIND(rcutils_system_time_now)(now);
+  *now = simulated_ns() - EPOCH + DATE;
+  return 0;
+}
+
+/* std::chrono::system_clock::now() */
+OURS int64_t _ZNSt6chrono3_V212system_clock3nowEv(void) {
+  struct timespec now;
+  if (simulated(CALLER)) return simulated_ns() - EPOCH + DATE;
+  clock_gettime(CLOCK_REALTIME, &now);
+  return nanoseconds(&now);
+}
+
 /* Who sleeps. While nodes start a sleep takes as long as it says, but for a thread that would publish again after it:
  * that would go on so until the episode begins. */
 
@@ -259,11 +287,9 @@ OURS int nanosleep(const struct timespec *length, struct timespec *left) {
 }
 
 OURS int clock_nanosleep(clockid_t clock, int flags, const struct timespec *time, struct timespec *left) {
-  int64_t ns = time ? nanoseconds(time) : 0;
-  if (flags & TIMER_ABSTIME ? clock == CLOCK_MONOTONIC && ns >= EPOCH : slept_for(CALLER, time)) {
-    if (flags & TIMER_ABSTIME) slept(CALLER, ns - simulated_ns(), ns);
+  int64_t until = time && flags & TIMER_ABSTIME ? steady_until(clock, nanoseconds(time)) : 0;
+  if (until ? slept(CALLER, until - simulated_ns(), until) || true : !(flags & TIMER_ABSTIME) && slept_for(CALLER, time))
     return 0;
-  }
   return BEHIND(clock_nanosleep)(clock, flags, time, left);
 }
 
@@ -279,15 +305,23 @@ OURS unsigned sleep(unsigned length) {
 
 /* Who waits on a condition: std::condition_variable. */
 
-OURS int pthread_cond_clockwait(pthread_cond_t *on, pthread_mutex_t *mutex, clockid_t clock, const struct timespec *until) {
-  if (clock != CLOCK_MONOTONIC || nanoseconds(until) < EPOCH)
-    return BEHIND(pthread_cond_clockwait)(on, mutex, clock, until);
-  struct waiter own = {.until = nanoseconds(until), .on = on};
+static int condition_wait(pthread_cond_t *on, pthread_mutex_t *mutex, int64_t until) {
+  struct waiter own = {.until = until, .on = on};
   add(&own);
   pthread_mutex_unlock(mutex);
   rest(&own, 0);
   pthread_mutex_lock(mutex);
   return own.woken == SIGNAL ? 0 : ETIMEDOUT;
+}
+
+OURS int pthread_cond_clockwait(pthread_cond_t *on, pthread_mutex_t *mutex, clockid_t clock, const struct timespec *time) {
+  int64_t until = steady_until(clock, nanoseconds(time));
+  return until ? condition_wait(on, mutex, until) : BEHIND(pthread_cond_clockwait)(on, mutex, clock, time);
+}
+
+OURS int pthread_cond_timedwait(pthread_cond_t *on, pthread_mutex_t *mutex, const struct timespec *time) {
+  int64_t until = steady_until(CLOCK_REALTIME, nanoseconds(time));
+  return until ? condition_wait(on, mutex, until) : BEHIND(pthread_cond_timedwait)(on, mutex, time);
 }
 
 OURS int pthread_cond_signal(pthread_cond_t *on) {
@@ -300,21 +334,32 @@ OURS int pthread_cond_broadcast(pthread_cond_t *on) {
   return BEHIND(pthread_cond_broadcast)(on);
 }
 
-/* Who waits for a std::future: std::__atomic_futex_unsigned_base, its wait until steady time, and what ends that. */
+/* Who waits for a std::future: std::__atomic_futex_unsigned_base, its waits until a time, and what ends them. */
 
 #define WAIT _ZNSt28__atomic_futex_unsigned_base26_M_futex_wait_until_steadyEPjjbNSt6chrono8durationIlSt5ratioILl1ELl1EEEENS2_IlS3_ILl1ELl1000000000EEEE
+#define WAIT_SYSTEM _ZNSt28__atomic_futex_unsigned_base19_M_futex_wait_untilEPjjbNSt6chrono8durationIlSt5ratioILl1ELl1EEEENS2_IlS3_ILl1ELl1000000000EEEE
 #define NOTIFY _ZNSt28__atomic_futex_unsigned_base19_M_futex_notify_allEPj
 #define NAME(name) BEHIND(name)  /* expands it first */
 extern bool WAIT(void *base, unsigned *value, unsigned old, bool limited, int64_t s, int64_t ns);
+extern bool WAIT_SYSTEM(void *base, unsigned *value, unsigned old, bool limited, int64_t s, int64_t ns);
 extern void NOTIFY(unsigned *value);
 
-OURS bool WAIT(void *base, unsigned *value, unsigned old, bool limited, int64_t s, int64_t ns) {
-  if (!limited || s * BILLION + ns < EPOCH) return NAME(WAIT)(base, value, old, limited, s, ns);
-  struct waiter own = {.until = s * BILLION + ns, .on = value};
+static bool future_wait(unsigned *value, unsigned old, int64_t until) {
+  struct waiter own = {.until = until, .on = value};
   add(&own);
   if (LOAD(*value) != old) take_out(&own);
   else rest(&own, 0);
   return own.woken == SIGNAL || LOAD(*value) != old;
+}
+
+OURS bool WAIT(void *base, unsigned *value, unsigned old, bool limited, int64_t s, int64_t ns) {
+  int64_t until = limited ? steady_until(CLOCK_MONOTONIC, s * BILLION + ns) : 0;
+  return until ? future_wait(value, old, until) : NAME(WAIT)(base, value, old, limited, s, ns);
+}
+
+OURS bool WAIT_SYSTEM(void *base, unsigned *value, unsigned old, bool limited, int64_t s, int64_t ns) {
+  int64_t until = limited ? steady_until(CLOCK_REALTIME, s * BILLION + ns) : 0;
+  return until ? future_wait(value, old, until) : NAME(WAIT_SYSTEM)(base, value, old, limited, s, ns);
 }
 
 OURS void NOTIFY(unsigned *value) {

@@ -51,7 +51,8 @@ def waited(folder: Path, kind: str, *told: str) -> str:
     return done.stdout.strip()
 
 
-_WAITS = ("sleep_for", "sleep_until", "usleep", "sleep_after_publishing", "condition", "future")
+_OF_SYSTEM = ("system", "system_condition", "system_future")
+_WAITS = ("sleep_for", "sleep_until", "usleep", "sleep_after_publishing", "condition", "future", *_OF_SYSTEM)
 
 
 @pytest.mark.parametrize("kind", _WAITS)

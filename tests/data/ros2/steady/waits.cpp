@@ -36,6 +36,11 @@ void wait_for_condition() {
 const std::map<std::string, void (*)()> WAITS = {
   {"sleep_for", []() { std::this_thread::sleep_for(70ms); }},
   {"sleep_until", []() { std::this_thread::sleep_until(Clock::now() + 70ms); }},
+  {"system", []() { std::this_thread::sleep_until(std::chrono::system_clock::now() + 70ms); }},
+  {"system_condition", []() {
+     std::unique_lock<std::mutex> lock(mutex);
+     condition.wait_until(lock, std::chrono::system_clock::now() + 70ms, []() { return told.load(); }); }},
+  {"system_future", []() { promise.get_future().wait_until(std::chrono::system_clock::now() + 70ms); }},
   {"usleep", []() { usleep(70000); }},
   {"sleep_after_publishing", []() { rcl_publish("/cmd_vel", "", nullptr); std::this_thread::sleep_for(70ms); }},
   {"sleep_after_parameters", []() { rcl_publish("/parameter_events", "", nullptr); std::this_thread::sleep_for(70ms); }},
