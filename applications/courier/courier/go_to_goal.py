@@ -1,4 +1,4 @@
-"""The courier's controller: plans on the map, follows the plan, and keeps off what its lidar sees.
+"""The courier's controller: plans on the map, follows the plan, keeps off what its lidar sees, and gives way to people.
 
 Wherever its sensors are ideal, so is the program: noise costs only those who ask for it.
 """
@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Float, Float32
+from jaxtyping import Float
 
+from .giving_way import People, Planned, Room, give_way, nobody, room_of
 from .localizing import Belief, belief_at_start, corrected, matched
 from .planning import RADIUS_M, Ways, point_ahead, ways_to_goals
+from .scan import Lidar, Number, angles_rad, free_ahead, ray_directions
 
 if TYPE_CHECKING:
     from tasks.simulate.application.contract import FloorMap, Observation
@@ -29,17 +30,6 @@ _PUSH_GAIN = 1.2
 _BRAKE_M_S2 = 0.8
 _GAP_M = 0.04
 _LEAST_SPEED_M_S = 0.05
-Number = float | Float[jax.Array, ""]
-
-
-class Lidar(NamedTuple):
-    """A planar lidar; ``height_m`` is above the floor."""
-
-    rays: int = 32
-    range_m: float = 10.0
-    height_m: float = 0.2
-    sigma_m: Number = 0.0
-    dropout: Number = 0.0
 
 
 class Odometry(NamedTuple):
@@ -51,9 +41,15 @@ class Odometry(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """The plan, and where a robot that counts its wheels' turns believes to be; None for one that knows."""
+    """The plan, whom it knows of, and where a robot that counts its wheels' turns believes to be.
+
+    Attributes:
+        belief: None for a robot that knows where it is.
+    """
 
     ways: Ways
+    room: Room
+    people: People
     belief: Belief | None
 
 
@@ -67,13 +63,20 @@ class GoToGoal:
 
     def init(self, floor: "FloorMap", goals_m: Float[jax.Array, "goals 2"]) -> Kept:
         """Returns the plan: ways to all goals."""
-        return Kept(ways_to_goals(floor, goals_m), None if self.odometry is None else belief_at_start(floor))
+        belief = None if self.odometry is None else belief_at_start(floor)
+        return Kept(ways_to_goals(floor, goals_m), room_of(floor), nobody(), belief)
 
     def step(self, state: Kept, observation: "Observation") -> tuple[Kept, Float[jax.Array, "3"]]:
-        """Returns the plan as it is, and the control (forward m/s, turn rad/s, sideways m/s)."""
+        """Returns the plan as it is, whom it knows of, and the control (forward m/s, turn rad/s, sideways m/s)."""
         belief, pose = state.belief, observation.pose
         if belief is not None:
-            belief = matched(belief, pose, observation.ranges_m, jnp.asarray(_angles_rad()), self.lidar.range_m)
+            belief = matched(
+                belief,
+                pose,
+                observation.ranges_m,
+                jnp.asarray(angles_rad()),
+                self.lidar.range_m,
+            )
             pose = corrected(belief, pose)
         place, yaw = pose[:2], pose[2]
         ahead = point_ahead(state.ways, observation.goal_index, place, _AHEAD_M)
@@ -83,11 +86,18 @@ class GoToGoal:
         error = jnp.arctan2(heading_y, heading_x)
         turn = jnp.clip(_TURN_GAIN * error, -_MOST_TURN_RAD_S, _MOST_TURN_RAD_S)
         forward = self._speed(error, observation.ranges_m)
-        return Kept(state.ways, belief), jnp.stack([forward, turn, jnp.zeros_like(turn)])
+        planned = Planned(
+            jnp.stack([forward, turn, jnp.zeros_like(turn)]),
+            error,
+            target,
+            jnp.asarray(self._most_m_s),
+        )
+        people, control = give_way(state.people, state.room, pose, observation.ranges_m, planned)
+        return state._replace(people=people, belief=belief), control
 
     def _speed(self, error: jax.Array, ranges_m: Float[jax.Array, "rays"]) -> jax.Array:
         """Returns the speed that suits the turn to make, and lets it stop before what lies ahead."""
-        free_m = jnp.min(_free_ahead(ranges_m))
+        free_m = jnp.min(free_ahead(ranges_m))
         stopping = jnp.sqrt(2.0 * _BRAKE_M_S2 * jnp.maximum(free_m - _GAP_M, 0.0))
         aligned = jnp.maximum(jnp.cos(error), 0.0) ** 2
         creeping = jnp.where(free_m > _GAP_M, _LEAST_SPEED_M_S * aligned, 0.0)
@@ -112,7 +122,9 @@ def controller(environment: Mapping[str, str | Number]) -> GoToGoal:
     if "ODOMETRY_SIGMA" in environment:
         odometry = Odometry(*[_number(environment, "ODOMETRY_SIGMA", 0.0, "metres a metre, such as 0.01")] * 3)
     return GoToGoal(
-        _number(environment, "MAX_SPEED", DEFAULT_SPEED_M_S, "metres a second, such as 0.5"), lidar, odometry
+        _number(environment, "MAX_SPEED", DEFAULT_SPEED_M_S, "metres a second, such as 0.5"),
+        lidar,
+        odometry,
     )
 
 
@@ -123,34 +135,19 @@ def _number(environment: Mapping[str, str | Number], name: str, default: float, 
     return value
 
 
-def _angles_rad() -> Float32[np.ndarray, "rays"]:
-    """Returns the directions of the lidar's rays in the robot's frame."""
-    return (2 * np.pi * np.arange(Lidar().rays) / Lidar().rays).astype(np.float32)
-
-
-def _rays() -> tuple[Float[jax.Array, "rays"], Float[jax.Array, "rays"]]:
-    """Returns the same as vectors."""
-    angles = 2 * np.pi * np.arange(Lidar().rays) / Lidar().rays
-    return jnp.asarray(np.cos(angles), jnp.float32), jnp.asarray(np.sin(angles), jnp.float32)
-
-
 def _heading(
-    way_m: Float[jax.Array, "2"], yaw: Float[jax.Array, ""], ranges_m: Float[jax.Array, "rays"]
+    way_m: Float[jax.Array, "2"],
+    yaw: Float[jax.Array, ""],
+    ranges_m: Float[jax.Array, "rays"],
 ) -> tuple[jax.Array, jax.Array]:
     """Returns where to go in the robot's frame: towards the target, pushed off by near solids."""
     cos, sin = jnp.cos(yaw), jnp.sin(yaw)
     length = jnp.sqrt(jnp.sum(way_m**2)) + 1e-6
-    to_x, to_y = (cos * way_m[0] + sin * way_m[1]) / length, (cos * way_m[1] - sin * way_m[0]) / length
-    ray_x, ray_y = _rays()
+    to_x, to_y = (
+        (cos * way_m[0] + sin * way_m[1]) / length,
+        (cos * way_m[1] - sin * way_m[0]) / length,
+    )
+    ray_x, ray_y = ray_directions()
     push = _PUSH_GAIN * jnp.maximum(1.0 - jnp.maximum(ranges_m - RADIUS_M, 0.0) / _PUSH_M, 0.0) ** 2
     strongest = jnp.argmax(push)
     return to_x - push[strongest] * ray_x[strongest], to_y - push[strongest] * ray_y[strongest]
-
-
-def _free_ahead(ranges_m: Float[jax.Array, "rays"]) -> Float[jax.Array, "rays"]:
-    """Returns how far the hull can go straight on before it touches each ray's end; far for rays that it passes."""
-    ray_x, ray_y = _rays()
-    along, across = ranges_m * ray_x, ranges_m * ray_y
-    reach = jnp.sqrt(jnp.maximum(RADIUS_M**2 - across**2, 0.0))
-    in_way = (along > 0.0) & (jnp.abs(across) < RADIUS_M)
-    return jnp.where(in_way, along - reach, Lidar().range_m)

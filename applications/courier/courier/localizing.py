@@ -85,7 +85,11 @@ def _pair(floor: "FloorMap", row: jax.Array, column: jax.Array) -> tuple[jax.Arr
 
 def _solved(matrix: Float[jax.Array, "3 3"], right: Float[jax.Array, "3"]) -> Float[jax.Array, "3"]:
     """Returns the solution of three equations, by Cramer's rule: the same bits in any batch."""
-    columns = jnp.cross(matrix[1], matrix[2]), jnp.cross(matrix[2], matrix[0]), jnp.cross(matrix[0], matrix[1])
+    columns = (
+        jnp.cross(matrix[1], matrix[2]),
+        jnp.cross(matrix[2], matrix[0]),
+        jnp.cross(matrix[0], matrix[1]),
+    )
     return (jnp.stack(columns, axis=1) @ right) / jnp.dot(matrix[0], columns[0])
 
 

@@ -129,7 +129,9 @@ def _swept_until_settled(cost: Fields, weight: Fields) -> Fields:
     turned = weight.swapaxes(0, 2)
     spans = [_span(jnp.isfinite(each)) for each in (weight, turned)]
 
-    def sweep_all(carry: tuple[Fields, Bool[jax.Array, ""]]) -> tuple[Fields, Bool[jax.Array, ""]]:
+    def sweep_all(
+        carry: tuple[Fields, Bool[jax.Array, ""]],
+    ) -> tuple[Fields, Bool[jax.Array, ""]]:
         before, _ = carry
         cost = _swept_both_ways(before, weight, spans[0])
         cost = _swept_both_ways(cost.swapaxes(0, 2), turned, spans[1]).swapaxes(0, 2)

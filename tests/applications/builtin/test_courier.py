@@ -13,6 +13,7 @@ from scipy.ndimage import maximum_filter
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from applications.courier.courier.giving_way import nobody, room_of
 from applications.courier.courier.go_to_goal import Kept, controller
 from applications.courier.courier.planning import RADIUS_M, Ways, cell_of, cell_weight, point_ahead, ways_to_goals
 from specs.pipeline.world_sections import WorldImport
@@ -37,7 +38,7 @@ PLAN = jax.jit(ways_to_goals)
 AHEAD = jax.jit(point_ahead, static_argnames="ahead_m")
 WAYS = PLAN(FLOOR, GOAL[None])
 OPEN = jnp.full(32, 10.0)
-STATE = Kept(WAYS, None)
+STATE = Kept(WAYS, room_of(FLOOR), nobody(), None)
 
 
 def seen(ranges: jax.Array, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Observation:
