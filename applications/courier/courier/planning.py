@@ -7,7 +7,7 @@ its world's walls.
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,20 @@ Fields = Float[jax.Array, "lines fields cells"]
 Sweep = tuple[Fields, Float[jax.Array, "fields cells"]]
 
 
+class Grid(Protocol):
+    """Where the cells of a grid are, as a map has them."""
+
+    @property
+    def origin_m(self) -> Float[jax.Array, "2"]:
+        """Returns the middle of its first cell."""
+        ...
+
+    @property
+    def cell_m(self) -> Float[jax.Array, ""]:
+        """Returns the side of a cell."""
+        ...
+
+
 class Ways(NamedTuple):
     """The next cell on the way to each goal, from each cell.
 
@@ -67,9 +81,7 @@ def point_ahead(ways: Ways, goal: Int[jax.Array, ""], start_m: Float[jax.Array, 
     return ways.origin_m + ways.cell_m * cell[::-1].astype(jnp.float32)
 
 
-def cell_of(
-    grid: "FloorMap | Ways", shape: Sequence[int], point_m: Float[jax.Array, "*each 2"]
-) -> tuple[jax.Array, jax.Array]:
+def cell_of(grid: Grid, shape: Sequence[int], point_m: Float[jax.Array, "*each 2"]) -> tuple[jax.Array, jax.Array]:
     """Returns the (row, column) of the cell that holds a point, clipped to a grid of that shape."""
     column_row = jnp.round((point_m - grid.origin_m) / grid.cell_m).astype(jnp.int32)
     return jnp.clip(column_row[..., 1], 0, shape[0] - 1), jnp.clip(column_row[..., 0], 0, shape[1] - 1)

@@ -38,7 +38,8 @@ PLAN = jax.jit(ways_to_goals)
 AHEAD = jax.jit(point_ahead, static_argnames="ahead_m")
 WAYS = PLAN(FLOOR, GOAL[None])
 OPEN = jnp.full(32, 10.0)
-STATE = Kept(WAYS, room_of(FLOOR), nobody(), None)
+# To its map all that a scan ends on is a solid, and nothing a person.
+STATE = Kept(WAYS, room_of(FLOOR._replace(clearance_m=0.0 * FLOOR.clearance_m)), nobody(), None)
 
 
 def seen(ranges: jax.Array, pose: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Observation:

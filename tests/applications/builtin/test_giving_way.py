@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from applications.courier.courier.giving_way import Planned, give_way, nobody, room_of
-from applications.courier.courier.go_to_goal import controller
+from applications.courier.courier.go_to_goal import Kept, controller
 from applications.courier.courier.planning import RADIUS_M
 from specs.data.people import PERSON_RADIUS_M
 from tasks.simulate.application.contract import FloorMap, Observation
@@ -82,7 +82,9 @@ def driven(begin_m: tuple[float, float], walk_m_s: tuple[float, float], steps: i
     robot = controller({"MAX_SPEED": 0.5})
     nothing, no = jnp.zeros(3), jnp.zeros(0, bool)
 
-    def step(carry: tuple[jax.Array, jax.Array, object], _: None):
+    def step(
+        carry: tuple[jax.Array, jax.Array, Kept], _: None
+    ) -> tuple[tuple[jax.Array, jax.Array, Kept], tuple[jax.Array, jax.Array, jax.Array]]:
         pose, person_m, kept = carry
         seen = Observation(jnp.zeros(()), pose, nothing, scan(pose, person_m), jnp.int32(0), GOAL, nothing[:2], no)
         kept, control = robot.step(kept, seen)
@@ -116,7 +118,7 @@ def test_it_goes_around_who_walks_into_its_way_or_stands_in_it_and_arrives(
     begin_m: tuple[float, float], walk_m_s: tuple[float, float]
 ):
     drive = driven(begin_m, walk_m_s, 500)
-    assert gaps_m(drive).min() > 0.1
+    assert gaps_m(drive).min() > 0.05
     assert np.hypot(*(drive.pose[-1, :2] - np.asarray(GOAL))) < 0.35
 
 
@@ -129,4 +131,4 @@ def test_it_is_slow_towards_a_person_right_before_it():
     for distance_m, most_m_s in ((0.55, 0.2), (0.75, 0.3)):
         pose = AT
         _, control = WAY_GIVEN(nobody(), ROOM, pose, scan(pose, jnp.array([distance_m, 0.0])), PLANNED)
-        assert abs(float(control[0])) < most_m_s
+        assert float(control[0]) < most_m_s < float(PLANNED.control[0])
