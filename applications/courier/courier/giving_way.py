@@ -161,7 +161,7 @@ def _among_people_of_lanes(lanes: int, mapped: Sequence[object], *given: object)
 
     each = jax.tree.map(repeated, tuple(given), tuple(mapped))
     people, _, _, _, strange, planned = each
-    anybody = jnp.any(strange) | jnp.any(people.unseen < _BELIEVED)
+    anybody = jnp.any(strange) | jnp.any(people.unseen <= _BELIEVED)
     found = jax.lax.cond(anybody, lambda: jax.vmap(_dodge)(*each), lambda: (people, planned.control))
     return found, jax.tree.map(lambda _: True, found)
 
