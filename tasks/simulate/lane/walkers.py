@@ -258,16 +258,19 @@ def _neighbours(people: PeopleInputs, own: Disc, robot: Disc) -> list[HalfPlane]
 def _room(people: PeopleInputs, place: Vector) -> tuple[Scalar, Vector]:
     """Returns how much room is left around each person, and in which direction there is more."""
     rows, columns = people.room_m.shape
-    x = jnp.clip((place.x - people.low_m[0]) / people.cell_m, 0.0, columns - 1.001)
-    y = jnp.clip((place.y - people.low_m[1]) / people.cell_m, 0.0, rows - 1.001)
+    # A division by what all people of a lane share becomes such a product in some programs and in others not, by how
+    # many devices there are: so it is one in all.
+    per_m = 1.0 / people.cell_m
+    x = jnp.clip((place.x - people.low_m[0]) * per_m, 0.0, columns - 1.001)
+    y = jnp.clip((place.y - people.low_m[1]) * per_m, 0.0, rows - 1.001)
     column, row = x.astype(jnp.int32), y.astype(jnp.int32)
     right, up = x - column, y - row
     flat, first = people.room_m.reshape(-1), row * columns + column
     low, beside, above, across = flat[first], flat[first + 1], flat[first + columns], flat[first + columns + 1]
     room_m = (1.0 - up) * ((1.0 - right) * low + right * beside) + up * ((1.0 - right) * above + right * across)
     rise = Vector(
-        ((1.0 - up) * (beside - low) + up * (across - above)) / people.cell_m,
-        ((1.0 - right) * (above - low) + right * (across - beside)) / people.cell_m,
+        ((1.0 - up) * (beside - low) + up * (across - above)) * per_m,
+        ((1.0 - right) * (above - low) + right * (across - beside)) * per_m,
     )
     return room_m, rise
 

@@ -7,6 +7,8 @@ import pytest
 
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from tasks.simulate.application.contract import Body
+from tasks.simulate.devices import device_count
+from tasks.simulate.engines.program import lane_mesh, split_over
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.walks import walks_in
@@ -62,6 +64,23 @@ def test_no_two_people_are_in_one_place(ways: np.ndarray):
 def test_people_walk_the_same_bits_alone_and_among_others(ways: np.ndarray):
     alone = np.asarray(walked(inputs(range(3, 4)), jnp.full(2, FAR_M))[1])[:, :, :COUNT]
     np.testing.assert_array_equal(alone[:, 0], ways[:, 3])
+
+
+def test_people_walk_the_same_bits_on_one_device_and_on_all():
+    lanes = 8 * max(device_count(), 2)
+    people = inputs(range(lanes))
+    robot = Body(jnp.full((lanes, 3), 1.0), jnp.zeros((lanes, 3)), jnp.zeros((lanes, 0)), jnp.zeros((lanes, 3)))
+
+    def places(devices: int) -> np.ndarray:
+        own = jax.vmap(lambda own, before, body: walk(own, before, body, HULL_M))
+        step, state = jax.jit(split_over(lane_mesh(most=devices), own, 3)), jax.vmap(begin_people)(people)
+        ways: list[np.ndarray] = []
+        for _ in range(100):
+            state = step(people, state, robot)
+            ways.append(np.asarray(state.place_m))
+        return np.stack(ways)
+
+    np.testing.assert_array_equal(places(1), places(device_count()))
 
 
 def test_who_does_not_see_the_robot_stops_where_it_touches_it():
