@@ -3,6 +3,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -110,13 +111,18 @@ def world_import(
 def _of_run(run: "Run") -> "Worlds":
     from simyard.answer.run_answers import Worlds
     from specs.arn import resource_name
+    from tasks.storage.jobs.records import read
     from tasks.storage.store_url import open_existing_store
 
     store = open_existing_store(run.store)
-    job = run.generation
-    if job is None:
-        return Worlds(f"{run.report.name} made no worlds", (), _read=lambda name: _read(store, name))
-    return _of_job(store, resource_name(job))
+    pins = cast("Mapping[str, Any]", read(store, "pipeline-run", run.id).request.get("pins") or {})
+    # Variants of a building come in the order of their numbers, not of their names.
+    own = sorted(pins.get("worlds") or {}, key=lambda name: (len(name), name))
+    if run.generation is None:
+        title = run.report.name if own else f"{run.report.name} made no worlds"
+        return Worlds(title, tuple(own), _read=lambda name: _read(store, name))
+    made = _of_job(store, resource_name(run.generation))
+    return replace(made, names=(*own, *made.names))
 
 
 def _known(name: str, store: "Store") -> "Worlds | None":

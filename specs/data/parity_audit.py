@@ -133,6 +133,7 @@ class AuditReport(Spec):
         flips: Episodes whose success is another one on the reference.
         others: Episodes with the same success that came to another end.
         unreproduced: Episodes whose row is not what the engine makes of their request.
+        differing: Columns in which they differ.
         ros: Episodes that a ROS application drove.
         unlocked: Those of them in which lock-step did not hold, when their rows were made or when they were driven
             again: that their rows are the same is then no promise.
@@ -159,6 +160,7 @@ class AuditReport(Spec):
     flips: tuple[Flip, ...] = ()
     others: tuple[Flip, ...] = ()
     unreproduced: tuple[int, ...] = ()
+    differing: tuple[str, ...] = ()
     ros: int = 0
     unlocked: tuple[int, ...] = ()
     elsewhere: tuple[int, ...] = ()

@@ -333,5 +333,8 @@ FAILURES_COLUMNS = (*REQUESTED, *ANSWERED, *EXPLAINED, *MEASURED)
 MEASURES = tuple(column.name for column in RESULTS_COLUMNS if column.measure)
 """What a gate's quantile may be of, besides ``metrics.<name>`` for what the scenario measures."""
 
+PEOPLE_MEASURES = tuple(name for name in MEASURES if name.startswith(("person_", "min_person_")))
+"""Those that only episodes with people have."""
+
 COURSES = {column.name: column.course for column in RESULTS_COLUMNS if column.course}
 """What time makes of a measure; those that it leaves alone are not here."""

@@ -65,9 +65,23 @@ def _load_yaml(text: str, max_depth: int) -> JsonValue:
         _check_events(text, max_depth)
         return cast("JsonValue", yaml.load(text, Loader=_Loader))  # noqa: S506 - knows JSON's types only
     except yaml.MarkedYAMLError as exc:
-        raise _RefusedError(_place(exc.problem_mark), exc.problem or "not YAML", "YAML") from exc
+        raise _RefusedError(
+            _place(exc.problem_mark), *_syntax(exc.problem or "not YAML", text, exc.problem_mark)
+        ) from exc
     except yaml.YAMLError as exc:
         raise _RefusedError("file", " ".join(str(exc).split()), "YAML") from exc
+
+
+def _syntax(problem: str, text: str, mark: Any) -> tuple[str, str]:  # noqa: ANN401 - see _place
+    """Returns what stands where a parser stopped, and what may, for mistakes that are made again and again."""
+    lines = text.splitlines()
+    if mark is not None and mark.line < len(lines) and "\t" in lines[mark.line][: mark.column + 1]:
+        return "a tab", "spaces, by which alone YAML indents"
+    if problem.startswith("did not find expected"):
+        return problem, "the indentation of the lines that it belongs to, and brackets and quotes that are closed"
+    if problem.startswith("mapping values are not allowed"):
+        return "a second colon before a space", 'a text with ": " in it in quotes, and a new key on a line of its own'
+    return problem, "YAML"
 
 
 def _check_events(text: str, max_depth: int) -> None:

@@ -67,6 +67,15 @@ def test_an_empty_store_shows_that_there_is_nothing(tmp_path: Path):
     assert "no worlds" in simyard.worlds(store=made.url)._repr_html_()
 
 
+def test_a_run_has_the_buildings_that_its_document_imports_in_the_order_of_their_variants(tmp_path: Path):
+    path = write_map(tmp_path, ("#" * 40, *("#" + "." * 38 + "#",) * 40, "#" * 40))
+    hall = {"name": "hall", "source": str(path), "start": [2.0, 3.0, 0.0], "variants": 11, "seed": 1, "clutter": 1}
+    run = simyard.run({"name": "own", "worlds": [hall]}, store=tmp_path / "store", direct=True)
+    worlds = simyard.worlds(run)
+    assert [each.name.rpartition("/")[2] for each in worlds] == [f"hall-{number}" for number in range(1, 12)]
+    assert worlds[0].document.source is not None
+
+
 def test_what_is_neither_a_template_nor_a_world_is_told(store: str):
     with pytest.raises(DocumentError, match=r"none\.json"):
         simyard.worlds("none.json", store=store)

@@ -259,7 +259,7 @@ def _alarms(found: AuditReport) -> list[str]:
     if found.unreproduced:
         alarms.append(
             f"{len(found.unreproduced)} of {found.lanes} rows are not what their engine makes of them "
-            f"({_few(found.unreproduced)})"
+            f"({_few(found.unreproduced)}){_columns(found.differing)}"
         )
     if _alarmed(found.false_passes, FLIP_LIMIT):
         alarms.append("episodes pass that fail on C MuJoCo, more often than a micrometre explains")
@@ -269,6 +269,10 @@ def _alarms(found: AuditReport) -> list[str]:
         alarms.append("robots touch nothing that touch something on C MuJoCo, more often than a micrometre explains")
     alarms += _parted(found)
     return alarms
+
+
+def _columns(differing: Sequence[str]) -> str:
+    return f", in {_few(differing)}: simyard replay drives one of them again and compares it" if differing else ""
 
 
 def _parted(found: AuditReport) -> list[str]:
@@ -315,8 +319,8 @@ def _warnings(found: AuditReport) -> list[str]:
     return [f"{unlocked}: they may differ another time"]
 
 
-def _few(indices: tuple[int, ...]) -> str:
-    return ", ".join(map(str, indices[:5]))
+def _few(some: Sequence[object]) -> str:
+    return ", ".join(map(str, some[:5]))
 
 
 # What a row holds besides what the simulation gave it; how lock-step held is judged by itself.
@@ -375,7 +379,8 @@ def findings(
         unflipped=apart_quantiles([*unflipped_m.values()]),
         flips=flips,
         others=others,
-        unreproduced=tuple(row.index for row in here if not _reproduced(row, ours)),
+        unreproduced=tuple(row.index for row in here if row.index not in ours or _differing(row, ours)),
+        differing=tuple(dict.fromkeys(name for row in here if row.index in ours for name in _differing(row, ours))),
         ros=sum(each.row.late is not None for each in sample),
         unlocked=tuple(each.row.index for each in sample if _unlocked(each.row, ours.get(each.row.index))),
         elsewhere=tuple(each.row.index for each in sample if each.row.device != device_kind()),
@@ -468,13 +473,11 @@ def _most_apart_m(ours: DrivenEpisode, theirs: DrivenEpisode) -> float:
     return float(np.hypot(*(ours.places_m[:steps] - theirs.places_m[:steps]).T).max(initial=0.0))
 
 
-def _reproduced(row: EpisodeResult, ours: Driven) -> bool:
-    if row.index not in ours:
-        return False
-    again = ours[row.index].row
-    if device_kind() == "gpu":
-        return row.model_dump(include=_ENDS) == again.model_dump(include=_ENDS)
-    return row.model_dump(exclude=_BESIDES) == again.model_dump(exclude=_BESIDES)
+def _differing(row: EpisodeResult, ours: Driven) -> list[str]:
+    """Returns the columns of a row that are not what its engine makes of its request."""
+    here, again = row.model_dump(), ours[row.index].row.model_dump()
+    compared = _ENDS if device_kind() == "gpu" else here.keys() - _BESIDES
+    return [name for name in here if name in compared and here[name] != again[name]]
 
 
 DRIVE_ARRAYS = 3

@@ -192,6 +192,8 @@ def test_the_sentence_has_the_numbers():
     )
     alarmed = report(unreproduced=(3, 9))
     assert alarmed.sentence.startswith("2 of 32 rows are not what their engine makes of them (3, 9); ")
+    told = report(unreproduced=(3,), differing=("spl", "energy_j")).sentence
+    assert told.startswith("1 of 32 rows are not what their engine makes of them (3), in spl, energy_j: simyard replay")
     apart = report(unflipped=ApartQuantiles(median_m=0.1, p90_m=0.25, max_m=0.3))
     assert apart.sentence.startswith("robots with the same outcome are apart from C MuJoCo's by 0.25 m (p90); ")
     assert report(compared=4).sentence.endswith("; no more than 4 of the 32 drawn could be compared")

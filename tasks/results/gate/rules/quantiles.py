@@ -88,7 +88,9 @@ def _judge(asked: QuantileRule, material: GateMaterial, label: str) -> RuleVerdi
     of = f"the {asked.quantile:g} quantile of {asked.column} over {n} episodes{where_text(len(worlds), asked.over)}"
     unseen_text = f", {found.unknown_text()}," if unknown else ""
     estimate = sorted(found.seen)[max(0, math.ceil(asked.quantile * len(found.seen)) - 1)]
-    seen = f"{of}{unseen_text} is {estimate:.4g} ({100 * asked.confidence:g} % interval {_interval_text(interval)})"
+    known_text, counted_text = (" where it is known", ", unknown ones counted,") if unknown else ("", "")
+    within = f"{100 * asked.confidence:g} % interval{counted_text} {_interval_text(interval)}"
+    seen = f"{of}{unseen_text} is {estimate:.4g}{known_text} ({within})"
     bar_text = f"at {'least' if at_least else 'most'} {bar:g} asked for"
     return RuleVerdict(
         rule=label,
