@@ -75,6 +75,11 @@ def test_who_waits_for_a_lock_waits_so_long_by_the_machines_clock(folder: Path) 
     assert waited(folder, "lock") == "never 0"
 
 
+def test_who_waits_for_a_time_that_was_read_before_it_follows_simulated_time_is_not_left_behind(folder: Path) -> None:
+    """As threads of spdlog do, which rcl has."""
+    assert waited(folder, "early") == "never 0"
+
+
 def test_the_middleware_has_the_machines_clock(folder: Path) -> None:
     assert waited(folder, "middleware") == "1 never 0"
 
