@@ -62,6 +62,17 @@ class ReasonRecord(NamedTuple):
 
 
 _HIT = Mark("hit", '<path d="m4 4 12 12m0-12L4 16"/>', "#d55e00", "#c2410c", "#ff8f5c", "#c2410c")
+_PERSON = Mark(
+    "person",
+    '<circle cx="10" cy="5.5" r="3"/><path d="M3.5 18c0-5 2.5-8 6.5-8s6.5 3 6.5 8"/>',
+    "#8c510a",
+    "#7a4700",
+    "#d9a35c",
+    "#7a4700",
+)
+_ROBOT = Mark(
+    "robot", '<path d="M3.5 7h13v8h-13zM6.5 15v3m7-3v3M10 7V2.5"/>', "#d55e00", "#c2410c", "#ff8f5c", "#c2410c"
+)
 _LATE = Mark(
     "late",
     '<circle cx="10" cy="10" r="7.5"/><path d="M10 6v4.5h3.5" stroke-width="2.2"/>',
@@ -84,8 +95,8 @@ OUTCOME_REASONS = (
     ReasonRecord("judged", "The simulation application says that the robot did not do its task.", OTHER_MARK),
     ReasonRecord("aborted", "The navigation gave a goal up, or would not take it.", OTHER_MARK),
     ReasonRecord("canceled", "Somebody cancelled a goal of the navigation.", OTHER_MARK),
-    ReasonRecord("person", "The robot touched a person harder than the scenario allows of anything.", _HIT),
-    ReasonRecord("robot", "The robot touched another robot harder than the scenario allows of anything.", _HIT),
+    ReasonRecord("person", "The robot touched a person harder than the scenario allows of anything.", _PERSON),
+    ReasonRecord("robot", "The robot touched another robot harder than the scenario allows of anything.", _ROBOT),
     ReasonRecord(
         "deadlock", "The robot and another one beside it stood still until it was stuck, or too late.", _STUCK
     ),
