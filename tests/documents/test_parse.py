@@ -59,7 +59,9 @@ def test_a_key_in_another_number_is_meant_before_one_of_another_section():
         'did you mean "seed"? or it belongs in simulationBatch.matrix, '
     )
     fleet = {"fleet": {"name": "couriers", "robots": 3}, "deploymentApplicationConfigs": []}
-    assert faults(pipeline(deployment=fleet))["deployment.fleet.robots"][1] == "known keys are name, localAgents"
+    assert faults(pipeline(deployment=fleet))["deployment.fleet.robots"][1].endswith(
+        "known keys here are name, localAgents"
+    )
 
 
 def test_an_unknown_key_that_a_rule_speaks_of_is_told_by_the_rule():

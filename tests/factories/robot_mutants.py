@@ -262,7 +262,8 @@ def _driven_by_c(path: Path, world: World, ahead: np.ndarray) -> _Drove:
 
 def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world: World, ahead: np.ndarray) -> _Drove:
     mechanics = mechanics_of(path)
-    inputs: Any = SimpleNamespace(obstacles=_solids(world, mechanics.hull), near=None, standing_m=None, physics=None)
+    solids = _solids(world, mechanics.hull)
+    inputs: Any = SimpleNamespace(obstacles=solids, near=None, standing_m=None, physics=None, robots=None)
     control = jnp.asarray(np.resize(ahead, mechanics.actuators))
 
     def step(body: Body, _: None) -> tuple[Body, tuple[jax.Array, ...]]:

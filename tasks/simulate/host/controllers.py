@@ -438,7 +438,7 @@ def with_color(
     # A controller that raises in one lane takes no cameras away from the others, which have none.
     if None in found and not any(isinstance(each, ColorCameraDeclaration) for each in found):
         return controllers
-    if start.lanes[0].robots is not None:
+    if any(lane.robots is not None for lane in start.lanes):
         raise BundleCrash(_ROBOT, "color_camera: what it sees of other robots in its world is not drawn yet")
     from tasks.simulate.host.color_cameras import LanePictures, SeeingControllers
 

@@ -36,6 +36,7 @@ def test_a_document_with_people_is_run_and_replayed(tmp_path: Path):
     document: dict[str, Any] = small_document()
     del document["worldExport"], document["deployment"]
     document["simulationBatch"] |= BLOCKS[0]["simulationBatch"]
+    document["gate"] = {"successRate": {"atLeast": 0.1}}
     store = (tmp_path / "store").as_uri()
     done = finished("run", str(write_document(tmp_path, document)), "--direct", "--store", store)
     assert done.returncode == 0, done.stdout + done.stderr

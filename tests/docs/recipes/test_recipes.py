@@ -107,7 +107,7 @@ def test_a_results_column_is_one_record(tree: TreeCopy):
 @pytest.mark.long
 def test_an_outcome_reason_is_one_record(tree: TreeCopy):
     path = "specs/data/outcomes.py"
-    tree.replace(path, '"canceled", "person"\n', '"canceled", "person", "overheated"\n')
+    tree.replace(path, '    "deadlock",\n]', '    "deadlock",\n    "overheated",\n]')
     tree.replace(
         path,
         'cancelled a goal of the navigation.", OTHER_MARK),\n',

@@ -426,7 +426,11 @@ WRITTEN = [
     *((text, ground) for text in ("text", "quiet", "link") for ground in ("page", "card")),
     *((text, f"{text}-soft") for text in ("pass", "fail", "open", "none")),
     *((text, f"{ground}-soft") for text in ("text", "quiet", "goal") for ground in ("pass", "fail", "open", "none")),
-    *((mark, ground) for mark in ("hit", "late", "stuck", "out", "person", "robot", "other") for ground in ("card", "room")),
+    *(
+        (mark, ground)
+        for mark in ("hit", "late", "stuck", "out", "person", "robot", "other")
+        for ground in ("card", "room")
+    ),
     *(("text", "track"), ("quiet", "room"), ("link", "open-soft")),
 ]
 

@@ -126,7 +126,7 @@ def shown(
 
     monkeypatch.setattr(color_cameras, "standing_cameras", standing)
     camera = ColorCameraDeclaration(columns=6, rows=4, rate_hz=rate_hz, latency_steps=latency_steps)
-    lane: Any = type("Lane", (), {"request": watching(0)})
+    lane: Any = type("Lane", (), {"request": watching(0), "robots": None})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()), pens)
     pictures = LanePictures([camera, BundleCrash("RobotApplicationCrash", "broken")], start, ROBOT)
     seeing = SeeingControllers(watcher, pictures, start)  # type: ignore[arg-type]
@@ -152,7 +152,7 @@ def test_where_nothing_can_be_drawn_the_robot_is_not_to_blame(pens: dict[str, Wo
         raise DrawingFailed(f"no GL\nfor {most}")
 
     monkeypatch.setattr(color_cameras, "standing_cameras", broken)
-    lane: Any = type("Lane", (), {"request": watching(0)})
+    lane: Any = type("Lane", (), {"request": watching(0), "robots": None})
     start = HostStart([lane, lane, lane], 3, 1, sensors_of(object()), pens)
     watcher = Watcher()
     watcher.crashes = {1: "it raised"}
@@ -167,7 +167,7 @@ def test_where_nothing_can_be_drawn_the_robot_is_not_to_blame(pens: dict[str, Wo
 def test_a_camera_sees_its_robot_only_if_it_says_so(pens: dict[str, World], monkeypatch: pytest.MonkeyPatch):
     drawer = Drawer()
     monkeypatch.setattr(color_cameras, "standing_cameras", lambda _: drawer)
-    lane: Any = type("Lane", (), {"request": watching(0)})
+    lane: Any = type("Lane", (), {"request": watching(0), "robots": None})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()), pens)
     camera = ColorCameraDeclaration(columns=6, rows=4)
     pictures = LanePictures([camera, camera.model_copy(update={"sees_robot": True})], start, ROBOT)
@@ -184,7 +184,7 @@ def test_faults_of_a_camera_are_told_together():
 
 def test_a_camera_that_cannot_be_is_why_every_lane_crashed():
     made = type("Made", (), {"color_camera": type("Camera", (), {"columns": 64.5})})()
-    lane: Any = type("Lane", (), {"request": watching(0)})
+    lane: Any = type("Lane", (), {"request": watching(0), "robots": None})
     start = HostStart([lane, lane], 2, 1, sensors_of(object()))
     seeing = with_color(Watcher(), lambda _: made, start, ROBOT)  # type: ignore[arg-type]
     controls = seeing.controls(Observation(*[None] * 8), np.array([True, True]))  # type: ignore[arg-type]
