@@ -170,7 +170,8 @@ def test_no_node_survives_a_run_that_is_killed(ros: RosInstallation, level: str)
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "SIMYARD_CONFINEMENT": level}
     with subprocess.Popen([sys.executable, "-c", _RUN, mark], env=environment, cwd=ROOT) as run:
         try:
-            eventually(lambda: len(marked(f"MARK={mark}")) >= 3)
+            eventually(lambda: len(marked(f"MARK={mark}")) >= 3 or run.poll() is not None)
+            assert run.poll() is None
         finally:
             run.send_signal(signal.SIGKILL)
     eventually(lambda: not marked(f"MARK={mark}"))

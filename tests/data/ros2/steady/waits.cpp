@@ -56,11 +56,18 @@ const std::map<std::string, void (*)()> WAITS = {
   {"middleware", []() { std::printf("%d ", middleware_slept() >= 0.002); }},
 };
 
-// Returns once the thread waits as the library lets it, or has ended; a nap until its turn comes is another call.
+// Returns once the thread waits as the library lets it, or has ended; a nap until its turn comes is another call. Of a
+// thread that was woken, and is not in a core's queue yet, the kernel still tells the call that it waited in; its state
+// is that of one that runs.
 void settle(int thread) {
-  for (long call = -1; call != SYS_futex && !over; std::this_thread::yield()) {
-    std::ifstream file("/proc/self/task/" + std::to_string(thread) + "/syscall");
-    if (!(file >> call)) call = -1;
+  const std::string task = "/proc/self/task/" + std::to_string(thread);
+  for (bool waits = false; !waits && !over; std::this_thread::yield()) {
+    std::string stat;
+    std::getline(std::ifstream(task + "/stat"), stat);
+    const auto name_end = stat.rfind(") ");
+    long call = -1;
+    const bool asleep = name_end != std::string::npos && stat[name_end + 2] == 'S';
+    waits = asleep && std::ifstream(task + "/syscall") >> call && call == SYS_futex;
   }
 }
 
