@@ -8,6 +8,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from uuid import uuid4
 
+# For the processes of `--numprocesses` and for what tests start. Threads of a matrix product wait for each other by
+# spinning: beside other processes they spin for as long as those run, and a product took twelve times its own time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook

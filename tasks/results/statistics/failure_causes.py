@@ -37,8 +37,9 @@ _CENTRES = 120  # of the kernel
 _REDRAWN = 8  # times, for each failure, the variables that a set does not keep
 _ALL_ORDERS = 4  # variables at most of which all orders are taken; of more so many pairs of an order and its reverse:
 _ORDERS = 24
-# Tried for the surrogate: the kernel's width in standard deviations, and the penalty of its weights.
-_FORMS = tuple((width, ridge) for width in (1.0, 2.0) for ridge in (1.0, 0.1, 0.01, 0.001))
+# Tried for the surrogate: the kernel's width in standard deviations, and the penalty of its weights, the largest first.
+_WIDTHS = (1.0, 2.0)
+_RIDGES = (1.0, 0.1, 0.01, 0.001)
 # Of what is linear in a variable: were it as large as the kernel's, weak variables would seem weaker than they are.
 _FREE = 1e-3
 _MOST_FAILURES = 4_000
@@ -256,33 +257,22 @@ class _Known(NamedTuple):
     passed: _Points
 
 
-class _Surrogate:
-    """How probable a failure is at a point: kernel logistic regression on some points of a Nystrom kernel."""
+class _Features:
+    """What the evidence at a point is linear in: a Nystrom kernel to some of the points, the numbers, and 1."""
 
-    def __init__(self, known: _Known, probability: float, form: tuple[float, float]) -> None:
-        """Fits it.
+    def __init__(self, known: _Known, width: float) -> None:
+        """Takes the centres of the kernel from what is known, half from failures.
 
         Args:
-            known: To what.
-            probability: Of a failure, among all.
-            form: Width of the kernel, and penalty.
+            known: Failures and passes.
+            width: Of the kernel.
         """
-        (failed, weights, passed), (self._width, ridge) = known, form
         draws = np.random.Generator(np.random.Philox(1))
-        self._centres = _together(_some(failed, _CENTRES // 2, draws), _some(passed, _CENTRES // 2, draws))
+        self._width = width
+        self._centres = _together(_some(known.failed, _CENTRES // 2, draws), _some(known.passed, _CENTRES // 2, draws))
         values, vectors = np.linalg.eigh(self._kernel(self._centres))
         kept = values > 1e-6 * values[-1]
         self._to_features = vectors[:, kept] / np.sqrt(values[kept])
-        self._odds = np.log(probability / (1.0 - probability))
-        # Both kinds count alike, so that a rare one is not drowned; the odds above put that right.
-        alike = min(len(weights), len(passed.numbers))
-        kinds = np.repeat([1.0, 0.0], [len(weights), len(passed.numbers)])
-        counted = np.concatenate(
-            [weights * (alike / weights.sum()), np.full(len(passed.numbers), alike / len(passed.numbers))]
-        )
-        penalty = np.full(self._to_features.shape[1] + failed.numbers.shape[1] + 1, ridge)
-        penalty[self._to_features.shape[1] :] = _FREE
-        self._weights = _logistic_weights(self._features(_together(failed, passed)), kinds, counted, penalty)
 
     def _kernel(self, points: _Points) -> Float64[np.ndarray, "points centres"]:
         """Returns how alike points are to the centres: by their numbers, halved for each choice that differs."""
@@ -293,17 +283,41 @@ class _Surrogate:
             alike *= np.where(mine[:, None] == its, 1.0, 0.5)
         return alike
 
-    def _features(self, points: _Points) -> Float64[np.ndarray, "points features"]:
+    def of(self, points: _Points) -> Float64[np.ndarray, "points features"]:
+        """Returns the features of points."""
         kernel = self._kernel(points) @ self._to_features
         return np.concatenate([kernel, points.numbers / self._width, np.ones((len(kernel), 1))], axis=1)
 
-    def evidence(self, points: _Points) -> Float64[np.ndarray, "points"]:
-        """Returns the logarithm of how many times as likely points are among failures as among passes."""
-        return self._features(points) @ self._weights
+    def penalty(self, ridge: float) -> Float64[np.ndarray, "features"]:
+        """Returns the penalty of each weight."""
+        kernel = self._to_features.shape[1]
+        penalty = np.full(kernel + self._centres.numbers.shape[1] + 1, ridge)
+        penalty[kernel:] = _FREE
+        return penalty
+
+    def evidence(self, points: _Points, weights: Float64[np.ndarray, "features"]) -> Float64[np.ndarray, "points"]:
+        """Returns the features of points times their weights, without the features, of which there are many."""
+        kernel = self._to_features.shape[1]
+        of_kernel, of_numbers = self._to_features @ weights[:kernel], weights[kernel:-1] / self._width
+        return self._kernel(points) @ of_kernel + points.numbers @ of_numbers + weights[-1]
+
+
+class _Surrogate(NamedTuple):
+    """How probable a failure is at a point: kernel logistic regression.
+
+    Attributes:
+        features: What it is linear in.
+        weights: Of each.
+        odds: Logarithm of how many failures there are for each pass, among all draws.
+    """
+
+    features: _Features
+    weights: Float64[np.ndarray, "features"]
+    odds: float
 
     def probability(self, points: _Points) -> Float64[np.ndarray, "points"]:
         """Returns how probable a failure is at each."""
-        return _logistic(self.evidence(points) + self._odds)
+        return _logistic(self.features.evidence(points, self.weights) + self.odds)
 
 
 def _logistic(odds: Float64[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
@@ -315,15 +329,16 @@ def _logistic_weights(
     kinds: Float64[np.ndarray, "points"],
     counted: Float64[np.ndarray, "points"],
     penalty: Float64[np.ndarray, "features"],
+    weights: Float64[np.ndarray, "features"],
 ) -> Float64[np.ndarray, "features"]:
-    """Returns the weights of a penalised logistic regression, by Newton's steps."""
-    weights = np.zeros(features.shape[1])
+    """Returns the weights of a penalised logistic regression, by Newton's steps from some that are near."""
     for _ in range(30):
         likely = _logistic(features @ weights)
         slope = features.T @ (counted * (kinds - likely)) - penalty * weights
-        bend = (features.T * (counted * np.maximum(likely * (1.0 - likely), 1e-9))) @ features + np.diag(penalty)
-        step = np.linalg.solve(bend, slope)
-        weights += step / max(1.0, np.abs(step).max() / 5.0)  # a long one overshoots
+        # A matrix times its own transpose takes half of what another product takes.
+        root = features * np.sqrt(counted * np.maximum(likely * (1.0 - likely), 1e-9))[:, None]
+        step = np.linalg.solve(root.T @ root + np.diag(penalty), slope)
+        weights = weights + step / max(1.0, np.abs(step).max() / 5.0)  # a long one overshoots
         if np.abs(step).max() < 1e-4:
             break
     return weights
@@ -335,6 +350,17 @@ def _together(*parts: _Points) -> _Points:
 
 def _some(points: _Points, count: int, draws: np.random.Generator) -> _Points:
     return points.take(draws.permutation(len(points.numbers))[:count])
+
+
+def _counted(known: _Known) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
+    """Returns 1 for each failure and 0 for each pass, and how often each counts.
+
+    Both kinds count alike, so that a rare one is not drowned; the odds of a surrogate put that right.
+    """
+    failed, passed = len(known.weights), len(known.passed.numbers)
+    alike = min(failed, passed)
+    counted = np.concatenate([known.weights * (alike / known.weights.sum()), np.full(passed, alike / passed)])
+    return np.repeat([1.0, 0.0], [failed, passed]), counted
 
 
 class _HeldBack:
@@ -349,23 +375,32 @@ class _HeldBack:
         self._draws = np.random.Generator(np.random.Philox(0))
         folds = _folds(seen)
         self._failed_fold, self._passed_fold = folds[seen.failed_of], folds[seen.passed_of]
-        fits = [self._fitted(probability, form) for form in _FORMS]
+        odds = float(np.log(probability / (1.0 - probability)))
+        fits = [each for width in _WIDTHS for each in self._fitted(odds, width)]
         _, self.told, self._surrogates = max(fits, key=lambda each: each[0])
 
-    def _fitted(self, probability: float, form: tuple[float, float]) -> tuple[float, float, list[_Surrogate]]:
-        """Returns surrogates of a form: how likely they find what was held back, how often they tell it, and they."""
-        likely, told, surrogates = 0.0, 0.0, list[_Surrogate]()
+    def _fitted(self, odds: float, width: float) -> list[tuple[float, float, list[_Surrogate]]]:
+        """Returns surrogates of each penalty: how likely they find what was held back, how often they tell it, they.
+
+        What they are linear in is made once for all, and each begins with the weights of the one before.
+        """
+        likely, told = np.zeros(len(_RIDGES)), np.zeros(len(_RIDGES))
+        surrogates: list[list[_Surrogate]] = [[] for _ in _RIDGES]
         for fold in range(_FOLDS):
             mine, other = self._failed_fold == fold, self._passed_fold == fold
             known = _Known(self._failed.take(~mine), self._seen.weights[~mine], self._passed.take(~other))
-            surrogate = _Surrogate(known, probability, form)
-            weights = self._seen.weights[mine] / self._seen.weights[mine].sum()
-            of_failed = surrogate.evidence(self._failed.take(mine))
-            of_passed = surrogate.evidence(self._passed.take(other))
-            likely -= float(weights @ np.logaddexp(0.0, -of_failed)) + float(np.logaddexp(0.0, of_passed).mean())
-            told += _told(of_failed, weights, of_passed) / _FOLDS
-            surrogates.append(surrogate)
-        return likely, told, surrogates
+            held = self._seen.weights[mine] / self._seen.weights[mine].sum()
+            features = _Features(known, width)
+            of_known = features.of(_together(known.failed, known.passed))
+            of_failed, of_passed = features.of(self._failed.take(mine)), features.of(self._passed.take(other))
+            weights = np.zeros(of_known.shape[1])
+            for at, ridge in enumerate(_RIDGES):
+                weights = _logistic_weights(of_known, *_counted(known), features.penalty(ridge), weights)
+                failing, passing = of_failed @ weights, of_passed @ weights
+                likely[at] -= float(held @ np.logaddexp(0.0, -failing)) + float(np.logaddexp(0.0, passing).mean())
+                told[at] += _told(failing, held, passing) / _FOLDS
+                surrogates[at].append(_Surrogate(features, weights, odds))
+        return list(zip(likely.tolist(), told.tolist(), surrogates, strict=True))
 
     def kept_sums(self, kept: frozenset[int]) -> Float64[np.ndarray, "populations"]:
         """Returns, of each population, the sum over its failures of how probable one is that keeps some factors."""
