@@ -163,7 +163,9 @@ def _copied(blobs: ImageBlobs, layout: Path, architecture: Architecture) -> tupl
     built = (str(said.get("architecture", "")), str(said.get("variant", "")))
     if _BUILT_FOR.get(built) != architecture:
         found = "/".join(filter(None, built)) or "no architecture"
-        raise BundleRefused(f"{blobs.where}: it is built for {found}, and {architecture} is asked for")
+        platform = next("/".join(filter(None, each)) for each, name in _BUILT_FOR.items() if name == architecture)
+        why = f"it is built for {found}, and {architecture} is asked for: build it with --platform linux/{platform}"
+        raise BundleRefused(f"{blobs.where}: {why}")
     (layout / "blobs/sha256").mkdir(parents=True)
     left, copied = LIMITS.total_bytes, list[dict[str, object]]()
     for layer in itertools.starmap(_Layer, zip(names, packed, said["rootfs"]["diff_ids"], strict=True)):

@@ -107,7 +107,8 @@ def opened_blobs(place: Path) -> Generator[ImageBlobs]:
 def require_digest(where: str, found: str, digest: str) -> None:
     """Refuses a blob that is not what a digest stands for; an empty one stands for any."""
     if digest and digest != f"sha256:{found}":
-        raise BundleRefused(f"{where}: a blob has digest sha256:{found}, and {digest[:80]} is named: it was changed")
+        why = f"a blob has digest sha256:{found}, and {digest[:80]} is named"
+        raise BundleRefused(f"{where}: {why}: it was changed: save or fetch the image again")
 
 
 def blob_name(digest: object) -> str:
@@ -442,6 +443,7 @@ def inside(root: Path, name: str) -> Path:
 # Of the image; the programs get others.
 HOME_ON_ROBOT = "/simyard-home"
 _DEVICES = (("--dev", "/dev"), ("--dev-bind", "/dev", "/dev"))
+_NO_ROS = "the image has no ROS: neither /opt/ros, nor roslaunch, nor rclpy: install it there, as ros:noetic has it"
 _NAMES = {"hosts": "127.0.0.1\tlocalhost\n", "resolv.conf": ""}
 _MOUNTED = frozenset({"proc", "dev", "tmp", "run", "sys"})
 
@@ -510,4 +512,4 @@ def missing_program(root: Path, image: ContainerImage, words: Sequence[str], *, 
         places = [posixpath.join(image.folder, word)] if "/" in word else [f"{each}/{word}" for each in paths]
         if not any((found := inside(root, place)).is_file() and os.access(found, os.X_OK) for place in places):
             return f"the image has no program {word!r}: launchConfig.command, or packageName and launchFile, names it"
-    return "the image has no ROS: neither /opt/ros, nor roslaunch, nor rclpy" if ros and not image.ros else ""
+    return _NO_ROS if ros and not image.ros else ""

@@ -124,7 +124,7 @@ def test_a_layer_that_is_named_twice_writes_nothing_into_those_of_other_images(t
     entries = {"0.tar": _LAYER, "1.tar": b"evil", "config.json": said}
     entries["manifest.json"] = json.dumps([{"Config": "config.json", "Layers": ["0.tar", "1.tar"]}]).encode()
     (tmp_path / "evil.tar").write_bytes(layer(*(file(name, body) for name, body in entries.items())))
-    with pytest.raises(BundleRefused, match="it was changed"):
+    with pytest.raises(BundleRefused, match="it was changed: save or fetch the image again"):
         image_bundle("evil.tar", tmp_path)
     assert _tree(bundle) == before
     docker_archive(tmp_path / "twice.tar", [_LAYER, _LAYER], _CONFIG)
@@ -200,7 +200,8 @@ def _refusal(source: str, base: Path) -> str:
 
 def test_an_image_for_another_processor_is_refused(tmp_path: Path) -> None:
     docker_archive(tmp_path / "app.tar", [_LAYER], architecture="s390x")
-    assert _refusal("app.tar", tmp_path) == "app.tar: it is built for s390x, and X86_64 is asked for"
+    why = "app.tar: it is built for s390x, and X86_64 is asked for: build it with --platform linux/amd64"
+    assert _refusal("app.tar", tmp_path) == why
 
 
 def test_a_layer_that_was_changed_is_refused(tmp_path: Path) -> None:

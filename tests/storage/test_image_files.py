@@ -122,7 +122,7 @@ def test_devices_are_left_out_and_no_file_gives_rights(tmp_path: Path) -> None:
 
 def test_a_layer_is_compared_with_its_digest_before_anything_is_written(tmp_path: Path) -> None:
     (tmp_path / "root").mkdir()
-    with pytest.raises(BundleRefused, match="it was changed"):
+    with pytest.raises(BundleRefused, match="it was changed: save or fetch the image again"):
         apply_layer(io.BytesIO(layer(file("x"))), tmp_path / "root", "sha256:" + "0" * 64, 1 << 20)
     assert list((tmp_path / "root").iterdir()) == []
 

@@ -56,7 +56,7 @@ def node_topics(node: NodePlan, bundle: Path) -> NodeTopics:
         node: As the launch file starts it.
         bundle: Folder that holds the ROS packages.
     """
-    tree = next((found for each in _programs(node, bundle) if (found := python_tree(each)) is not None), None)
+    tree = next((found for each in own_programs(node, bundle) if (found := python_tree(each)) is not None), None)
     if tree is None:
         return NodeTopics()
     names = _names(node)
@@ -65,7 +65,7 @@ def node_topics(node: NodePlan, bundle: Path) -> NodeTopics:
     return NodeTopics((*wants,), (*gives,), known=True)
 
 
-def _programs(node: NodePlan, bundle: Path) -> Iterator[Path]:
+def own_programs(node: NodePlan, bundle: Path) -> Iterator[Path]:
     """Yields files of the bundle that a node's command runs; of a package that is not built it imports a function."""
     paths = [Path(each) for each in dict(node.environment).get("PYTHONPATH", "").split(":")]
     own = [each for each in paths if each.is_relative_to(bundle)]

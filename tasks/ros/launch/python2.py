@@ -43,6 +43,22 @@ def python_tree(program: Path) -> ast.Module | None:
         return None  # what it says when it runs is in its output
 
 
+def imported_modules(program: Path) -> list[tuple[int, str]]:
+    """Returns line and name of modules that a program in Python 3 imports; what it only tries to is none."""
+    tree = python_tree(program) or ast.Module([], [])
+    tried = {id(inner) for each in ast.walk(tree) if _for_both(each) for inner in ast.walk(each)}
+    found = [each for each in ast.walk(tree) if isinstance(each, _IMPORTS) and id(each) not in tried]
+    modules = ((each.lineno, name) for each in found for name in _modules(each))
+    return sorted((line, name.partition(".")[0]) for line, name in modules)
+
+
+def _modules(imports: ast.Import | ast.ImportFrom) -> Iterator[str]:
+    if isinstance(imports, ast.Import):
+        yield from (each.name for each in imports.names)
+    elif imports.module and not imports.level:
+        yield imports.module
+
+
 def _python(program: Path) -> bytes:
     """Returns the text of a program or a module in Python; nothing of another one."""
     try:

@@ -31,9 +31,9 @@ from tasks.ros.launch.launch_plan import (
     read_launch,
     run_launch_program,
 )
-from tasks.ros.launch.node_topics import WantedTopic, node_topics
+from tasks.ros.launch.node_topics import WantedTopic, node_topics, own_programs
 from tasks.ros.launch.packages import missing_packages, ros_installation, runtime_needs
-from tasks.ros.launch.python2 import python2_sentences
+from tasks.ros.launch.python2 import imported_modules, python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import ament_packages, resolve_description
 from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
@@ -331,9 +331,22 @@ def _messages_of_ros2(source: LaunchSource, plan: LaunchPlan) -> Iterator[str]:
     files = bundle_files(source.bundle)
     for node in plan.nodes:
         names = {name for path in _manifests(source.bundle, files, node) for name in runtime_needs(path, "2")}
-        for name in sorted(name for name in names - here.keys() if name.endswith(_OF_MESSAGES)):
-            package = f"ros-{installation.distribution}-{name.replace('_', '-')}"
-            yield f"the ROS 2 package {name}, which {node.package} needs, is missing: install {package}"
+        needed = dict.fromkeys(sorted(names), f"{node.package} needs")
+        for name, by in (needed | _imported_messages(source.bundle, files, node)).items():
+            if name.endswith(_OF_MESSAGES) and name not in here and not installation.python_paths(name):
+                package = f"ros-{installation.distribution}-{name.replace('_', '-')}"
+                yield f"the ROS 2 package {name}, which {by}, is missing: install {package}"
+
+
+def _imported_messages(bundle: Path, files: Sequence[str], node: NodePlan) -> dict[str, str]:
+    """Returns packages that a node's program imports, with file and line, but modules of the bundle's own."""
+    own = {part.removesuffix(".py") for each in files for part in each.split("/")}
+    return {
+        name: f"{program.relative_to(bundle)}, line {line} imports"
+        for program in own_programs(node, bundle)
+        for line, name in imported_modules(program)
+        if name not in own
+    }
 
 
 def _manifests(bundle: Path, files: Sequence[str], node: NodePlan) -> list[Path]:

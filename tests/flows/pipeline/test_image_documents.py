@@ -100,7 +100,7 @@ def test_what_a_stored_image_lacks_is_named_as_of_one_of_the_document(
 def test_an_image_without_ros_is_refused_before_anything_runs(tmp_path: Path) -> None:
     docker_archive(tmp_path / "app.tar", [layer(file("simyard/robot.xml", _ROBOT), file("app/run"))])
     (fault,) = _faults(_document({"command": ["/app/run"]}), tmp_path)
-    assert "the image has no ROS" in fault
+    assert "no ROS: neither /opt/ros, nor roslaunch, nor rclpy: install it there, as ros:noetic has it" in fault
 
 
 def test_an_image_without_a_robot_is_refused_unless_it_lies_beside(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.ros.launch.python2 import python2_sentences
+from tasks.ros.launch.python2 import imported_modules, python2_sentences
 
 REMEDY = "2to3 -w rewrites Python 2"
 
@@ -52,3 +52,11 @@ def test_what_runs_with_python_3_or_may_is_not(tmp_path: Path, text: str) -> Non
 def test_programs_of_other_kinds_are_not_read(tmp_path: Path) -> None:
     assert told(tmp_path, "echo 'hello' print x\n", first="#!/bin/sh\n") == []
     assert python2_sentences(tmp_path / "none", "pkg/none") == []
+
+
+def test_what_a_program_imports_is_told_with_its_line_but_what_it_only_tries(tmp_path: Path) -> None:
+    tried = "try:\n    import d_msgs\nexcept OSError:\n    pass\n"
+    text = f"import os, a_msgs.msg\nfrom b_msgs.srv import X\nfrom .c_msgs import Y\n{tried}"
+    (tmp_path / "node.py").write_text(text)
+    assert imported_modules(tmp_path / "node.py") == [(1, "a_msgs"), (1, "os"), (2, "b_msgs")]
+    assert imported_modules(tmp_path / "none.py") == []

@@ -216,6 +216,13 @@ def test_what_is_here_and_what_is_missing_is_said_before_the_run(rclpy: Path, tm
     assert check_launch_file(source, [{}], own=True).missing == (
         "the ROS 2 package nowhere_msgs, which roamer2 needs, is missing: install ros-jazzy-nowhere-msgs",
     )
+    program = tmp_path / "roamer2/roamer2/watch.py"
+    program.write_text(f"import pages.own_msgs\nfrom elsewhere_msgs.msg import Seen\n{program.read_text()}")
+    (tmp_path / "roamer2/own_msgs.py").touch()
+    assert check_launch_file(source, [{}], own=True).missing[1:] == (
+        "the ROS 2 package elsewhere_msgs, which roamer2/roamer2/watch.py, line 2 imports, is missing: "
+        "install ros-jazzy-elsewhere-msgs",
+    )
     manifest.write_text(manifest.read_text().replace(">rclpy<", ">rclcpp<"))
     told = check_launch_file(source, [{}], own=True)
     assert (told.has_ros, "/roam (roamer2 roam) needs rclcpp: install ros-jazzy-rclcpp" in told.ros) == (False, True)
