@@ -78,6 +78,28 @@ def test_a_tumbling_base_reads_as_mujocos_gyroscope_and_accelerometer():
         np.testing.assert_allclose(found[3:], np.mean(felt, axis=0), atol=0.03)
 
 
+def test_a_base_that_is_pushed_at_random_reads_as_mujocos_at_each_step():
+    model = mujoco.MjModel.from_xml_string(TUMBLING)
+    mount, rng = Imu(x_m=0.1, y_m=-0.05, z_m=0.02), np.random.default_rng(0)
+    read = jax.jit(lambda before, after: true_readings(mount, before, after))
+    off = list[np.ndarray]()
+    for _ in range(10):
+        data = mujoco.MjData(model)
+        data.qvel[:] = rng.uniform(-1.0, 1.0, 6)
+        for _ in range(20):
+            data.xfrc_applied[1] = [0.0, 0.0, 2 * G, 0.0, 0.0, 0.0] + rng.uniform(-1, 1, 6) * np.repeat([20.0, 0.1], 3)
+            before, felt = body_of(data), list[np.ndarray]()
+            for _ in range(round(CONTROL_S / model.opt.timestep)):
+                mujoco.mj_step(model, data)
+                felt.append(data.sensordata[3:].copy())
+            mujoco.mj_forward(model, data)
+            found = np.asarray(read(before, body_of(data)))
+            np.testing.assert_array_equal(found[:3], data.sensordata[:3].astype(np.float32))
+            off.append(found[3:] - np.mean(felt, axis=0))
+    assert np.abs(off).max() < 0.1
+    assert np.median(np.abs(off)) < 0.015
+
+
 def body_of(data: mujoco.MjData) -> Body:
     qpos, qvel = (jnp.asarray(np.array(each, np.float32)) for each in (data.qpos, data.qvel))
     return Body(jnp.zeros(3), jnp.zeros(3), jnp.zeros(0), jnp.zeros(0), FreeJoints(qpos, qvel))
