@@ -21,6 +21,13 @@ def seeing(columns: int = 160, rows: int = 120) -> RosRobot:
     )
 
 
+def with_two_eyes() -> RosRobot:
+    """Returns a robot with two depth cameras, one ahead and one to the right."""
+    eye = {"columns": 32, "rows": 24, "range_m": _FAR_M, "rate_hz": 10.0}
+    eyes = [{"name": "ahead", **eye}, {"name": "right", "yaw_rad": -1.2, **eye}]
+    return RosRobot.model_validate({"depth_camera": eyes})
+
+
 def readings(robot: RosRobot, ranges_m: Float32[np.ndarray, "rays"]) -> Mapping[str, np.ndarray]:
     """Returns what a robot's sensors read; rays of its lidar begin behind it."""
     found: dict[str, np.ndarray] = {}
@@ -33,8 +40,10 @@ def readings(robot: RosRobot, ranges_m: Float32[np.ndarray, "rays"]) -> Mapping[
         if camera is None:
             continue
         angles = camera.fov_rad * (0.5 - (np.arange(camera.columns) + 0.5) / camera.columns)
-        depth_m = np.minimum(ahead(angles) * np.cos(angles), _FAR_M).astype(np.float32)
-        picture = np.broadcast_to(depth_m, (camera.rows, camera.columns))
+        yaws_rad = np.array([each.yaw_rad for each in camera.every])[:, None]
+        depth_m = np.minimum(ahead(angles + yaws_rad) * np.cos(angles), _FAR_M).astype(np.float32)
+        picture = np.broadcast_to(depth_m[:, None], (len(yaws_rad), camera.rows, camera.columns))
+        picture = picture if len(yaws_rad) > 1 else picture[0]
         shades = (30 * picture).astype(np.uint8)
         found[name] = picture if name == "depth_m" else np.repeat(shades[..., None], 3, axis=2)
     if robot.range_finders is not None:

@@ -9,7 +9,7 @@ import pytest
 from tasks.ros.lockstep.exchange import Launch
 from tasks.ros.lockstep.step_driver import LockstepPatience
 from tests.ros.lockstep.room import Driven, drive
-from tests.ros.pictures import seeing
+from tests.ros.pictures import seeing, with_two_eyes
 from tests.ros.random_graph import Part, part, random_graph
 
 # Three times the default: beside other work several threads wait for a core one after the other, and only the longest
@@ -75,6 +75,21 @@ def test_a_node_that_drives_by_pictures_has_the_same_commands_in_each_of_two_lan
     assert together.failures == alone.failures == {}
     assert together.digests == alone.digests * 2
     # A picture at each second step, each answered.
+    tallies = {(tally.commands, tally.late, tally.stray) for tally in (*together.tallies, *alone.tallies)}
+    assert tallies == {(20, 0, 0)}
+
+
+@pytest.mark.long
+def test_a_node_that_drives_by_two_cameras_has_the_same_commands_in_each_of_two_lanes_and_alone(
+    courier: Path, home: Path
+) -> None:
+    together, alone = (
+        drive(launch(courier, "eyes", home, lanes), [0] * lanes, 40, patience=PATIENCE, robot=with_two_eyes())
+        for lanes in (2, 1)
+    )
+    assert together.failures == alone.failures == {}
+    assert together.digests == alone.digests * 2
+    # It commands where both pictures are of the same moment, once each second step.
     tallies = {(tally.commands, tally.late, tally.stray) for tally in (*together.tallies, *alone.tallies)}
     assert tallies == {(20, 0, 0)}
 
