@@ -1,13 +1,16 @@
 """Pictures a second of processor time, beside MuJoCo's in the same worlds: the tables of ``docs/guide/cameras.md``.
 
-Depth beside ``mj_multiRay``, and colour beside ``mujoco.Renderer``; ``MUJOCO_GL`` says which GL draws. ``--building``
-takes what ``simyard world import`` takes, with ``--models`` for what it includes.
+Depth beside ``mj_multiRay``, and colour beside ``mujoco.Renderer`` and, where it can be imported, PyBullet's own
+renderer; ``MUJOCO_GL`` says which GL draws. ``--building`` takes what ``simyard world import`` takes, with ``--models``
+for what it includes; ``--world`` takes some alone. Pass PyBullet's folder in ``PYTHONPATH``: it needs no GL.
 """
 
+import importlib.util
 import itertools
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import jax
 import mujoco
@@ -18,7 +21,7 @@ from benchmarks.harness import machine, markdown, options, show
 from benchmarks.simulation.engine_worlds import ROBOT_FILE, bench_world
 from benchmarks.worlds.world_templates import read_template
 from specs.bundle_files import ColorCameraDeclaration
-from specs.data.world import World, solids, start_pose
+from specs.data.world import Solid, World, solids, start_pose
 from tasks.export.format.mjcf import world_spec
 from tasks.render.camera_renderer import CameraPose, CameraRenderer, Light, gl_name, mounted
 from tasks.simulate.engines.mujoco.world_stepper import host_robot, world_model
@@ -89,7 +92,7 @@ def _mujoco(world: World, camera: ColorCameraDeclaration, poses: Sequence[Camera
     spec = world_spec(world, ceiling=True)
     spec.visual.global_.offwidth, spec.visual.global_.offheight = camera.columns, camera.rows
     body = spec.worldbody.add_body(name="eye", mocap=True)
-    body.add_camera(name="eye", fovy=2.0 * float(np.degrees(np.arctan(camera.rows / camera.columns * np.tan(0.6)))))
+    body.add_camera(name="eye", fovy=_fovy_deg(camera))
     if lean:
         spec.visual.quality.offsamples = 0
     model = spec.compile()
@@ -110,12 +113,71 @@ def _mujoco(world: World, camera: ColorCameraDeclaration, poses: Sequence[Camera
         return _rate(1, take)
 
 
-def _colors(world: World, camera: ColorCameraDeclaration) -> list[str]:
+def _bullet() -> Any | None:  # noqa: ANN401 - a module without types
+    """Returns PyBullet, if there is one."""
+    return importlib.import_module("pybullet") if importlib.util.find_spec("pybullet") else None
+
+
+def _corners(solid: Solid) -> tuple[list[list[float]], list[int]]:
+    """Returns a prism's corners, lower ones first, and three of them for each triangle."""
+    outline, half_m = solid.outline_m or (), solid.half_extents_m[2]
+    many = len(outline)
+    sides = [(at, (at + 1) % many) for at in range(many)]
+    walls = [[one, other, many + other, one, many + other, many + one] for one, other in sides]
+    ends = [[0, at + 1, at, many, many + at, many + at + 1] for at in range(1, many - 1)]
+    return [[*each, z_m] for z_m in (-half_m, half_m) for each in outline], [
+        at for each in (*walls, *ends) for at in each
+    ]
+
+
+def _add_to_bullet(bullet: Any, solid: Solid) -> None:  # noqa: ANN401 - a module without types
+    half_m = solid.half_extents_m
+    shape: dict[str, Any] = {"shapeType": bullet.GEOM_BOX, "halfExtents": half_m}
+    if solid.shape == "cylinder":
+        shape = {"shapeType": bullet.GEOM_CYLINDER, "radius": half_m[0], "length": 2.0 * half_m[2]}
+    elif solid.shape == "prism":
+        vertices, triangles = _corners(solid)
+        shape = {"shapeType": bullet.GEOM_MESH, "vertices": vertices, "indices": triangles}
+    look = bullet.createVisualShape(**shape, rgbaColor=[*solid.color, 1.0])
+    turn = bullet.getQuaternionFromEuler([0.0, 0.0, solid.yaw_rad])
+    bullet.createMultiBody(0.0, -1, look, solid.center_m, turn)
+
+
+def _in_bullet(bullet: Any, world: World, camera: ColorCameraDeclaration, poses: Sequence[CameraPose]) -> str:  # noqa: ANN401
+    """Returns the rate of PyBullet's renderer, which gives colour, depth and solids at once."""
+    bullet.connect(bullet.DIRECT)
+    for each in solids(world):
+        _add_to_bullet(bullet, each)
+    area, high_m = world.footprint, world.ceiling_height_m
+    middle = [(area.x_min_m + area.x_max_m) / 2.0, (area.y_min_m + area.y_max_m) / 2.0]
+    half = [(area.x_max_m - area.x_min_m) / 2.0, (area.y_max_m - area.y_min_m) / 2.0]
+    for z_m in (-0.05, high_m + 0.05):
+        look = bullet.createVisualShape(bullet.GEOM_BOX, halfExtents=[*half, 0.05], rgbaColor=[0.6, 0.6, 0.6, 1.0])
+        bullet.createMultiBody(0.0, -1, look, [*middle, z_m])
+    lens = bullet.computeProjectionMatrixFOV(_fovy_deg(camera), camera.columns / camera.rows, 0.02, 100.0)
+
+    def take(at: int) -> None:
+        eye, ahead, up = poses[at]
+        seen = bullet.computeViewMatrix(eye.tolist(), (eye + ahead).tolist(), up.tolist())
+        bullet.getCameraImage(camera.columns, camera.rows, seen, lens, renderer=bullet.ER_TINY_RENDERER)
+
+    try:
+        return _rate(1, take)
+    finally:
+        bullet.disconnect()
+
+
+def _fovy_deg(camera: ColorCameraDeclaration) -> float:
+    return 2.0 * float(np.degrees(np.arctan(camera.rows / camera.columns * np.tan(camera.fov_rad / 2.0))))
+
+
+def _colors(world: World, camera: ColorCameraDeclaration, bullet: Any | None) -> list[str]:  # noqa: ANN401
     poses = [mounted(camera, *pose) for pose in _poses(world).tolist()]
     ours = CameraRenderer(world, camera)
     rates = [_rate(1, lambda at: ours.color(poses[at], Light())), _rate(1, lambda at: ours.depth_and_solids(poses[at]))]
     ours.close()
-    return [*rates, *(_mujoco(world, camera, poses, lean=lean) for lean in (False, True))]
+    rates += [_mujoco(world, camera, poses, lean=lean) for lean in (False, True)]
+    return rates if bullet is None else [*rates, _in_bullet(bullet, world, camera, poses)]
 
 
 def main() -> None:
@@ -123,8 +185,11 @@ def main() -> None:
     parser = options(__doc__)
     parser.add_argument("--building", help="a world of one's own, to be looked at as well")
     parser.add_argument("--models", action="append", default=[], help="a folder of what it includes")
+    parser.add_argument("--world", action="append", help="one of the table's, alone")
     arguments = parser.parse_args()
     worlds = _worlds(arguments.building, arguments.models)
+    worlds = {name: worlds[name] for name in arguments.world or worlds}
+    bullet = _bullet()
     rows = [["world", "solids", "picture", "pitch", "Simyard", "`mj_multiRay`"]]
     for name, world in worlds.items():
         x_m, y_m, yaw_rad = _poses(world).T
@@ -135,13 +200,20 @@ def main() -> None:
             rows.append([name, f"{len(solids(world))}", f"{columns}x{lines}", f"{pitch_rad:g}", *rates])
     show("cameras", f"{markdown(rows)}\n\nPictures a second of processor time, on {machine()}", arguments.document)
     context = mujoco.GLContext(640, 480)
-    rows = [
-        ["world", "solids", "picture", "colour", "depth and solids", "`mujoco.Renderer`", "the same without shadows"]
+    heads = [
+        "world",
+        "solids",
+        "picture",
+        "colour",
+        "depth and solids",
+        "`mujoco.Renderer`",
+        "the same without shadows",
     ]
+    rows = [heads if bullet is None else [*heads, "PyBullet"]]
     for (name, world), (columns, lines) in itertools.product(worlds.items(), _PICTURES):
         context.make_current()
         camera = ColorCameraDeclaration(columns=columns, rows=lines)
-        rows.append([name, f"{len(solids(world))}", f"{columns}x{lines}", *_colors(world, camera)])
+        rows.append([name, f"{len(solids(world))}", f"{columns}x{lines}", *_colors(world, camera, bullet)])
     context.make_current()
     text = f"{markdown(rows)}\n\nPictures a second of processor time, with {gl_name()}, on {machine()}"
     show("color cameras", text, arguments.document)
