@@ -107,8 +107,9 @@ _LONG_FOLDERS = (ROOT / "tests/integration", ROOT / "tests/deploy/promises", ROO
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Leaves out what takes minutes, unless it is asked for by its marker; `make test` leaves out ``long`` as well."""
+    long_files = {path for path in {item.path for item in items} if any(map(path.is_relative_to, _LONG_FOLDERS))}
     for item in items:
-        if any(item.path.is_relative_to(folder) for folder in _LONG_FOLDERS):
+        if item.path in long_files:
             item.add_marker(pytest.mark.long)
     group_items(items)
     if "soak" in str(config.getoption("markexpr")):
@@ -116,7 +117,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     long = [item for item in items if item.get_closest_marker("soak")]
     if long:
         config.hook.pytest_deselected(items=long)
-        items[:] = [item for item in items if item not in long]
+        left_out = {id(item) for item in long}
+        items[:] = [item for item in items if id(item) not in left_out]
 
 
 def pytest_collection_finish() -> None:

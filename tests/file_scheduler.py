@@ -6,12 +6,11 @@ import pytest
 from xdist.scheduler import LoadGroupScheduling
 from xdist.workermanage import WorkerController
 
-# Servers that all tests of a session share, which take long to start: whoever asks for one runs where it is.
-_SERVERS = ("prefect_server", "team")
+# What tests of a session share, which takes long to make: whoever asks for one runs where it is. Most of them ask for a
+# Prefect server, too, which starts in seconds: a process with all of its tests would be the last to end.
+_SERVERS = ("small_run", "team", "attack_cache", "prefect_server")
 # Few tests a file, of many seconds each.
 _LONG = ("tests/attacks/", "tests/deploy/promises/", "tests/integration/")
-
-
 _LONG_GROUP = "long"
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.file_scheduler import unit, weight
+from tests.file_scheduler import group_items, unit, weight
 from tests.repository import ROOT
 from tests.servers.tools import need_tool
 
@@ -40,11 +40,38 @@ def test_ci_installs_what_the_tests_look_for():
         ("tests/docs/test_readme.py::test_one[a@b]", "tests/docs/test_readme.py"),
         ("tests/docs/test_readme.py::test_one@prefect_server", "prefect_server"),
         ("tests/integration/test_report.py::test_one[a]@team", "team"),
+        ("tests/docs/test_readme.py::test_one@small_run", "small_run"),
         ("tests/flows/test_a.py::test_one[a]@long", "tests/flows/test_a.py"),
     ],
 )
 def test_a_file_stays_together_and_so_do_those_that_share_a_server(test: str, expected: str):
     assert unit(test) == expected
+
+
+class _Item:
+    """A test that asks for fixtures, and the group that it is given."""
+
+    def __init__(self, *fixturenames: str) -> None:
+        self.fixturenames = fixturenames
+        self.group = ""
+
+    def add_marker(self, mark: pytest.MarkDecorator) -> None:
+        (self.group,) = mark.args
+
+    def get_closest_marker(self, _: str) -> None:
+        return None
+
+
+def test_who_shares_more_than_a_server_stays_with_those_that_share_it_too():
+    items = [
+        _Item("tmp_path"),
+        _Item("prefect_server"),
+        _Item("prefect_server", "small_run"),
+        _Item("owner", "attack_cache", "prefect_server"),
+        _Item("team"),
+    ]
+    group_items(items)  # pyright: ignore[reportArgumentType] - as much of items as is asked for
+    assert [each.group for each in items] == ["", "prefect_server", "small_run", "attack_cache", "team"]
 
 
 def test_what_lasts_long_begins_first_so_that_no_process_waits_for_it_at_the_end():
