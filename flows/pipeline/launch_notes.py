@@ -16,15 +16,17 @@ _MOST_ENVIRONMENTS = 16
 
 
 def topic_lines(reports: Sequence["LaunchReport"]) -> Iterator[str]:
-    """Yields a line for each topic that a node of some launch files wants and nobody of them publishes."""
+    """Yields a line for each topic of some launch files that nobody publishes, or that has two types."""
     # Loaded only where ROS is.
-    from tasks.ros.launch.node_topics import unpublished  # noqa: PLC0415
+    from tasks.ros.launch.node_topics import unlike, unpublished  # noqa: PLC0415
 
     wants = dict.fromkeys(each for report in reports for each in report.wants)
     gives = [topic for report in reports for topic in report.gives]
     unknown = list(dict.fromkeys(node for report in reports for node in report.unknown))
     declared_by = {topic: field for report in reports for topic, field in report.undeclared.items()}
     yield from unpublished([*wants], gives, unknown, declared_by)
+    ends = ([each for report in reports for each in (report.reads, report.writes)[k]] for k in (0, 1))
+    yield from dict.fromkeys(unlike(*ends))
 
 
 def report_lines(source: "LaunchSource", report: "LaunchReport") -> Iterator[str]:

@@ -11,7 +11,7 @@ import shlex
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -31,13 +31,13 @@ from tasks.ros.launch.launch_plan import (
     read_launch,
     run_launch_program,
 )
-from tasks.ros.launch.node_topics import WantedTopic, node_topics, own_programs
+from tasks.ros.launch.node_topics import TypedTopic, WantedTopic, node_topics, own_programs
 from tasks.ros.launch.packages import missing_packages, ros_installation, runtime_needs
 from tasks.ros.launch.python2 import imported_modules, python2_sentences
 from tasks.ros.ros2.launch_file.launch_description import ament_packages, resolve_description
 from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.simulate.application.mjcf_check import RobotRefused
-from tasks.simulate.host.declaration import read_ros_robot
+from tasks.simulate.host.declaration import ROBOT_FILE, read_ros_robot
 from tasks.simulate.sandbox.confinement import Place, confined_command, confinement, require_confined
 from tasks.simulate.sandbox.process_environment import process_environment
 from tasks.storage.image_files import image_root, missing_program
@@ -47,6 +47,7 @@ _LIMIT_S = 90.0
 # Of a report: names of nodes and packages, a robot's description, and for each environment a refusal.
 _REPORT_BYTES, _REPORT_BYTES_EACH = 16 << 20, 1 << 14
 _CLOCK = "/use_sim_time"
+_ROBOT, _COMMANDS = "the robot", ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
 _OWN_TOPICS = ("/clock", "/tf", "/tf_static", "/rosout", "/rosout_agg", "/gazebo/model_states")
 # Nodes written for Python 2 ask for it; the home folder of an episode has it.
 _OF_EACH_EPISODE = "python"
@@ -75,6 +76,8 @@ class LaunchReport(Spec):
         wants: Topics that its nodes subscribe to, as their programs say.
         gives: Topics that its nodes or its bundle's robot publish.
         undeclared: Topics that the bundle's robot lacks, and what in ``ros.yaml`` would declare their sensor.
+        reads: What its nodes and the robot subscribe to, where the type is known.
+        writes: What they publish so.
         unknown: Nodes that publish what nobody can read, such as those in C++.
         refusals: Why roslaunch refuses it, once for each environment that it does so for.
         missing: Packages that its package names and that are not here.
@@ -93,6 +96,8 @@ class LaunchReport(Spec):
     wants: tuple[WantedTopic, ...] = ()
     gives: tuple[str, ...] = ()
     undeclared: dict[str, str] = Field(default_factory=dict[str, str])
+    reads: tuple[TypedTopic, ...] = ()
+    writes: tuple[TypedTopic, ...] = ()
     unknown: tuple[str, ...] = ()
     refusals: tuple[str, ...] = ()
     missing: tuple[str, ...] = ()
@@ -122,10 +127,15 @@ def check_launch_file(source: LaunchSource, environments: Sequence[Mapping[str, 
     # NumPy, which messages are made with, is loaded where a robot is read alone.
     from tasks.ros.lockstep.robot_topics import published, undeclared  # noqa: PLC0415
 
-    told = sorted(each.name for each in published(robot))
-    return report.model_copy(
-        update={"gives": (*report.gives, *_OWN_TOPICS, *told), "undeclared": dict(undeclared(robot))}
-    )
+    told = sorted((each.name, each.kind) for each in published(robot))
+    names = [name for name, _ in told]
+    found = {"gives": (*report.gives, *_OWN_TOPICS, *names), "undeclared": dict(undeclared(robot))}
+    if (source.bundle / ROBOT_FILE).is_file():
+        taken = _COMMANDS if is_ros2(source.launch_file) else _COMMANDS[:1]
+        commands = [TypedTopic(node=_ROBOT, topic=robot.topics.command, types=taken)]
+        tells = [TypedTopic(node=_ROBOT, topic=name, types=(kind,)) for name, kind in told if kind]
+        found |= {"reads": (*report.reads, *commands), "writes": (*report.writes, *tells)}
+    return report.model_copy(update=found)
 
 
 def _image_report(image: ImageLaunch) -> LaunchReport:
@@ -229,6 +239,8 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
         gazebo=gazebo,
         wants=tuple(WantedTopic(node=name, topic=topic) for name, own in topics.items() for topic in own.wants),
         gives=tuple(dict.fromkeys(topic for own in topics.values() for topic in own.gives)),
+        reads=_typed((name, own.wanted_types) for name, own in topics.items()),
+        writes=_typed((name, own.given_types) for name, own in topics.items()),
         unknown=tuple(name for name, own in topics.items() if not own.known),
         refusals=(*refusals,),
         simulated_clock=clock,
@@ -237,6 +249,11 @@ def _found(source: LaunchSource, environments: Sequence[Mapping[str, str]]) -> L
     old = dict.fromkeys(each for node in every.values() for each in _python2(source.bundle, node))
     known = {"missing": (*messages,)} if messages else {}
     return report.model_copy(update={**known, "python2": (*old,)})
+
+
+def _typed(nodes: Iterable[tuple[str, Mapping[str, str]]]) -> tuple[TypedTopic, ...]:
+    """Returns topics of nodes with the one type that each has there."""
+    return tuple(TypedTopic(node=name, topic=topic, types=(one,)) for name, own in nodes for topic, one in own.items())
 
 
 def _unstartable(bundle: Path, node: NodePlan) -> Iterator[str]:

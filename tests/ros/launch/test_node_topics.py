@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tasks.ros.launch.launch_plan import NodePlan
-from tasks.ros.launch.node_topics import NodeTopics, WantedTopic, node_topics, unpublished
+from tasks.ros.launch.node_topics import NodeTopics, TypedTopic, WantedTopic, node_topics, unlike, unpublished
 
 _ROS1 = """#!/usr/bin/env python3
 import rospy
@@ -81,3 +81,34 @@ def test_a_sensor_that_a_robot_may_have_is_named() -> None:
     (line,) = unpublished(wanted, ["/scan"], [], {"/camera/depth/points": "depth_camera"})
     said = "/see (courier see.py) wants /camera/depth/points, which nobody publishes"
     assert line == f"{said}: ros.yaml may declare depth_camera"
+
+
+def test_types_that_stand_there_are_known_and_no_others(program: Path) -> None:
+    text = """#!/usr/bin/env python3
+import nav_msgs.msg
+from sensor_msgs.msg import LaserScan as Scan, Imu
+from other_msgs.msg import Imu
+self.create_subscription(Scan, "scan", self.see, 1)
+self.create_subscription(nav_msgs.msg.Odometry, "odom", self.see, 1)
+self.create_subscription(Imu, "imu", self.see, 1)
+self.create_subscription(computed(), "map", self.see, 1)
+rospy.Publisher("twice", Scan)
+self.create_publisher(nav_msgs.msg.Path, "twice", 1)
+rospy.Publisher(name="seen", data_class=Scan)
+"""
+    found = read(program, text)
+    assert found.wanted_types == {"/scan": "sensor_msgs/LaserScan", "/odom": "nav_msgs/Odometry"}
+    assert (found.gives, found.given_types) == (("/twice", "/seen"), {"/seen": "sensor_msgs/LaserScan"})
+
+
+def test_who_writes_a_topic_with_a_type_that_another_one_does_not_read_is_told() -> None:
+    twists = ("geometry_msgs/Twist", "geometry_msgs/TwistStamped")
+    reads = [TypedTopic(node="the robot", topic="/cmd_vel", types=twists)]
+    writes = [
+        TypedTopic(node=f"/{kind}", topic=topic, types=(f"geometry_msgs/{kind}",))
+        for kind, topic in (("TwistStamped", "/cmd_vel"), ("Vector3", "/cmd_vel"), ("Pose", "/goal"))
+    ]
+    assert list(unlike(reads, writes)) == [
+        "/Vector3 publishes /cmd_vel as geometry_msgs/Vector3, and the robot reads it as geometry_msgs/Twist or "
+        "geometry_msgs/TwistStamped: it does not arrive; give both one type"
+    ]

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from flows.pipeline.launch_notes import report_lines, ros_launch_faults
+from flows.pipeline.launch_notes import report_lines, ros_launch_faults, topic_lines
 from tasks.ros.launch.launch_plan import LaunchSource
 from tasks.ros.launch.packages import RosInstallation
 from tasks.ros.ros2.ros2_installation import ros2_installation
 from tasks.simulate.sandbox import launch_check
 from tasks.simulate.sandbox.launch_check import LaunchReport, check_launch_file
+from tests.repository import ROOT
 from tests.ros.conftest import COURIER, ros
 from tests.ros.ros2.players import make_bundle
 
@@ -126,6 +127,18 @@ def test_a_script_of_ros_1_that_linux_does_not_start_is_told_as_well(ros: RosIns
     found = check_launch_file(LaunchSource(tmp_path, "courier", "answer.launch"), [{}], own=True)
     (lost,) = found.lost
     assert lost.startswith("/answer (courier answer.py): courier/scripts/answer.py, line 1: ends in CR LF")
+
+
+def test_a_node_that_reads_the_robots_topic_with_another_type_is_told(tmp_path: Path):
+    bundle = make_bundle(tmp_path)
+    reads = 'from sensor_msgs.msg import PointCloud2\nself.create_subscription(PointCloud2, "scan", self.see, 1)\n'
+    (bundle / "play/scripts/avoider").write_text(f"#!/usr/bin/env python3\n{reads}")
+    (bundle / "robot.xml").write_bytes((ROOT / "examples/ros/turtlebot3/robot.xml").read_bytes())
+    (line,) = topic_lines([report(bundle, "avoider")])
+    assert line == (
+        "the robot publishes /scan as sensor_msgs/LaserScan, and /player (play avoider) reads it as "
+        "sensor_msgs/PointCloud2: it does not arrive; give both one type"
+    )
 
 
 def test_without_cyclone_dds_no_node_is_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
