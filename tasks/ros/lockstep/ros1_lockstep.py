@@ -39,7 +39,7 @@ from tasks.ros.lockstep.idle_detector import IdleDetector
 from tasks.ros.lockstep.robot_topics import ACTIONS, CLOCK, SensorMessages
 from tasks.ros.lockstep.ros_lane import EventPump, RosLane, Writer
 from tasks.ros.lockstep.sensor_topics import Moment
-from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver
+from tasks.ros.lockstep.step_driver import LockstepPatience, PollAudit, Readiness, StepDriver, told_gaps
 from tasks.ros.message.navigation import MOVE_BASE
 from tasks.ros.message.ros_messages import clock, stamp
 from tasks.ros.process.application_processes import ApplicationProcesses, ProcessTracker, end_applications, end_strays
@@ -54,7 +54,6 @@ from tasks.storage.image_files import image_place
 # Time 0 means "not known yet" to ROS 1.
 BEGINS_NS = 1_000_000_000
 _WARM_UP_STEPS = 10
-_GAPS_TOLD = 5
 # Statuses of a goal before the next one is sent.
 _UNDER_WAY = frozenset({"asked", "accepted"})
 _AGAIN_NS = 1_000_000_000
@@ -422,9 +421,7 @@ class Ros1Lockstep:
                 continue
             what = "offers the action /move_base (goals in ros.yaml)" if idle else f"publishes {topic}"
             within = f" within {self._first_command_s:g} simulated s (first_command_s in ros.yaml)"
-            gaps = lane.graph.gaps()
-            told = "".join(f"; {each}" for each in gaps[:_GAPS_TOLD])
-            lane.failure = f"no node {what}{within if self._first_command_s else ''}{told}"
+            lane.failure = f"no node {what}{within if self._first_command_s else ''}{told_gaps(lane)}"
             self._end(lane)
 
     def _stop_idle(self, lanes: Sequence[RosLane]) -> None:

@@ -121,6 +121,7 @@ _IDLE_WITHOUT_COMMANDS_S = 1.5
 _MOST_WAITED = 4.0
 _ROUND_S = 0.02
 _PAUSE_S = 0.0005
+_GAPS_TOLD = 5
 
 
 def _serve_for(pump: EventPump, seconds: float) -> None:
@@ -130,6 +131,11 @@ def _serve_for(pump: EventPump, seconds: float) -> None:
         pump.nap(left_s)
         pump.serve()
         time.sleep(_PAUSE_S)
+
+
+def told_gaps(lane: RosLane) -> str:
+    """Returns what a lane's nodes say or wait for in vain, as the end of a reason; empty if there is nothing."""
+    return "".join(f"; {each}" for each in lane.graph.gaps()[:_GAPS_TOLD])
 
 
 class Readiness:
@@ -162,7 +168,7 @@ class Readiness:
                     waiting.remove(lane)
                 elif self._over():
                     why = self._missing(lane) or self._unrest(lane)
-                    lane.failure = f"not ready within {self._limit_s:g} s: {why}"
+                    lane.failure = f"not ready within {self._limit_s:g} s: {why}{self._untaken(lane)}"
                     waiting.remove(lane)
                 if lane.failure:
                     self._fail(lane)
@@ -226,6 +232,10 @@ class Readiness:
         if lane.commands > self._limit_s:
             by_wall += f", and they publish {self._commands} by the wall's clock: {lane.commands} commands"
         return f"its nodes did not come to rest{quiet}{by_wall}"
+
+    def _untaken(self, lane: RosLane) -> str:
+        """Returns what nodes say or wait for in vain, where none of them drives the robot."""
+        return "" if lane.graph.publishers(self._commands) else told_gaps(lane)
 
 
 _FIRST_STEP = 5

@@ -120,6 +120,14 @@ def test_a_lane_that_is_connected_and_does_not_begin_says_what_is_missing(lane: 
     assert lane.failure == "not ready within 0 s: its nodes did not come to rest, and none of them publishes /cmd_vel"
 
 
+def test_a_lane_that_does_not_begin_says_what_its_nodes_publish_in_vain(
+    lane: RosLane, pump: EventPump, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lane.graph, "gaps", lambda: ["/roam publishes it elsewhere"])
+    Readiness(pump, "/cmd_vel", 0.0, lambda _: None).wait([lane])
+    assert lane.failure.endswith(", and none of them publishes /cmd_vel; /roam publishes it elsewhere")
+
+
 def test_a_lane_whose_nodes_go_by_the_walls_clock_says_so(lane: RosLane, pump: EventPump) -> None:
     assert isinstance(lane.graph, Graph)
     lane.graph.outgoing[CLOCK].clear()
