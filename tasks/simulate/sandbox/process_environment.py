@@ -182,8 +182,16 @@ def _fault(name: str, value: str, allowed: str) -> Fault:
 
 
 def left_out(own: Mapping[str, str]) -> list[str]:
-    """Returns the names of variables that a user may have set for simulations, and that do not reach them."""
-    return sorted(name for name in own if name.startswith(FAMILIES) and not passed_variable(name))
+    """Returns the names of variables that a user may have set for simulations, and that do not reach them.
+
+    One that has the value of each simulation is none of them.
+    """
+    fixed = {name: value for name, (value, _) in FIXED.items()}
+    return sorted(
+        name
+        for name, value in own.items()
+        if name.startswith(FAMILIES) and not passed_variable(name) and fixed.get(name) != value
+    )
 
 
 def passed_variable(name: str) -> PassedVariable | None:

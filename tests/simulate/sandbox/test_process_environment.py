@@ -124,6 +124,12 @@ def test_a_user_hears_which_settings_of_libraries_do_not_reach_a_simulation():
     )
 
 
+@pytest.mark.parametrize(("threads", "expected"), [("2", ["OPENBLAS_NUM_THREADS"]), ("1", [])])
+def test_a_variable_with_the_value_of_each_simulation_is_not_told(threads: str, expected: list[str]):
+    assert FIXED["OPENBLAS_NUM_THREADS"][0] == "1"
+    assert left_out({"OPENBLAS_NUM_THREADS": threads}) == expected
+
+
 def test_the_page_of_settings_has_the_table():
     page = (ROOT / "docs/operate/operations.md").read_text()
     section = page.partition("### What a simulation gets")[2]
