@@ -433,6 +433,7 @@ sys.stdout.write("\n" + json.dumps(answers))
 
 
 _LIMIT_S = 60.0
+_MOST_NAMED = 8
 _NO_NODE = re.compile(r"Cannot locate node of type \[(?P<kind>[\w.-]+)\] in package \[(?P<package>[\w.-]+)\]")
 
 
@@ -522,13 +523,19 @@ def _plan(source: LaunchSource, text: str) -> LaunchPlan | LaunchRefused:
 
 
 def _remedy(source: LaunchSource, why: str) -> str:
-    """Returns the command that makes a node's script executable, if roslaunch misses that; git checkouts lose it."""
+    """Returns what to do about a node that roslaunch misses: git checkouts lose that a script is executable."""
     missed = _NO_NODE.match(why)
     folder = bundle_packages(source.bundle).get(missed["package"]) if missed else None
     if missed is None or folder is None:
         return ""
     found = [each for each in sorted(folder.rglob(missed["kind"])) if each.is_file() and not os.access(each, os.X_OK)]
-    return f"; it is there: chmod +x {found[0].relative_to(source.bundle)}" if found else ""
+    if found:
+        return f"; it is there: chmod +x {found[0].relative_to(source.bundle)}"
+    recipe = folder / "CMakeLists.txt"
+    if recipe.is_file() and re.search(rf"\b{re.escape(missed['kind'])}\b", recipe.read_text("utf-8", "replace")):
+        return "; its CMakeLists.txt has it: build it, catkin_make install, and bring the folder install in the bundle"
+    have = sorted({each.name for each in folder.rglob("*") if each.is_file() and os.access(each, os.X_OK)})
+    return f"; it has {', '.join(have[:_MOST_NAMED])}" if have else ""
 
 
 def _name(source: LaunchSource) -> str:

@@ -162,6 +162,15 @@ def test_a_script_that_is_there_and_not_executable_is_named_with_the_command(bun
         plan(bundle, '<node pkg="own" type="tool.sh" name="a"/>')
 
 
+def test_a_node_that_is_not_built_and_one_that_is_misspelled_are_named_with_what_to_do(bundle: Path) -> None:
+    node = '<node pkg="own" type="driver" name="a"/>'
+    with pytest.raises(LaunchRefused, match=r"; it has tool\.sh$"):
+        plan(bundle, node)
+    (bundle / "own/CMakeLists.txt").write_text("add_executable(driver src/driver.cpp)")
+    with pytest.raises(LaunchRefused, match=r"its CMakeLists\.txt has it: build it, catkin_make install, and bring"):
+        plan(bundle, node)
+
+
 _GAZEBO = """<include file="$(find gazebo_ros)/launch/empty_world.launch">
   <arg name="world_name" value="$(find own)/hall.world"/><arg name="gui" value="false"/>
 </include>
