@@ -39,6 +39,7 @@ from tasks.ros.ros2.steady_clock import build_steady_clock, with_steady_clock
 _LENGTH_BYTES = 4
 # Connections seldom change, and asking for all of them costs as much as a message.
 _MATCHES_S = 0.02
+_RELIABLE = "the robot hears who is reliable alone: publish it with ReliabilityPolicy.RELIABLE, ROS 2's default"
 
 
 class DomainThreads(ThreadWatch):
@@ -265,7 +266,7 @@ class DdsGraph:
         refused = [link.name for link in links if any(not each.reliable for each in self._robot.commanders(link))]
         if refused:
             command = self._interface.command
-            found.append(f"{', '.join(refused)} publishes {command} best effort: the robot hears who is reliable")
+            found.append(f"{', '.join(refused)} publishes {command} best effort: {_RELIABLE}")
         if self._interface.navigates and not self._navigators():
             found.append(f"no node offers the action {NAVIGATE} (goals in ros.yaml)")
         return found

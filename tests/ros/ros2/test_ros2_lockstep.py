@@ -55,6 +55,12 @@ def test_a_node_that_commands_by_the_walls_clock_is_not_ready_for_that_reason(tm
     assert "they publish /cmd_vel by the wall's clock: " in run.failures[0]
 
 
+def test_a_node_that_commands_best_effort_is_not_ready_for_that_reason(tmp_path: Path) -> None:
+    run = drive(tmp_path, "weak", steps=1, robot=RosRobot(ready_s=5.0))
+    why = "publishes /cmd_vel best effort: the robot hears who is reliable alone: publish it with"
+    assert f"not ready within 5 s: /player {why} ReliabilityPolicy.RELIABLE" in run.failures[0]
+
+
 def test_nothing_is_left_of_an_episode(tmp_path: Path) -> None:
     threads = {*Path("/proc/self/task").iterdir()}
     drive(tmp_path, "avoider", steps=1)
