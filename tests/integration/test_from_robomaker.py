@@ -13,6 +13,7 @@ import pytest
 
 from tests.docs.typed_blocks import blocks_in
 from tests.factories.gateway.served import await_answer
+from tests.integration.runs import own_cache
 from tests.repository import ROOT
 from tests.servers.ports import free_port
 
@@ -41,6 +42,7 @@ def environment(tmp_path: Path, prefect_server: str) -> dict[str, str]:
     assert prefect_server
     for name in ("applications", "examples"):
         (tmp_path / name).symlink_to(ROOT / name)
+    own_cache(tmp_path / ".cache/simyard")
     own = {name: value for name, value in os.environ.items() if not name.startswith(("AWS_", "SIMYARD_", "XDG_"))}
     programs = f"{Path(sys.executable).parent}{os.pathsep}{own['PATH']}"
     return own | {"HOME": str(tmp_path), "PATH": programs, "PYTHONPATH": str(ROOT)}
