@@ -219,7 +219,7 @@ class StepwiseRun:
 
 
 class SensedColumns:
-    """Where in rows of numbers, as ``sense_lane`` makes them, what robots sense stands.
+    """Where in rows of numbers, as ``sense_lanes`` makes them, what robots sense stands.
 
     Attributes:
         rays: Of the scan.
@@ -259,53 +259,28 @@ def step_lanes(
 ) -> tuple[PackedState, Float[jax.Array, "lanes numbers"]]:
     """Returns all lanes a control step later that the host decided, and what is sensed then and recorded of them."""
     inputs = jax.vmap(unpack_lane)(packed_inputs)
-    if inputs.robots is None:
-        return jax.vmap(functools.partial(step_lane, mechanics, applications))(packed_inputs, packed, control)
+    before = unflatten_state(applications, one_lane(inputs), jax.vmap(unpack_lane)(packed))
 
     def step(own: LaneInputs, state: LaneState, control: Float[jax.Array, "actuators"]) -> tuple[LaneState, StepRecord]:
+        # The host has the scan that the controller saw, for the record.
         decided = Decision(state.controller, control, jnp.zeros(0))
-        motion = mechanics.drive(own, state.body, control)
-        return finish_step(applications, own, state, decided, motion)
+        own, walked = people_walk(mechanics, own, state)
+        return finish_step(applications, own, walked, decided, mechanics.drive(own, walked.body, control))
 
-    before = unflatten_state(applications, one_lane(inputs), jax.vmap(unpack_lane)(packed))
-    found = jax.vmap(step)(among_others(inputs, before), before, control)
-    state, record = side_by_side(inputs, before, *found)
-    sensed = jax.vmap(functools.partial(sense_lane, applications))(among_others(inputs, state), state)
-    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns, record.robots_m)
-    numbers = [jax.vmap(_numbers)(each) for each in recorded if each is not None]
-    return jax.vmap(pack_lane)(flatten_state(state)), jnp.concatenate([sensed, *numbers], axis=1)
+    state, record = side_by_side(inputs, before, *jax.vmap(step)(among_others(inputs, before), before, control))
+    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns, record.people_m, record.robots_m)
+    numbers = [sense_lanes(applications, inputs, state), *map(jax.vmap(_numbers), jax.tree.leaves(recorded))]
+    return jax.vmap(pack_lane)(flatten_state(state)), jnp.concatenate(numbers, axis=1)
 
 
 def sense_lanes(applications: Applications, inputs: LaneInputs, state: LaneState) -> Float[jax.Array, "lanes numbers"]:
-    """Returns what all lanes' robots sense, as ``sense_lane``."""
-    return jax.vmap(functools.partial(sense_lane, applications))(among_others(inputs, state), state)
+    """Returns what lanes' robots sense, and whether each lane is done, as one row of numbers each."""
 
+    def sense(own: LaneInputs, state: LaneState) -> Row:
+        ranges_m, others = _scan_first(observe(applications, own, state))
+        return jnp.concatenate([_numbers(each) for each in (ranges_m, state.done, *others)])
 
-def step_lane(
-    mechanics: Mechanics,
-    applications: Applications,
-    packed_inputs: PackedInputs,
-    packed: PackedState,
-    control: Float[jax.Array, "actuators"],
-) -> tuple[PackedState, Row]:
-    """Returns a lane a control step later that the host decided, and what is sensed then and recorded of it."""
-    inputs = unpack_lane(packed_inputs)
-    before = unflatten_state(applications, inputs, unpack_lane(packed))
-    # The host has the scan that the controller saw, for the record.
-    decided = Decision(before.controller, control, jnp.zeros(0))
-    inputs, walked = people_walk(mechanics, inputs, before)
-    motion = mechanics.drive(inputs, walked.body, control)
-    state, record = finish_step(applications, inputs, walked, decided, motion)
-    recorded = jax.tree.leaves((record.pose, record.velocity, record.goal_index, record.impulse_ns, record.people_m))
-    return pack_lane(flatten_state(state)), jnp.concatenate(
-        [sense_lane(applications, inputs, state), *map(_numbers, recorded)]
-    )
-
-
-def sense_lane(applications: Applications, inputs: LaneInputs, state: LaneState) -> Row:
-    """Returns what a lane's robot senses, and whether the lane is done, as one row of numbers."""
-    ranges_m, others = _scan_first(observe(applications, inputs, state))
-    return jnp.concatenate([_numbers(each) for each in (ranges_m, state.done, *others)])
+    return jax.vmap(sense)(among_others(inputs, state), state)
 
 
 def _keep(record: Any, step: int, observed: Observation, controls: Rows, recorded: Rows) -> None:  # noqa: ANN401 - a StepRecord in NumPy

@@ -94,17 +94,13 @@ def regions_met(hull: Hull) -> list[BodyRegion]:
     return [each for each in BODY_REGIONS if low < each.high and high > each.low] or [BODY_REGIONS[-1]]
 
 
-def transient_impact(region: BodyRegion, robot_kg: Reals, speed_m_s: Reals) -> tuple[Reals, Reals]:
-    """Returns energy (J) and force (N) of a contact with a region that can recoil."""
-    return _impact(region, 1.0 / (1.0 / region.mass_kg + 1.0 / np.maximum(robot_kg, _LEAST_KG)), speed_m_s)
+def recoiling_kg(region: BodyRegion, robot_kg: Reals) -> Reals:
+    """Returns the mass that a contact with a region moves that can recoil; with a pinned one it is the robot's."""
+    return 1.0 / (1.0 / region.mass_kg + 1.0 / np.maximum(robot_kg, _LEAST_KG))
 
 
-def pinned_impact(region: BodyRegion, robot_kg: Reals, speed_m_s: Reals) -> tuple[Reals, Reals]:
-    """Returns the same of one with a region that a solid keeps from recoiling."""
-    return _impact(region, robot_kg, speed_m_s)
-
-
-def _impact(region: BodyRegion, moved_kg: Reals, speed_m_s: Reals) -> tuple[Reals, Reals]:
+def impact(region: BodyRegion, moved_kg: Reals, speed_m_s: Reals) -> tuple[Reals, Reals]:
+    """Returns energy (J) and force (N) of a contact that moves a mass at a speed against each other."""
     return 0.5 * moved_kg * speed_m_s**2, speed_m_s * np.sqrt(moved_kg * region.stiffness_n_m)
 
 
@@ -121,8 +117,8 @@ def impacts(hull: Hull, mass_factors: Reals, impact_m_s: Reals, pinned_m_s: Real
     robot_kg, pressed_n = hull.mass_kg * mass_factors, pressed_ns / CONTROL_S
     energies, forces, shares = [np.zeros_like(impact_m_s)], [pressed_n], [np.zeros_like(impact_m_s)]
     for region in regions_met(hull):
-        recoiled_j, recoiled_n = transient_impact(region, robot_kg, impact_m_s)
-        pinned_j, pinned_n = pinned_impact(region, robot_kg, pinned_m_s)
+        recoiled_j, recoiled_n = impact(region, recoiling_kg(region, robot_kg), impact_m_s)
+        pinned_j, pinned_n = impact(region, robot_kg, pinned_m_s)
         held_n = np.maximum(pinned_n, pressed_n)
         energies += [recoiled_j, pinned_j]
         forces += [recoiled_n, held_n]
