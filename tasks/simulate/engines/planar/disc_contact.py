@@ -3,7 +3,6 @@
 The window holds the nearest obstacles, as scalars relative to where the robot stands.
 """
 
-import functools
 from typing import NamedTuple
 
 import jax
@@ -99,16 +98,7 @@ def with_people(
     solids = [each._replace(person=jnp.zeros((), bool)) for each in nearest]
     person = _cylinder(solids[0], PERSON_RADIUS_M, PERSON_HEIGHT_M / 2, PERSON_HEIGHT_M / 2)
     person = person._replace(person=jnp.ones((), bool))
-    people = [person._replace(x=place[0] - center_m[0], y=place[1] - center_m[1]) for place in people_m]
-    nil = jnp.zeros_like(solids[0].x)
-    apart_m = jnp.stack([distance_m([each], nil, nil) for each in (*solids, *people)])
-    together: Obstacle = jax.tree.map(lambda *each: jnp.stack(each), *solids, *people)
-    chosen: list[Obstacle] = []
-    for _ in solids:
-        first = jnp.argmin(apart_m)
-        chosen.append(jax.tree.map(lambda each, at=first: each[at], together))
-        apart_m = jnp.where(jnp.arange(len(apart_m)) == first, jnp.inf, apart_m)
-    return chosen
+    return _nearest_of(solids, [_moved(person, place - center_m) for place in people_m])
 
 
 def with_robots(
@@ -127,28 +117,28 @@ def with_robots(
     """
     solids = [each._replace(robot=jnp.zeros((), bool)) for each in nearest]
     height_m, half_m = (robots.low_m + robots.high_m) / 2, (robots.high_m - robots.low_m) / 2
+    robot = [_cylinder(solids[0], robots.radius_m[k], height_m[k], half_m[k]) for k in range(len(place_m))]
     others = [
-        _cylinder(solids[0], robots.radius_m[k], height_m[k], half_m[k])._replace(
-            x=place_m[k, 0] - center_m[0], y=place_m[k, 1] - center_m[1], robot=jnp.ones((), bool)
-        )
-        for k in range(len(place_m))
+        _moved(each._replace(robot=jnp.ones((), bool)), place - center_m)
+        for each, place in zip(robot, place_m, strict=True)
     ]
-    return functools.reduce(_inserted, others, solids)
+    return _nearest_of(solids, others)
 
 
-def _inserted(nearest: list[Obstacle], one: Obstacle) -> list[Obstacle]:
-    """Returns as many of the nearest of obstacles and one more, nearest first: what is nearer moves the others on."""
-    nil = jnp.zeros_like(one.x)
-    chosen, apart_m = list[Obstacle](), distance_m([one], nil, nil)
-    for each in nearest:
-        its_m = distance_m([each], nil, nil)
-        first = apart_m < its_m
+def _moved(one: Obstacle, place_m: Float[jax.Array, "2"]) -> Obstacle:
+    return one._replace(x=place_m[0], y=place_m[1])
 
-        def pick(yes: jax.Array, no: jax.Array, first: Flag = first) -> jax.Array:
-            return jnp.where(first, yes, no)
 
-        chosen.append(jax.tree.map(pick, one, each))
-        one, apart_m = jax.tree.map(pick, each, one), jnp.where(first, its_m, apart_m)
+def _nearest_of(solids: list[Obstacle], others: list[Obstacle]) -> list[Obstacle]:
+    """Returns as many of the nearest of both as there are solids, nearest first; of equal ones the first."""
+    nil = jnp.zeros_like(solids[0].x)
+    apart_m = jnp.stack([distance_m([each], nil, nil) for each in (*solids, *others)])
+    together: Obstacle = jax.tree.map(lambda *each: jnp.stack(each), *solids, *others)
+    chosen: list[Obstacle] = []
+    for _ in solids:
+        first = jnp.argmin(apart_m)
+        chosen.append(jax.tree.map(lambda each, at=first: each[at], together))
+        apart_m = jnp.where(jnp.arange(len(apart_m)) == first, jnp.inf, apart_m)
     return chosen
 
 
