@@ -95,7 +95,7 @@ def with_launched_worlds(plan: BatchPlan, section: SimulationBatch, store: Store
         return plan
     changed = plan.model_copy(update={"templates": tuple(templates), "world_digests": digests})
     most = section.batchPolicy and section.batchPolicy.maxConcurrency
-    return changed.model_copy(update={"lanes": lane_count(most, Layout(changed).episodes, changed.robots or 1)})
+    return changed.model_copy(update={"lanes": lane_count(most, Layout(changed).episodes, changed.sharing)})
 
 
 def worldless_fault(plan: BatchPlan) -> Fault | None:

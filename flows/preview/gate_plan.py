@@ -93,7 +93,7 @@ def _common(plan: BatchPlan, tested: list[JobTemplate], other: list[JobTemplate]
 
 def _variants(plan: BatchPlan) -> int:
     """Returns how many episodes there are of each request and world."""
-    return len(plan.seeds) * (plan.robots or 1) * math.prod(map(len, plan.sweep.values()))
+    return len(plan.seeds) * plan.sharing * math.prod(map(len, plan.sweep.values()))
 
 
 def _conditions(plan: BatchPlan, templates: list[JobTemplate]) -> list[_Conditions]:

@@ -129,6 +129,11 @@ class EpisodeRequest(Spec):
     number: int = 0
 
     @property
+    def sharing(self) -> int:
+        """Returns how many robots drive in its world together; 1 is it alone."""
+        return self.robots or 1
+
+    @property
     def own_seed(self) -> int:
         """Returns the seed of what is drawn of this robot alone."""
         return own_seed(self.seed, self.number)

@@ -182,7 +182,7 @@ REQUESTED = (
         "int32",
         "",
         "How many robots share the world, each with a row of its own.",
-        _shared(lambda request: request.robots or 1),
+        _shared(lambda request: request.sharing),
     ),
     Column("robot", "int32", "", "Which of them this one is, from 0.", _shared(attrgetter("number"))),
     _requested("failure_behavior", "string", "", "What a crash does to the job: Fail or Continue."),
@@ -333,8 +333,11 @@ FAILURES_COLUMNS = (*REQUESTED, *ANSWERED, *EXPLAINED, *MEASURED)
 MEASURES = tuple(column.name for column in RESULTS_COLUMNS if column.measure)
 """What a gate's quantile may be of, besides ``metrics.<name>`` for what the scenario measures."""
 
-PEOPLE_MEASURES = tuple(name for name in MEASURES if name.startswith(("person_", "min_person_")))
-"""Those that only episodes with people have."""
+MEASURES_OF_MOVERS = {
+    "people": tuple(name for name in MEASURES if name.startswith(("person_", "min_person_"))),
+    "robots": tuple(name for name in MEASURES if name.startswith(("robot_", "min_robot_"))),
+}
+"""Those that only episodes with people, or with several robots, have."""
 
 COURSES = {column.name: column.course for column in RESULTS_COLUMNS if column.course}
 """What time makes of a measure; those that it leaves alone are not here."""

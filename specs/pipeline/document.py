@@ -9,7 +9,7 @@ from specs.base import Spec, digest
 from specs.field_types import Path as SourcePath
 from specs.field_types import PlainName
 from specs.launched_file import names_ros_launch
-from specs.pipeline.gate_section import Gate, drawn_once, unaudited, unpeopled, unsearched
+from specs.pipeline.gate_section import Gate, drawn_once, never_met, unaudited, unsearched
 from specs.pipeline.generation_parts import MAX_WORLDS_OF_DOCUMENT
 from specs.pipeline.search_section import Search, unsearchable
 from specs.pipeline.simulation_section import Deployment, SimulationBatch, never_driven, unjudged
@@ -92,7 +92,7 @@ class PipelineSpec(Ruled):
         yield from unsearchable(part(data, "search"), part(data, "simulationBatch"))
         yield from unsearched(part(data, "gate"), part(data, "search"))
         yield from unaudited(part(data, "gate"), part(part(data, "simulationBatch"), "audit"))
-        yield from unpeopled(part(data, "gate"), part(data, "simulationBatch"))
+        yield from never_met(part(data, "gate"), part(data, "simulationBatch"))
         imported = items(part(data, "worlds"))
         yield from drawn_once(
             part(data, "gate"),

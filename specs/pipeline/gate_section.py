@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field
 
 from specs.base import Fault, Spec
-from specs.data.result_columns import MEASURES, PEOPLE_MEASURES
+from specs.data.result_columns import MEASURES, MEASURES_OF_MOVERS
 from specs.field_types import Boolean, Number
 from specs.robomaker.deployment import DeploymentVersion
 from specs.ros_robot import NAVIGATION_METRICS
@@ -250,16 +250,20 @@ def _worlds_at_most(batch: object, generation: object, imported: Mapping[str, Se
     return plans * interiors + brought if type(plans) is int and type(interiors) is int else None
 
 
-def unpeopled(gate: object, batch: object) -> Iterator[Finding]:
-    """Yields a finding for each quantile of how the robot meets people in a batch in which there are none.
+def never_met(gate: object, batch: object) -> Iterator[Finding]:
+    """Yields a finding for each quantile of how the robot meets people or robots in a batch in which there are none.
 
     Args:
         gate: The raw section.
         batch: Likewise.
     """
-    for number, rule in enumerate(items(part(gate, "quantiles")) if part(batch, "people") is None else ()):
-        if (column := part(rule, "column")) in PEOPLE_MEASURES:
-            allowed = "a column that a batch without people has; simulationBatch.people puts people into its worlds"
+    alone = {"people": part(batch, "people") is None, "robots": part(batch, "robots") in (None, 1)}
+    for number, rule in enumerate(items(part(gate, "quantiles"))):
+        column = part(rule, "column")
+        for movers in [each for each, measures in MEASURES_OF_MOVERS.items() if alone[each] and column in measures]:
+            allowed = (
+                f"a column that a batch without {movers} has; simulationBatch.{movers} puts {movers} into its worlds"
+            )
             yield Finding(("gate", "quantiles", number, "column"), column, allowed)
 
 

@@ -149,7 +149,8 @@ def _among_people(  # noqa: PLR0917 - as it is mapped
     strange: jax.Array,
     planned: Planned,
 ) -> Known:
-    return _dodge(people, room, pose, ranges_m, strange, planned)
+    people = _followed(people, pose[:2], _people_in(ends_of(pose, ranges_m), strange, pose[:2]))
+    return _controlled(people, room, pose, ranges_m, planned)
 
 
 @_among_people.def_vmap
@@ -162,20 +163,8 @@ def _among_people_of_lanes(lanes: int, mapped: Sequence[object], *given: object)
     each = jax.tree.map(repeated, tuple(given), tuple(mapped))
     people, _, _, _, strange, planned = each
     anybody = jnp.any(strange) | jnp.any(people.unseen <= _BELIEVED)
-    found = jax.lax.cond(anybody, lambda: jax.vmap(_dodge)(*each), lambda: (people, planned.control))
+    found = jax.lax.cond(anybody, lambda: jax.vmap(_among_people.fun)(*each), lambda: (people, planned.control))
     return found, jax.tree.map(lambda _: True, found)
-
-
-def _dodge(  # noqa: PLR0917 - as it is mapped
-    people: People,
-    room: Room,
-    pose: jax.Array,
-    ranges_m: jax.Array,
-    strange: jax.Array,
-    planned: Planned,
-) -> Known:
-    people = _followed(people, pose[:2], _people_in(ends_of(pose, ranges_m), strange, pose[:2]))
-    return _controlled(people, room, pose, ranges_m, planned)
 
 
 class Seen(NamedTuple):

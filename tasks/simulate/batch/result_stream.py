@@ -112,7 +112,7 @@ def request_columns(layout: Layout, first: int, end: int) -> RequestColumns:
     plan, offsets, index = layout.plan, np.array(layout.offsets), np.arange(first, end)
     template = np.searchsorted(offsets, index, side="right") - 1
     rest, turn = np.divmod(index - offsets[template], layout.turns)
-    seed, number = np.divmod(turn, plan.robots or 1)
+    seed, number = np.divmod(turn, plan.sharing)
     world, setting = np.divmod(rest, layout.settings)
     worlds = [plan.worlds_of(asked) for asked in plan.templates]
     place = {name: number for number, name in enumerate(dict.fromkeys(name for names in worlds for name in names))}

@@ -166,7 +166,7 @@ def program_of(request: EpisodeRequest, bundles: Mapping[str, Path], lanes: int,
     Raises:
         BundleCrash: The applications do not import, or the engine refuses the robot.
     """
-    lanes = _whole_lanes(lanes, request.robots or 1)
+    lanes = _whole_lanes(lanes, request.sharing)
     numbers, texts = split_environment(without_job_variables(request.environment))
     folders = (bundles[request.robot.digest], bundles[request.scenario.digest])
     environment = (tuple(sorted(numbers)), tuple(sorted(texts.items())))
@@ -250,7 +250,7 @@ def worlds_shared(requests: Sequence[EpisodeRequest]) -> list[list[EpisodeReques
     for request in requests:
         groups.setdefault(request.index - request.number, []).append(request)
     for first, group in groups.items():
-        if [request.number for request in group] != [*range(group[0].robots or 1)]:
+        if [request.number for request in group] != [*range(group[0].sharing)]:
             raise ValueError(f"episode {first}: not all of its {group[0].robots} robots, in their order")
     return list(groups.values())
 

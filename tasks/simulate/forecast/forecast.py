@@ -273,7 +273,7 @@ def _lane_steps(plan: BatchPlan) -> int:
 def _simulated_s(plan: BatchPlan, template: JobTemplate) -> float:
     """Returns how long a request's episodes last together, if each takes its full duration."""
     settings = math.prod(map(len, plan.sweep.values()))
-    turns = len(plan.seeds) * (plan.robots or 1)
+    turns = len(plan.seeds) * plan.sharing
     return settings * turns * len(plan.worlds_of(template)) * template.duration_s
 
 

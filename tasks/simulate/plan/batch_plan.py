@@ -98,6 +98,11 @@ class BatchPlan(Spec):
     people: People | None = None
     robots: int | None = None
 
+    @property
+    def sharing(self) -> int:
+        """Returns how many robots drive in a world together; 1 is each alone."""
+        return self.robots or 1
+
     def digests(self) -> tuple[str, ...]:
         """Returns the digests of the application bundles that the batch runs, each once."""
         return tuple(self.bundles())

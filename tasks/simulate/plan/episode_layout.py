@@ -88,7 +88,7 @@ class Layout:
 
     def whole(self, requests: Sequence[EpisodeRequest]) -> list[EpisodeRequest]:
         """Returns some of the episodes, each once, with all robots that share a world with theirs, side by side."""
-        groups = dict.fromkeys((each.index - each.number, each.robots or 1) for each in requests)
+        groups = dict.fromkeys((each.index - each.number, each.sharing) for each in requests)
         known = {each.index: each for each in requests}
         return [known.get(first + k) or self.request(first + k) for first, count in groups for k in range(count)]
 
@@ -111,7 +111,7 @@ class Layout:
             IndexError: There are fewer.
         """
         group, turn = self._place(number)
-        start, robots = turn * self.plan.lanes, self.plan.robots or 1
+        start, robots = turn * self.plan.lanes, self.plan.sharing
         positions: Sequence[int] = range(start, min(start + self.plan.lanes, group.size))
         if self.plan.shuffled:
             drawn = sorted(self._shuffle(group).order[start // robots : (start + self.plan.lanes) // robots])
@@ -158,7 +158,7 @@ class Layout:
         found: list[int] = []
         for group in self._groups:
             low, high = self._position(group, first), self._position(group, end)
-            lanes, robots = self.plan.lanes, self.plan.robots or 1
+            lanes, robots = self.plan.lanes, self.plan.sharing
             if low < high and self.plan.shuffled:
                 turns = self._shuffle(group).turn[low // robots : -(-high // robots)]
                 found += {group.number(robots * turn // lanes) for turn in turns}
@@ -185,7 +185,7 @@ class Layout:
 
     @cached_property
     def _shuffles(self) -> list[Shuffle]:
-        seed, robots = digest(self.plan), self.plan.robots or 1
+        seed, robots = digest(self.plan), self.plan.sharing
         if self.plan.shuffled == "pairs":  # both versions in the same order
             return [Shuffle(self._groups[0].size // robots, f"{seed}/0")] * _VERSIONS
         return [Shuffle(group.size // robots, f"{seed}/{group.first_chunk}") for group in self._groups]
@@ -202,7 +202,7 @@ class Layout:
     @property
     def turns(self) -> int:
         """How many rows there are of a world and a set of values: one for each seed, and each of several robots."""
-        return len(self.plan.seeds) * (self.plan.robots or 1)
+        return len(self.plan.seeds) * self.plan.sharing
 
     @cached_property
     def offsets(self) -> list[int]:
@@ -279,7 +279,7 @@ class Layout:
         return (world * len(block.settings) + turn) * seeds + own
 
     def _made(self, index: int, template: int, world: int, setting: int, turn: int) -> EpisodeRequest:
-        asked, (seed, number) = self.plan.templates[template], divmod(turn, self.plan.robots or 1)
+        asked, (seed, number) = self.plan.templates[template], divmod(turn, self.plan.sharing)
         return EpisodeRequest(
             index=index,
             world=self.plan.worlds_of(asked)[world],

@@ -100,7 +100,7 @@ def plan_batch(
         people=People(count=section.people) if isinstance(section.people, int) else section.people,
     )
     return plan.model_copy(
-        update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes, plan.robots or 1)}
+        update={"lanes": lane_count(policy and policy.maxConcurrency, Layout(plan).episodes, plan.sharing)}
     )
 
 

@@ -94,7 +94,7 @@ def retry_with_fewer_lanes(
         Exception: Whatever else than a lack of memory goes wrong.
     """
     parts: list[EpisodeColumns] = []
-    robots = chunk.requests[0].robots or 1 if chunk.requests else 1
+    robots = chunk.requests[0].sharing if chunk.requests else 1
     while (done := sum(map(len, parts))) < len(chunk.requests):
         part = chunk.requests[done : done + whole_groups(lanes, robots)]
         if parts and stopped():
@@ -303,7 +303,7 @@ class SandboxClient:
         if ended.killed == "stop" or (self._endings > 1 and self.should_stop()):
             return EpisodeColumns.of([_stopped(request) for request in requests])
         logger.warning("chunk %d: %s", chunk.number, ended.reason)
-        robots = requests[0].robots or 1
+        robots = requests[0].sharing
         if len(requests) <= robots or ended.importing or self._endings >= _MOST_ENDINGS:
             return _failed(requests, ended)
         half = whole_groups(len(requests) // 2, robots)

@@ -68,6 +68,13 @@ def test_who_walks_into_a_robot_that_stands_still_is_counted_apart_and_hit_by_no
     assert (float(found.impact_m_s), float(found.pinned_m_s)) == (0.0, 0.0)
 
 
+def test_a_person_whom_the_robot_has_stopped_hit_it_as_fast_as_it_meant_to_go(person: PeopleInputs):
+    """A person before a robot has come to rest when an engine tells of the contact."""
+    coming = standing_at(person, 0.0, vx=-0.9)
+    stopped = coming._replace(velocity=jnp.zeros_like(coming.velocity))
+    assert float(met(person, stopped, robot(-REACH_M, vx=0.5), TOUCH).contact_m_s) == pytest.approx(1.4)
+
+
 def test_a_person_before_a_wall_is_pinned_and_one_in_the_open_or_beside_it_is_not(person: PeopleInputs):
     at_the_wall = standing_at(person, WALL_M - PERSON_RADIUS_M - 0.05)
     x_m = float(at_the_wall.place_m[0, 0])

@@ -65,16 +65,20 @@ def test_a_column_is_one_of_the_results_or_a_scenarios_own():
     Gate.model_validate({"quantiles": [{**QUANTILE, "column": "metrics.parcels per hour"}]})
 
 
-def test_how_a_robot_meets_people_is_asked_only_where_there_are_some():
-    gate = {"quantiles": [{"column": "min_person_m", "quantile": 0.05, "atLeast": 0.1}]}
-    assert "simulationBatch.people puts people" in faults(gate)["gate.quantiles.0.column"]
+@pytest.mark.parametrize(("column", "movers"), [("min_person_m", "people"), ("min_robot_m", "robots")])
+def test_how_a_robot_meets_others_is_asked_only_where_there_are_some(column: str, movers: str):
+    gate = {"quantiles": [{"column": column, "quantile": 0.05, "atLeast": 0.1}]}
+    assert f"simulationBatch.{movers} puts {movers}" in faults(gate)["gate.quantiles.0.column"]
     document = {
         "name": "nightly",
         "worldGeneration": GENERATION,
-        "simulationBatch": {**BATCH, "people": 2},
+        "simulationBatch": {**BATCH, movers: 2},
         "gate": gate,
     }
     PipelineSpec.model_validate(document)
+    if movers == "robots":
+        with pytest.raises(ValidationError, match="a batch without robots has"):
+            PipelineSpec.model_validate({**document, "simulationBatch": {**BATCH, movers: 1}})
 
 
 def test_a_rule_about_what_navigation_says_of_itself_is_no_fault_of_any_scenario():
