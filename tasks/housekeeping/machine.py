@@ -63,7 +63,7 @@ _ASIDE = ".gc-"
 _DIGEST = "[0-9a-f]{64}"
 _TEMPORARY = (
     r"\.gc-[0-9a-f]{32}|\.([0-9a-f]{64}\.)?[0-9a-f]{8}\.tmp|\.[0-9a-f]{32}\.tmp"
-    r"|\.(download|archive|tar|making|unpack)-[a-z0-9_]{8}"
+    r"|\.(download|archive|tar|making|unpack)-[a-z0-9_]{8}|\.turn-(bundle-)?[0-9a-f]{32,64}"
 )
 _SERVER = (
     r"prefect\.db(-shm|-wal|-journal)?|memo_store\.toml|kept\.json|password|port|checkout|starting\.lock"

@@ -39,6 +39,7 @@ from tasks.storage.image_files import (
     opened_blobs,
     require_digest,
     sealed_tree,
+    turn_at,
     unpacked,
 )
 
@@ -98,6 +99,11 @@ def image_bundle(source: str, base: Path, robot: Path | None = None, architectur
     target = ImageFolders.of_cache().images / f"bundle-{_state(source, base, robot, architecture)}"
     if bundle := sealed_tree(target):
         return bundle
+    with turn_at(target):
+        return sealed_tree(target) or _made(source, base, robot, architecture, target)
+
+
+def _made(source: str, base: Path, robot: Path | None, architecture: Architecture, target: Path) -> Path:
     with new_tree(target, ".making-") as made:
         fetched = made.parent.parent / "fetched"
         place = _fetched(source, fetched, architecture) if source.startswith(REGISTRY) else (base / source).resolve()

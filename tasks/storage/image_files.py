@@ -187,18 +187,37 @@ def unpacked(bundle: Path, digest: str, folders: ImageFolders) -> Path:
         return root
     for folder in folders:
         folder.mkdir(parents=True, exist_ok=True)
+    with turn_at(target):
+        return sealed_tree(target) or _unpack(bundle, digest, target, folders.files)
+
+
+def _unpack(bundle: Path, digest: str, target: Path, shared: Path) -> Path:
     with new_tree(target, ".unpack-") as root, opened_blobs(bundle / LAYOUT) as blobs:
         manifest, left = blobs.blob({"digest": f"sha256:{digest}"}), _UNPACKED_BYTES
         diff_ids = blobs.blob(manifest["config"])["rootfs"]["diff_ids"]
         for each, diff_id in zip(manifest["layers"], diff_ids, strict=True):
             with blobs.open(blob_name(each["digest"])) as file:
-                left -= apply_layer(file, root, str(diff_id), left, folders.files)
+                left -= apply_layer(file, root, str(diff_id), left, shared)
         _name_hosts(root)
         os.sync()  # its name stands for whole files, also after the power fails
     return target / FILES_FOLDER
 
 
 _SEAL = "seal"
+
+
+@contextmanager
+def turn_at(target: Path) -> Generator[None]:
+    """Lets one thread of one process at a time make what is to lie somewhere: the next one finds it made."""
+    path = target.with_name(f".turn-{target.name}")
+    with room_in(target.parent):
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        path.unlink(missing_ok=True)  # who waits goes on with the file that it has, who comes later makes another
+        os.close(descriptor)
 
 
 @contextmanager

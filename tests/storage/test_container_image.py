@@ -4,13 +4,15 @@ import hashlib
 import io
 import json
 import tarfile
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from specs.errors import BundleRefused
-from tasks.storage import container_image
+from tasks.storage import container_image, image_files
 from tasks.storage.archives import LIMITS
 from tasks.storage.container_image import image_bundle, is_image_source
 from tasks.storage.image_files import image_root, read_image
@@ -291,3 +293,25 @@ def test_a_source_is_an_image_by_what_it_is(tmp_path: Path) -> None:
     oci_folder(tmp_path / "layout", oci_files([_LAYER]))
     found = {name: is_image_source(name, tmp_path) for name in ("folder", "app.tar", "layout", "docker://x@sha256:y")}
     assert found == {"folder": False, "app.tar": True, "layout": True, "docker://x@sha256:y": True}
+
+
+def test_of_many_who_want_an_image_at_once_one_takes_it_and_one_unpacks_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a client that asks again, since its answer takes long."""
+    docker_archive(tmp_path / "app.tar", [_LAYER], _CONFIG)
+    opened: list[Path] = []
+    for module in (container_image, image_files):
+        own = module.opened_blobs
+        monkeypatch.setattr(module, "opened_blobs", lambda place, own=own: opened.append(place) or own(place))
+    together = threading.Barrier(4)
+
+    def root(_: int) -> Path | None:
+        together.wait()
+        return image_root(image_bundle("app.tar", tmp_path))
+
+    with ThreadPoolExecutor(4) as pool:
+        (found,) = {*pool.map(root, range(4))}
+    assert found is not None
+    assert len(opened) == 2, "the archive, and the layout that is unpacked"
+    assert not [*(tmp_path / "cache").rglob(".turn-*")]
