@@ -29,23 +29,25 @@ class Graph:
         self.nodes.append(helper.make_node(operator, names, [output], **attributes))
         return output
 
-    def dense(self, shown, layers):
-        """Adds layers (weight, bias) with tanh between them; the last one's output is the action."""
+    def dense(self, shown, layers, output):
+        """Adds layers (weight, bias) with tanh between them, and returns the last one's output."""
         for number, layer in enumerate(layers[:-1]):
             shown = self.add("Tanh", [self.add("Gemm", [shown, *layer], f"sum{number}")], f"layer{number}")
-        self.add("Gemm", [shown, *layers[-1]], "action")
+        return self.add("Gemm", [shown, *layers[-1]], output)
 
 
-def write_bundle(folder, graph, inputs, actions, declared):
-    """Writes it; ``inputs`` are the shapes of what the network is shown of one robot, by name."""
+def write_bundle(folder, graph, inputs, outputs, declared):
+    """Writes it; ``inputs`` and ``outputs`` are the shapes of what it is shown and says of one robot, by name."""
     name = graph.name
     package = folder / name
     package.mkdir(parents=True, exist_ok=True)
     shutil.copy(ROBOT, folder / "robot.xml")
     shutil.copy(HERE / "run.sh", package / "run.sh")
-    ends = [(each, shape) for each, shape in inputs.items()] + [("action", (actions,))]
-    *taken, given = (helper.make_tensor_value_info(end, TensorProto.FLOAT, ["lanes", *shape]) for end, shape in ends)
-    made = helper.make_graph(graph.nodes, name, taken, [given], graph.tensors)
+    taken, given = (
+        [helper.make_tensor_value_info(end, TensorProto.FLOAT, ["lanes", *shape]) for end, shape in ends.items()]
+        for ends in (inputs, outputs)
+    )
+    made = helper.make_graph(graph.nodes, name, taken, given, graph.tensors)
     model = helper.make_model(made, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
     onnx.checker.check_model(model)
     onnx.save(model, package / f"{name}.onnx")

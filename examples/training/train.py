@@ -170,9 +170,9 @@ def main():
     began = time.monotonic()
     weights = train(envs, given.steps, given.seed)
     graph, actor = Graph("reactive"), weights["actor"]
-    graph.dense("shown", actor)
+    graph.dense("shown", actor, "action")
     declared = {"lidar": LIDAR, "inputs": [{"parts": PARTS}]}
-    write_bundle(given.output, graph, {"shown": (len(actor[0][0]),)}, len(actor[-1][1]), declared)
+    write_bundle(given.output, graph, {"shown": (len(actor[0][0]),)}, {"action": (len(actor[-1][1]),)}, declared)
     print(f"{given.output}: trained in {time.monotonic() - began:.0f} s")
 
 

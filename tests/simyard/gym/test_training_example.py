@@ -44,9 +44,11 @@ def test_a_short_training_on_pictures_writes_a_policy_that_fits_its_robot(sensor
     said = python(*command)
     assert len(re.findall(r"^round \d, .*% arrive$", said, re.MULTILINE)) == 2
     checked = check_policy(bundle, "seeing/seeing.onnx").policy
-    assert [part.field for each in checked.inputs for part in each.parts] == [field] + ["goal_robot_m"] * 2
+    fields = [part.field for each in checked.inputs for part in each.parts]
+    assert fields == [field, "goal_robot_m", "goal_robot_m", "finder_m"]
     assert isinstance(checked.output, ChoiceOutput)
     assert min(forward for forward, _ in checked.output.controls) == 0.0, "it drives where it looks"
+    assert [(each.input, each.output) for each in checked.states] == [("last_choice", "choice"), ("spun", "spun_next")]
     assert "<polyline" in (bundle / "curve.svg").read_text()
     sight = json.loads((bundle / "sight.json").read_text())
     assert len(sight) == 4
@@ -64,27 +66,56 @@ import pictures
 sensors, part, channels = pictures.SENSORS["color"]
 pupil, rng, folder = pictures.Pupil(part, channels, 0), np.random.default_rng(0), pathlib.Path("{folder}")
 picture = rng.integers(0, 256, (48, 48, 64, 3), np.uint8)
-goal = rng.uniform(-1, 1, (48, 4)).astype(np.float32)
+told = rng.uniform(-1, 1, (48, 6)).astype(np.float32)
 wanted = rng.integers(0, len(pictures.CONTROLS), 48)
-pupil.learn([picture, goal, wanted], 150)
+pupil.learn([picture, told, wanted, rng.choice(np.float32([1, 3]), 48)], 150)
 weights = jax.tree.map(np.asarray, pupil.weights_of(pupil.state))
 pictures.write(folder, weights, sensors, part)
 session = onnxruntime.InferenceSession(folder / "seeing" / "seeing.onnx")
-mirrored = picture[:, :, ::-1], goal * np.float32([1, -1, 1, -1])
-answers = [pictures.CONTROLS[np.asarray(pictures.choice(weights, *each))] for each in ((picture, goal), mirrored)]
-(written,) = session.run(None, {{"picture": picture / np.float32(255), "goal": goal}})
-off = float(np.abs(written - pictures.scores(weights, picture, goal)).max())
-print(json.dumps([np.mean(answers[0] == pictures.CONTROLS[wanted]), np.mean(answers[1] == answers[0] * [1, -1]), off]))
+mirrored = picture[:, :, ::-1], pictures.mirrored(told)
+memory = pictures.no_memory(48)
+best, _ = pictures.choice(weights, picture, told, memory)
+mirror_best, _ = pictures.choice(weights, *mirrored, memory)
+answers = [pictures.CONTROLS[np.asarray(each)] for each in (best, mirror_best)]
+shown = {{"picture": picture / np.float32(255), "told": told}}
+
+
+def answer(memory):
+    remembered = {{"last_choice": memory[:, :-1], "spun": memory[:, -1:]}}
+    said, *kept = session.run(["action", "choice", "spun_next"], {{**shown, **remembered}})
+    expected = pictures.choice(weights, picture, told, memory)[1]
+    return said, float(np.abs(np.concatenate(kept, axis=1) - expected).max())
+
+
+said, *kept = answer(memory)
+off = float(np.abs(said - pictures.scores(weights, picture, told)).max())
+# Who has turned to the one side does not turn to the other at once, and who has turned for long had better drive.
+memory[:, np.argmin(pictures.CONTROLS[:, 1])] = 1
+held, *kept[1:] = answer(memory)
+memory[:, :-1], memory[:, -1] = 0, 50
+tired, *kept[2:] = answer(memory)
+left, spot = pictures.CONTROLS[:, 1] > 0.5, pictures.CONTROLS[:, 0] == 0
+print(json.dumps({{
+    "learned": np.mean(answers[0] == pictures.CONTROLS[wanted]),
+    "mirrored": np.mean(answers[1] == answers[0] * [1, -1]),
+    "off": off,
+    "kept": max(kept),
+    "held_back": [float((held - said)[:, left].max()), float(np.abs(held - said)[:, ~left].max())],
+    "tired": [float((tired - said)[:, spot].max()), float(np.abs(tired - said)[:, ~spot].max())],
+}}))
 """
 
 
 @pytest.mark.long
 @pytest.mark.integration
-def test_a_pupil_learns_each_answer_and_its_mirror_image_and_is_written_as_it_is(tmp_path: Path):
-    learned, mirrored, off = json.loads(python("-c", BY_HEART.format(folder=tmp_path)))
-    assert learned > 0.95
-    assert mirrored > 0.95
-    assert off < 1e-3
+def test_a_pupil_learns_each_answer_and_its_mirror_image_and_is_written_with_its_memory(tmp_path: Path):
+    found = json.loads(python("-c", BY_HEART.format(folder=tmp_path)))
+    assert found["learned"] > 0.95
+    assert found["mirrored"] > 0.95
+    assert found["off"] < 1e-3
+    assert found["kept"] < 1e-4, "the network keeps what it has chosen, and for how long it has turned"
+    assert found["held_back"] == [pytest.approx(-3.0, abs=1e-4), pytest.approx(0.0, abs=1e-4)]
+    assert found["tired"] == [pytest.approx(-3.0, abs=1e-4), pytest.approx(0.0, abs=1e-4)]
 
 
 def python(*arguments: str) -> str:
