@@ -83,7 +83,8 @@ SWERVE = np.minimum(3.0 * np.outer(TURNED, TURNED), 0).astype(np.float32)
 # from one to the other, and drive none. What he has turned fades step by step.
 SPOT = (CONTROLS[:, :1] == 0).astype(np.float32)
 RESTED, TIRING, FADING = np.float32([20.0, 0.1, 0.99])
-CARE_M = 0.05  # so much wider than it is the teacher drives
+CARE_M = 0.08  # so much wider than it is the teacher drives
+SCAN_M = 0.1  # how high its lidar is: the shipped one looks over pallets
 NEAR_M, NEAR_WEIGHT = 0.4, 3.0  # what is learned where a ray is shorter than that weighs more
 TILE, FILTERS, HIDDEN, BATCH, STEPS, EVERY = 8, 24, 96, 256, 600, 4
 HOMES, SEEDS, CHECKS = 16, 3, 128
@@ -117,7 +118,7 @@ class Teacher:
         arrays = arrays_of_worlds(
             {f"{each.generation}/{each.name}": each for each in worlds},
             hull_of(mujoco.MjModel.from_xml_path(str(ROBOT))),
-            Lidar().height_m,
+            SCAN_M,
         )
         self.floors = {name: FloorMap(*map(jnp.asarray, each.floor)) for name, each in arrays.items()}
         self.floors = {name: each._replace(clearance_m=each.clearance_m - CARE_M) for name, each in self.floors.items()}
@@ -343,7 +344,7 @@ def main():
     worlds = [*halls(given.halls, given.seed), *(each.document for each in homes)]
     task = {
         "robot": ROBOT.parent,
-        "sensors": {**sensors, "lidar": {"rays": 32, "range_m": 10.0, "height_m": 0.2}},  # the lidar is the teacher's
+        "sensors": {**sensors, "lidar": {"rays": 32, "range_m": 10.0, "height_m": SCAN_M}},  # of the teacher
         "observation": (part["field"], "goal_robot_m", "finder_m", "goal_m", "pose", "ranges_m"),
         "environment": DOCUMENT["simulationBatch"]["createSimulationJobRequests"][0]["simulationApplications"][0][
             "launchConfig"

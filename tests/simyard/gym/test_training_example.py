@@ -118,6 +118,27 @@ def test_a_pupil_learns_each_answer_and_its_mirror_image_and_is_written_with_its
     assert found["tired"] == [pytest.approx(-3.0, abs=1e-4), pytest.approx(0.0, abs=1e-4)]
 
 
+# The tops of what stands in the example's halls, and the height at which its teacher looks.
+TOPS = """
+import sys
+sys.path.insert(0, "examples/training")
+import json
+import pictures
+
+things = [thing for world in pictures.halls(4, 0) for thing in world.furniture]
+tops = {thing.model_type: solid.center_m[2] + solid.half_extents_m[2] for thing in things for solid in thing.solids}
+print(json.dumps([tops, pictures.SCAN_M]))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.integration
+def test_the_teacher_of_who_sees_pictures_looks_over_nothing_that_stands_in_the_halls():
+    tops, scan_m = json.loads(python("-c", TOPS))
+    assert set(tops) == {"box", "pallet"}
+    assert scan_m < min(tops.values())
+
+
 def python(*arguments: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
