@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 import numpy as np
 import pyarrow as pa
 
+from specs.data.boxes import Box
 from specs.data.episode import reason
 from specs.data.world import World
 from specs.errors import DocumentError
@@ -18,6 +19,7 @@ from tasks.applications.registry import unpack
 from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import replay_svg
 from tasks.results.playback.playback import (
+    BoxFilm,
     CameraFilm,
     ColumnDeviation,
     Playback,
@@ -139,6 +141,7 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
         impulse_ns=steps["impulse_ns"],
         people_m=_walking(np.asarray(steps["people_m"])),
         robots_m=np.asarray(steps["robots_m"]),
+        boxes=_put(again.request.boxes, np.asarray(steps["boxes_m"])),
         shape=robot_shape(robot / "robot.xml"),
         depth=CameraFilm(setting.camera, setting.pictured_s, setting.pictures_m) if setting.camera else None,
         color=CameraFilm(setting.color_camera, setting.colored_s, setting.colors) if setting.color_camera else None,
@@ -148,6 +151,14 @@ def playback(batch_id: str, again: Replay, robot: Path) -> Playback | None:
 def _walking(people_m: np.ndarray) -> np.ndarray:
     """Returns the people who are there of those that a program has room for: the others are far away."""
     return people_m[:, np.abs(people_m[0, :, 0]) < PARKING_M]
+
+
+def _put(boxes: tuple[Box, ...] | None, places_m: np.ndarray) -> BoxFilm | None:
+    """Returns the boxes of an episode, of those that a program has room for; one that is not there is far away."""
+    if boxes is None:
+        return None
+    own_m = places_m[:, : len(boxes)]
+    return BoxFilm(tuple(box.size_m for box in boxes), own_m, own_m[:, :, 1] < PARKING_M)
 
 
 def _recorded_row(batch: OpenBatch, record: JobRecord, location: OutputLocation, index: int) -> pa.Table:
@@ -282,7 +293,8 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
     from tasks.results.playback.replay_video import frames, with_captions, write_video  # noqa: PLC0415 - an extra
 
     low_m, high_m = playback.heights_m
-    movers_m = np.concatenate([playback.people_m, playback.robots_m], axis=1).astype(np.float64)
+    movers = [playback.people_m, playback.robots_m, *([] if playback.boxes is None else [playback.boxes.places_m])]
+    movers_m = np.concatenate(movers, axis=1).astype(np.float64)
     scene = FilmScene(
         world=world,
         radius_m=playback.radius_m,
@@ -291,6 +303,7 @@ def _write_film(path: Path, world: World, playback: Playback) -> None:
         shape=playback.shape,
         people=playback.people_m.shape[1],
         robots=playback.robots_m.shape[1],
+        boxes=() if playback.boxes is None else playback.boxes.sizes_m,
     )
     with open_film(scene, *_SIZE) as shoot:
         if shoot is None:

@@ -61,9 +61,11 @@ def regression_suite(store: Store, text: str) -> Suite:
         raise DocumentError.of("batch", batch.id, allowed, source="simyard")
     plan = batch.plan
     people: _Document = {"people": canonical_document(plan.people)} if plan.people else {}
+    boxes: _Document = {"boxes": [canonical_document(box) for box in plan.boxes]} if plan.boxes else {}
     section: _Document = {
         "engine": plan.engine,
         **people,
+        **boxes,
         "recordings": {"episodes": "all"},
         "audit": {"lanes": 0},  # C MuJoCo has confirmed each
         "createSimulationJobRequests": [_request(batch, each) for each in search.failures],

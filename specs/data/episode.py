@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.boxes import Box
 from specs.data.outcomes import OutcomeReason
 from specs.data.people import People
 from specs.data.robots import own_seed
@@ -110,6 +111,7 @@ class EpisodeRequest(Spec):
         environment: Environment variables as the launch configurations and the matrix give them.
         judge_environment: Those that the simulation application's own nodes have otherwise; None for none.
         people: Who walks in its world; None for nobody.
+        boxes: What is put into its world while the robot drives; None for nothing.
         robots: How many robots share its world, each with a request and a row of its own; None for this one alone.
         number: Which of them this one is, from 0.
         duration_s: Simulated seconds at most (maxJobDurationInSeconds).
@@ -125,6 +127,7 @@ class EpisodeRequest(Spec):
     failure_behavior: FailureBehavior = "Fail"
     judge_environment: dict[str, str] | None = None
     people: People | None = None
+    boxes: tuple[Box, ...] | None = None
     robots: int | None = None
     number: int = 0
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:  # who checks a document needs the names of columns, and no Nu
 
     from specs.data.episode_columns import Cells, EpisodeColumns, RequestColumns
 
-SCHEMA_VERSION = "9"
+SCHEMA_VERSION = "10"
 """Of names, types and meanings: they change only together with it."""
 
 ColumnType = Literal[
@@ -176,6 +176,13 @@ REQUESTED = (
         "",
         "How many people walk in the world.",
         _shared(lambda request: request.people.count if request.people else 0),
+    ),
+    Column(
+        "boxes",
+        "int32",
+        "",
+        "How many boxes are put into the world while the robot drives.",
+        _shared(lambda request: len(request.boxes or ())),
     ),
     Column(
         "robots",

@@ -4,12 +4,14 @@ The rules beside them speak of several fields: variables that a request's robot 
 deployment runs that no episode has tested.
 """
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Literal, cast
 
 from pydantic import AfterValidator, Field
 
 from specs.base import Spec
+from specs.data.boxes import MOST_BOXES, Box, never_there
 from specs.data.episode import CONTROL_HZ
 from specs.data.people import MOST_PEOPLE, People
 from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PhysicalName
@@ -303,6 +305,7 @@ class SimulationBatch(Ruled):
         createSimulationJobRequests: What is driven, from 1 to 1000 of them; each is multiplied by the matrix.
         engine: What simulates; auto takes the fastest that can, on this machine.
         people: Who walks in each world while the robot drives; nobody, if left out.
+        boxes: What is put into each world while the robot drives; nothing, if left out.
         robots: How many robots of its application drive in each world together; one, if left out.
         recordings: Which episodes can be looked at afterwards.
         audit: How much is driven again on C MuJoCo.
@@ -322,6 +325,9 @@ class SimulationBatch(Ruled):
     engine: Engine = Field(default="auto", title="Engine")
     # None, not empty: documents without them keep the digest that they had before there was such a field.
     people: PeopleChoice | None = Field(default=None, title="People")
+    boxes: Annotated[tuple[Box, ...], Field(min_length=1, max_length=MOST_BOXES)] | None = Field(
+        default=None, title="Boxes"
+    )
     robots: Annotated[Integer, Field(ge=1, le=MOST_ROBOTS)] | None = Field(default=None, title="Robots")
     recordings: Recordings = Field(default_factory=Recordings, title="Recordings")
     audit: Audit = Field(default_factory=Audit, title="Parity audit")
@@ -333,6 +339,9 @@ class SimulationBatch(Ruled):
         """Yields jobs that last too long for a batch, too many jobs for a call, and what excludes one another."""
         requests = items(part(data, "createSimulationJobRequests"))
         yield from _with_several_robots(data, requests)
+        yield from never_there(part(data, "boxes"))
+        if (people := part(data, "people")) is not None and part(data, "boxes") is not None:
+            yield Finding(("people",), people, "nothing; nobody walks in a world into which boxes are put")
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
         yield from _two_seeds(requests, part(part(data, "matrix"), "seeds"))
         if part(data, "operation") == "CreateSimulationJob":
@@ -355,8 +364,9 @@ def _with_several_robots(data: object, requests: Sequence[object]) -> Iterator[F
     alone = f"only a robot that is alone in its world has it, and there are {robots} robots"
     if (engine := part(data, "engine")) not in (None, "auto", "planar"):
         yield Finding(("engine",), engine, f"auto or planar; {alone}")
-    if (people := part(data, "people")) is not None:
-        yield Finding(("people",), people, f"nothing; {alone}")
+    for name in ("people", "boxes"):
+        if (moved := part(data, name)) is not None:
+            yield Finding((name,), moved, f"nothing; {alone}")
     # A document with its defaults spelled out asks for no more than one without them.
     if (lanes := part(part(data, "audit"), "lanes")) not in (None, 0, AUDITED_LANES):
         yield Finding(("audit", "lanes"), lanes, f"0, or nothing; {alone}")
@@ -364,11 +374,10 @@ def _with_several_robots(data: object, requests: Sequence[object]) -> Iterator[F
         yield Finding(("recordings", "picturesHz"), pictures, f"nothing; {alone}")
     if part(data, "operation") == "CreateSimulationJob":
         yield Finding(("robots",), robots, "1; a CreateSimulationJob makes one job, and each robot is one")
-    for number, request in enumerate(requests):
-        for field in (_ROBOT, _SCENARIO):
-            if runs_nodes(_launch(request, field)):
-                loc = ("createSimulationJobRequests", number, field, 0, _LAUNCH)
-                yield Finding(loc, "nodes of ROS", f"a module or a policy; {alone}")
+    for number, field in itertools.product(range(len(requests)), (_ROBOT, _SCENARIO)):
+        if runs_nodes(_launch(requests[number], field)):
+            loc = ("createSimulationJobRequests", number, field, 0, _LAUNCH)
+            yield Finding(loc, "nodes of ROS", f"a module or a policy; {alone}")
 
 
 def _two_seeds(requests: Sequence[object], seeds: object) -> Iterator[Finding]:

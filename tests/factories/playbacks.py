@@ -6,7 +6,7 @@ import numpy as np
 
 from specs.bundle_files import ColorCameraDeclaration, DepthCameraDeclaration
 from specs.data.robot_shape import RobotPart
-from tasks.results.playback.playback import CameraFilm, Playback, Sight
+from tasks.results.playback.playback import BoxFilm, CameraFilm, Playback, Sight
 
 SAMPLES, RAYS = 21, 4
 _SQUARE_M = ((0.1, 0.1), (-0.1, 0.1), (-0.1, -0.1), (0.1, -0.1))
@@ -60,6 +60,15 @@ def playback(samples: int = SAMPLES, rays: int = RAYS, people: int = 0, robots: 
         if robots
         else np.zeros((samples, 0, 2), np.float32),
     )
+
+
+def boxed_playback() -> Playback:
+    """Returns the same with two boxes: both come in the middle, and the second is gone before the end."""
+    number = np.arange(SAMPLES)
+    there = np.stack([number >= SAMPLES // 2, (number >= SAMPLES // 2) & (number < SAMPLES - 2)], axis=1)
+    places_m = np.where(there[..., None], [[2.0, 1.5], [1.0, 0.5]], [[-1000.0, 1000.0], [-1010.0, 1000.0]])
+    sizes_m = ((0.3, 1.2, 1.0), (0.4, 0.4, 0.6))
+    return replace(playback(), boxes=BoxFilm(sizes_m, places_m.astype(np.float32), there))
 
 
 def seen_playback() -> Playback:

@@ -298,6 +298,7 @@ def _to_light(number: int, count: int, azimuth_rad: float, *, sun: bool) -> Floa
 
 _HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
 _PERSON = (0.63, 0.26, 0.96, 1.0)
+_BOX = (0.55, 0.43, 0.25, 1.0)
 _ROBOT = (0.0, 0.51, 0.56, 1.0)
 _AWAY_M = -1e3
 _GOT = b"!"
@@ -338,13 +339,15 @@ class _FilmStage:
         self._camera, toward = next(views(view, 1, height))
         self._model.light_dir[0], self._model.light_pos[0] = -toward, view.target_m + toward * view.distance_m
         self._middles_m = np.array(
-            [PERSON_HEIGHT_M / 2] * scene.people + [(scene.low_m + scene.high_m) / 2] * scene.robots
+            [PERSON_HEIGHT_M / 2] * scene.people
+            + [(scene.low_m + scene.high_m) / 2] * scene.robots
+            + [size_m[2] / 2 for size_m in scene.boxes]
         )
-        away = np.zeros((scene.people + scene.robots, 2))
+        away = np.zeros((len(self._middles_m), 2))
         self._empty = self._plain((0.0, 0.0, 0.0), away, _AWAY_M)
 
     def picture(self, pose: tuple[float, float, float], movers_m: Float64[np.ndarray, "movers 2"]) -> Pixels:
-        """Returns the scene with the robot at a pose, and people and other robots at their places."""
+        """Returns the scene with the robot at a pose, and people, other robots and boxes at their places."""
         seen = self._plain(pose, movers_m, 0.0)
         covered = (seen != self._empty).any(axis=2)
         return np.where(covered[:, :, None], seen, self._ground)
@@ -387,6 +390,9 @@ def _with_robot(scene: FilmScene) -> mujoco.MjSpec:
     for number in range(scene.robots):
         other = spec.worldbody.add_body(name=f"filmed-robot-{number}", mocap=True)
         other.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[scene.radius_m, half, 0.0], rgba=_ROBOT)
+    for number, size_m in enumerate(scene.boxes):
+        box = spec.worldbody.add_body(name=f"filmed-box-{number}", mocap=True)
+        box.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[side / 2 for side in size_m], rgba=_BOX)
     return spec
 
 

@@ -61,7 +61,7 @@ def render_png(world: World, width: int, height: int) -> bytes | None:
 
 
 class Shoot(Protocol):
-    """Takes a picture of the robot at a pose (x m, y m, yaw rad), among people and then other robots (x m, y m)."""
+    """Takes a picture of the robot at a pose (x m, y m, yaw rad), among people, other robots and boxes (x m, y m)."""
 
     def __call__(self, x: float, y: float, yaw: float, movers_m: Sequence[Sequence[float]] = ()) -> Pixels:
         """Returns the picture."""
@@ -80,6 +80,7 @@ class FilmScene(Spec):
         shape: What the robot looks like; without any part its hull is shown as a cylinder.
         people: How many walk there.
         robots: How many other robots of the same hull drive there.
+        boxes: How large those are that are put there (m).
     """
 
     world: World
@@ -89,6 +90,7 @@ class FilmScene(Spec):
     shape: tuple[RobotPart, ...] = ()
     people: int = 0
     robots: int = 0
+    boxes: tuple[tuple[float, float, float], ...] = ()
 
 
 @contextmanager

@@ -113,6 +113,7 @@ _STYLE = """
 .replay .robot path{fill:none;stroke:#202124;stroke-width:2.2;stroke-linecap:round;stroke-linejoin:round}
 .replay .person{fill:#a142f4;fill-opacity:.75;stroke:#202124;stroke-width:1}
 .replay .other{fill:#00838f;fill-opacity:.75;stroke:#202124;stroke-width:1}
+.replay .box{fill:#8d6e3f;fill-opacity:.85;stroke:#202124;stroke-width:1}
 .replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
 .replay .reached{fill:#188038;fill-opacity:.45;stroke:none}
 .replay .goal-name{fill:#0d652d;font-size:12px;font-weight:600;text-anchor:middle}
@@ -162,6 +163,7 @@ class _Film:
             self._from(mark, time_s)
         list(self._marks(still))
         self._driven(moving)
+        self._boxes(moving)
         self._others(moving)
         self._robot(moving)
         self._clock(moving)
@@ -274,6 +276,24 @@ class _Film:
                 for axis, name in enumerate(("cx", "cy")):
                     self._animated(dot, name, [f"{place[axis]:.1f}" for place in places])
 
+    def _boxes(self, moving: ET.Element) -> None:
+        """Adds boxes that were put there, each seen while it stands."""
+        boxes = self._playback.boxes
+        for number, size_m in enumerate(boxes.sizes_m if boxes else ()):
+            assert boxes is not None  # noqa: S101 - it has sizes
+            there = boxes.there[self._shown, number]
+            if there.any():
+                place_m = boxes.places_m[self._shown][int(np.argmax(there)), number]
+                box = ET.SubElement(moving, "rect", self._rectangle(place_m, size_m))
+                seen = ["visible" if each else "hidden" for each in there.tolist()]
+                self._animated(box, "visibility", seen, mode="discrete")
+
+    def _rectangle(self, at_m: Iterable[float], size_m: tuple[float, float, float]) -> dict[str, str]:
+        x, y = self._page.at(at_m)
+        wide, deep = (side * self._page.units_per_m for side in size_m[:2])
+        size = {"width": f"{wide:.1f}", "height": f"{deep:.1f}"}
+        return {"class": "box", "x": f"{x - wide / 2:.1f}", "y": f"{y - deep / 2:.1f}", **size}
+
     def _movers(self) -> Iterator[tuple[str, np.ndarray, float]]:
         """Yields people and other robots: what they are, where they are at each sample, and their radius."""
         yield "person", self._playback.people_m, PERSON_RADIUS_M
@@ -289,7 +309,10 @@ class _Film:
         self._animated(group[0], "transform", turns, kind="rotate")
 
     def _still(self, still: ET.Element) -> None:
-        """Adds robots and people where they ended, and how long it took."""
+        """Adds robots, people and boxes where they ended, and how long it took."""
+        if self._playback.boxes is not None:
+            for at_m, size_m in self._playback.boxes.standing(-1):
+                ET.SubElement(still, "rect", self._rectangle(at_m, size_m))
         for kind, movers_m, radius_m in self._movers():
             for mover_m in movers_m[-1]:
                 ET.SubElement(still, "circle", {"class": kind, **self._ring(mover_m, radius_m)})

@@ -6,7 +6,7 @@ A replay is compared with what was recorded, column by column, to the last bit.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 import pyarrow as pa
@@ -59,6 +59,28 @@ class CameraFilm:
         return tuple(CameraFilm(one, self.t_s, self.pictures[:, at * rows : (at + 1) * rows]) for at, one in each)
 
 
+class BoxFilm(NamedTuple):
+    """Boxes that were put into the world of an episode.
+
+    Attributes:
+        sizes_m: Of each: along x, along y, and how high.
+        places_m: Where each stands at each sample (x, y); far away, where it does not.
+        there: Whether it does.
+    """
+
+    sizes_m: tuple[tuple[float, float, float], ...]
+    places_m: Float[np.ndarray, "samples boxes 2"]
+    there: Bool[np.ndarray, "samples boxes"]
+
+    def standing(self, sample: int) -> Iterator[tuple[tuple[float, float], tuple[float, float, float]]]:
+        """Yields where each box stands that is there at a sample (x, y), and how large it is."""
+        for (x_m, y_m), size_m, there in zip(
+            self.places_m[sample].tolist(), self.sizes_m, self.there[sample].tolist(), strict=True
+        ):
+            if there:
+                yield (x_m, y_m), size_m
+
+
 @dataclass(frozen=True)
 class Playback:
     """An episode, sampled at the beginning of each control step, and in the state in which it ended.
@@ -79,6 +101,7 @@ class Playback:
         people_m: Where people are (x, y); without any, none.
         robots_m: Where other robots are (x, y), of the same hull; without any, none.
         shape: What the robot looks like, the lowest part first; without any it is drawn as a disc.
+        boxes: What was put into its world; None for nothing.
         depth, color: What its depth camera and its colour camera saw; None for a robot without.
     """
 
@@ -100,6 +123,7 @@ class Playback:
     people_m: Float[np.ndarray, "samples people 2"]
     robots_m: Float[np.ndarray, "samples robots 2"]
     shape: tuple[RobotPart, ...] = ()
+    boxes: BoxFilm | None = None
     depth: CameraFilm | None = None
     color: CameraFilm | None = None
 

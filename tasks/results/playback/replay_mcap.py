@@ -21,13 +21,14 @@ from scipy.spatial import ConvexHull
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World, corners_m
-from tasks.results.playback.playback import CameraFilm, Playback
+from tasks.results.playback.playback import BoxFilm, CameraFilm, Playback
 from tasks.ros.message.camera_messages import depths_in_mm, jpeg_bytes, optical_turn
 
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 _CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
 Message = dict[str, JsonValue]
 _ROBOT, _NOSE, _PERSON, _OTHER = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14), (0.63, 0.26, 0.96), (0.0, 0.51, 0.56)
+_BOX = (0.55, 0.43, 0.25)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
@@ -192,6 +193,15 @@ def _people(playback: Playback, sample: int, time_s: float) -> Message:
 def _robots(playback: Playback, sample: int, time_s: float) -> Message:
     """Returns the other robots of a sample in the same way."""
     return _upright("robots", playback.robots_m[sample], (*playback.heights_m, playback.radius_m), _OTHER, time_s)
+
+
+def _boxes(boxes: BoxFilm, sample: int, time_s: float) -> Message:
+    """Returns the boxes of a sample that stand there."""
+    cubes: list[Message] = [
+        {"pose": pose(x, y, size_m[2] / 2), "size": vector(*size_m), "color": _color(_BOX)}
+        for (x, y), size_m in boxes.standing(sample)
+    ]
+    return {"deletions": [], "entities": [{**_entity("boxes", cubes=cubes), "timestamp": time_of(time_s)}]}
 
 
 def _upright(
@@ -359,6 +369,9 @@ PEOPLE_TOPICS = {"/people": "foxglove.SceneUpdate"}
 ROBOTS_TOPICS = {"/robots": "foxglove.SceneUpdate"}
 """The same of one whose robot is not alone."""
 
+BOXES_TOPICS = {"/boxes": "foxglove.SceneUpdate"}
+"""The same of one with boxes."""
+
 
 def camera_topics(kind: str, name: str = "") -> dict[str, str]:
     """Returns the same of a robot's camera, which has topics of its own.
@@ -390,6 +403,7 @@ def write_mcap(path: Path, world: World, playback: Playback) -> None:
             **TOPICS,
             **(PEOPLE_TOPICS if playback.people_m.shape[1] else {}),
             **(ROBOTS_TOPICS if playback.robots_m.shape[1] else {}),
+            **(BOXES_TOPICS if playback.boxes else {}),
             **{
                 topic: schema for kind, film in films for topic, schema in camera_topics(kind, film.camera.name).items()
             },
@@ -428,6 +442,8 @@ def _messages(world: World, playback: Playback) -> Iterator[tuple[float, str, Me
             yield time_s, "/people", _people(playback, sample, time_s)
         if playback.robots_m.shape[1]:
             yield time_s, "/robots", _robots(playback, sample, time_s)
+        if playback.boxes:
+            yield time_s, "/boxes", _boxes(playback.boxes, sample, time_s)
         if playback.acted[sample]:
             if playback.ranges_m.shape[1]:
                 yield time_s, "/scan", _scan(playback, sample, time_s)

@@ -27,7 +27,7 @@ _VIEW, _LABEL = 400, 26
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
 _ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
-_PERSON, _OTHER = (161, 66, 244), (0, 131, 143)
+_PERSON, _OTHER, _BOX = (161, 66, 244), (0, 131, 143), (141, 110, 63)
 _ZONE = (95, 104, 112)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 
@@ -110,6 +110,9 @@ class _Stage:
             draw.line(self._way[: sample + 1], fill=_WAY, width=3, joint="curve")
         for touch in self._touches[self._touches <= sample]:
             self._disc(draw, playback.pose[touch, :2], playback.radius_m + 0.06, outline=_TOUCH)
+        for (x, y), (wide, deep, _) in playback.boxes.standing(sample) if playback.boxes else ():
+            corners = [self._at((x - wide / 2, y + deep / 2)), self._at((x + wide / 2, y - deep / 2))]
+            draw.rectangle(corners, fill=_BOX, outline=_INK)
         for person_m in playback.people_m[sample]:
             self._disc(draw, person_m, PERSON_RADIUS_M, outline=_INK, fill=_PERSON)
         for other_m in playback.robots_m[sample]:

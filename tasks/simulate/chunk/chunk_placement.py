@@ -29,6 +29,7 @@ from tasks.simulate.devices import device_kind
 from tasks.simulate.engines.engine_table import ENGINES, ENGINES_OF_SEVERAL, choose_engine
 from tasks.simulate.engines.program import Program, lane_mesh, padded_lanes
 from tasks.simulate.engines.program_cache import applications_identity
+from tasks.simulate.geometry.box_places import BoxesRefused, HostBoxes, host_boxes
 from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, walks_in
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.host.controllers import HOST_KINDS, HostBundle
@@ -148,13 +149,14 @@ def _shape(lane: Lane) -> Shape:
     prisms = [part.prisms for part in (arrays.contact_obstacles, arrays.lidar_outlines, arrays.scene) if part]
     given = tuple((array.shape, array.dtype.str) for array in placement.given)
     people = lane.people and tuple(array.shape for array in jax.tree.leaves(lane.people))
-    return (lane.arrays.floor.clearance_m.shape, placement.goals_m.shape, given, people, *map(len, prisms))
+    floor = lane.arrays.floor.clearance_m.shape
+    return (floor, placement.goals_m.shape, given, people, lane.boxes is None, *map(len, prisms))
 
 
 def lane_forms(lane: Lane) -> tuple[object, ...]:
     """Returns the shapes of all arrays of a lane, and the types of what may have any."""
     own = lane.arrays
-    others = (*(own.scene or ()), *(lane.people or ()))
+    others = (*(own.scene or ()), *(lane.people or ()), *(lane.boxes or ()))
     arrays = (*own.contact_obstacles, *own.lidar_outlines, *own.floor, *others, lane.placement.goals_m)
     given = tuple((array.shape, array.dtype.str) for array in lane.placement.given)
     return (*(array.shape for array in jax.tree.leaves(arrays) if hasattr(array, "shape")), given)
@@ -231,7 +233,7 @@ def _place_all(
             lanes = _placed_together(program, robot, together, worlds[world], world_arrays[world])
         except BundleCrash as crash:
             rows += [failed_result(request.index, crash.failure) for request in together]
-        except (PeopleRefused, RobotsRefused) as narrow:
+        except (PeopleRefused, BoxesRefused, RobotsRefused) as narrow:
             failure = Failure("InvalidInput", str(narrow))
             rows += [failed_result(request.index, failure) for request in together]
         else:
@@ -263,6 +265,7 @@ def _placed_together(
     Raises:
         BundleCrash: The scenario raises, or what it gives cannot be.
         PeopleRefused: There is no room for people.
+        BoxesRefused: There is none for a box on the robot's way.
         RobotsRefused: There is none for so many robots.
     """
     lanes: list[Lane] = []
@@ -282,6 +285,7 @@ def _placed_together(
             placement=placement,
             people=_people(lane.request, world, placement, program),
             hull_depth_m=seen_hull_m(lane.camera, robot),
+            boxes=_boxes(lane, placement, program),
             robots=others,
         )
         for lane, placement, others in zip(lanes, placements, inputs, strict=True)
@@ -300,6 +304,18 @@ def _people(request: EpisodeRequest, world: World, placement: Placement, program
     if request.people is None:
         return None
     return walks_in(world).people(request.people, request.seed, placement.start[:2], program.hull.radius_m)
+
+
+def _boxes(lane: Lane, placement: Placement, program: Program) -> HostBoxes | None:
+    """Returns what is put into the world of an episode.
+
+    Raises:
+        BoxesRefused: There is no room for a box on the robot's way.
+    """
+    asked = lane.request.boxes
+    if asked is None:
+        return None
+    return host_boxes(asked, lane.request.seed, placement, lane.arrays.ways, program.hull)
 
 
 @functools.lru_cache(maxsize=_NUMBERS_KEPT)

@@ -27,6 +27,7 @@ from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lane
 from tasks.simulate.host.controllers import BlamesCrashes, HostControllers, JudgesJobs, TagsJobs, TellsMetrics
 from tasks.simulate.host.ros_judge import judged_row
 from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
+from tasks.simulate.lane.lane_boxes import BoxesInputs, BoxesState, begin_boxes, box_places_m
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
 from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row, withdrawn_row
 from tasks.simulate.lane.staging import Lane, filled_up, stack_lanes, with_shortest_paths
@@ -83,7 +84,13 @@ def lane_row(  # noqa: PLR0917 - a lane of a run
 def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
     """Returns how lanes ended, for their recorder."""
     most_goals = max(len(lane.placement.goals_m) for lane in lanes)
-    nobody = np.zeros((len(lanes), 0, 2), np.float32)
+    nobody = boxes_start_m = boxes_m = np.zeros((len(lanes), 0, 2), np.float32)
+    some = [lane.boxes for lane in lanes if lane.boxes is not None]
+    if state.boxes is not None and some:
+        boxes: BoxesInputs = jax.tree.map(lambda *each: np.stack(each), *map(BoxesInputs._make, some))
+        starts_m = np.stack([lane.placement.start[:2] for lane in lanes]).astype(np.float32)
+        boxes_start_m = box_places_m(boxes, begin_boxes(boxes, starts_m, np), np)
+        boxes_m = box_places_m(boxes, BoxesState(np.asarray(state.boxes.there)[: len(lanes)]), np)
     return Ends(
         steps=np.asarray(state.step),
         crashed=np.asarray(state.crash) != NO_CRASH,
@@ -97,6 +104,8 @@ def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
         people_m=nobody if state.people is None else np.asarray(state.people.place_m)[: len(lanes)],
         robots_start_m=np.stack([nobody[0] if lane.robots is None else lane.robots.start_m for lane in lanes]),
         robots_m=nobody if state.robots is None else np.asarray(state.robots.place_m)[: len(lanes)],
+        boxes_start_m=boxes_start_m,
+        boxes_m=boxes_m,
     )
 
 

@@ -58,9 +58,10 @@ from tasks.simulate.lane.control_step import (
     begin_lane,
     finish_step,
     observe,
-    people_walk,
+    others_move,
     side_by_side,
 )
+from tasks.simulate.lane.lane_boxes import box_places_m
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.plan.chunks import SLICE_STEPS
 
@@ -180,6 +181,7 @@ class StepwiseRun:
         people, robots = inputs.people, inputs.robots
         self._people = None if people is None else (people.there.shape[1], 2)
         self._robots = None if robots is None else (robots.radius_m.shape[1], 2)
+        self._boxes = None if inputs.boxes is None else (inputs.boxes.touched.shape[1], 2)
 
     def begin(self) -> LaneState:
         """Returns the lanes before the first control step."""
@@ -192,7 +194,7 @@ class StepwiseRun:
     def advance(self, state: LaneState) -> tuple[LaneState, StepRecord]:
         """Returns the lanes a slice later, or when all are done, and the records up to then."""
         lanes = len(self._rows)
-        movers = (self._people, self._robots)
+        movers = (self._people, self._robots, self._boxes)
         sizes = [(3,), (3,), (), (self._actuators,), (self._columns.rays,), (), *movers]
         blank: list[Any] = [
             None if size is None else np.empty((lanes, SLICE_STEPS, *size), np.float32) for size in sizes
@@ -264,11 +266,12 @@ def step_lanes(
     def step(own: LaneInputs, state: LaneState, control: Float[jax.Array, "actuators"]) -> tuple[LaneState, StepRecord]:
         # The host has the scan that the controller saw, for the record.
         decided = Decision(state.controller, control, jnp.zeros(0))
-        own, walked = people_walk(mechanics, own, state)
+        own, walked = others_move(mechanics, own, state)
         return finish_step(applications, own, walked, decided, mechanics.drive(own, walked.body, control))
 
     state, record = side_by_side(inputs, before, *jax.vmap(step)(among_others(inputs, before), before, control))
-    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns, record.people_m, record.robots_m)
+    movers_m = (record.people_m, record.robots_m, record.boxes_m)
+    recorded = (record.pose, record.velocity, record.goal_index, record.impulse_ns, *movers_m)
     numbers = [sense_lanes(applications, inputs, state), *map(jax.vmap(_numbers), jax.tree.leaves(recorded))]
     return jax.vmap(pack_lane)(flatten_state(state)), jnp.concatenate(numbers, axis=1)
 
@@ -287,7 +290,8 @@ def _keep(record: Any, step: int, observed: Observation, controls: Rows, recorde
     record.pose[:, step], record.velocity[:, step] = recorded[:, :3], recorded[:, 3:6]
     record.goal_index[:, step], record.impulse_ns[:, step] = recorded[:, 6], recorded[:, 7]
     record.control[:, step], record.ranges_m[:, step] = controls, observed.ranges_m
-    movers_m = record.people_m if record.robots_m is None else record.robots_m
+    # Of people, other robots and boxes an episode has one kind alone.
+    movers_m = next((each for each in (record.people_m, record.robots_m, record.boxes_m) if each is not None), None)
     if movers_m is not None:
         movers_m[:, step] = recorded[:, _RECORDED:].reshape(movers_m[:, step].shape)
 
@@ -443,6 +447,13 @@ def _near(
     return mechanics.near(inputs, body), outlines
 
 
+def _standing_m(inputs: LaneInputs, lanes: LaneState) -> Float[jax.Array, "lanes boxes 2"] | None:
+    """Returns where boxes are in all lanes; None in lanes without."""
+    if inputs.boxes is None or lanes.boxes is None:
+        return None
+    return jax.vmap(box_places_m)(inputs.boxes, lanes.boxes)
+
+
 def _advance_slice(
     mechanics: Mechanics, applications: Applications, inputs: LaneInputs, state: LaneState
 ) -> tuple[LaneState, StepRecord]:
@@ -466,6 +477,7 @@ def _advance_slice(
             impulse_ns=jnp.zeros_like(lanes.totals.impulse_ns),
             people_m=None if lanes.people is None else lanes.people.place_m,
             robots_m=None if lanes.robots is None else lanes.robots.place_m,
+            boxes_m=_standing_m(inputs, lanes),
         )
         return lanes, jax.tree.map(lambda array: jnp.repeat(array[:, None], SLICE_STEPS, 1), one)
 

@@ -65,6 +65,7 @@ class LidarOutlines(NamedTuple):
         counts: How many of each there are; what follows them is padding.
         within: How many of each are near for some control steps; None if nobody looked.
         people: Who walks about, as circles; None where there is nobody.
+        boxes: What was put there, as ``upright``; None where nothing is.
     """
 
     upright: Float[jax.Array, "upright 4"]
@@ -76,6 +77,7 @@ class LidarOutlines(NamedTuple):
     counts: Int[jax.Array, "6"]
     within: WithinRange | None = None
     people: Float[jax.Array, "people 3"] | None = None
+    boxes: Float[jax.Array, "boxes 4"] | None = None
 
     @property
     def kinds(self) -> tuple[jax.Array, ...]:
@@ -303,6 +305,8 @@ def _scan_lanes(
     nearest = _past_all(past_circle, nearest, seen.circles, most[2])
     if seen.people is not None:
         nearest = functools.reduce(past_circle, jnp.moveaxis(seen.people, 1, 0), nearest)
+    if seen.boxes is not None:
+        nearest = functools.reduce(past_upright, jnp.moveaxis(seen.boxes, 1, 0), nearest)
     if not seen.quads.shape[1]:
         return nearest
     for prisms, count in zip(seen.kinds[_PRISMS:], most[_PRISMS:], strict=True):

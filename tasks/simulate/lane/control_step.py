@@ -33,6 +33,16 @@ from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
+from tasks.simulate.lane.lane_boxes import (
+    BoxesInputs,
+    BoxesState,
+    begin_boxes,
+    box_outlines,
+    box_places_m,
+    box_scene,
+    box_solids,
+    boxes_at,
+)
 from tasks.simulate.lane.shared_world import (
     Others,
     RobotsInputs,
@@ -80,6 +90,8 @@ class LaneInputs(NamedTuple):
         standing_m: Where they stand while an engine drives a control step (x, y); likewise.
         robots: Who else drives in its world; None in a lane whose robot is alone.
         others: How they are before a control step; likewise.
+        boxes: What is put into its world; None in a lane without.
+        put: Those boxes that stand in the way while an engine drives a control step, as obstacles; likewise.
     """
 
     obstacles: LaneObstacles
@@ -100,6 +112,15 @@ class LaneInputs(NamedTuple):
     physics: Float[jax.Array, "3"] | None = None
     robots: RobotsInputs | None = None
     others: Others | None = None
+    boxes: BoxesInputs | None = None
+    put: Float[jax.Array, "boxes 8"] | None = None
+
+    @property
+    def solids(self) -> LaneObstacles:
+        """Returns the obstacles that there are in a control step, with what was put there."""
+        if self.put is None:
+            return self.obstacles
+        return self.obstacles._replace(boxes=jnp.concatenate([self.obstacles.boxes, self.put]))
 
 
 class EpisodeTotals(NamedTuple):
@@ -123,6 +144,7 @@ class LaneState(NamedTuple):
         metrics: What the scenario measures by itself, by name.
         people: Who walks about; None in a lane without people.
         robots: How it met other robots; None in a lane whose robot is alone.
+        boxes: What was put there; None in a lane without.
     """
 
     body: Body
@@ -139,6 +161,7 @@ class LaneState(NamedTuple):
     crash: Int[jax.Array, ""]
     people: PeopleState | None = None
     robots: RobotsState | None = None
+    boxes: BoxesState | None = None
 
 
 class Decision(NamedTuple):
@@ -166,6 +189,7 @@ class StepRecord(NamedTuple):
         impulse_ns: What contacts pushed the robot with during the step.
         people_m: Where people are at the step's end; None in a lane without.
         robots_m: Where other robots are then; None in a lane whose robot is alone.
+        boxes_m: Where boxes stand in the step; None in a lane without.
     """
 
     pose: Float[jax.Array, "3"]
@@ -176,6 +200,7 @@ class StepRecord(NamedTuple):
     impulse_ns: Float[jax.Array, ""]
     people_m: Float[jax.Array, "people 2"] | None = None
     robots_m: Float[jax.Array, "robots 2"] | None = None
+    boxes_m: Float[jax.Array, "boxes 2"] | None = None
 
 
 def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
@@ -183,9 +208,10 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
     zero, none = jnp.zeros(()), jnp.zeros((), jnp.int32)
     scenario = applications.scenario(inputs.numbers).init(inputs.start, inputs.goals_m, *inputs.given)
     people = None if inputs.people is None else begin_people(inputs.people)
+    boxes = None if inputs.boxes is None else begin_boxes(inputs.boxes, inputs.start[:2])
     if inputs.robots is not None:
         inputs = inputs._replace(others=first_others(inputs.robots))
-    start = _situation(applications, inputs, body._replace(qpos=inputs.start), none, people)
+    start = _situation(applications, inputs, body._replace(qpos=inputs.start), none, (people, boxes))
     return LaneState(
         body=body,
         sensed=begin_sensors(applications.sensors, applications.lane_sensors(inputs.numbers), start),
@@ -201,6 +227,7 @@ def begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> La
         crash=none,
         people=people,
         robots=None if inputs.robots is None else begin_robots(inputs.robots, inputs.start),
+        boxes=boxes,
     )
 
 
@@ -214,7 +241,7 @@ def decide(applications: Applications, inputs: LaneInputs, state: LaneState) -> 
 def observe(applications: Applications, inputs: LaneInputs, state: LaneState) -> Observation:
     """Returns what the robot senses before a control step; without sensors of its pose it knows the true one."""
     own, body = applications.lane_sensors(inputs.numbers), state.body
-    situation = _situation(applications, inputs, body, state.step, state.people)
+    situation = _situation(applications, inputs, body, state.step, (state.people, state.boxes))
     sensed: Fields = {"pose": body.qpos, "velocity": body.qvel}
     sensed |= observe_all(applications.sensors, own, state.sensed, situation)
     goal = jnp.clip(state.goal_index, 0, inputs.goals_m.shape[0] - 1)
@@ -239,14 +266,23 @@ def feel(applications: Applications, inputs: LaneInputs, state: LaneState, motio
         motion: What the engine made of it.
     """
     own = applications.lane_sensors(inputs.numbers)
-    drive = Drive(_situation(applications, inputs, state.body, state.step, state.people), motion)
+    drive = Drive(_situation(applications, inputs, state.body, state.step, (state.people, state.boxes)), motion)
     return feel_all(applications.sensors, own, state.sensed, drive)
 
 
 def _situation(
-    applications: Applications, inputs: LaneInputs, body: Body, step: Int[jax.Array, ""], people: PeopleState | None
+    applications: Applications,
+    inputs: LaneInputs,
+    body: Body,
+    step: Int[jax.Array, ""],
+    beside: tuple[PeopleState | None, BoxesState | None],
 ) -> Situation:
-    outlines, scene = inputs.lidar_outlines, inputs.scene
+    outlines, scene, (people, boxes) = inputs.lidar_outlines, inputs.scene, beside
+    if boxes is not None and inputs.boxes is not None:
+        outlines = outlines._replace(boxes=box_outlines(inputs.boxes, boxes, applications.lidar.height_m))
+        if scene is not None:
+            own = box_scene(inputs.boxes.half_m, box_places_m(inputs.boxes, boxes))
+            scene = scene._replace(boxes=jnp.concatenate([scene.boxes, own]))
     if people is not None:
         place_m = people.place_m
         if applications.lidar.height_m < PERSON_HEIGHT_M:
@@ -263,12 +299,25 @@ def _situation(
     return Situation(body, outlines, inputs.seed, step, scene, inputs.hull_depth_m)
 
 
-def people_walk(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) -> tuple[LaneInputs, LaneState]:
-    """Returns a lane whose people have gone a control step, before an engine drives it; one that is done stays."""
+def others_move(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) -> tuple[LaneInputs, LaneState]:
+    """Returns a lane whose people have gone a control step, and whose boxes are there or not, before an engine drives.
+
+    One that is done stays.
+    """
+    if inputs.boxes is not None and state.boxes is not None:
+        boxes = put_boxes(inputs.boxes, state.boxes, state.body, state.step, state.done)
+        inputs, state = inputs._replace(put=box_solids(inputs.boxes, boxes)), state._replace(boxes=boxes)
     if inputs.people is None or state.people is None:
         return inputs, state
     people = go_on(inputs.people, state.people, state.body, state.done, mechanics.hull.radius_m)
     return inputs._replace(standing_m=people.place_m), state._replace(people=people)
+
+
+def put_boxes(
+    boxes: BoxesInputs, before: BoxesState, body: Body, step: Int[jax.Array, ""], done: Bool[jax.Array, ""]
+) -> BoxesState:
+    """Returns which boxes of a lane are there in a control step; of one that is done those that were."""
+    return BoxesState(jnp.where(done, before.there, boxes_at(boxes, before, body.qpos[:2], step).there))
 
 
 def go_on(
@@ -324,11 +373,15 @@ def finish_step(
         crash=crash,
         people=_met(inputs, state, motion),
         robots=robots,
+        boxes=state.boxes,
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
     final = _select(state.done, state, _select(crash > 0, crashed, moved))
-    return final, _record(final, decided, truth.impulse_ns)
+    record = _record(final, decided, truth.impulse_ns)
+    if inputs.boxes is not None and final.boxes is not None:
+        record = record._replace(boxes_m=box_places_m(inputs.boxes, final.boxes))
+    return final, record
 
 
 def truth_after(inputs: LaneInputs, motion: Motion, step: Int[jax.Array, ""]) -> Truth:
@@ -495,6 +548,6 @@ def advance_lane(
         state: Before the step.
     """
     decided = decide(applications, inputs, state)
-    inputs, state = people_walk(mechanics, inputs, state)
+    inputs, state = others_move(mechanics, inputs, state)
     motion = mechanics.drive(inputs, state.body, decided.control)
     return finish_step(applications, inputs, state, decided, motion)

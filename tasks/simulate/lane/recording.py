@@ -83,6 +83,11 @@ class Steps(Protocol):
         """Returns where other robots are then; None in lanes without."""
         ...
 
+    @property
+    def boxes_m(self) -> object:
+        """Returns where boxes stand in the steps; None in lanes without."""
+        ...
+
 
 class Ends(NamedTuple):
     """How the lanes ended, for lanes in their order.
@@ -95,6 +100,7 @@ class Ends(NamedTuple):
             the direction of its first ray and the turn from one to the next (rad).
         people_start_m, people_m: Where people began and ended; of lanes without, none.
         robots_start_m, robots_m: The same of other robots.
+        boxes_start_m, boxes_m: The same of boxes.
     """
 
     steps: Int[np.ndarray, "lanes"]
@@ -109,6 +115,8 @@ class Ends(NamedTuple):
     people_m: Float[np.ndarray, "lanes people 2"]
     robots_start_m: Float[np.ndarray, "lanes robots 2"]
     robots_m: Float[np.ndarray, "lanes robots 2"]
+    boxes_start_m: Float[np.ndarray, "lanes boxes 2"]
+    boxes_m: Float[np.ndarray, "lanes boxes 2"]
 
 
 class SliceSamples(NamedTuple):
@@ -120,7 +128,7 @@ class SliceSamples(NamedTuple):
         control, ranges_m: Of the steps for which a sample is due.
         last_control, last_ranges_m: Of each lane's last step in the slice.
         impulse_ns: Of every step.
-        people_m, robots_m: As the poses; of lanes without people or other robots, none.
+        people_m, robots_m, boxes_m: As the poses; of lanes without people, other robots or boxes, none.
     """
 
     steps: int
@@ -134,6 +142,7 @@ class SliceSamples(NamedTuple):
     impulse_ns: np.ndarray
     people_m: np.ndarray
     robots_m: np.ndarray
+    boxes_m: np.ndarray
 
 
 def sample_stride(rate_hz: float, control_s: float) -> int:
@@ -162,7 +171,8 @@ def slice_samples(
     control, ranges_m = np.asarray(slice_.control)[:lanes], np.asarray(slice_.ranges_m)[:lanes]
     every = np.arange(lanes)
     nobody = np.zeros((lanes, length, 0, 2), np.float32)
-    people_m, robots_m = (nobody if each is None else np.asarray(each) for each in (slice_.people_m, slice_.robots_m))
+    movers_m = (nobody if each is None else np.asarray(each) for each in (getattr(slice_, name) for name in _MOVERS))
+    people_m, robots_m, boxes_m = (each[:lanes, ended] for each in movers_m)
     return SliceSamples(
         steps=length,
         pose=np.asarray(slice_.pose)[:lanes, ended],
@@ -173,8 +183,9 @@ def slice_samples(
         last_control=control[every, last],
         last_ranges_m=ranges_m[every, last],
         impulse_ns=impulse.astype(np.float32),
-        people_m=people_m[:lanes, ended],
-        robots_m=robots_m[:lanes, ended],
+        people_m=people_m,
+        robots_m=robots_m,
+        boxes_m=boxes_m,
     )
 
 
@@ -249,7 +260,7 @@ Wanted = Callable[[EpisodeColumns], Bool[np.ndarray, " rows"] | bool]
 # sees.
 _MEMORY_BYTES = 256 << 20
 _PART_BYTES = 32 << 20
-_MOVERS = ("people_m", "robots_m")
+_MOVERS = ("people_m", "robots_m", "boxes_m")
 
 
 # A sample is the state at the beginning of a control step and what happened in it: where the robot was and how it
@@ -367,7 +378,7 @@ class Recorder:
 
         Those of the indices ``unwanted`` are left out. The columns are ``index``, ``t_s``, ``pose``, ``velocity``,
         ``goal_index``, ``acted`` (whether a control was decided), ``control``, ``ranges_m`` and ``impulse_ns``; and
-        ``goal_m``, where the goal is, ``lidar``, as ``Ends.lidars`` has it, ``people_m`` and ``robots_m``.
+        ``goal_m``, where the goal is, ``lidar``, as ``Ends.lidars`` has it, ``people_m``, ``robots_m`` and ``boxes_m``.
         """
         for run in self._runs:
             yield from run.parts(unwanted)
@@ -449,7 +460,8 @@ class _RunSamples:
 
     def _states(self, name: str, lanes: np.ndarray, ends: Ends, at_end: Bool[np.ndarray, "lanes slots"]) -> np.ndarray:
         final = getattr(ends, name)[lanes]
-        started = {"pose": ends.start, "people_m": ends.people_start_m, "robots_m": ends.robots_start_m}
+        movers = (ends.people_start_m, ends.robots_start_m, ends.boxes_start_m)
+        started = {"pose": ends.start, **dict(zip(_MOVERS, movers, strict=True))}
         begun = started.get(name)
         first = np.zeros_like(final) if begun is None else begun[lanes].astype(final.dtype)
         slots = _fitted([first[:, None], *self._of(name, lanes)], at_end.shape[1])

@@ -15,6 +15,7 @@ from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.geometry.box_places import HostBoxes
 from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
@@ -22,6 +23,7 @@ from tasks.simulate.geometry.shortest_path import Ways, shortest_paths_m
 from tasks.simulate.geometry.walks import HostPeople
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.control_step import LaneInputs
+from tasks.simulate.lane.lane_boxes import BoxesInputs
 from tasks.simulate.lane.shared_world import RobotsInputs
 from tasks.simulate.lane.walkers import PeopleInputs
 from tasks.simulate.plan.chunks import split_environment
@@ -44,6 +46,7 @@ class Lane(NamedTuple):
         hull_depth_m: What the camera sees of its own robot; None for one that sees nothing of it.
         people: Who walks about; None for nobody.
         robots: Who else drives in its world; None for a robot that is alone.
+        boxes: What is put into its world; None for nothing.
     """
 
     request: EpisodeRequest
@@ -55,6 +58,7 @@ class Lane(NamedTuple):
     hull_depth_m: Float32[np.ndarray, "*cameras rows columns"] | None = None
     people: HostPeople | None = None
     robots: RobotsInputs | None = None
+    boxes: HostBoxes | None = None
 
 
 def place(
@@ -184,6 +188,7 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         hull_depth_m=_stacked_hulls([lane.hull_depth_m for lane in filled]),
         people=_stacked_people([lane.people for lane in filled]),
         robots=_stacked_robots([lane.robots for lane in filled]),
+        boxes=_stacked_boxes([lane.boxes for lane in filled]),
         physics=_stacked_physics([physical_factors(lane.request.environment) for lane in filled]),
     )
 
@@ -211,6 +216,11 @@ def _stacked_people(people: Sequence[HostPeople | None]) -> PeopleInputs | None:
 def _stacked_robots(robots: Sequence[RobotsInputs | None]) -> RobotsInputs | None:
     some = [each for each in robots if each is not None]
     return RobotsInputs(*map(_stacked, zip(*some, strict=True))) if some else None
+
+
+def _stacked_boxes(boxes: Sequence[HostBoxes | None]) -> BoxesInputs | None:
+    some = [each for each in boxes if each is not None]
+    return BoxesInputs(*map(_canonical, zip(*some, strict=True))) if some else None
 
 
 def last_step(request: EpisodeRequest) -> int:

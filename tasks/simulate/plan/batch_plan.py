@@ -6,6 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from specs.base import Spec
+from specs.data.boxes import Box
 from specs.data.episode import ApplicationLaunch, is_alone
 from specs.data.people import People
 from specs.field_types import BagFormat
@@ -78,6 +79,7 @@ class BatchPlan(Spec):
         recordings: Which episodes are recorded besides those whose request says so, and at which rate.
         audit: Episodes that are driven again on C MuJoCo at the end; 0 for none.
         people: Who walks in each world; None for nobody.
+        boxes: What is put into each world; None for nothing.
         robots: How many robots share each world, each with a row of its own; None for one.
         shuffled: What chunks take from all over the batch, so that it may be ended after any of them: episodes, or the
             same episodes for both versions in turn. False if nothing.
@@ -96,6 +98,7 @@ class BatchPlan(Spec):
     audit: int = AUDITED_LANES
     shuffled: Shuffled = False
     people: People | None = None
+    boxes: tuple[Box, ...] | None = None
     robots: int | None = None
 
     @property

@@ -291,6 +291,7 @@ class Layout:
             duration_s=asked.duration_s,
             failure_behavior=asked.failure_behavior,
             people=self.plan.people,
+            boxes=self.plan.boxes,
             robots=self.plan.robots,
             number=number,
         )

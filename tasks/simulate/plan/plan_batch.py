@@ -97,6 +97,7 @@ def plan_batch(
         recordings=section.recordings,
         audit=0 if several else section.audit.lanes,
         robots=several,
+        boxes=section.boxes,
         people=People(count=section.people) if isinstance(section.people, int) else section.people,
     )
     return plan.model_copy(

@@ -22,6 +22,7 @@ from tasks.simulate.chunk.chunk_placement import place_chunk
 from tasks.simulate.engines.program import Program
 from tasks.simulate.host.color_cameras import LanePictures
 from tasks.simulate.host.controllers import HostStart
+from tasks.simulate.lane.lane_boxes import boxes_seen
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import people_cylinders
 from tasks.simulate.plan.chunks import split_environment
@@ -34,7 +35,7 @@ from tasks.simulate.sensors.sensor_table import read_color_camera
 _TOGETHER = 16
 Steps = Int[np.ndarray, "pictures"]
 Poses = Float32[np.ndarray, "pictures 3"]
-People = Float32[np.ndarray, "pictures people 2"]
+Movers = Float32[np.ndarray, "pictures movers 2"]
 
 
 def pictures_again(
@@ -56,13 +57,14 @@ def pictures_again(
         return Pictures(), [*_packed([], []), *_packed([], [])]
     steps, poses = np.array(work.steps, np.int32), np.array(work.poses, np.float32).reshape(-1, 3)
     people_m = np.array(work.people_m, np.float32).reshape(len(steps), len(next(iter(work.people_m), ())), 2)
-    depth = _depths(lanes[0], steps, poses, people_m, work.pictures_hz)
+    boxes_m = np.array(work.boxes_m, np.float32).reshape(len(steps), len(next(iter(work.boxes_m), ())), 2)
+    depth = _depths(lanes[0], (steps, poses, people_m, boxes_m), work.pictures_hz)
     camera, color, why = _colors(lanes[0], placed.program, worlds, bundles, (steps, poses, work.pictures_hz))
     return Pictures(depth=lanes[0].camera and lanes[0].camera.declared, color=camera, why=why), [*depth, *color]
 
 
-def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_hz: float) -> list[np.ndarray]:
-    camera, scene = lane.camera, lane.arrays.scene
+def _depths(lane: Lane, known: tuple[Steps, Poses, Movers, Movers], pictures_hz: float) -> list[np.ndarray]:
+    camera, scene, (steps, poses, people_m, boxes_m) = lane.camera, lane.arrays.scene, known
     if camera is None or scene is None:
         return _packed([], [])
     taken = some_pictures(steps, camera.pace.stride, pictures_hz, 4 * math.prod(camera.shape))
@@ -73,7 +75,8 @@ def _depths(lane: Lane, steps: Steps, poses: Poses, people_m: People, pictures_h
         filled = np.resize(some, _TOGETHER)
         beside = jax.vmap(people_cylinders)(jnp.asarray(people_m[filled]))
         where = jnp.asarray(poses[filled]), jnp.asarray(steps[filled]), beside
-        found = depths_again(camera, scene, seed, *where, hull_depth_m=hull_depth_m)
+        boxes = boxes_seen(lane.boxes, boxes_m[filled])
+        found = depths_again(camera, scene, seed, *where, hull_depth_m=hull_depth_m, boxes=boxes)
         packed += [depth_png(each, camera.range_m) for each in np.asarray(found)[: len(some)]]
     return _packed(steps[taken], packed)
 

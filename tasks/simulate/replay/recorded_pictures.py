@@ -54,7 +54,7 @@ def with_pictures(batch: OpenBatch, samples: Columns, bundles: Mapping[str, Path
     for request in requests:
         rows = np.flatnonzero(samples["index"] == request.index)
         asked = batch_mounts(batch).resolved(request)
-        own = {name: samples[name][rows] for name in ("t_s", "pose", "people_m")}
+        own = {name: samples[name][rows] for name in ("t_s", "pose", "people_m", "boxes_m")}
         found = _episode_pictures(batch, asked, worlds, bundles, own)
         for name, camera, seen in zip(names, _CAMERAS, found, strict=True):
             kept[camera][rows] = seen.camera
@@ -77,6 +77,7 @@ def _episode_pictures(
     steps = np.rint(samples["t_s"][some] / CONTROL_S).astype(int).tolist()
     poses: list[list[float]] = samples["pose"][some].astype(np.float32).tolist()
     people_m: list[list[list[float]]] = samples["people_m"][some].astype(np.float32).tolist()
+    boxes_m: list[list[list[float]]] = samples["boxes_m"][some].astype(np.float32).tolist()
 
     def question(process: Simulator) -> PicturesWork:
         return PicturesWork(
@@ -88,6 +89,7 @@ def _episode_pictures(
             steps=tuple(steps),
             poses=tuple((x_m, y_m, yaw_rad) for x_m, y_m, yaw_rad in poses),
             people_m=tuple(tuple((x_m, y_m) for x_m, y_m in each) for each in people_m),
+            boxes_m=tuple(tuple((x_m, y_m) for x_m, y_m in each) for each in boxes_m),
             pictures_hz=batch.plan.recordings.picturesHz or 0.0,
         )
 

@@ -19,6 +19,7 @@ from tasks.ros.bag.message_log import MessageLog
 from tasks.simulate.application.bundle_code import BundleCrash
 from tasks.simulate.chunk.chunk_simulation import ReadyChunk, ready_chunk, run_ready
 from tasks.simulate.host.controllers import HostControllers, SeesWorlds, drawn_by
+from tasks.simulate.lane.lane_boxes import boxes_seen
 from tasks.simulate.lane.recording import Columns, Ends, Recorder, Rows, Steps, Wanted
 from tasks.simulate.lane.shared_world import RobotsInputs, robot_cylinders
 from tasks.simulate.lane.staging import Lane
@@ -127,7 +128,9 @@ def _setting(ready: ReadyChunk, lane: Lane, steps: Columns, host: HostController
         range_m=lidar.range_m,
         angles_rad=ray_angles(lidar),
         camera=lane.camera and lane.camera.declared,
-        **_pictures(lane, poses, *(np.asarray(steps[name], np.float32) for name in ("people_m", "robots_m"))),
+        **_pictures(
+            lane, poses, *(np.asarray(steps[name], np.float32) for name in ("people_m", "robots_m", "boxes_m"))
+        ),
         **_colors(host, poses),
     )
 
@@ -144,6 +147,7 @@ def _pictures(
     poses: Float32[np.ndarray, "samples 3"],
     people_m: Float32[np.ndarray, "samples people 2"],
     robots_m: Float32[np.ndarray, "samples robots 2"],
+    boxes_m: Float32[np.ndarray, "samples boxes 2"],
 ) -> _Pictures:
     """Returns some of an episode's pictures, taken again from where the robot was: a few a second, of no great size."""
     camera = lane.camera
@@ -158,7 +162,8 @@ def _pictures(
         robots = jax.vmap(functools.partial(robot_cylinders, others))(jnp.asarray(robots_m[taken]))
         beside = jnp.concatenate([beside, robots], axis=1)
     where = jnp.asarray(poses[taken]), jnp.asarray(taken), beside
-    found = pictures_again(camera, lane.arrays.scene, seed, *where, hull_depth_m=hull_depth_m)
+    boxes = boxes_seen(lane.boxes, boxes_m[taken])
+    found = pictures_again(camera, lane.arrays.scene, seed, *where, hull_depth_m=hull_depth_m, boxes=boxes)
     return _Pictures(pictured_s=taken * CONTROL_S, pictures_m=np.asarray(found))
 
 

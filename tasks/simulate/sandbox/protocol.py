@@ -296,6 +296,7 @@ class PicturesWork(Spec):
     Attributes:
         steps, poses: At which control steps it is known where the robot was (x m, y m, yaw rad): some of all.
         people_m: Where people were then (x, y); none of an episode without.
+        boxes_m: Where boxes stood then; likewise.
         pictures_hz: How many of each camera's pictures a simulated second to take at most.
     """
 
@@ -308,6 +309,7 @@ class PicturesWork(Spec):
     steps: tuple[int, ...]
     poses: tuple[tuple[float, float, float], ...]
     people_m: tuple[tuple[tuple[float, float], ...], ...]
+    boxes_m: tuple[tuple[tuple[float, float], ...], ...]
     pictures_hz: float
 
 

@@ -145,8 +145,35 @@ def _out_of_memory(requests: Sequence[EpisodeRequest], lack: str) -> list[Episod
 
 # The sides of arrays: a number, up to one for each step (?), or a name for one that is the same wherever it stands. All
 # have a lane first; lanes beyond those that hold episodes may follow.
-_SAMPLES = ("? 3", "? velocity", "?", "? controls", "? rays", "controls", "rays", "steps", "? people 2", "? robots 2")
-_ENDS = ("", "", "3", "3", "velocity", "", "goals 2", "7", "people 2", "people 2", "robots 2", "robots 2")
+_SAMPLES = (
+    "? 3",
+    "? velocity",
+    "?",
+    "? controls",
+    "? rays",
+    "controls",
+    "rays",
+    "steps",
+    "? people 2",
+    "? robots 2",
+    "? boxes 2",
+)
+_ENDS = (
+    "",
+    "",
+    "3",
+    "3",
+    "velocity",
+    "",
+    "goals 2",
+    "7",
+    "people 2",
+    "people 2",
+    "robots 2",
+    "robots 2",
+    "boxes 2",
+    "boxes 2",
+)
 
 
 class RecordingCheck:

@@ -261,6 +261,7 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
     beside: Float[Array, "pictures cylinders 5"],
     *,
     hull_depth_m: Float[Array, "*cameras rows columns"] | None = None,
+    boxes: Float[Array, "pictures boxes 8"] | None = None,
 ) -> Float[Array, "pictures rows columns"]:
     """Returns the pictures that a robot's camera took, from where the robot was; those of a list one above the other.
 
@@ -272,12 +273,15 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
         steps: At which control steps.
         beside: What moved about then, as the scene's cylinders.
         hull_depth_m: What the camera sees of its own robot; None if that is nothing.
+        boxes: What was put there then, as the scene's boxes; None for nothing.
     """
 
-    def again(at: tuple[Array, Array, Array]) -> Picture:
+    def again(at: tuple[Array, Array, Array, Array | None]) -> Picture:
         none: Any = None
         body = Body(at[0], none, none, none)
         seen = scene._replace(cylinders=jnp.concatenate([scene.cylinders, at[2]]))
+        if at[3] is not None:
+            seen = seen._replace(boxes=jnp.concatenate([scene.boxes, at[3]]))
         now = Situation(body, none, seed, at[1], seen, hull_depth_m)
         if not camera.others:
             return _picture(camera.view, _shot(camera, camera, none, now))
@@ -286,7 +290,7 @@ def pictures_again(  # noqa: PLR0917 - what a lane has, and what a picture has
         ]
         return jnp.concatenate(each)
 
-    return jax.lax.map(again, (poses, steps, beside))
+    return jax.lax.map(again, (poses, steps, beside, boxes))
 
 
 def _observe(shared: DepthCamera, _own: DepthCamera, pictures: Memory, now: Situation) -> Fields:

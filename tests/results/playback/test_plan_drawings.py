@@ -15,7 +15,7 @@ from tasks.export.drawing.floor_plan import floor_plan_svg
 from tasks.results.playback.plan_drawings import failure_map_svg, plan_page, replay_svg
 from tasks.results.playback.playback import CameraFilm
 from tests.factories.episodes import collided, passed
-from tests.factories.playbacks import DECK, WHEEL, playback, seen_playback
+from tests.factories.playbacks import DECK, WHEEL, boxed_playback, playback, seen_playback
 from tests.factories.worlds import apartment
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -102,6 +102,19 @@ def test_people_walk_on_the_plan_and_stand_where_they_ended():
     stand = [each for each in _of(walked, "still").iter() if each.get("class") == "person"]
     assert float(stand[0].get("cx", "")) == pytest.approx(PAGE.at((0.5, 1.0))[0], abs=0.06)
     assert float(stand[0].get("r", "")) == pytest.approx(PERSON_RADIUS_M * PAGE.units_per_m, abs=0.06)
+
+
+def test_a_box_is_on_the_plan_while_it_stands():
+    root = ET.fromstring(replay_svg(PLAN, boxed_playback(), WORLD.footprint))  # noqa: S314 - our own document
+    first, second = (each for each in _of(root, "moving").iter() if each.get("class") == "box")
+    for box, seen in ((first, "visible"), (second, "hidden")):
+        values = _moves(box)[0].get("values", "").split(";")
+        assert {*values} == {"visible", "hidden"}
+        assert values[-1] == seen
+        assert values[0] == "hidden"
+    assert float(first.get("width", 0)) / float(first.get("height", 0)) == pytest.approx(0.3 / 1.2, rel=0.01)
+    (left,) = (each for each in _of(root, "still").iter() if each.get("class") == "box")
+    assert left.get("x") == first.get("x")
 
 
 def test_other_robots_drive_on_the_plan_and_stand_where_they_ended():

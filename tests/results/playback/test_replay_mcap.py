@@ -17,9 +17,17 @@ from specs.data.people import PERSON_HEIGHT_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import FloorZone, solids
 from tasks.results.playback.playback import CameraFilm
-from tasks.results.playback.replay_mcap import PEOPLE_TOPICS, ROBOTS_TOPICS, TOPICS, camera_topics, scene, write_mcap
+from tasks.results.playback.replay_mcap import (
+    BOXES_TOPICS,
+    PEOPLE_TOPICS,
+    ROBOTS_TOPICS,
+    TOPICS,
+    camera_topics,
+    scene,
+    write_mcap,
+)
 from tests.factories.own_worlds import WEDGE, piece, wedge
-from tests.factories.playbacks import RAYS, SAMPLES, playback
+from tests.factories.playbacks import RAYS, SAMPLES, boxed_playback, playback
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
@@ -74,6 +82,18 @@ def test_people_stand_where_they_are_in_each_sample(tmp_path: Path):
     places = [each["pose"]["position"] for each in entity["cylinders"]]
     assert [(place["x"], place["y"]) for place in places] == [(0.25, 1.0), (0.25, 2.0)]
     assert [each["size"]["z"] for each in entity["cylinders"]] == [PERSON_HEIGHT_M] * 2
+
+
+def test_boxes_are_there_in_the_samples_in_which_they_stand(tmp_path: Path):
+    write_mcap(tmp_path / "boxes.mcap", WORLD, boxed_playback())
+    with (tmp_path / "boxes.mcap").open("rb") as opened:
+        put = [json.loads(message.data) for _, _, message in make_reader(opened).iter_messages(topics=[*BOXES_TOPICS])]
+    counts = [len(each["entities"][0]["cubes"]) for each in put]
+    middle = SAMPLES // 2
+    assert counts == [*[0] * middle, *[2] * (SAMPLES - 2 - middle), 1, 1]
+    (last,) = put[-1]["entities"][0]["cubes"]
+    assert last["pose"]["position"] == {"x": 2.0, "y": 1.5, "z": 0.5}
+    assert last["size"] == {"x": 0.3, "y": 1.2, "z": 1.0}
 
 
 def test_other_robots_stand_where_they_are_in_each_sample(tmp_path: Path):

@@ -10,7 +10,7 @@ from specs.data.world import FloorZone
 from tasks.results.playback.replay_video import frames, with_captions, write_video
 from tasks.results.playback.robot_view import PALETTE, depth_shades
 from tests.factories.own_worlds import piece, wedge
-from tests.factories.playbacks import DECK, SAMPLES, WHEEL, playback, seen_playback
+from tests.factories.playbacks import DECK, SAMPLES, WHEEL, boxed_playback, playback, seen_playback
 from tests.factories.worlds import apartment
 
 WORLD = apartment()
@@ -36,6 +36,13 @@ def test_the_robot_moves_through_the_pictures():
     columns = [np.argwhere((each == ROBOT).all(axis=2))[:, 1].mean() for each in pictures]
     assert len(columns) == 3
     assert columns[0] + 20 < columns[1] < columns[2] - 20
+
+
+def test_a_box_is_in_the_pictures_while_it_stands():
+    boxed, plain = ([*frames(WORLD, each)] for each in (boxed_playback(), playback()))
+    changed = [not np.array_equal(one, other) for one, other in zip(boxed, plain, strict=True)]
+    assert not changed[0]
+    assert changed[-1]
 
 
 def test_people_walk_through_the_pictures():

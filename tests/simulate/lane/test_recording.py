@@ -93,6 +93,7 @@ class Steps(NamedTuple):
     impulse_ns: np.ndarray
     people_m: np.ndarray
     robots_m: np.ndarray
+    boxes_m: np.ndarray
 
 
 class Drive(NamedTuple):
@@ -122,6 +123,7 @@ def drives(draw: st.DrawFn) -> Drive:
         impulse_ns=rng.random((lanes, total)).astype(np.float32),
         people_m=drawn(total, PEOPLE, 2),
         robots_m=drawn(total, 1, 2),
+        boxes_m=drawn(total, 2, 2),
     )
     crashed = np.array(draw(st.lists(st.booleans(), min_size=lanes, max_size=lanes)))
     done = [draw(st.integers(0 if crash else 1, total - crash)) for crash in crashed]
@@ -138,14 +140,17 @@ def drives(draw: st.DrawFn) -> Drive:
         people_m=drawn(PEOPLE, 2),
         robots_start_m=drawn(1, 2),
         robots_m=drawn(1, 2),
+        boxes_start_m=drawn(2, 2),
+        boxes_m=drawn(2, 2),
     )
     for lane, last in enumerate(done):  # a lane that came to its end stays as it is
-        begun = (ends.start[lane], 0.0, ends.people_start_m[lane], ends.robots_start_m[lane])
+        begun = (ends.start[lane], 0.0, ends.people_start_m[lane], ends.robots_start_m[lane], ends.boxes_start_m[lane])
         kept = (
             (ends.pose, steps.pose),
             (ends.velocity, steps.velocity),
             (ends.people_m, steps.people_m),
             (ends.robots_m, steps.robots_m),
+            (ends.boxes_m, steps.boxes_m),
         )
         for (mine, all_), first in zip(kept, begun, strict=True):
             mine[lane] = all_[lane, last - 1] if last else first
@@ -190,6 +195,7 @@ def by_hand(drive: Drive, lane: int) -> list[dict[str, Any]]:
                 "velocity": drive.all.velocity[lane, at] if step else np.zeros(3),
                 "people_m": drive.all.people_m[lane, at] if step else drive.ends.people_start_m[lane],
                 "robots_m": drive.all.robots_m[lane, at] if step else drive.ends.robots_start_m[lane],
+                "boxes_m": drive.all.boxes_m[lane, at] if step else drive.ends.boxes_start_m[lane],
                 "acted": acted,
                 "control": drive.all.control[lane, step] if acted else None,
                 "ranges_m": drive.all.ranges_m[lane, step] if acted else None,
@@ -255,12 +261,14 @@ def test_a_rate_is_kept_as_the_nearest_whole_number_of_steps(rate_hz: float, tim
     recorder.begin(lanes, CONTROL_S)
     three, one = np.zeros((lanes, steps, 3), np.float32), np.zeros((lanes, steps), np.float32)
     people = np.zeros((lanes, steps, 0, 2), np.float32)
-    recorder.keep(Steps(three, three, one.astype(np.int32), three, three, one, people, people), np.array([steps]))
+    recorder.keep(
+        Steps(three, three, one.astype(np.int32), three, three, one, people, people, people), np.array([steps])
+    )
     whole, none = np.array([steps]), np.zeros(lanes, bool)
     goals, lidars = np.zeros((lanes, 1, 2)), np.zeros((lanes, 7))
     first = three[:, 0]
     driven = whole, none, first, first, first, np.zeros(lanes, int)
-    recorder.end(Ends(*driven, goals, lidars, *[people[:, 0]] * 4), [passed(70)])
+    recorder.end(Ends(*driven, goals, lidars, *[people[:, 0]] * 6), [passed(70)])
     (columns,) = recorder.parts()
     assert columns["t_s"][:3].tolist() == times_s
 

@@ -205,9 +205,9 @@ def test_rows_of_other_episodes_are_refused_and_end_the_process(simulate: Simula
 BEGUN: tuple[Answer, tuple[np.ndarray, ...]] = (RecordingBegins(lanes=3, control_s=0.05), ())
 NONE, PLACE = np.zeros(3, int), np.zeros((3, 3))
 PEOPLE = np.zeros((3, 4, 2))
-ENDS = (NONE, NONE == 1, PLACE, PLACE, PLACE, NONE, PLACE[:, None, :2], np.zeros((3, 7)), *[PEOPLE] * 4)
+ENDS = (NONE, NONE == 1, PLACE, PLACE, PLACE, NONE, PLACE[:, None, :2], np.zeros((3, 7)), *[PEOPLE] * 6)
 SEEN = (PLACE[:, None], PLACE[:, None], PLACE, PLACE)
-STEP = (PLACE[:, None], PLACE[:, None], NONE[:, None], *SEEN, np.zeros((3, 1)), *[PEOPLE[:, None]] * 2)
+STEP = (PLACE[:, None], PLACE[:, None], NONE[:, None], *SEEN, np.zeros((3, 1)), *[PEOPLE[:, None]] * 3)
 ALL = told(*map(passed, range(3)))
 
 
@@ -279,7 +279,7 @@ def test_rows_that_recordings_ended_with_and_the_others_come_in_the_order_of_the
         none,
         place[:, None, :2],
         np.zeros((2, 7)),
-        *[PEOPLE[:2]] * 4,
+        *[PEOPLE[:2]] * 6,
     )
     said = [(RecordingBegins(lanes=2, control_s=0.05), ()), (RecordingEnds(), ends), (Rows(), (told(passed(1)),))]
     rows, process = simulate(*said, rate_hz=4.0)

@@ -6,6 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from specs.base import canonical_document
+from specs.data.boxes import Box
 from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 
@@ -130,3 +131,42 @@ def test_a_document_without_robots_says_nothing_of_them():
 def test_a_section_of_several_robots_is_the_same_with_its_defaults_spelled_out():
     asked = driven_by(3)
     assert SimulationBatch.model_validate(asked.model_dump(mode="json")) == asked
+
+
+BOX: dict[str, Any] = {"size_m": [0.4, 0.4, 0.6]}
+
+
+def boxed(**fields: object) -> SimulationBatch:
+    """Returns a section with a box."""
+    request = {
+        "maxJobDurationInSeconds": 60,
+        "robotApplications": [{"application": "mine", "launchConfig": {}}],
+        "simulationApplications": [{"application": "mine", "launchConfig": {}}],
+    }
+    return SimulationBatch.model_validate({"createSimulationJobRequests": [request], "boxes": [BOX], **fields})
+
+
+@pytest.mark.parametrize("fields", [{}, {"engine": "mujoco"}, {"engine": "mjx"}, {"audit": {"lanes": 8}}])
+def test_boxes_stand_on_every_engine_and_are_audited(fields: dict[str, Any]):
+    assert boxed(**fields).boxes == (Box(size_m=(0.4, 0.4, 0.6)),)
+
+
+def test_a_document_without_boxes_says_nothing_of_them():
+    assert "boxes" not in canonical_document(section({}, {}))
+
+
+@pytest.mark.parametrize(
+    ("fields", "path"),
+    [
+        ({"people": 2}, ("people",)),
+        ({"robots": 2}, ("boxes",)),
+        ({"boxes": [{**BOX, "appears_s": 5, "leaves_s": 5}]}, ("boxes", 0, "leaves_s")),
+        ({"boxes": [BOX, {**BOX, "size_m": [0.4, 0.4, 0.01]}]}, ("boxes", 1, "size_m", 2)),
+        ({"boxes": []}, ("boxes",)),
+        ({"boxes": [BOX] * 5}, ("boxes",)),
+    ],
+)
+def test_boxes_that_cannot_be_are_refused_at_their_field(fields: dict[str, Any], path: tuple[str | int, ...]):
+    with pytest.raises(ValidationError) as caught:
+        boxed(**fields)
+    assert [error["loc"] for error in caught.value.errors()] == [path]

@@ -287,7 +287,7 @@ def drive(robot: RobotModel, inputs: LaneInputs, body: Body, control: Control) -
         body: The robot at the step's beginning.
         control: One number for each actuator.
     """
-    window, near_m = nearest_obstacles(inputs.obstacles, body.qpos[:2])
+    window, near_m = nearest_obstacles(inputs.solids, body.qpos[:2])
     standing_m, people_m = inputs.standing_m, None
     if standing_m is not None:
         people_m, person_m = nearest_people(standing_m, body.qpos[:2])

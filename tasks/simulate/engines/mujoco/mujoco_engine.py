@@ -64,7 +64,9 @@ from tasks.simulate.lane.control_step import (
     finish_step,
     go_on,
     observe,
+    put_boxes,
 )
+from tasks.simulate.lane.lane_boxes import BoxesInputs, BoxesState, box_places_m, box_solids
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import PeopleInputs, PeopleState
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -93,6 +95,7 @@ class HostProgram:
         finish: Returns the lanes after a control step that was decided and driven, and what is recorded of it; the
             state given is used up.
         walk: Returns the people a control step later, who then stand while robots are driven.
+        put: Returns which boxes are there then, and where.
         step: Returns what ``finish`` does, and what is decided then, all that the host needs of both as one array; what
             it is given of either is used up.
         cache: Of the functions, for processes to come.
@@ -112,6 +115,7 @@ class HostProgram:
         [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
     ]
     walk: Callable[[PeopleInputs, PeopleState, Body, jax.Array], PeopleState]
+    put: Callable[[BoxesInputs, BoxesState, Body, jax.Array, jax.Array], tuple[BoxesState, jax.Array]]
     cache: ProgramCache
     host: HostApplication | None
     engine: EngineName = "mujoco"
@@ -134,10 +138,12 @@ class HostProgram:
     def ready(self, inputs: LaneInputs, lanes: Sequence[Lane], worlds: Mapping[str, World]) -> "HostRun":
         """Returns episodes ready to run."""
         people = 0 if inputs.people is None else inputs.people.there.shape[1]
-        models = world_models(self.robot, {lane.request.world: worlds[lane.request.world] for lane in lanes}, people)
+        boxes = tuple(box.size_m for box in lanes[0].request.boxes or ())
+        used = {lane.request.world: worlds[lane.request.world] for lane in lanes}
+        models = world_models(self.robot, used, people, boxes)
         filled = [*lanes, *[lanes[0]] * (self.lanes - len(lanes))]
         each = [varied_model(models[lane.request.world], physical_factors(lane.request.environment)) for lane in filled]
-        stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads)
+        stepper = Stepper(self.robot, each, np.asarray(inputs.start), self.threads, boxes)
         controllers = None
         if self.host is not None:
             start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors, worlds)
@@ -171,10 +177,12 @@ class HostRun:
             if self.host is not None and (poses := placed_poses(self.host, len(moving))) is not None:
                 state = self._placed(state, poses)
             state, people_m = self._walked(state)
-            driven = self.transfer.put(_driven_rows(*self.stepper.drive(controls, moving, people_m), people_m))
+            state, boxes_m = self._put(state)
+            done = self.stepper.drive(controls, moving, people_m, boxes_m)
+            driven = self.transfer.put(_driven_rows(*done, people_m))
             state, rows = self._settled(state, decided, driven)
             moving = rows[:, _SETTLED - 1] == 0.0
-            records.append(_record(rows, controls, people_m))
+            records.append(_record(rows, controls, people_m, boxes_m))
         return state, stacked_records(records)
 
     def _decided(
@@ -205,6 +213,13 @@ class HostRun:
             return state, None
         people = self.program.walk(self.inputs.people, state.people, state.body, state.done)
         return state._replace(people=people), self._fetched(people.place_m)
+
+    def _put(self, state: LaneState) -> tuple[LaneState, Float32[np.ndarray, "lanes boxes 2"] | None]:
+        """Returns the lanes with the boxes that are there now, and where those stand; None in lanes without."""
+        if self.inputs.boxes is None or state.boxes is None:
+            return state, None
+        boxes, place_m = self.program.put(self.inputs.boxes, state.boxes, state.body, state.step, state.done)
+        return state._replace(boxes=boxes), self._fetched(place_m)
 
     def _settled(
         self, state: LaneState, decided: Decided, driven: jax.Array
@@ -261,10 +276,18 @@ def host_program(
         decide=jax.jit(split("decide", _decide_lane, 2)),
         finish=jax.jit(split("finish", functools.partial(_finish_lane, robot), 4), donate_argnums=1),
         walk=jax.jit(cache.cached("walk", split_over(mesh, walk, 4))),
+        put=jax.jit(cache.cached("put", split_over(mesh, jax.vmap(_put_lane), 5))),
         step=jax.jit(split("step", functools.partial(_step_lane, robot), 4), donate_argnums=(1, 2)),
         cache=cache,
         host=host,
     )
+
+
+def _put_lane(
+    boxes: BoxesInputs, before: BoxesState, body: Body, step: jax.Array, done: jax.Array
+) -> tuple[BoxesState, Float[Array, "boxes 2"]]:
+    after = put_boxes(boxes, before, body, step, done)
+    return after, box_places_m(boxes, after)
 
 
 def _begin_lane(applications: Applications, inputs: LaneInputs, body: Body) -> LaneState:
@@ -285,7 +308,9 @@ def _finish_lane(  # noqa: PLR0917 - as the program maps it
     changed, control, ranges_m = decided
     state = unflatten_state(applications, inputs, state)
     body, work, people_ns = _from_row(robot, driven)
-    clearance_m = hull_distance_m(robot.parts, inputs.obstacles, body.qpos)
+    if inputs.boxes is not None and state.boxes is not None:
+        inputs = inputs._replace(put=box_solids(inputs.boxes, state.boxes))
+    clearance_m = hull_distance_m(robot.parts, inputs.solids, body.qpos)
     met = None
     if state.people is not None:
         met = PeopleWork(people_ns[0], hull_to_people_m(robot.parts, state.people.place_m, body.qpos))
@@ -328,10 +353,12 @@ def _record(
     rows: Float32[np.ndarray, "lanes numbers"],
     controls: Float[np.ndarray, "lanes actuators"],
     people_m: Float32[np.ndarray, "lanes people 2"] | None,
+    boxes_m: Float32[np.ndarray, "lanes boxes 2"] | None,
 ) -> StepRecord:
     found: Any = rows  # a record's arrays are NumPy's on the host
     given: Any = controls
     standing: Any = people_m
+    put: Any = boxes_m
     return StepRecord(
         pose=found[:, :3],
         velocity=found[:, 3:6],
@@ -340,6 +367,7 @@ def _record(
         ranges_m=found[:, _SETTLED:],
         impulse_ns=found[:, 7],
         people_m=standing,
+        boxes_m=put,
     )
 
 

@@ -42,7 +42,9 @@ _PUSH_SENSOR = "simyard/push"
 _FORCE = "simyard/force/"
 _SPEED = "simyard/speed/"
 _PERSON = "simyard/person/"
+_BOX = "simyard/box/"
 _SPECK_M = 0.05
+Sides = tuple[float, float, float]
 _KINDS = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
@@ -101,7 +103,9 @@ def host_robot(path: Path) -> HostRobot:
     )
 
 
-def world_models(robot: HostRobot, worlds: Mapping[str, World], people: int = 0) -> dict[str, mujoco.MjModel]:
+def world_models(
+    robot: HostRobot, worlds: Mapping[str, World], people: int = 0, boxes: Sequence[Sides] = ()
+) -> dict[str, mujoco.MjModel]:
     """Returns the robot's model in each world, all of the same sizes: worlds with fewer solids get specks far away.
 
     MuJoCo's state of one then fits all of them. Specks touch nothing and come last, so that a world's results are the
@@ -111,22 +115,26 @@ def world_models(robot: HostRobot, worlds: Mapping[str, World], people: int = 0)
         robot: The robot.
         worlds: By name.
         people: How many have a place in each.
+        boxes: How large those are that are put there.
     """
     most = max((len(solids(world)) for world in worlds.values()), default=0)
-    return {name: world_model(robot, world, most, people) for name, world in worlds.items()}
+    return {name: world_model(robot, world, most, people, boxes) for name, world in worlds.items()}
 
 
-def world_model(robot: HostRobot, world: World, places: int = 0, people: int = 0) -> mujoco.MjModel:
+def world_model(
+    robot: HostRobot, world: World, places: int = 0, people: int = 0, boxes: Sequence[Sides] = ()
+) -> mujoco.MjModel:
     """Returns a robot among all solids of a world.
 
     Its sensors are, for each physics step, the net force of the solids on the robot, then each actuator's force, then
-    its speed, then each person's force on the robot.
+    its speed, then each person's force on the robot, then each box's.
 
     Args:
         robot: The robot.
         world: The world.
         places: At least so many for solids.
         people: Likewise for people: bodies that are put where they stand, and that nothing moves.
+        boxes: How large those are that are put there in the same way (m).
     """
     spec = robot.spec.copy()
     bits = collision_bits(spec)
@@ -139,7 +147,9 @@ def world_model(robot: HostRobot, world: World, places: int = 0, people: int = 0
         geom.pos, geom.size = [PARKING_M, PARKING_M, -PARKING_M], [_SPECK_M] * 3
     for number in range(people):
         _add_person(spec, number, bits)
-    _add_sensors(spec, robot, people)
+    for number, size_m in enumerate(boxes):
+        _add_box(spec, number, size_m, bits)
+    _add_sensors(spec, robot, [*(f"{_PERSON}{k}" for k in range(people)), *(f"{_BOX}{k}" for k in range(len(boxes)))])
     # A state that blows up stays as it is, and is reported, instead of starting anew.
     spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     return compile_robot(spec)
@@ -181,7 +191,14 @@ def _add_person(spec: mujoco.MjSpec, number: int, bits: tuple[int, int]) -> None
     geom.size = [PERSON_RADIUS_M, half_m, 0.0]
 
 
-def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot, people: int) -> None:
+def _add_box(spec: mujoco.MjSpec, number: int, size_m: Sides, bits: tuple[int, int]) -> None:
+    name, half_m = f"{_BOX}{number}", [side / 2 for side in size_m]
+    body = spec.worldbody.add_body(name=name, mocap=True, pos=[-PARKING_M - 10.0 * number, PARKING_M, half_m[2]])
+    geom = add_obstacle(spec, name, mujoco.mjtGeom.mjGEOM_BOX, bits, body)
+    geom.size = half_m
+
+
+def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot, moved: Sequence[str]) -> None:
     for sensor in list(spec.sensors):
         spec.delete(sensor)
     _add_push_sensor(spec, robot, _PUSH_SENSOR, _SOLIDS)
@@ -189,8 +206,8 @@ def _add_sensors(spec: mujoco.MjSpec, robot: HostRobot, people: int) -> None:
         for actuator in spec.actuators:
             sensor = spec.add_sensor(name=f"{prefix}{actuator.name}", type=kind)
             sensor.objtype, sensor.objname = mujoco.mjtObj.mjOBJ_ACTUATOR, actuator.name
-    for number in range(people):
-        _add_push_sensor(spec, robot, f"{_PERSON}{number}", f"{_PERSON}{number}")
+    for name in moved:
+        _add_push_sensor(spec, robot, name, name)
 
 
 def _add_push_sensor(spec: mujoco.MjSpec, robot: HostRobot, name: str, body: str) -> None:
@@ -245,6 +262,7 @@ class Stepper:
         models: Each lane's, all of the same sizes (``world_models``).
         starts: Each lane's (x m, y m, yaw rad).
         threads: To step them on.
+        boxes: How large those are that are put there (``world_models``).
     """
 
     def __init__(
@@ -253,7 +271,9 @@ class Stepper:
         models: Sequence[mujoco.MjModel],
         starts: Float[np.ndarray, "lanes 3"],
         threads: int,
+        boxes: Sequence[Sides] = (),
     ) -> None:
+        self._boxes_half_m = np.array([size_m[2] / 2 for size_m in boxes])
         self._robot, self._models = robot, list(models)
         self._pool = Rollout(nthread=threads if threads > 1 else 0)
         # Of the model with most parts of meshes: MuJoCo clears as many marks in them as the model at hand has parts.
@@ -279,6 +299,7 @@ class Stepper:
         controls: Float[np.ndarray, "lanes actuators"],
         moving: Bool[np.ndarray, "lanes"],
         people_m: Float[np.ndarray, "lanes people 2"] | None = None,
+        boxes_m: Float[np.ndarray, "lanes boxes 2"] | None = None,
     ) -> tuple[HostBody, HostWork]:
         """Returns the robots a control step later, and what was done; those that are not moving stay as they are.
 
@@ -286,15 +307,16 @@ class Stepper:
             controls: Of each lane.
             moving: Which lanes are driven.
             people_m: Where people stand meanwhile (x, y), as many as the models have; None without any.
+            boxes_m: Where boxes stand, the models' first; likewise.
         """
         chosen = np.flatnonzero(moving)
         work = HostWork(*(np.zeros((len(moving), *shape), np.float32) for shape in ((), (2,), (), ())))
         if len(chosen):
             given = controls[chosen].astype(np.float64)
             if people_m is not None:
-                heights = np.full((len(chosen), people_m.shape[1], 1), PERSON_HEIGHT_M / 2)
-                standing = np.concatenate([people_m[chosen].astype(np.float64), heights], axis=2)
-                given = np.concatenate([given, standing.reshape(len(chosen), -1)], axis=1)
+                given = _beside(given, people_m[chosen], np.full(people_m.shape[1], PERSON_HEIGHT_M / 2))
+            if boxes_m is not None:
+                given = _beside(given, boxes_m[chosen, : len(self._boxes_half_m)], self._boxes_half_m)
             path, sensed = self._rolled_out(chosen, given)
             self._warmstarts[chosen] = self._accelerations(np.concatenate([self._states[chosen, None], path], axis=1))
             self._states[chosen] = path[:, -1]
@@ -357,7 +379,12 @@ class Stepper:
         push_n = sensed[:, :, :2]
         ends = np.cumsum([_PUSH_NUMBERS, forces, forces])
         _, forces_n, speeds, own = np.split(sensed, ends, axis=2)
-        people_n = own.reshape(*own.shape[:2], -1, _PUSH_NUMBERS)[..., :2].sum(axis=2)
+        moved_n = own.reshape(*own.shape[:2], -1, _PUSH_NUMBERS)[..., :2]
+        boxes = len(self._boxes_half_m)
+        people = moved_n.shape[2] - boxes
+        people_n = moved_n[:, :, :people].sum(axis=2)
+        if boxes:  # solids as all others
+            push_n = push_n + moved_n[:, :, people:].sum(axis=2)
         powers_w = forces_n * speeds
         return HostWork(
             _single(np.hypot(push_n[:, :, 0], push_n[:, :, 1]).sum(axis=1) * step_s),
@@ -365,6 +392,17 @@ class Stepper:
             _single(np.abs(powers_w).sum(axis=(1, 2)) * step_s),
             _single(np.hypot(people_n[:, :, 0], people_n[:, :, 1]).sum(axis=1) * step_s),
         )
+
+
+def _beside(
+    controls: Float64[np.ndarray, "chosen numbers"],
+    places_m: Float[np.ndarray, "chosen moved 2"],
+    middles_m: Float64[np.ndarray, "moved"],
+) -> Float64[np.ndarray, "chosen numbers"]:
+    """Returns controls, and behind them where bodies stand (x, y, z)."""
+    heights = np.broadcast_to(middles_m[:, None], (*places_m.shape[:2], 1))
+    standing = np.concatenate([places_m.astype(np.float64), heights], axis=2)
+    return np.concatenate([controls, standing.reshape(len(controls), -1)], axis=1)
 
 
 def _single(values: Float64[np.ndarray, "*shape"]) -> Float32[np.ndarray, "*shape"]:

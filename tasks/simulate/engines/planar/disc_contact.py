@@ -101,6 +101,26 @@ def with_people(
     return _nearest_of(solids, [_moved(person, place - center_m) for place in people_m])
 
 
+def with_boxes(
+    nearest: list[Obstacle], boxes: Float[jax.Array, "boxes 8"], center_m: Float[jax.Array, "2"]
+) -> list[Obstacle]:
+    """Returns the nearest of obstacles and of boxes that were put there, as ``with_people``.
+
+    Args:
+        nearest: The obstacles nearest to a point, nearest first.
+        boxes: As ``LaneObstacles.boxes``.
+        center_m: The point.
+    """
+    like = _cylinder(nearest[0], 0.0, 0.0, 0.0)._replace(round=jnp.zeros((), bool))
+    put = [
+        _moved(like, each[:2] - center_m)._replace(
+            height=each[2], half_x=each[3], half_y=each[4], half_height=each[5], cos=each[6], sin=each[7]
+        )
+        for each in boxes
+    ]
+    return _nearest_of(nearest, put)
+
+
 def with_robots(
     nearest: list[Obstacle],
     robots: RobotsInputs,

@@ -28,6 +28,7 @@ from tasks.simulate.engines.planar.disc_contact import (
     is_zero,
     touch,
     window,
+    with_boxes,
     with_people,
     with_robots,
 )
@@ -255,7 +256,15 @@ def drive(robot: PlanarRobot, inputs: LaneInputs, body: Body, control: Float[jax
     own, people_m = inputs.physics, inputs.standing_m
     robots = None if inputs.robots is None or inputs.others is None else (inputs.robots, inputs.others)
     return drive_among(
-        robot, inputs.obstacles, body, control, near=inputs.near, people_m=people_m, factors=own, robots=robots
+        robot,
+        inputs.obstacles,
+        body,
+        control,
+        near=inputs.near,
+        people_m=people_m,
+        factors=own,
+        robots=robots,
+        boxes=inputs.put,
     )
 
 
@@ -269,6 +278,7 @@ def drive_among(
     people_m: Float[jax.Array, "people 2"] | None = None,
     factors: Float[jax.Array, "3"] | None = None,
     robots: tuple[RobotsInputs, Others] | None = None,
+    boxes: Float[jax.Array, "boxes 8"] | None = None,
 ) -> Motion:
     """Returns what a control step's physics does to a robot among obstacles.
 
@@ -281,9 +291,12 @@ def drive_among(
         people_m: Where people stand meanwhile (x, y); None without any.
         factors: Of mass, friction and motor strength; None in a program without.
         robots: What other robots are like, and how they are; None for a robot alone.
+        boxes: What was put there, as the obstacles' boxes; None for nothing.
     """
     origin = Planar(*body.qpos)
     solids = window(given, body.qpos[:2], _window_size(robot), near)
+    if boxes is not None:
+        solids = with_boxes(solids, boxes, body.qpos[:2])
     obstacles = solids if people_m is None else with_people(solids, people_m, body.qpos[:2])
     if robots is not None:
         obstacles = with_robots(obstacles, robots[0], robots[1].place_m, body.qpos[:2])
