@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tasks.results.playback.replay_mcap import PEOPLE_TOPICS, ROBOTS_TOPICS, TOPICS
+from tasks.results.playback.replay_mcap import BOXES_TOPICS, PEOPLE_TOPICS, ROBOTS_TOPICS, TOPICS
 from tests.docs.typed_blocks import begin_in, blocks_of, typed
 from tests.repository import ROOT
 
@@ -50,4 +50,4 @@ def test_every_block_runs_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_every_topic_is_explained_with_its_schema():
     found = dict(re.findall(r"^\| `(/\w+)` \| `([\w.]+)` \|", TEXT, re.MULTILINE))
-    assert found == TOPICS | PEOPLE_TOPICS | ROBOTS_TOPICS
+    assert found == TOPICS | PEOPLE_TOPICS | ROBOTS_TOPICS | BOXES_TOPICS

@@ -276,7 +276,7 @@ class Recorded:
         part.recorder.keep(StepRecord(one, one, one[:, :, 0], one, one, one[:, :, 0]), np.ones(lanes, int))  # pyright: ignore[reportArgumentType]
         none, lidars = np.zeros(lanes, int), np.zeros((lanes, 7))
         told = (np.ones(lanes, int), none == 1, one[:, 0], one[:, 0], one[:, 0], none, one[:, :, :2], lidars)
-        done = Ends(*told, *[one[:, :0, :2]] * 4)
+        done = Ends(*told, *[one[:, :0, :2]] * 6)
         part.recorder.end(done, rows)
         return rows
 
