@@ -7,11 +7,11 @@ from pydantic import Field
 
 from specs.base import Spec
 from specs.field_types import Number
+from specs.robomaker.simulation import MAX_JOB_DURATION_S
 from specs.rules import Finding, items, part
 
 MOST_BOXES = 4
 LEAST_SIDE_M, MOST_SIDE_M = 0.05, 3.0
-MOST_S = 1_209_600  # no job takes longer
 
 Side = Annotated[Number, Field(ge=LEAST_SIDE_M, le=MOST_SIDE_M)]
 
@@ -27,10 +27,10 @@ class Box(Spec):
         title="At (m)",
         description="Where its middle is (x, y); somewhere on the robot's way, if left out.",
     )
-    appears_s: Annotated[Number, Field(ge=0.0, le=MOST_S)] = Field(
+    appears_s: Annotated[Number, Field(ge=0.0, le=MAX_JOB_DURATION_S)] = Field(
         default=0.0, title="Appears (s)", description="From when on it stands there, in simulated time."
     )
-    leaves_s: Annotated[Number, Field(gt=0.0, le=MOST_S)] | None = Field(
+    leaves_s: Annotated[Number, Field(gt=0.0, le=MAX_JOB_DURATION_S)] | None = Field(
         default=None, title="Leaves (s)", description="When it is gone again; it stays, if left out."
     )
 

@@ -4,13 +4,16 @@ from collections.abc import Callable
 from functools import wraps
 from typing import TYPE_CHECKING, ParamSpec
 
+import jax
 import numpy as np
 from jaxtyping import Float64
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.episode_columns import EpisodeColumns
 from specs.data.world import Furniture, Rectangle, Solid, World
-from tasks.simulate.chunk.chunk_simulation import simulate_episodes
+from tasks.simulate.chunk.chunk_simulation import ready_chunk, simulate_episodes
+from tasks.simulate.chunk.lane_pool import lane_row
+from tasks.simulate.lane.control_step import StepRecord
 from tests.factories.worlds import apartment
 from tests.repository import ROOT
 
@@ -62,6 +65,22 @@ def pushing(
         environment={"FAULT": fault},
         duration_s=duration_s,
     )
+
+
+def driven_chunk(
+    requests: list[EpisodeRequest], worlds: dict[str, World], engine: str, lanes: int
+) -> tuple[list[EpisodeResult], StepRecord]:
+    """Returns the rows of episodes that are driven together, and the record of all their steps, lanes first."""
+    chunk = ready_chunk(requests, worlds, FOLDERS, lanes=lanes, engine=engine)
+    assert chunk.run is not None
+    state, records = chunk.run.begin(), list[StepRecord]()
+    while not np.all(state.done):
+        state, record = chunk.run.advance(state)
+        records.append(jax.tree.map(np.asarray, record))
+    whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
+    end, poses = jax.device_get(state._replace(controller=None)), [np.asarray(whole.pose)]
+    rows = [lane_row(chunk.program, None, lane, place, end, poses) for place, lane in enumerate(chunk.lanes)]
+    return rows, whole
 
 
 def cluttered(seed: int) -> World:

@@ -2,18 +2,14 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 import pytest
 
 from specs.data.boxes import Box
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.world import World
-from tasks.simulate.chunk.chunk_simulation import ready_chunk
-from tasks.simulate.chunk.lane_pool import lane_row
 from tasks.simulate.geometry.obstacles import PARKING_M
-from tasks.simulate.lane.control_step import StepRecord
-from tests.factories.simulations import FOLDERS, pushing
+from tests.factories.simulations import driven_chunk, pushing
 
 LANES, STEPS = 8, 120
 APPEARS_S, LEAVES_S = 1.0, 4.0
@@ -37,17 +33,9 @@ def among_boxes(index: int, boxes: tuple[Box, ...] | None = BOXES) -> EpisodeReq
 
 
 def driven(requests: list[EpisodeRequest], pens: dict[str, World], engine: str) -> Driven:
-    chunk = ready_chunk(requests, pens, FOLDERS, lanes=LANES, engine=engine)
-    assert chunk.run is not None
-    state, records = chunk.run.begin(), list[StepRecord]()
-    while not np.all(state.done):
-        state, record = chunk.run.advance(state)
-        records.append(jax.tree.map(np.asarray, record))
-    whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
-    end, poses = jax.device_get(state._replace(controller=None)), [np.asarray(whole.pose)]
-    rows = [lane_row(chunk.program, None, lane, place, end, poses) for place, lane in enumerate(chunk.lanes)]
+    rows, whole = driven_chunk(requests, pens, engine, LANES)
     boxes_m = np.zeros((LANES, STEPS, 0, 2)) if whole.boxes_m is None else np.asarray(whole.boxes_m)
-    return Driven(rows, poses[0][:LANES, :STEPS], boxes_m[:LANES, :STEPS])
+    return Driven(rows, np.asarray(whole.pose)[:LANES, :STEPS], boxes_m[:LANES, :STEPS])
 
 
 @pytest.fixture(scope="module")

@@ -2,17 +2,13 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 import pytest
 
 from specs.data.episode import EpisodeRequest, EpisodeResult
 from specs.data.people import PERSON_RADIUS_M, People
 from specs.data.world import World
-from tasks.simulate.chunk.chunk_simulation import ready_chunk
-from tasks.simulate.chunk.lane_pool import lane_row
-from tasks.simulate.lane.control_step import StepRecord
-from tests.factories.simulations import FOLDERS, pushing
+from tests.factories.simulations import driven_chunk, pushing
 
 LANES, STEPS = 8, 240
 # Where a person is so near to a robot, the robot's last bits decide where it stops.
@@ -33,16 +29,8 @@ def among_people(index: int) -> EpisodeRequest:
 
 
 def driven(requests: list[EpisodeRequest], pens: dict[str, World], engine: str) -> Driven:
-    chunk = ready_chunk(requests, pens, FOLDERS, lanes=LANES, engine=engine)
-    assert chunk.run is not None
-    state, records = chunk.run.begin(), list[StepRecord]()
-    while not np.all(state.done):
-        state, record = chunk.run.advance(state)
-        records.append(jax.tree.map(np.asarray, record))
-    whole: StepRecord = jax.tree.map(lambda *each: np.concatenate(each, axis=1), *records)
-    end, poses = jax.device_get(state._replace(controller=None)), [np.asarray(whole.pose)]
-    rows = [lane_row(chunk.program, None, lane, place, end, poses) for place, lane in enumerate(chunk.lanes)]
-    return Driven(rows, poses[0], np.asarray(whole.people_m))
+    rows, whole = driven_chunk(requests, pens, engine, LANES)
+    return Driven(rows, np.asarray(whole.pose), np.asarray(whole.people_m))
 
 
 @pytest.fixture(scope="module")
