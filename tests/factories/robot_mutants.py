@@ -5,7 +5,6 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple
 
 import jax
@@ -28,7 +27,7 @@ from tasks.simulate.engines.mujoco.world_stepper import Stepper, host_robot, wor
 from tasks.simulate.engines.planar.planar_engine import planar_mechanics
 from tasks.simulate.geometry.hull_distance import LaneObstacles, hull_distance_m
 from tasks.simulate.geometry.obstacles import obstacles, pad_obstacles
-from tasks.simulate.lane.control_step import Mechanics
+from tasks.simulate.lane.control_step import LaneInputs, Mechanics
 from tests.factories.episodes import counted, passed, request
 from tests.factories.simulations import ROOT_ROBOTS, pen
 from tests.repository import ROOT
@@ -263,7 +262,7 @@ def _driven_by_c(path: Path, world: World, ahead: np.ndarray) -> _Drove:
 def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world: World, ahead: np.ndarray) -> _Drove:
     mechanics = mechanics_of(path)
     solids = _solids(world, mechanics.hull)
-    inputs: Any = SimpleNamespace(obstacles=solids, near=None, standing_m=None, physics=None, robots=None)
+    inputs = LaneInputs(solids, *_NOT_ASKED)
     control = jnp.asarray(np.resize(ahead, mechanics.actuators))
 
     def step(body: Body, _: None) -> tuple[Body, tuple[jax.Array, ...]]:
@@ -274,6 +273,9 @@ def _driven_by_jax(mechanics_of: Callable[[Path], Mechanics], path: Path, world:
     poses, pushes, apart_m = map(np.asarray, run(mechanics.first_body(jnp.asarray(_START))))
     return _Drove(np.concatenate([_START[None], poses]), pushes, apart_m)
 
+
+# What mechanics do not look at: all that LaneInputs must be given beside obstacles.
+_NOT_ASKED: tuple[Any, ...] = (None,) * (len(LaneInputs._fields) - len(LaneInputs._field_defaults) - 1)
 
 _MECHANICS: Mapping[EngineName, Callable[[Path], Mechanics]] = {"mjx": mjx_mechanics, "planar": planar_mechanics}
 
