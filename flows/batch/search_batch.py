@@ -19,7 +19,7 @@ from jaxtyping import Float64
 from flows.batch.replay_episode import JobReplay, bundles, playback, unpacked
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
-from specs.data.physics import PHYSICAL
+from specs.data.physics import PHYSICAL, step_of
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.applications.registry import resolve
@@ -248,7 +248,10 @@ class _DrawnEpisodes:
 
     def requests(self, particles: Particles) -> list[EpisodeRequest]:
         """Returns the episodes of particles; their indices follow those of the batch."""
-        columns = {name: _values(self._over[name], particles.smooth[:, at]) for at, name in enumerate(self._smooth)}
+        columns = {
+            name: _whole_steps(_values(self._over[name], particles.smooth[:, at], step_of(name)), step_of(name))
+            for at, name in enumerate(self._smooth)
+        }
         for at, name in enumerate(self._choices):
             columns[name] = _chosen(self._over[name].choice or (), particles.drawn[:, at])
         world, seed = (particles.drawn[:, at].tolist() for at in (-2, -1))
@@ -268,7 +271,9 @@ class _DrawnEpisodes:
         from scipy.special import ndtri  # noqa: PLC0415 - it takes long to load
 
         bounds = ndtri(np.arange(1, PARTS) / PARTS)
-        numbers = [Factor(name, _parts(_values(self._over[name], bounds)), number=True) for name in self._smooth]
+        numbers = [
+            Factor(name, _parts(_values(self._over[name], bounds, step_of(name))), number=True) for name in self._smooth
+        ]
         choices = [Factor(name, self._over[name].choice or (), number=False) for name in self._choices]
         worlds = [Factor(WORLD, tuple(self._worlds), number=False)] if len(self._worlds) > 1 else []
         return [*numbers, *choices, *worlds]
@@ -301,13 +306,18 @@ def _parts(bounds: Sequence[str]) -> tuple[str, ...]:
     return (f"below {shown[0]}", *between, f"above {shown[-1]}")
 
 
-def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"]) -> list[str]:
-    """Returns the values of a variable for standard normal numbers."""
+def _whole_steps(values: Sequence[str], step: float) -> Sequence[str]:
+    """Returns the nearest values that a variable may have."""
+    return [f"{round(float(each) / step) * step:.9g}" for each in values] if step else values
+
+
+def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"], step: float = 0.0) -> list[str]:
+    """Returns the values of a variable for standard normal numbers; those on a uniform one's steps are as likely."""
     from scipy.special import ndtr, ndtri  # noqa: PLC0415 - it takes long to load
 
     if over.uniform:
         low, high = over.uniform
-        numbers = low + (high - low) * ndtr(smooth)
+        numbers = np.clip(low - step / 2 + (high - low + step) * ndtr(smooth), low, high)
     elif over.logUniform:
         low, high = (math.log(each) for each in over.logUniform)
         numbers = np.exp(low + (high - low) * ndtr(smooth))

@@ -1,24 +1,92 @@
-"""Physical parameters of a robot that episodes may vary, each as a factor of what its ``robot.xml`` says.
+"""Physical parameters of a robot that episodes may vary: factors of what its ``robot.xml`` says, and a delay.
 
 They stand among an episode's variables by names that no environment variable can have, so that matrices, searches,
 tables and comparisons treat them as they treat variables. Applications do not see them: a robot does not know how heavy
 it is. They enter a program as numbers, so that a sweep over them is one program.
 """
 
-from collections.abc import Mapping
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from typing import Literal, NamedTuple, cast
 
-PhysicalName = Literal["robot.mass", "robot.friction", "robot.motorStrength"]
-PHYSICAL: tuple[PhysicalName, ...] = ("robot.mass", "robot.friction", "robot.motorStrength")
+from specs.data.episode import CONTROL_HZ, CONTROL_S
+from specs.rules import Finding, Location, items, part
+
+PhysicalName = Literal["robot.mass", "robot.friction", "robot.motorStrength", "robot.controlDelay_s"]
+FACTORS: tuple[PhysicalName, ...] = ("robot.mass", "robot.friction", "robot.motorStrength")
+CONTROL_DELAY: PhysicalName = "robot.controlDelay_s"
+PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY)
 LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0
+MOST_DELAY_STEPS = 20
+"""Control steps that a command may be on its way to the actuators; a reading of a sensor may be as old."""
+_NEAR = 1e-6  # of a step: 0.15 s are no whole multiple of 0.05 s in binary
+
+
+class Range(NamedTuple):
+    """What a parameter may be.
+
+    Attributes:
+        least, most: Both are allowed.
+        step: It is a whole multiple of that; 0 allows any number.
+    """
+
+    least: float
+    most: float
+    step: float = 0.0
+
+    def has(self, value: object) -> bool:
+        """Returns whether a raw value is one of them."""
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            return False
+        return self.least <= value <= self.most and abs(value - self.nearest(value)) <= _NEAR * self.step
+
+    def nearest(self, value: float) -> float:
+        """Returns the multiple of the step that is nearest to a value."""
+        return round(value / self.step) * self.step if self.step else value
+
+    def __str__(self) -> str:
+        """Returns what is allowed, for a person."""
+        multiple = f", a multiple of {self.step:g}" if self.step else ""
+        return f"a number from {self.least:g} to {self.most:g}{multiple}"
+
+
+RANGES: Mapping[PhysicalName, Range] = {
+    **dict.fromkeys(FACTORS, Range(LEAST_FACTOR, MOST_FACTOR)),
+    CONTROL_DELAY: Range(0.0, MOST_DELAY_STEPS * CONTROL_S, CONTROL_S),
+}
+
+
+def step_of(name: str) -> float:
+    """Returns of what a variable is a whole multiple; 0 of one that may be any number."""
+    return RANGES[name].step if name in PHYSICAL else 0.0
+
+
+def beyond_range(physics: object, where: Location) -> Iterator[Finding]:
+    """Yields the values of raw parameters, one each or a list each, that they may not have.
+
+    Args:
+        physics: Values by name.
+        where: The place of the parameters in the document.
+    """
+    for name in cast("Mapping[str, object]", physics) if isinstance(physics, Mapping) else ():
+        allowed, value = RANGES.get(cast("PhysicalName", name)), part(physics, name)
+        if allowed is None:
+            continue  # its type says so
+        each = [((number,), one) for number, one in enumerate(items(value))] or [((), value)]
+        yield from (Finding((*where, name, *place), one, str(allowed)) for place, one in each if not allowed.has(one))
 
 
 def physical_factors(environment: Mapping[str, str]) -> tuple[float, float, float] | None:
     """Returns the factors of an episode's mass, friction and motor strength; None where its variables name none."""
-    if not any(name in environment for name in PHYSICAL):
+    if not any(name in environment for name in FACTORS):
         return None
-    mass, friction, strength = (float(environment.get(name, "1")) for name in PHYSICAL)
+    mass, friction, strength = (float(environment.get(name, "1")) for name in FACTORS)
     return mass, friction, strength
+
+
+def control_delay_steps(environment: Mapping[str, str]) -> int | None:
+    """Returns after how many control steps commands reach the actuators; None where an episode's variables say none."""
+    text = environment.get(CONTROL_DELAY)
+    return None if text is None else round(float(text) * CONTROL_HZ)
 
 
 def application_variables(environment: Mapping[str, str]) -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import Annotated, cast
 from pydantic import Field
 
 from specs.base import Spec
-from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PHYSICAL
+from specs.data.physics import PHYSICAL, RANGES
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
@@ -114,9 +114,8 @@ class Search(Ruled):
     """A search for rare failures of the batch's robot, and how probable they are.
 
     Attributes:
-        over: Environment variables of the batch's request, and factors of the robot's mass, friction and motor
-            strength, each with its distribution. Worlds and seeds vary as well:
-            each of the batch's worlds is as likely, and so is each seed.
+        over: Environment variables of the batch's request, and the robot's physical parameters, each with its
+            distribution. Worlds and seeds vary as well: each of the batch's worlds is as likely, and so is each seed.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
         against: Number of another version of the robot application: a failure is an episode in which that one passes.
@@ -144,17 +143,15 @@ class Search(Ruled):
         for name in cast("Mapping[str, object]", over) if isinstance(over, Mapping) else ():
             if "." in name and name not in PHYSICAL:
                 yield Finding(("over", name), name, f"an environment variable, or one of {', '.join(PHYSICAL)}")
-            elif name in PHYSICAL and not _within_factors(part(over, name)):
-                allowed = f"uniform, logUniform or normal with bounds between {LEAST_FACTOR:g} and {MOST_FACTOR:g}"
+            elif name in PHYSICAL and not all(map(RANGES[name].has, _bounds(part(over, name)))):
+                allowed = f"uniform, logUniform or normal with two bounds, each {RANGES[name]}"
                 yield Finding(("over", name), part(over, name), allowed)
 
 
-def _within_factors(over: object) -> bool:
-    """Returns whether a raw distribution of a physical parameter's factor gives none that is beyond what may be."""
+def _bounds(over: object) -> Sequence[object]:
+    """Returns the bounds of a raw distribution of numbers; nothing for those that it does not have."""
     normal = part(over, "normal")
-    bounds = part(over, "uniform") or part(over, "logUniform") or [part(normal, "atLeast"), part(normal, "atMost")]
-    numbers = [_number(each) for each in items(bounds)]
-    return all(each is not None and LEAST_FACTOR <= each <= MOST_FACTOR for each in numbers)
+    return items(part(over, "uniform") or part(over, "logUniform")) or [part(normal, "atLeast"), part(normal, "atMost")]
 
 
 def unsearchable(search: object, batch: object) -> Iterator[Finding]:

@@ -14,7 +14,7 @@ from specs.base import Spec
 from specs.data.boxes import MOST_BOXES, Box, never_there
 from specs.data.episode import CONTROL_HZ
 from specs.data.people import MOST_PEOPLE, People
-from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PhysicalName
+from specs.data.physics import PhysicalName, beyond_range
 from specs.data.robots import MOST_ROBOTS
 from specs.field_types import (
     GENERIC_PATTERN,
@@ -167,8 +167,7 @@ Seeds = Annotated[
 VariableValues = Annotated[tuple[EnvironmentVariableValue, ...], Field(min_length=1), AfterValidator(distinct)]
 
 
-Factor = Annotated[Number, Field(ge=LEAST_FACTOR, le=MOST_FACTOR)]
-Factors = Annotated[tuple[Factor, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct)]
+Numbers = Annotated[tuple[Number, ...], Field(min_length=1, max_length=MAX_SEEDS), AfterValidator(distinct)]
 
 
 class Matrix(Spec):
@@ -177,8 +176,8 @@ class Matrix(Spec):
     Attributes:
         environmentVariables: Lists of values by name, such as {"MAX_SPEED": ["0.4", "0.6"]}; every combination is
             driven.
-        physics: Lists of factors of the robot's mass, friction or motor strength, such as {"robot.mass": [0.9, 1.1]};
-            every combination is driven, too.
+        physics: Lists of values of the robot's physical parameters, such as {"robot.mass": [0.9, 1.1]}; every
+            combination is driven, too.
     """
 
     worlds: WorldChoice = Field(default="all", title="Worlds", description="All worlds of this run, or named ones.")
@@ -189,7 +188,7 @@ class Matrix(Spec):
         default_factory=dict, title="Environment variables"
     )
     # None, not empty: documents without them keep the digest that they had before there were such factors.
-    physics: dict[PhysicalName, Factors] | None = Field(default=None, title="Physics")
+    physics: dict[PhysicalName, Numbers] | None = Field(default=None, title="Physics")
 
     @property
     def sweep(self) -> dict[str, tuple[str, ...]]:
@@ -277,7 +276,7 @@ class PipelineJobRequest(BatchedJobSettings):
     Attributes:
         robotApplications: The robot application that drives; exactly one.
         simulationApplications: The scenario that it is driven through; exactly one.
-        physics: Factors of the robot's mass, friction or motor strength; the matrix's win.
+        physics: Values of the robot's physical parameters, each within its range; the matrix's win.
         seed: Its own, instead of the matrix's, which then has one alone.
     """
 
@@ -292,7 +291,7 @@ class PipelineJobRequest(BatchedJobSettings):
     ) = None
     # None: documents without one keep the digest that they had before there was such a field.
     seed: Seed | None = Field(default=None, title="Seed")
-    physics: dict[PhysicalName, Factor] | None = Field(default=None, title="Physics")
+    physics: dict[PhysicalName, Number] | None = Field(default=None, title="Physics")
 
 
 class SimulationBatch(Ruled):
@@ -340,6 +339,9 @@ class SimulationBatch(Ruled):
         requests = items(part(data, "createSimulationJobRequests"))
         yield from _with_several_robots(data, requests)
         yield from never_there(part(data, "boxes"))
+        yield from beyond_range(part(part(data, "matrix"), "physics"), ("matrix", "physics"))
+        for number, request in enumerate(requests):
+            yield from beyond_range(part(request, "physics"), ("createSimulationJobRequests", number, "physics"))
         if (people := part(data, "people")) is not None and part(data, "boxes") is not None:
             yield Finding(("people",), people, "nothing; nobody walks in a world into which boxes are put")
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))

@@ -177,6 +177,11 @@ def rest_position(model: mujoco.MjModel) -> Float64[np.ndarray, "coordinates"]:
     return np.array(model.key_qpos[0] if model.nkey else model.qpos0)
 
 
+def rest_control(model: mujoco.MjModel) -> Float64[np.ndarray, "actuators"]:
+    """Returns what a robot's actuators get at the start, until something is commanded; likewise."""
+    return np.array(model.key_ctrl[0] if model.nkey else np.zeros(model.nu))
+
+
 def collision_bits(spec: mujoco.MjSpec) -> tuple[int, int]:
     """Returns the contype and conaffinity with which an obstacle meets every colliding geom of the robot."""
     contype = conaffinity = 0

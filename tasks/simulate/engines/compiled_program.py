@@ -55,7 +55,6 @@ from tasks.simulate.lane.control_step import (
     StepRecord,
     advance_lanes,
     among_others,
-    begin_lane,
     finish_step,
     observe,
     others_move,
@@ -267,7 +266,7 @@ def step_lanes(
         # The host has the scan that the controller saw, for the record.
         decided = Decision(state.controller, control, jnp.zeros(0))
         own, walked = others_move(mechanics, own, state)
-        return finish_step(applications, own, walked, decided, mechanics.drive(own, walked.body, control))
+        return finish_step(applications, own, walked, decided, mechanics.drive_delayed(own, walked, control))
 
     state, record = side_by_side(inputs, before, *jax.vmap(step)(among_others(inputs, before), before, control))
     movers_m = (record.people_m, record.robots_m, record.boxes_m)
@@ -436,7 +435,7 @@ def _place_lane(mechanics: Mechanics, packed: PackedState, pose: Float[jax.Array
 
 
 def _begin_lane(mechanics: Mechanics, applications: Applications, inputs: LaneInputs) -> LaneState:
-    return flatten_state(strong_types(begin_lane(applications, inputs, mechanics.first_body(inputs.start))))
+    return flatten_state(strong_types(mechanics.begin(applications, inputs)))
 
 
 def _near(

@@ -19,7 +19,7 @@ from specs.errors import SimyardError
 from specs.ros_robot import ROS_FILE, DifferentialDrive, RosDrive, RosRobot, VelocityDrive
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.application.robot_file import read_robot_mjcf
-from tasks.simulate.application.robot_model import Base, base_of, compile_robot, rest_position
+from tasks.simulate.application.robot_model import Base, base_of, compile_robot, rest_control, rest_position
 from tasks.simulate.host.declaration import read_ros_robot
 
 _DYNAMICS = (mujoco.mjtDyn.mjDYN_NONE, mujoco.mjtDyn.mjDYN_FILTER, mujoco.mjtDyn.mjDYN_FILTEREXACT)
@@ -110,8 +110,7 @@ def twist_map(robot: Path, drive: RosDrive | None = None) -> TwistMap:
         rows = _rows_of_base(model, base) if drive is None else _declared_rows(model, base, drive)
     except _DriveUnclear as unclear:
         raise RobotRefused(_remedy(model, unclear)) from unclear
-    at_rest = np.array(model.key_ctrl[0]) if model.nkey else np.zeros(model.nu)
-    rest = np.where((rows.own != 0).any(1) | (rows.world != 0).any(1), 0.0, at_rest)
+    rest = np.where((rows.own != 0).any(1) | (rows.world != 0).any(1), 0.0, rest_control(model))
     return TwistMap(rows.own, rows.world, rest)
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from specs.data.episode import CONTROL_S
@@ -33,6 +34,7 @@ from tasks.simulate.geometry.depth_picture import DepthScene
 from tasks.simulate.geometry.hull_distance import LaneObstacles
 from tasks.simulate.geometry.lidar_scan import LidarOutlines
 from tasks.simulate.lane.chunk_applications import Applications, Numbers
+from tasks.simulate.lane.control_delay import Commands, delivered, no_commands, sent
 from tasks.simulate.lane.lane_boxes import (
     BoxesInputs,
     BoxesState,
@@ -87,6 +89,7 @@ class LaneInputs(NamedTuple):
         hull_depth_m: What it sees of its own robot; None for one that sees nothing of it.
         people: Who walks about; None in a lane without people.
         physics: Factors of the robot's mass, friction and motor strength; None in a program without.
+        delay_steps: After how many control steps a command reaches the actuators; likewise.
         standing_m: Where they stand while an engine drives a control step (x, y); likewise.
         robots: Who else drives in its world; None in a lane whose robot is alone.
         others: How they are before a control step; likewise.
@@ -110,6 +113,7 @@ class LaneInputs(NamedTuple):
     people: PeopleInputs | None = None
     standing_m: Float[jax.Array, "people 2"] | None = None
     physics: Float[jax.Array, "3"] | None = None
+    delay_steps: Int[jax.Array, ""] | None = None
     robots: RobotsInputs | None = None
     others: Others | None = None
     boxes: BoxesInputs | None = None
@@ -145,6 +149,7 @@ class LaneState(NamedTuple):
         people: Who walks about; None in a lane without people.
         robots: How it met other robots; None in a lane whose robot is alone.
         boxes: What was put there; None in a lane without.
+        commands: On their way to the actuators; None in a program without a delay.
     """
 
     body: Body
@@ -162,6 +167,7 @@ class LaneState(NamedTuple):
     people: PeopleState | None = None
     robots: RobotsState | None = None
     boxes: BoxesState | None = None
+    commands: Commands | None = None
 
 
 class Decision(NamedTuple):
@@ -184,7 +190,7 @@ class StepRecord(NamedTuple):
     Attributes:
         pose, velocity: Of the robot's base at the step's end.
         goal_index: The goal to go to then.
-        control: What drove it during the step.
+        control: What the controller decided for the step.
         ranges_m: The scan at the step's beginning, which the control was decided on.
         impulse_ns: What contacts pushed the robot with during the step.
         people_m: Where people are at the step's end; None in a lane without.
@@ -374,6 +380,7 @@ def finish_step(
         people=_met(inputs, state, motion),
         robots=robots,
         boxes=state.boxes,
+        commands=None if state.commands is None else sent(state.commands, decided.control),
     )
     # A lane that crashes keeps its last sound state, and says only that it crashed.
     crashed = state._replace(done=jnp.ones((), bool), reason=reason, crash=crash)
@@ -485,6 +492,7 @@ class Mechanics:
     Attributes:
         engine: The engine's name.
         actuators: How many numbers a control has.
+        rest_control: What they get until something is commanded.
         first_body: Returns the robot at rest at a start (x m, y m, yaw rad).
         drive: Returns what a control step's physics does to it.
         near: Returns what it picks out of the obstacles around a body, for control steps to come (``LaneInputs.near``).
@@ -493,9 +501,23 @@ class Mechanics:
     engine: EngineName
     hull: Hull
     actuators: int
+    rest_control: Float[np.ndarray, "actuators"]
     first_body: Callable[[Float[jax.Array, "3"]], Body]
     drive: Callable[[LaneInputs, Body, Float[jax.Array, "actuators"]], Motion]
     near: Callable[[LaneInputs, Body], Any] = _nothing
+
+    def begin(self, applications: Applications, inputs: LaneInputs) -> LaneState:
+        """Returns a lane's state before its first control step, the robot at rest."""
+        state = begin_lane(applications, inputs, self.first_body(inputs.start))
+        if inputs.delay_steps is None:
+            return state
+        return state._replace(commands=no_commands(self.rest_control))
+
+    def drive_delayed(self, inputs: LaneInputs, state: LaneState, control: Float[jax.Array, "actuators"]) -> Motion:
+        """Returns what a control step's physics does to a lane's robot, with the command that reaches it by now."""
+        if inputs.delay_steps is not None and state.commands is not None:
+            control = delivered(state.commands, control, inputs.delay_steps)
+        return self.drive(inputs, state.body, control)
 
 
 def among_others(inputs: LaneInputs, state: LaneState) -> LaneInputs:
@@ -549,5 +571,5 @@ def advance_lane(
     """
     decided = decide(applications, inputs, state)
     inputs, state = others_move(mechanics, inputs, state)
-    motion = mechanics.drive(inputs, state.body, decided.control)
+    motion = mechanics.drive_delayed(inputs, state, decided.control)
     return finish_step(applications, inputs, state, decided, motion)

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float32, Float64
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
-from specs.data.physics import physical_factors
+from specs.data.physics import control_delay_steps, physical_factors
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import FloorMap, Placement, Scenario
@@ -190,12 +190,18 @@ def stack_lanes(lanes: Sequence[Lane], names: Sequence[str], count: int) -> Lane
         robots=_stacked_robots([lane.robots for lane in filled]),
         boxes=_stacked_boxes([lane.boxes for lane in filled]),
         physics=_stacked_physics([physical_factors(lane.request.environment) for lane in filled]),
+        delay_steps=_stacked_delays([control_delay_steps(lane.request.environment) for lane in filled]),
     )
 
 
 def _stacked_physics(factors: Sequence[tuple[float, float, float] | None]) -> Any:  # noqa: ANN401 - as _stacked
     some = [np.asarray(each) for each in factors if each is not None]
     return _stacked(some) if some else None
+
+
+def _stacked_delays(steps: Sequence[int | None]) -> Any:  # noqa: ANN401 - as _stacked
+    some = [np.int32(each) for each in steps if each is not None]
+    return _canonical(some) if some else None
 
 
 def _stacked_hulls(pictures: Sequence[Float32[np.ndarray, "*cameras rows columns"] | None]) -> Any:  # noqa: ANN401 - as _stacked

@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 from specs.arn import ArnForm, arn
 from specs.base import Spec
 from specs.data.episode import CONTROL_HZ, ApplicationLaunch, EpisodeRequest
-from specs.data.physics import application_variables, physical_factors
+from specs.data.physics import application_variables, control_delay_steps, physical_factors
 
 JOB_ID = "AWS_ROBOMAKER_SIMULATION_JOB_ID"
 JOB_ARN = "AWS_ROBOMAKER_SIMULATION_JOB_ARN"
@@ -99,8 +99,18 @@ def program_key(request: EpisodeRequest) -> ProgramKey:
     environment = without_job_variables(request.environment)
     numbers, texts = split_environment(environment)
     physical = ("|", "physical") if physical_factors(environment) else ()
+    delayed = ("|", "delayed") if control_delay_steps(environment) is not None else ()
     pairs = tuple(part for name in sorted(texts) for part in (name, texts[name]))
-    return (*_launch_key(request.robot), *_launch_key(request.scenario), "|", *sorted(numbers), "|", *pairs, *physical)
+    return (
+        *_launch_key(request.robot),
+        *_launch_key(request.scenario),
+        "|",
+        *sorted(numbers),
+        "|",
+        *pairs,
+        *physical,
+        *delayed,
+    )
 
 
 def split_environment(environment: Mapping[str, str]) -> tuple[dict[str, float], dict[str, str]]:

@@ -43,7 +43,6 @@ from tasks.simulate.lane.control_step import (
     LaneInputs,
     LaneState,
     Mechanics,
-    begin_lane,
     finish_step,
     observe,
     truth_after,
@@ -229,7 +228,7 @@ def _step_lane(
     """Returns one lane a control step later, and what the step was worth; one that was over does not move in it."""
     inputs, before = lane.inputs, lane.state
     control = control_of(kernels.actions, action)
-    motion = kernels.mechanics.drive(inputs, before.body, control)
+    motion = kernels.mechanics.drive_delayed(inputs, before, control)
     decided = Decision(before.controller, control, lane.observed.ranges_m)
     moved, _ = finish_step(kernels.applications, inputs, before, decided, motion)
     state = _either(over, before, moved)
@@ -249,7 +248,7 @@ def _step_lane(
 
 
 def _begin(kernels: LaneKernels, inputs: LaneInputs) -> LaneState:
-    return strong_types(begin_lane(kernels.applications, inputs, kernels.mechanics.first_body(inputs.start)))
+    return strong_types(kernels.mechanics.begin(kernels.applications, inputs))
 
 
 def _begun(

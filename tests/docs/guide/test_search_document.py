@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from specs.data.physics import LEAST_FACTOR, MOST_FACTOR, PHYSICAL
+from specs.data.episode import CONTROL_S
+from specs.data.physics import CONTROL_DELAY, LEAST_FACTOR, MOST_FACTOR, PHYSICAL, RANGES
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.search_section import MAX_DISTINCT, MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
@@ -57,13 +58,22 @@ def test_the_document_is_one():
     assert Gate.model_validate(asked["gate"]).failureProbability
     assert [*PipelineSpec.findings({**document, **asked})] == []
     varied = yaml.safe_load(physics)
-    assert [*Search.model_validate(varied["search"]).over] == ["robot.mass", "robot.friction"]
-    assert Matrix.model_validate(varied["simulationBatch"]["matrix"]).sweep == {"robot.mass": ("0.9", "1", "1.1")}
+    assert [*Search.model_validate(varied["search"]).over] == [
+        "robot.mass",
+        "robot.friction",
+        "robot.controlDelay_s",
+    ]
+    assert Matrix.model_validate(varied["simulationBatch"]["matrix"]).sweep == {
+        "robot.mass": ("0.9", "1", "1.1"),
+        "robot.controlDelay_s": ("0", "0.1"),
+    }
 
 
 def test_each_physical_parameter_and_its_bounds_are_named():
     assert re.findall(r"^\| `(robot\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
-    assert f"{LEAST_FACTOR:g} to {MOST_FACTOR:g}; 1 is that, bit for bit" in DOCUMENT
+    assert f"| {LEAST_FACTOR:g} to {MOST_FACTOR:g}; 1 is what the `robot.xml` says, bit for bit |" in DOCUMENT
+    late = RANGES[CONTROL_DELAY]
+    assert f"| {late.least:g} to {late.most:g} s, in control steps of {CONTROL_S:g} s; 0 is no delay" in DOCUMENT
 
 
 def test_each_argument_and_each_distribution_is_named():

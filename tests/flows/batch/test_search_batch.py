@@ -5,6 +5,7 @@ import math
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -266,6 +267,14 @@ def test_a_robots_mass_varies_where_the_batch_does_not_set_it(batch: OpenBatch):
     search = Search(over={"robot.mass": Distribution(uniform=(0.5, 1.5))}, budget=SearchBudget(episodes=1_000))
     (drawn,) = _DrawnEpisodes(batch, search).requests(Particles(np.zeros((1, 1)), np.full((1, 2), 0.5)))
     assert drawn.environment == {**batch.layout.request(0).environment, "robot.mass": "1"}
+
+
+def test_whole_steps_of_a_delay_are_as_likely_as_each_other(batch: OpenBatch):
+    search = Search(over={"robot.controlDelay_s": Distribution(uniform=(0.05, 0.15))})
+    smooth = NormalDist().inv_cdf
+    particles = Particles(np.array([[smooth((row + 0.5) / 9)] for row in range(9)]), np.full((9, 2), 0.5))
+    drawn = [each.environment["robot.controlDelay_s"] for each in _DrawnEpisodes(batch, search).requests(particles)]
+    assert drawn == ["0.05"] * 3 + ["0.1"] * 3 + ["0.15"] * 3
 
 
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):

@@ -1,4 +1,4 @@
-"""Mass, friction and motor strength as inputs: what MuJoCo makes of them, on each engine; and 1 changes no bit."""
+"""Physical parameters as inputs: what MuJoCo makes of mass, friction and strength on each engine, and late commands."""
 
 import shutil
 from collections.abc import Mapping, Sequence
@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+import specs.data.physics as parameters
 import tasks.simulate.engines.planar.planar_robot as module
 from specs.data.episode import EpisodeRequest
-from specs.data.physics import PHYSICAL
 from specs.field_types import EngineName
 from tasks.applications.registry import unpack
 from tasks.simulate.application.robot_model import compile_robot
@@ -89,12 +89,19 @@ def rough_bundle(folder: Path) -> Path:
 
 
 def driven(
-    engine: EngineName, folder: Path, factors: Mapping[str, str], bundle: Path = PUSHER
+    engine: EngineName,
+    folder: Path,
+    factors: Mapping[str, str],
+    bundle: Path = PUSHER,
+    delays_s: Sequence[str] = (),
 ) -> Sequence[DrivenEpisode]:
-    """Returns episodes of the pushing robot on an engine, with variables of theirs."""
+    """Returns episodes of the pushing robot on an engine, with variables of theirs, and delays in turns."""
     store = open_store((folder / "store").as_uri())
     plan = pushing_plan(store, robot=bundle)
     requests = [_with(each, factors) for each in Layout(plan).requests(0, 8)]
+    if delays_s:
+        names = [{parameters.CONTROL_DELAY: delays_s[number % len(delays_s)]} for number in range(len(requests))]
+        requests = [_with(each, own) for each, own in zip(requests, names, strict=True)]
     bundles = {digest: unpack(store, digest, folder / "bundles") for digest in plan.digests()}
     found = drive_sample(requests, PENS, bundles, lanes=8, engine=engine)
     return [found[index] for index in sorted(found)]
@@ -102,6 +109,23 @@ def driven(
 
 def _with(request: EpisodeRequest, factors: Mapping[str, str]) -> EpisodeRequest:
     return request.model_copy(update={"environment": {**request.environment, **factors}})
+
+
+DELAYS_S = ("0.15", "0", "1")
+STEPS_BLIND = 20
+
+
+@pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
+def test_a_command_arrives_so_many_control_steps_later(engine: EngineName, tmp_path: Path):
+    """A robot that does not look goes its way later; lanes with other delays are in the same program."""
+    plain, late = driven(engine, tmp_path, {}), driven(engine, tmp_path, {}, delays_s=DELAYS_S)
+    for number, (ours, theirs) in enumerate(zip(late, plain, strict=True)):
+        steps = round(20 * float(DELAYS_S[number % len(DELAYS_S)]))
+        begin, after = ours.places_m[:steps], ours.places_m[steps:][:STEPS_BLIND]
+        assert not begin.any()  # where it starts
+        np.testing.assert_array_equal(after, theirs.places_m[:STEPS_BLIND])
+        assert steps or (ours.row, ours.places_m.tobytes()) == (theirs.row, theirs.places_m.tobytes())
+        assert np.abs(np.diff(after, axis=0)).min(axis=0).max() > 1e-3
 
 
 def apart_m(ours: Sequence[DrivenEpisode], theirs: Sequence[DrivenEpisode]) -> float:
@@ -114,7 +138,7 @@ def apart_m(ours: Sequence[DrivenEpisode], theirs: Sequence[DrivenEpisode]) -> f
 @pytest.mark.long
 @pytest.mark.parametrize("engine", ["planar", "mjx", "mujoco"])
 def test_a_factor_of_1_changes_no_bit_of_an_episode(engine: EngineName, tmp_path: Path):
-    plain, varied = driven(engine, tmp_path, {}), driven(engine, tmp_path, dict.fromkeys(PHYSICAL, "1"))
+    plain, varied = driven(engine, tmp_path, {}), driven(engine, tmp_path, dict.fromkeys(parameters.FACTORS, "1"))
     assert [each.row for each in varied] == [each.row for each in plain]
     assert [each.places_m.tobytes() for each in varied] == [each.places_m.tobytes() for each in plain]
 

@@ -336,8 +336,13 @@ def test_physical_parameters_are_factors_of_a_matrix_a_request_and_a_search():
     assert section is not None
     assert section.matrix.sweep == {"A": ("1",), "robot.mass": ("0.9", "1", "1.1")}
     wrong = {"worlds": ["a/b"], "physics": {"robot.mass": [0.0], "robot.colour": [1]}}
-    places = {place for place, _ in faults(simulationBatch={**batch, "matrix": wrong}, search=search)}
-    assert places >= {"simulationBatch.matrix.physics.robot.mass.0"}
+    late = {**job, "physics": {"robot.controlDelay_s": 0.07}}
+    asked = {**batch, "matrix": wrong, "createSimulationJobRequests": [late]}
+    places = {place for place, _ in faults(simulationBatch=asked, search=search)}
+    assert places >= {
+        "simulationBatch.matrix.physics.robot.mass.0",
+        "simulationBatch.createSimulationJobRequests.0.physics.robot.controlDelay_s",
+    }
     assert any("robot.colour" in place for place in places)
 
 

@@ -88,6 +88,12 @@ def test_a_physical_parameter_stays_within_bounds(over: JsonValue):
     assert faults(over={"robot.mass": over}) == ["over.robot.mass"]
 
 
+@pytest.mark.parametrize("over", [{"uniform": [0.0, 1.05]}, {"uniform": [0.0, 0.12]}, {"uniform": [-0.05, 0.1]}])
+def test_a_control_delay_has_bounds_that_are_whole_control_steps(over: JsonValue):
+    assert faults(over={"robot.controlDelay_s": over}) == ["over.robot.controlDelay_s"]
+    parse(Search, {"over": {"robot.controlDelay_s": {"uniform": [0.0, 1.0]}}}, "search")
+
+
 def test_a_physical_parameter_is_searched_by_its_name_alone():
     one: JsonValue = {"normal": {"mean": 1.0, "sd": 0.1, "atLeast": 0.5, "atMost": 1.5}}
     assert [*parse(Search, {"over": {"robot.mass": one}}, "search").over] == ["robot.mass"]

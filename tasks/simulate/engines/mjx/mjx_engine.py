@@ -21,7 +21,7 @@ from jax.extend.core import ClosedJaxpr, Jaxpr, JaxprEqn, Literal
 from jaxtyping import Bool, Float, Int
 
 from tasks.simulate.application.contract import Body, Joints, Motion, PeopleWork, Work, joints_kind
-from tasks.simulate.application.robot_model import coordinates_at, pose_of, velocity_of
+from tasks.simulate.application.robot_model import coordinates_at, pose_of, rest_control, velocity_of
 from tasks.simulate.application.varied_physics import AGAINST_MASS, WITH_MASS, WITH_STRENGTH, force_columns
 from tasks.simulate.engines.mjx.mjx_robot import (
     RobotModel,
@@ -266,6 +266,7 @@ def mjx_mechanics(path: Path) -> Mechanics:
         engine="mjx",
         hull=robot.hull,
         actuators=robot.actuators,
+        rest_control=rest_control(robot.host).astype(np.float32),
         first_body=functools.partial(first_body, robot),
         drive=drive_it,
     )

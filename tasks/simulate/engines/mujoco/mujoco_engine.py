@@ -17,11 +17,11 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Bool, Float, Float32
 
-from specs.data.physics import physical_factors
+from specs.data.physics import control_delay_steps, physical_factors
 from specs.data.world import World
 from specs.field_types import EngineName
 from tasks.simulate.application.contract import Body, Motion, Observation, PeopleWork, Work, joints_kind
-from tasks.simulate.application.robot_model import Hull
+from tasks.simulate.application.robot_model import Hull, rest_control
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.mujoco.world_stepper import (
     HostBody,
@@ -54,6 +54,7 @@ from tasks.simulate.host.controllers import (
     placed_poses,
 )
 from tasks.simulate.lane.chunk_applications import Applications
+from tasks.simulate.lane.control_delay import HostCommands
 from tasks.simulate.lane.control_step import (
     Decision,
     LaneInputs,
@@ -148,7 +149,10 @@ class HostProgram:
         if self.host is not None:
             start = HostStart(lanes, self.lanes, self.actuators, self.applications.sensors, worlds)
             controllers = self.host.start(start)
-        return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers, LaneTransfer(self.mesh))
+        commands, delays = None, [control_delay_steps(lane.request.environment) for lane in filled]
+        if inputs.delay_steps is not None:
+            commands = HostCommands(rest_control(self.robot.alone), [steps or 0 for steps in delays])
+        return HostRun(self, put_lanes(self.mesh, inputs), stepper, controllers, LaneTransfer(self.mesh), commands)
 
 
 @dataclass(eq=False)
@@ -160,6 +164,7 @@ class HostRun:
     stepper: Stepper
     host: HostControllers | None
     transfer: LaneTransfer
+    commands: HostCommands | None = None
     _ahead: tuple[Decided, Float[np.ndarray, "lanes actuators"]] | None = None
 
     def begin(self) -> LaneState:
@@ -178,7 +183,8 @@ class HostRun:
                 state = self._placed(state, poses)
             state, people_m = self._walked(state)
             state, boxes_m = self._put(state)
-            done = self.stepper.drive(controls, moving, people_m, boxes_m)
+            arrived = controls if self.commands is None else self.commands.deliver(controls)
+            done = self.stepper.drive(arrived, moving, people_m, boxes_m)
             driven = self.transfer.put(_driven_rows(*done, people_m))
             state, rows = self._settled(state, decided, driven)
             moving = rows[:, _SETTLED - 1] == 0.0

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float
 
 from specs.data.people import PERSON_RADIUS_M
@@ -227,6 +228,7 @@ def planar_mechanics(path: Path) -> Mechanics:
         engine="planar",
         hull=robot.hull,
         actuators=robot.actuators,
+        rest_control=np.array(robot.rest_control, np.float32),
         first_body=functools.partial(first_body, robot),
         drive=functools.partial(drive, robot),
         near=functools.partial(near, robot),

@@ -25,6 +25,7 @@ from tasks.simulate.application.robot_model import (
     geom_label,
     hull_of,
     joint_label,
+    rest_control,
     word_of,
 )
 
@@ -125,6 +126,7 @@ class PlanarRobot:
         lever: Mass times the place of its centre in the base's frame (kg m).
         damping: Of the joints (N s/m, N s/m, N m s).
         rest_activations: Of the actuators, at the start.
+        rest_control: What they get until something is commanded.
         implicit_damping: Whether the integrator treats the joints' damping implicitly.
         implicit_motors: Whether it treats the actuators' damping so too (implicitfast).
         uncoupled: Whether MuJoCo stores the mass matrix as a diagonal, the centre of mass being on the yaw axis; it
@@ -141,6 +143,7 @@ class PlanarRobot:
     lever: tuple[float, float]
     damping: tuple[float, float, float]
     rest_activations: tuple[float, ...]
+    rest_control: tuple[float, ...]
     implicit_damping: bool
     implicit_motors: bool
     uncoupled: bool
@@ -374,6 +377,7 @@ def planar_robot(path: Path) -> PlanarRobot:
         lever=(float(inertia[1, 2]), -float(inertia[0, 2])),
         damping=_three(host.dof_damping),
         rest_activations=tuple(float(each) for each in (host.key_act[0] if host.nkey else np.zeros(host.na))),
+        rest_control=tuple(rest_control(host).tolist()),
         implicit_damping=_damps_implicitly(host),
         implicit_motors=host.opt.integrator == mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
         uncoupled=host.nC == host.nv,
