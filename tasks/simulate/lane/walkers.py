@@ -36,6 +36,12 @@ _WALL_S, _LOOK_S = 0.2, 0.4
 _SLOW = 0.25
 # Whoever makes none for so long turns aside, so fast: all the way round within the longest patience.
 _ASIDE_AFTER_S, _ASIDE_RAD_S = 0.5, 2.0
+# Whoever turned back keeps to it so many times longer: those in a narrow place must all want out of it at one time.
+_BACK = 3.0
+# Whoever goes its way leaves so much room to others; who turned back uses it, so that no three at walls lock for good.
+_PLAY_M = 0.05
+# Whoever went back to a place stays there for less: it has waited enough.
+_BACK_STAY = 0.3
 # A person stops this deep in a robot that it walks into.
 _PRESS_M = 0.005
 # What numbers of 32 bits may add to the speed at which people come nearer to one another.
@@ -144,7 +150,7 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     place, velocity = _vector(state.place_m), _vector(state.velocity)
     state, onward = _next_corner(people, state, place)
     stays = state.stay_s > 0.0
-    own = Disc(place, velocity, jnp.full_like(place.x, PERSON_RADIUS_M))
+    own = Disc(place, velocity, PERSON_RADIUS_M + jnp.where(state.way > 0, _PLAY_M, 0.0))
     met = Disc(_vector(robot.qpos), _vector(robot.qvel), jnp.full((), robot_radius_m))
     turn_rad = people.lean_rad - _ASIDE_RAD_S * jnp.maximum(state.stalled_s - _ASIDE_AFTER_S, 0.0)
     cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
@@ -154,16 +160,16 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, met)]
     chosen = nearest_velocity(planes, 2, preferred, _TOP_SPEED * people.speed_m_s)
     stopped = _stopped_by(met, place, chosen)
-    walked = _on_the_floor(people, place, beside_m, out, stopped)
+    walked = _on_the_floor(people, own, beside_m, out, stopped)
     walked = choose(people.there, walked, Vector(jnp.zeros_like(place.x), jnp.zeros_like(place.y)))
     slow = walked.dot(onward) < _SLOW * people.speed_m_s
     stalled_s = jnp.where(slow & ~stays, state.stalled_s + CONTROL_S, 0.0)
-    back = stalled_s > people.patience_s
+    back = stalled_s > people.patience_s * jnp.where(state.way > 0, 1.0, _BACK)
     return state._replace(
         place_m=_together(place.plus(walked, CONTROL_S)),
         velocity=_together(walked),
         meant=_together(walked.plus(chosen).plus(stopped, -1.0)),
-        toward=jnp.where(back, _before(people, state), state.toward),
+        toward=jnp.where(back, _turned_back(people, state, place), state.toward),
         way=jnp.where(back, -state.way, state.way),
         stalled_s=jnp.where(back, 0.0, stalled_s),
     )
@@ -201,7 +207,7 @@ def recorded_m(walks: Recording, t_s: Float[jax.Array, "people"]) -> Float[jax.A
 
 def _next_corner(people: PeopleInputs, state: PeopleState, place: Vector) -> tuple[PeopleState, Vector]:
     """Returns the people with the corners that they walk to now, and in which direction each goes on."""
-    to, stay_s = _corner(people, state.toward), jnp.take_along_axis(people.stay_s, state.toward[:, None], 1)[:, 0]
+    to, stay_s = _corner(people, state.toward), _stay_s(people, state.toward)
     is_place, away = stay_s > 0.0, to.plus(place, -1.0)
     since = _corner(people, _before(people, state))
     leg = to.plus(since, -1.0)
@@ -211,8 +217,17 @@ def _next_corner(people: PeopleInputs, state: PeopleState, place: Vector) -> tup
     way = jnp.where(arrived & is_place, 1, state.way)  # whoever went back for others sets out again
     toward = jnp.where(arrived, (state.toward + way) % people.corner_count, state.toward)
     left_s = jnp.maximum(state.stay_s - CONTROL_S, 0.0)
+    stay_s = stay_s * jnp.where(state.way > 0, 1.0, _BACK_STAY)
     after = state._replace(toward=toward, way=way, stay_s=jnp.where(arrived & is_place, stay_s, left_s))
     return after, _onward(_corner(people, _before(people, after)), _corner(people, toward), place)
+
+
+def _turned_back(people: PeopleInputs, state: PeopleState, place: Vector) -> Int[jax.Array, "people"]:
+    """Returns the corner that each would go back to: not a place where it still is, which others want to pass."""
+    before = _before(people, state)
+    away = _corner(people, before).plus(place, -1.0)
+    still_there = (_stay_s(people, before) > 0.0) & (away.dot(away) <= _THERE_M**2)
+    return jnp.where(still_there, (before - state.way) % people.corner_count, before)
 
 
 def _before(people: PeopleInputs, state: PeopleState) -> Int[jax.Array, "people"]:
@@ -222,6 +237,10 @@ def _before(people: PeopleInputs, state: PeopleState) -> Int[jax.Array, "people"
 
 def _corner(people: PeopleInputs, number: Int[jax.Array, "people"]) -> Vector:
     return _vector(jnp.take_along_axis(people.corners_m, number[:, None, None], axis=1)[:, 0])
+
+
+def _stay_s(people: PeopleInputs, number: Int[jax.Array, "people"]) -> Scalar:
+    return jnp.take_along_axis(people.stay_s, number[:, None], axis=1)[:, 0]
 
 
 def _onward(since: Vector, to: Vector, place: Vector) -> Vector:
@@ -300,12 +319,13 @@ def _stopped_by(robot: Disc, place: Vector, velocity: Vector) -> Vector:
     return velocity.plus(to_robot, -jnp.maximum(too_fast, 0.0))
 
 
-def _apart(people: PeopleInputs, place: Vector, velocity: Vector) -> Vector:
+def _apart(people: PeopleInputs, own: Disc, velocity: Vector) -> Vector:
     """Returns the velocities with which no two people come nearer than they touch: each may go half of the way."""
+    place = own.place
     to = Vector(place.x[None] - place.x[:, None], place.y[None] - place.y[:, None])
     toward, length_m = to.unit(), jnp.sqrt(to.dot(to))
     others = people.there[None] & ~jnp.eye(len(people.there), dtype=bool)
-    most_m_s = jnp.where(others, jnp.maximum(length_m / 2.0 - PERSON_RADIUS_M, 0.0) / CONTROL_S, jnp.inf)
+    most_m_s = jnp.where(others, jnp.maximum(length_m / 2.0 - own.radius_m[:, None], 0.0) / CONTROL_S, jnp.inf)
 
     def nearing(some: Vector) -> Float[jax.Array, "people others"]:
         return toward.x * some.x[:, None] + toward.y * some.y[:, None]
@@ -316,16 +336,16 @@ def _apart(people: PeopleInputs, place: Vector, velocity: Vector) -> Vector:
     return slid.scaled(jnp.minimum(jnp.min(share, axis=1), 1.0))
 
 
-def _on_the_floor(people: PeopleInputs, place: Vector, room_m: Scalar, out: Vector, velocity: Vector) -> Vector:
+def _on_the_floor(people: PeopleInputs, own: Disc, room_m: Scalar, out: Vector, velocity: Vector) -> Vector:
     """Returns the velocities that lead to where people have room: as they are, along the wall, or none."""
     least_m = jnp.minimum(room_m, 0.0)
 
     def fits(some: Vector) -> Bool[jax.Array, "people"]:
-        return _room(people, place.plus(some, CONTROL_S))[0] >= least_m
+        return _room(people, own.place.plus(some, CONTROL_S))[0] >= least_m
 
     away = out.unit()
-    along = _apart(people, place, velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0)))
-    whole = _apart(people, place, velocity)
+    along = _apart(people, own, velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0)))
+    whole = _apart(people, own, velocity)
     return choose(fits(whole), whole, choose(fits(along), along, whole.scaled(0.0)))
 
 

@@ -5,15 +5,17 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from specs.data.episode import CONTROL_S
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M, People
+from specs.data.world import Solid, World
 from tasks.simulate.application.contract import Body
 from tasks.simulate.devices import device_count
 from tasks.simulate.engines.program import lane_mesh, split_over
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
-from tasks.simulate.geometry.walks import walks_in
+from tasks.simulate.geometry.walks import HostPeople, walks_in
 from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, walk
-from tests.factories.simulations import cluttered
+from tests.factories.simulations import cluttered, hall
 
 LANES, COUNT, STEPS, HULL_M = 8, 3, 2400, 0.2
 FAR_M = 50.0
@@ -91,3 +93,64 @@ def test_who_does_not_see_the_robot_stops_where_it_touches_it():
     apart = np.hypot(*np.moveaxis(np.asarray(walked(blind, jnp.asarray(on_the_way))[1])[:, 0, 0] - on_the_way, -1, 0))
     assert apart[0] > 1.0 - 0.1
     assert HULL_M + PERSON_RADIUS_M - 0.01 < apart.min() < HULL_M + PERSON_RADIUS_M + 0.01
+
+
+def narrow(west_m: float, east_m: float, width_m: float) -> World:
+    """Returns a hall that is so narrow, about its middle line, between two places along x."""
+    bare, half_m = hall(2.0), 2.0
+    thick, middle = (half_m - width_m / 2) / 2, (half_m + width_m / 2) / 2
+    sides = [
+        Solid(
+            name=f"block{side:+g}",
+            shape="box",
+            center_m=((west_m + east_m) / 2, side * middle, 0.5),
+            half_extents_m=((east_m - west_m) / 2, thick, 0.5),
+            yaw_rad=0.0,
+            color=(0.5, 0.5, 0.5),
+        )
+        for side in (-1.0, 1.0)
+    ]
+    return bare.model_copy(update={"walls": (*bare.walls, *sides)})
+
+
+def between(world: World, seed: int, rounds: np.ndarray) -> HostPeople:
+    """Returns people who walk to and fro between two places each, from their first ones on."""
+    count = len(rounds)
+    drawn = walks_in(world).people(People(count=count), seed, np.full(2, FAR_M), HULL_M)
+    corners_m, stay_s = np.zeros_like(drawn.corners_m), np.zeros_like(drawn.stay_s)
+    corner_count, place_m = np.ones_like(drawn.corner_count), drawn.place_m.copy()
+    corners_m[:count, :2], place_m[:count], corner_count[:count] = rounds, rounds[:, 0], 2
+    stay_s[:count, :2] = np.random.default_rng(seed).uniform(2.0, 10.0, (count, 2))
+    return drawn._replace(
+        corners_m=corners_m,
+        corner_count=corner_count,
+        stay_s=stay_s,
+        toward=np.ones_like(drawn.toward),
+        place_m=place_m,
+    )
+
+
+def test_who_is_in_a_niche_comes_out_though_three_want_in():
+    """Each turned back after its own patience and soon came again, so that hardly ever all wanted out of it at once."""
+    world, inside = narrow(-2.5, -1.0, 1.0), (-2.1, 0.0)
+    outside = [(2.0, 0.0), (0.5, 1.0), (0.5, -1.0), (1.0, 0.0)]
+    rounds = np.array([[inside, outside[0]], *([place, inside] for place in outside[1:])])
+    people = [between(world, seed, rounds) for seed in range(LANES)]
+    lanes = PeopleInputs(*jax.tree.map(lambda *parts: jnp.stack([*map(jnp.asarray, parts)]), *people))
+    ways = np.asarray(walked(lanes, jnp.full(2, FAR_M))[1])
+    span = round(40.0 / CONTROL_S)
+    for first in range(0, STEPS - span, 20):
+        part = ways[first : first + span]
+        assert np.hypot(*np.moveaxis(np.ptp(part, axis=0), -1, 0)).min() > 0.3
+
+
+def test_two_who_go_their_ways_leave_room_for_turning_back():
+    """Those who touched each other and two walls at once could not move at all, whichever of them turned back."""
+    world = narrow(-0.5, 5.5, 0.8)
+    rounds = np.array([[(1.5, 0.0), (7.0, 0.0)], [(3.5, 0.0), (-2.0, 0.0)]])
+    two = between(world, 1, rounds)._replace(patience_s=np.full(4, 6.0, np.float32))
+    lane = PeopleInputs(*jax.tree.map(lambda part: jnp.asarray(part)[None], two))
+    places = np.asarray(walked(lane, jnp.full(2, FAR_M))[1])[:, 0]
+    apart = np.hypot(*(places[:, 0] - places[:, 1]).T)
+    assert apart[:100].min() == pytest.approx(2 * PERSON_RADIUS_M + 0.1, abs=0.02)
+    assert apart.min() >= 2 * PERSON_RADIUS_M - 1e-4
