@@ -19,7 +19,7 @@ from jaxtyping import Float64
 from flows.batch.replay_episode import JobReplay, bundles, playback, unpacked
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
-from specs.data.physics import PHYSICAL, step_of
+from specs.data.physics import PHYSICAL, no_such_people, step_of
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.applications.registry import resolve
@@ -217,6 +217,8 @@ class _DrawnEpisodes:
         unknown = [name for name in search.over if name not in known and name not in PHYSICAL]
         allowed = f"a variable that the batch's request or matrix sets: {', '.join(sorted(known)) or 'there is none'}"
         refused = [Fault(path=f"over.{name}", value=name, allowed=allowed) for name in unknown]
+        people = no_such_people(search.over, plan.people)
+        refused += [Fault(path=f"over.{name}", value=name, allowed=instead) for name, instead in people]
         self.other = None if search.against is None else self._other_version(batch.store, search.against)
         template, *others = plan.templates
         if others:

@@ -14,7 +14,7 @@ import yaml
 from pydantic import JsonValue
 
 from flows.batch.replay_episode import bundles
-from specs.base import Fault
+from specs.base import Fault, canonical_document
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
 from specs.data.physics import PHYSICAL, application_variables
 from specs.data.world import World
@@ -27,6 +27,7 @@ from tasks.simulate.batch.batch_record import OpenBatch, job_of
 from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.batch.chunk_store import committed_chunk
 from tasks.simulate.data.data_sources import DATA_PREFIX
+from tasks.simulate.plan.batch_plan import BatchPlan
 from tasks.simulate.plan.plan_batch import entries
 from tasks.simulate.replay.smallest_case import (
     Case,
@@ -269,6 +270,7 @@ def case_document(found: ShrunkJob) -> str:
         "name": f"shrunk-{found.small_world.name}"[:64],
         "simulationBatch": {
             "engine": found.batch.plan.engine,
+            **moved_documents(found.batch.plan),
             "outputLocation": {"s3Bucket": _BUCKET, "s3Prefix": _PREFIX},
             "recordings": {"episodes": "all"},
             "audit": {"lanes": 0},  # of a single episode it says next to nothing
@@ -277,6 +279,13 @@ def case_document(found: ShrunkJob) -> str:
         },
     }
     return "".join(f"# {line}\n" for line in about) + yaml.safe_dump(document, sort_keys=False, width=100)
+
+
+def moved_documents(plan: BatchPlan) -> _Document:
+    """Returns the fields of a section that say who walks, and what is put, into the worlds of a batch."""
+    people: _Document = {"people": canonical_document(plan.people)} if plan.people else {}
+    boxes: _Document = {"boxes": [canonical_document(box) for box in plan.boxes]} if plan.boxes else {}
+    return {**people, **boxes}
 
 
 def case_request(batch: OpenBatch, request: EpisodeRequest, entry: int | None = None) -> dict[str, JsonValue]:

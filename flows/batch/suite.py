@@ -6,8 +6,7 @@ import yaml
 from pydantic import JsonValue
 
 from flows.batch.search_batch import found_request
-from flows.batch.shrink import case_request
-from specs.base import canonical_document
+from flows.batch.shrink import case_request, moved_documents
 from specs.errors import DocumentError
 from tasks.results.statistics.found_failures import FoundFailure, read_search
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch
@@ -60,12 +59,9 @@ def regression_suite(store: Store, text: str) -> Suite:
         allowed = "one whose document has a section search that found a failure"
         raise DocumentError.of("batch", batch.id, allowed, source="simyard")
     plan = batch.plan
-    people: _Document = {"people": canonical_document(plan.people)} if plan.people else {}
-    boxes: _Document = {"boxes": [canonical_document(box) for box in plan.boxes]} if plan.boxes else {}
     section: _Document = {
         "engine": plan.engine,
-        **people,
-        **boxes,
+        **moved_documents(plan),
         "recordings": {"episodes": "all"},
         "audit": {"lanes": 0},  # C MuJoCo has confirmed each
         "createSimulationJobRequests": [_request(batch, each) for each in search.failures],

@@ -8,6 +8,7 @@ from specs.base import Spec
 from specs.field_types import Integer, Number
 
 MOST_PEOPLE = 8
+LEAST_PACE_M_S, MOST_PACE_M_S = 0.1, 2.0
 PERSON_RADIUS_M = 0.25
 """Of the upright cylinder that stands for a person: half of the widest shoulders."""
 
@@ -32,7 +33,7 @@ class People(Spec):
     count: Annotated[Integer, Field(ge=1, le=MOST_PEOPLE)] = Field(
         title="Count", description="How many walk in each world."
     )
-    speed_ms: Annotated[Number, Field(ge=0.1, le=2.0)] = Field(
+    speed_ms: Annotated[Number, Field(ge=LEAST_PACE_M_S, le=MOST_PACE_M_S)] = Field(
         default=1.0, title="Speed (m/s)", description="How fast they walk; each has its own pace, a fifth more or less."
     )
     unaware: Annotated[Number, Field(ge=0.0, le=1.0)] = Field(

@@ -1,20 +1,31 @@
-"""Physical parameters of a robot that episodes may vary: factors of what its ``robot.xml`` says, and a delay.
+"""Physical parameters that episodes may vary: factors of what a ``robot.xml`` says, a delay, and what people are like.
 
 They stand among an episode's variables by names that no environment variable can have, so that matrices, searches,
 tables and comparisons treat them as they treat variables. Applications do not see them: a robot does not know how heavy
 it is. They enter a program as numbers, so that a sweep over them is one program.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Literal, NamedTuple, cast
 
 from specs.data.episode import CONTROL_HZ, CONTROL_S
+from specs.data.people import LEAST_PACE_M_S, MOST_PACE_M_S, MOST_PEOPLE, People
 from specs.rules import Finding, Location, items, part
 
-PhysicalName = Literal["robot.mass", "robot.friction", "robot.motorStrength", "robot.controlDelay_s"]
+PhysicalName = Literal[
+    "robot.mass",
+    "robot.friction",
+    "robot.motorStrength",
+    "robot.controlDelay_s",
+    "people.count",
+    "people.speed_ms",
+    "people.unaware",
+]
 FACTORS: tuple[PhysicalName, ...] = ("robot.mass", "robot.friction", "robot.motorStrength")
 CONTROL_DELAY: PhysicalName = "robot.controlDelay_s"
-PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY)
+PEOPLE_COUNT: PhysicalName = "people.count"
+OF_PEOPLE: tuple[PhysicalName, ...] = (PEOPLE_COUNT, "people.speed_ms", "people.unaware")
+PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY, *OF_PEOPLE)
 LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0
 MOST_DELAY_STEPS = 20
 """Control steps that a command may be on its way to the actuators; a reading of a sensor may be as old."""
@@ -52,6 +63,9 @@ class Range(NamedTuple):
 RANGES: Mapping[PhysicalName, Range] = {
     **dict.fromkeys(FACTORS, Range(LEAST_FACTOR, MOST_FACTOR)),
     CONTROL_DELAY: Range(0.0, MOST_DELAY_STEPS * CONTROL_S, CONTROL_S),
+    PEOPLE_COUNT: Range(1, MOST_PEOPLE, 1),
+    "people.speed_ms": Range(LEAST_PACE_M_S, MOST_PACE_M_S),
+    "people.unaware": Range(0.0, 1.0),
 }
 
 
@@ -87,6 +101,28 @@ def control_delay_steps(environment: Mapping[str, str]) -> int | None:
     """Returns after how many control steps commands reach the actuators; None where an episode's variables say none."""
     text = environment.get(CONTROL_DELAY)
     return None if text is None else round(float(text) * CONTROL_HZ)
+
+
+def varied_people(people: People | None, environment: Mapping[str, str]) -> People | None:
+    """Returns the people of an episode whose variables may say how many they are, and how they are."""
+    own = {name.partition(".")[2]: float(environment[name]) for name in OF_PEOPLE if name in environment}
+    if people is None or not own:
+        return people
+    return people.model_copy(update={**own, "count": round(own.get("count", people.count))})
+
+
+def no_such_people(names: Iterable[str], people: object) -> Iterator[tuple[str, str]]:
+    """Yields parameters of people that nobody has, and what is allowed instead.
+
+    Args:
+        names: Of all parameters, and others.
+        people: Of the batch: how many, or a raw document; None for nobody.
+    """
+    for name in names:
+        if name in OF_PEOPLE and people is None:
+            yield name, "a batch with people: nobody walks in this one's worlds"
+        elif name in OF_PEOPLE and name != PEOPLE_COUNT and part(people, "model") == "recorded":
+            yield name, f"{PEOPLE_COUNT}: people who walk as they were recorded do so at their speed, whoever comes"
 
 
 def application_variables(environment: Mapping[str, str]) -> dict[str, str]:

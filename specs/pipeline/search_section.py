@@ -6,7 +6,7 @@ from typing import Annotated, cast
 from pydantic import Field
 
 from specs.base import Spec
-from specs.data.physics import PHYSICAL, RANGES
+from specs.data.physics import PHYSICAL, RANGES, no_such_people
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
@@ -114,7 +114,7 @@ class Search(Ruled):
     """A search for rare failures of the batch's robot, and how probable they are.
 
     Attributes:
-        over: Environment variables of the batch's request, and the robot's physical parameters, each with its
+        over: Environment variables of the batch's request, and physical parameters, each with its
             distribution. Worlds and seeds vary as well: each of the batch's worlds is as likely, and so is each seed.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
@@ -140,7 +140,7 @@ class Search(Ruled):
         if isinstance(measure, str) and measure not in MEASURES:
             yield Finding(("measure",), measure, f"one of {', '.join(MEASURES)}")
         over = part(data, "over")
-        for name in cast("Mapping[str, object]", over) if isinstance(over, Mapping) else ():
+        for name in _names(over):
             if "." in name and name not in PHYSICAL:
                 yield Finding(("over", name), name, f"an environment variable, or one of {', '.join(PHYSICAL)}")
             elif name in PHYSICAL and not all(map(RANGES[name].has, _bounds(part(over, name)))):
@@ -170,9 +170,15 @@ def unsearchable(search: object, batch: object) -> Iterator[Finding]:
     known = sorted(_set_names(batch, requests))
     allowed = f"a variable that the batch's request or matrix sets: {', '.join(known) or 'there is none'}"
     over = part(search, "over")
-    for name in cast("Mapping[str, object]", over) if isinstance(over, Mapping) else ():
+    for name in _names(over):
         if name not in known and "." not in name:
             yield Finding(("search", "over", name), name, allowed)
+    for name, people in no_such_people(_names(over), part(batch, "people")):
+        yield Finding(("search", "over", name), name, people)
+
+
+def _names(over: object) -> Sequence[str]:
+    return [*cast("Mapping[str, object]", over)] if isinstance(over, Mapping) else ()
 
 
 def _set_names(batch: object, requests: Sequence[object]) -> set[str]:

@@ -14,7 +14,7 @@ from specs.base import Spec
 from specs.data.boxes import MOST_BOXES, Box, never_there
 from specs.data.episode import CONTROL_HZ
 from specs.data.people import MOST_PEOPLE, People
-from specs.data.physics import PhysicalName, beyond_range
+from specs.data.physics import PhysicalName, beyond_range, no_such_people
 from specs.data.robots import MOST_ROBOTS
 from specs.field_types import (
     GENERIC_PATTERN,
@@ -47,7 +47,7 @@ from specs.robomaker.simulation import (
     JobDuration,
     duration_rule,
 )
-from specs.rules import Finding, Ruled, by_shape, distinct, items, member, part
+from specs.rules import Finding, Location, Ruled, by_shape, distinct, items, member, part
 
 _ROBOT, _SCENARIO = "robotApplications", "simulationApplications"
 _LAUNCH, _VARIABLES = "launchConfig", "environmentVariables"
@@ -176,7 +176,7 @@ class Matrix(Spec):
     Attributes:
         environmentVariables: Lists of values by name, such as {"MAX_SPEED": ["0.4", "0.6"]}; every combination is
             driven.
-        physics: Lists of values of the robot's physical parameters, such as {"robot.mass": [0.9, 1.1]}; every
+        physics: Lists of values of physical parameters, such as {"robot.mass": [0.9, 1.1]}; every
             combination is driven, too.
     """
 
@@ -276,7 +276,7 @@ class PipelineJobRequest(BatchedJobSettings):
     Attributes:
         robotApplications: The robot application that drives; exactly one.
         simulationApplications: The scenario that it is driven through; exactly one.
-        physics: Values of the robot's physical parameters, each within its range; the matrix's win.
+        physics: Values of physical parameters, each within its range; the matrix's win.
         seed: Its own, instead of the matrix's, which then has one alone.
     """
 
@@ -339,9 +339,10 @@ class SimulationBatch(Ruled):
         requests = items(part(data, "createSimulationJobRequests"))
         yield from _with_several_robots(data, requests)
         yield from never_there(part(data, "boxes"))
-        yield from beyond_range(part(part(data, "matrix"), "physics"), ("matrix", "physics"))
+        yield from _unphysical(part(part(data, "matrix"), "physics"), ("matrix", "physics"), part(data, "people"))
         for number, request in enumerate(requests):
-            yield from beyond_range(part(request, "physics"), ("createSimulationJobRequests", number, "physics"))
+            where = ("createSimulationJobRequests", number, "physics")
+            yield from _unphysical(part(request, "physics"), where, part(data, "people"))
         if (people := part(data, "people")) is not None and part(data, "boxes") is not None:
             yield Finding(("people",), people, "nothing; nobody walks in a world into which boxes are put")
         yield from two_values(requests, part(part(data, "matrix"), "environmentVariables"))
@@ -356,6 +357,13 @@ class SimulationBatch(Ruled):
             if type(seconds) is int and MAX_BATCHED_JOB_DURATION_S < seconds <= MAX_JOB_DURATION_S:
                 loc = ("createSimulationJobRequests", number, "maxJobDurationInSeconds")
                 yield Finding(loc, seconds, duration_rule(MAX_BATCHED_JOB_DURATION_S, " in a batch"))
+
+
+def _unphysical(physics: object, where: Location, people: object) -> Iterator[Finding]:
+    """Yields raw physical parameters, which stand somewhere, that are beyond their range or of people who are not."""
+    yield from beyond_range(physics, where)
+    for name, allowed in no_such_people(_mapping(physics), people):
+        yield Finding((*where, name), part(physics, name), allowed)
 
 
 def _with_several_robots(data: object, requests: Sequence[object]) -> Iterator[Finding]:

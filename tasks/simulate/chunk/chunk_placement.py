@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, Failure, failed_result
+from specs.data.physics import varied_people
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, load_factory
 from tasks.simulate.application.contract import Placement, Scenario
@@ -301,9 +302,10 @@ def _people(request: EpisodeRequest, world: World, placement: Placement, program
     Raises:
         PeopleRefused: The world has no room for them.
     """
-    if request.people is None:
+    people = varied_people(request.people, request.environment)
+    if people is None:
         return None
-    return walks_in(world).people(request.people, request.seed, placement.start[:2], program.hull.radius_m)
+    return walks_in(world).people(people, request.seed, placement.start[:2], program.hull.radius_m)
 
 
 def _boxes(lane: Lane, placement: Placement, program: Program) -> HostBoxes | None:

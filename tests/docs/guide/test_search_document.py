@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from specs.data.episode import CONTROL_S
-from specs.data.physics import CONTROL_DELAY, LEAST_FACTOR, MOST_FACTOR, PHYSICAL, RANGES
+from specs.data.physics import CONTROL_DELAY, LEAST_FACTOR, MOST_FACTOR, OF_PEOPLE, PHYSICAL, RANGES
 from specs.pipeline.document import PipelineSpec
 from specs.pipeline.gate_section import Gate
 from specs.pipeline.search_section import MAX_DISTINCT, MAX_SEARCHED, MIN_SEARCHED, Distribution, Search
@@ -70,8 +70,12 @@ def test_the_document_is_one():
 
 
 def test_each_physical_parameter_and_its_bounds_are_named():
-    assert re.findall(r"^\| `(robot\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
+    assert re.findall(r"^\| `((?:robot|people)\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
     assert f"| {LEAST_FACTOR:g} to {MOST_FACTOR:g}; 1 is what the `robot.xml` says, bit for bit |" in DOCUMENT
+    for name in OF_PEOPLE:
+        assert re.search(
+            rf"^\| `{name}` \|.*\| {RANGES[name].least:g} to {RANGES[name].most:g} \|$", DOCUMENT, re.MULTILINE
+        )
     late = RANGES[CONTROL_DELAY]
     assert f"| {late.least:g} to {late.most:g} s, in control steps of {CONTROL_S:g} s; 0 is no delay" in DOCUMENT
 

@@ -15,6 +15,7 @@ import flows.batch.search_batch as module
 from flows.batch.replay_episode import bundles
 from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, replay_found, search_batch, stored_search
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
+from specs.data.people import People
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchBudget, SearchFind
 from tasks.applications.registry import publish_bundle
@@ -275,6 +276,16 @@ def test_whole_steps_of_a_delay_are_as_likely_as_each_other(batch: OpenBatch):
     particles = Particles(np.array([[smooth((row + 0.5) / 9)] for row in range(9)]), np.full((9, 2), 0.5))
     drawn = [each.environment["robot.controlDelay_s"] for each in _DrawnEpisodes(batch, search).requests(particles)]
     assert drawn == ["0.05"] * 3 + ["0.1"] * 3 + ["0.15"] * 3
+
+
+def test_people_vary_where_the_batch_has_some(batch: OpenBatch, store: Store):
+    search = Search(over={"people.count": Distribution(uniform=(1, 3)), "people.unaware": Distribution(uniform=(0, 1))})
+    with pytest.raises(DocumentError, match=r"over\.people\.count: .*a batch with people"):
+        _DrawnEpisodes(batch, search)
+    plan = pushing_plan(store, people=People(count=4))
+    some = load_batch(store, open_batch(store, plan, request(plan), "people").id)
+    (drawn,) = _DrawnEpisodes(some, search).requests(Particles(np.zeros((1, 2)), np.full((1, 2), 0.5)))
+    assert drawn.environment == {**some.layout.request(0).environment, "people.count": "2", "people.unaware": "0.5"}
 
 
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):

@@ -6,10 +6,13 @@ import pytest
 import yaml
 
 from flows.batch.replay_episode import bundles
-from flows.batch.shrink import ShrunkJob, shrink_job, write_case
+from flows.batch.shrink import ShrunkJob, moved_documents, shrink_job, write_case
 from flows.pipeline.references import finder
 from flows.pipeline.tested_batch import batch_plan
+from specs.base import canonical_document
+from specs.data.boxes import Box
 from specs.data.episode import ApplicationLaunch, EpisodeResult, reason
+from specs.data.people import People
 from specs.errors import DocumentError
 from specs.template.body import TemplateBody
 from tasks.applications.registry import publish_bundle
@@ -141,6 +144,15 @@ def test_a_small_budget_is_kept_and_leaves_more(batch: OpenBatch, budget: int):
     assert found.episodes <= budget
     assert not found.minimal
     assert found.reason == reason(found.small_row) == "collision"
+
+
+def test_a_case_keeps_who_walks_and_what_is_put(batch: OpenBatch):
+    plan = batch.plan.model_copy(update={"people": People(count=2, speed_ms=1.5)})
+    assert moved_documents(plan) == {"people": {"count": 2, "speed_ms": 1.5, "unaware": 0.0, "model": "orca"}}
+    box = Box.model_validate({"size_m": [0.4, 0.4, 0.6]})
+    put = moved_documents(batch.plan.model_copy(update={"boxes": (box,)}))
+    assert put == {"boxes": [canonical_document(box)]}
+    assert moved_documents(batch.plan) == {}
 
 
 def test_a_job_that_passed_is_refused(batch: OpenBatch):

@@ -75,3 +75,13 @@ def test_the_courier_among_people_drives_the_same_bits_alone_and_among_others(ap
     assert driven(asked[3:4]) == [together[3]]
     assert {row.status for row in together} == {"Completed"}
     assert all(row.min_person_m is not None and row.min_person_m < 10.0 for row in together)
+
+
+def test_an_episodes_own_variables_say_what_its_people_are_like(push: Simulate, together: list[EpisodeResult]):
+    own = {"people.count": "2", "people.speed_ms": "0.6", "people.unaware": "1"}
+    varied = [each.model_copy(update={"environment": {**each.environment, **own}}) for each in WALKING[:4]]
+    people = People(count=2, speed_ms=0.6, unaware=1.0)
+    asked = [each.model_copy(update={"people": people}) for each in WALKING[:4]]
+    found = push([*varied, *WALKING[4:]])
+    assert found == [*push(asked), *together[4:]]
+    assert found[:4] != together[:4]

@@ -2,14 +2,17 @@
 
 import pytest
 
+from specs.data.people import People
 from specs.data.physics import (
     CONTROL_DELAY,
     RANGES,
     application_variables,
     beyond_range,
     control_delay_steps,
+    no_such_people,
     physical_factors,
     step_of,
+    varied_people,
 )
 from tasks.simulate.plan.chunks import program_key, split_environment
 from tests.factories.episodes import request
@@ -57,3 +60,20 @@ def test_a_delay_is_within_its_range_at_both_ends(value: object, *, right: bool)
     assert [(each.loc, each.allowed) for each in found] == (
         [] if right else [(("physics", CONTROL_DELAY, 1), "a number from 0 to 1, a multiple of 0.05")]
     )
+
+
+def test_an_episodes_variables_say_what_its_people_are_like():
+    own = {"people.count": "4", "people.speed_ms": "0.7", "people.unaware": "1", "A": "x"}
+    assert varied_people(People(count=2), own) == People(count=4, speed_ms=0.7, unaware=1.0)
+    assert varied_people(People(count=2, speed_ms=1.5), {"people.unaware": "0.5"}) == People(
+        count=2, speed_ms=1.5, unaware=0.5
+    )
+    assert varied_people(None, own) is None
+    assert application_variables(own) == {"A": "x"}
+
+
+def test_people_vary_where_there_are_some_and_their_speed_where_they_choose_it():
+    names = ["people.speed_ms", "robot.mass", "people.count", "A"]
+    assert [name for name, _ in no_such_people(names, None)] == ["people.speed_ms", "people.count"]
+    assert [*no_such_people(names, 3)] == [*no_such_people(names, {"count": 3})] == []
+    assert [name for name, _ in no_such_people(names, {"count": 3, "model": "recorded"})] == ["people.speed_ms"]

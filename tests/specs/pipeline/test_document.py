@@ -346,6 +346,22 @@ def test_physical_parameters_are_factors_of_a_matrix_a_request_and_a_search():
     assert any("robot.colour" in place for place in places)
 
 
+def test_people_vary_where_a_batch_has_some():
+    over = {"people.unaware": {"uniform": [0.0, 1.0]}}
+    job = {**JOB, "physics": {"people.count": 2}}
+    batch = {**BATCH, "createSimulationJobRequests": [job], "matrix": {"worlds": ["a/b"]}}
+    spec(simulationBatch={**batch, "people": 4}, search=searched(over=over))
+    allowed = "a batch with people: nobody walks in this one's worlds"
+    assert sorted(faults(simulationBatch=batch, search=searched(over=over))) == [
+        ("search.over.people.unaware", allowed),
+        ("simulationBatch.createSimulationJobRequests.0.physics.people.count", allowed),
+    ]
+    ((place, _),) = faults(
+        simulationBatch={**batch, "people": {"count": 4, "model": "recorded"}}, search=searched(over=over)
+    )
+    assert place == "search.over.people.unaware"
+
+
 def test_a_search_needs_a_batch_of_one_request():
     ((place, said),) = faults(worlds=[OWN], search=searched())
     assert (place, said) == ("search", "simulationBatch beside it, whose request and worlds it searches")
