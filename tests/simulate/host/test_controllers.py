@@ -80,6 +80,23 @@ def test_every_engine_runs_it(sound: list[EpisodeResult], pens: dict[str, World]
     assert [(row.final_x_m, row.final_y_m) for row in rows] == [pytest.approx(place, abs=0.02) for place in near]
 
 
+@pytest.mark.parametrize("engine", ["auto", "mujoco"])
+def test_its_commands_arrive_as_late_as_the_episode_says(pens: dict[str, World], engine: str):
+    """It counts its steps and does not look: after 3 s with 0.5 s of delay its robot is where it was after 2.5 s."""
+    plain = [counting(index, SOUND).model_copy(update={"duration_s": 2.5}) for index in range(LANES)]
+    own = {"FAULT": SOUND, "robot.controlDelay_s": "0.5"}
+    late = [counting(index, SOUND).model_copy(update={"environment": own}) for index in range(LANES)]
+    found = [
+        simulate_lanes(
+            plan_chunks(some, LANES)[0], pens, FOLDERS, lanes=LANES, engine=engine, should_stop=lambda: False
+        )
+        for some in (plain, late)
+    ]
+    ends = [[(row.final_x_m, row.final_y_m, row.final_yaw_rad, row.energy_j) for row in rows] for rows in found]
+    assert {row.simulated_s for row in found[1]} == {3.0}
+    assert ends[0] == ends[1]
+
+
 ALL_SOUND, NO_NUMBER, ALL_RAISING, ALL_MISSHAPEN, ALL_UNMADE, UNSET = "012345"
 TOGETHER = ApplicationLaunch(name="plain", version="1", digest=PLAIN, package="plain", launch_file="together")
 BATCHED_LANES = 16
