@@ -22,6 +22,7 @@ from tasks.results.tables.history_rows import NOT_SET, Labels
 PASSED, FAILED, CANCELED = 1, 0, -1
 _COUNTED = ("world", "success", "environment", "final_x_m", "final_y_m")
 _DIGEST, _DIGITS = "robot_digest", 12
+_PEOPLE = "people"
 _LAUNCHED = (
     *("robot_application", "robot_version", "robot_launch_file"),
     *("simulation_application", "simulation_version", "simulation_launch_file"),
@@ -120,6 +121,14 @@ def read_episodes(path: Path, variables: Sequence[str]) -> Episodes:
 def read_coverage(path: Path) -> RoomCoverage | None:
     """Returns the rooms that robots were in, by ``results.parquet``; None if no episode started."""
     return table_coverage(pq.read_table(path, columns=list(ROOM_COLUMNS)))
+
+
+def read_people(path: Path) -> tuple[int, ...]:
+    """Returns how many people walked in an episode of ``results.parquet``, each number once, the least first."""
+    if _PEOPLE not in pq.read_schema(path).names:  # tables were written before there were people
+        return ()
+    counts = pq.read_table(path, columns=[_PEOPLE]).column(_PEOPLE).unique().drop_null()
+    return tuple(sorted(cast("list[int]", counts.to_pylist())))
 
 
 def read_failures(path: Path) -> Failures:

@@ -38,6 +38,7 @@ from tasks.results.report.report_columns import (
     read_coverage,
     read_episodes,
     read_failures,
+    read_people,
     reasons,
     reasons_by_world,
     start_rooms,
@@ -246,6 +247,7 @@ class ReportView(Spec):
         family: How many intervals of groups there are, and how sure all of them together are.
         misses: How many of them miss in the mean, if each holds by itself.
         columns: Tables of rates, in the columns of a wide page.
+        people: How many people walked in each world, or empty where nobody did.
         rooms: How much of its worlds the robots were in; None where the tables do not say.
         audit: None where none was made.
         search: None where nothing was searched for.
@@ -271,6 +273,7 @@ class ReportView(Spec):
     worlds: int
     failures: int
     simulated: str
+    people: str
     rooms: RoomsView | None
     audit: AuditView | None
     search: SearchView | None
@@ -317,6 +320,7 @@ def report_view(
         worlds=len(facts.worlds),
         failures=failed.table.num_rows,
         simulated=_duration(facts.simulated_s),
+        people=_people(read_people(results)),
         rooms=_rooms(read_coverage(results)),
         audit=audit_view(facts.audit) if facts.audit else None,
         search=_search(facts),
@@ -424,6 +428,10 @@ def _rooms(found: RoomCoverage | None) -> RoomsView | None:
         coverage=found,
         goals_share=goals_share(found) if found.goals else "",
     )
+
+
+def _people(counts: Sequence[int]) -> str:
+    return f"{' or '.join(map(str, counts))} in each world" if any(counts) else ""
 
 
 def _search(facts: BatchFacts) -> SearchView | None:

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from specs.data.parity_audit import (
@@ -12,10 +13,12 @@ from specs.data.parity_audit import (
     FlipShare,
     TotalShare,
 )
+from specs.data.people import People
 from specs.data.world import FloorZone, World
 from tasks.results.report.batch_facts import Judgement
 from tasks.results.report.rate_tables import RateTable
-from tasks.results.report.report_columns import BETWEEN, read_episodes, start_rooms
+from tasks.results.report.report_columns import BETWEEN, read_episodes, read_people, start_rooms
+from tasks.results.report.report_page import report_page
 from tasks.results.report.report_view import ReportView, audit_view
 from tests.factories.episodes import ROBOT, collided, passed, request
 from tests.factories.own_worlds import walled_hall
@@ -199,3 +202,22 @@ def test_only_what_speaks_against_the_numbers_is_an_alarm():
 
 def test_an_audit_that_could_not_be_made_has_no_figures():
     assert audit_view(AuditReport(verdict="NOT RUN", sentence="no memory")).lines == ()
+
+
+@pytest.mark.parametrize(("walk", "said"), [((2,), "2 in each world"), ((4, 2), "2 or 4 in each world")])
+def test_the_page_says_how_many_people_walked(tmp_path: Path, walk: tuple[int, ...], said: str):
+    asked, answered = episodes()
+    among = [
+        each.model_copy(update={"people": People(count=walk[number % len(walk)])}) for number, each in enumerate(asked)
+    ]
+    assert f"<dt>People</dt><dd>{said}</dd>" in report_page(view(tmp_path, among, answered)).decode()
+
+
+def test_the_page_says_nothing_of_people_where_nobody_walked(tmp_path: Path):
+    assert "<dt>People</dt>" not in report_page(view(tmp_path)).decode()
+
+
+def test_tables_of_before_there_were_people_have_none(tmp_path: Path):
+    path, _ = written(tmp_path, *episodes())
+    pq.write_table(pq.read_table(path).drop_columns(["people"]), path)
+    assert read_people(path) == ()
