@@ -7,16 +7,17 @@ has written: such a step is simulated anew and compared (docs/decisions/0010).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float64
 
 from flows.batch.replay_episode import JobReplay, bundles, playback, unpacked
+from flows.batch.search_episodes import DriveEpisodes, drive_episodes, is_canceled
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
 from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
 from specs.data.physics import PHYSICAL, no_such_people, step_of
@@ -31,13 +32,11 @@ from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failur
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
 from tasks.results.statistics.rare_failures import FAILED, Estimated, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
-from tasks.simulate.batch.chunk_run import ChunkRunner, load_worlds
+from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.engines.engine_table import REFERENCE
-from tasks.simulate.plan.batch_plan import DEFAULT_LANES
-from tasks.simulate.replay.replay_run import replay_request, resimulate
+from tasks.simulate.replay.replay_run import replay_request
 from tasks.storage.base.keys import search_step_key
 from tasks.storage.base.store import Store, create_once, encode_document, find_document
-from tasks.storage.jobs.records import read
 from tasks.storage.resource_names import find_batch_name
 from tasks.storage.store_url import open_store
 
@@ -49,9 +48,6 @@ _SEEDS = 2**32
 _NEAREST = 0.0
 # Of those that are to be reported, so many times as many are driven again where some vanish.
 _TRIES = 3
-# Pilots and tails take a few episodes at a time, for which a program of all lanes takes several times as long. Whatever
-# sizes steps have, there are three programs at most, and the batch has compiled one of them.
-_FEW_LANES = 64
 
 
 class SearchResult(NamedTuple):
@@ -66,7 +62,23 @@ class SearchResult(NamedTuple):
     simulated: int
 
 
-def search_batch(store_url: str, batch: str, search: Search, run: str = "") -> SearchResult:
+class SearchWorkers(Protocol):
+    """Workers of a cluster that drive the episodes of a search (``flows.batch.search_batch``)."""
+
+    def __call__(self, batch: OpenBatch, run: str, search: Callable[[DriveEpisodes], SearchResult]) -> SearchResult:
+        """Returns what a search came to whose episodes the workers drive.
+
+        Args:
+            batch: The batch.
+            run: As for `search_batch`.
+            search: Searches, given what drives episodes.
+        """
+        ...
+
+
+def search_batch(
+    store_url: str, batch: str, search: Search, run: str = "", *, workers: SearchWorkers | None = None
+) -> SearchResult:
     """Returns how probable a failure is in episodes like a batch's, and the failures that were found.
 
     Args:
@@ -74,6 +86,7 @@ def search_batch(store_url: str, batch: str, search: Search, run: str = "") -> S
         batch: Its id.
         search: What is varied, and how many episodes may be simulated.
         run: Id of the run of a document that the search is a stage of; empty if it is of none.
+        workers: Drive the episodes, where there are any; they are not asked for where all steps are in the store.
 
     Raises:
         ResourceNotFound: There is no such batch, or what it needs is gone.
@@ -81,7 +94,13 @@ def search_batch(store_url: str, batch: str, search: Search, run: str = "") -> S
         StageFailed: An episode did not come to an end of its own, somebody has cancelled the run, or a step in the
             store is not what the simulation gives.
     """
-    return _run_search(load_batch(open_store(store_url), batch), search, run)
+    opened = load_batch(open_store(store_url), batch)
+    if workers is None:
+        return _run_search(opened, search, run)
+    try:
+        return _run_search(opened, search, run, may_simulate=False)
+    except _NotSimulatedError:
+        return workers(opened, run, lambda drive: _run_search(opened, search, run, drive))
 
 
 def stored_search(store: Store, batch: str, search: Search) -> BatchSearch | None:
@@ -97,16 +116,63 @@ def stored_search(store: Store, batch: str, search: Search) -> BatchSearch | Non
         return None
 
 
+def met_failures(store: Store, batch: str, search: Search) -> FailureTraits:
+    """Returns by what the failures are told apart that a search over a batch has met, all of them.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or what it needs is gone.
+        DocumentError: The batch has several requests, or does not have the variables.
+        StageFailed: As `search_batch`.
+    """
+    opened = load_batch(store, batch)
+    steps = _Steps(opened, search, _DrawnEpisodes(opened, search))
+    _estimated(steps, search)
+    return steps.traits()
+
+
+def drawn_failures(store: Store, batch: str, search: Search, particles: Particles) -> FailureTraits:
+    """Returns by what the failures are told apart among some points of what a search varies, which it does not choose.
+
+    Raises:
+        ResourceNotFound: There is no such batch, or what it needs is gone.
+        DocumentError: The batch has several requests, or does not have the variables.
+        StageFailed: As `search_batch`.
+    """
+    opened = load_batch(store, batch)
+    steps = _Steps(opened, search, _DrawnEpisodes(opened, search))
+    steps.scores(particles)
+    return steps.traits()
+
+
 class _NotSimulatedError(Exception):
     """A step is to be simulated, and must not be."""
 
 
-def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulate: bool = True) -> SearchResult:
+def _run_search(
+    opened: OpenBatch, search: Search, run: str = "", drive: DriveEpisodes | None = None, *, may_simulate: bool = True
+) -> SearchResult:
     """Returns what a search over a batch found; see `search_batch`."""
     drawn = _DrawnEpisodes(opened, search)
-    steps = _Steps(opened, search, drawn, run, may_simulate=may_simulate)
+    steps = _Steps(opened, search, drawn, run, drive, may_simulate=may_simulate)
+    estimated = _estimated(steps, search)
+    likely, distinct = estimated.probability, steps.distinct()
+    found = BatchSearch(
+        batch=opened.id,
+        search=search,
+        probability=likely.model_copy(update={"against": search.against}),
+        causes=failure_causes(estimated.seen, drawn.factors(), likely.estimate, search.estimate.confidence),
+        failures=tuple(each for each in distinct if each.confirmed),
+        vanished=tuple(each for each in distinct if not each.confirmed),
+        failed=steps.failed,
+        common=steps.common,
+    )
+    return SearchResult(found, steps.simulated)
+
+
+def _estimated(steps: "_Steps", search: Search) -> Estimated:
+    """Returns how probable a failure is, by the scores of steps."""
     going = failure_probability(
-        drawn.space,
+        steps.drawn.space,
         budget=search.budget.episodes,
         confidence=search.estimate.confidence,
         seed=search.seed,
@@ -117,19 +183,7 @@ def _run_search(opened: OpenBatch, search: Search, run: str = "", *, may_simulat
         try:
             particles = going.send(steps.scores(particles))
         except StopIteration as end:
-            estimated: Estimated = end.value
-            likely, distinct = estimated.probability, steps.distinct()
-            found = BatchSearch(
-                batch=opened.id,
-                search=search,
-                probability=likely.model_copy(update={"against": search.against}),
-                causes=failure_causes(estimated.seen, drawn.factors(), likely.estimate, search.estimate.confidence),
-                failures=tuple(each for each in distinct if each.confirmed),
-                vanished=tuple(each for each in distinct if not each.confirmed),
-                failed=steps.failed,
-                common=steps.common,
-            )
-            return SearchResult(found, steps.simulated)
+            return end.value
 
 
 def replay_found(store: Store, text: str, number: int) -> JobReplay:
@@ -334,12 +388,6 @@ def _values(over: Distribution, smooth: Float64[np.ndarray, "episodes"], step: f
     return [f"{number:.9g}" for number in numbers.tolist()]
 
 
-def _lanes(batch: int, episodes: int) -> int:
-    """Returns how many lanes a step's program has: the fewest that hold it, of those of the batch, a few, and all."""
-    most = max(batch, DEFAULT_LANES)
-    return min((each for each in (batch, _FEW_LANES) if each >= episodes), default=most)
-
-
 class _Asked(Spec):
     """What the answers of a search's steps follow from."""
 
@@ -381,22 +429,31 @@ class _Steps:
     """The steps of a search, each simulated once: those of its estimate, then those that confirm what it found.
 
     Attributes:
+        drawn: Its episodes.
         failed: How many episodes failed.
         common: How many failed with the version that the search is against, too, and are not among them.
         simulated: How many were simulated now.
     """
 
     def __init__(
-        self, batch: OpenBatch, search: Search, drawn: _DrawnEpisodes, run: str, *, may_simulate: bool
+        self,
+        batch: OpenBatch,
+        search: Search,
+        drawn: _DrawnEpisodes,
+        run: str = "",
+        drive: DriveEpisodes | None = None,
+        *,
+        may_simulate: bool = True,
     ) -> None:
         self.failed = self.common = self.simulated = 0
-        self._batch, self._search, self._drawn, self._run = batch, search, drawn, run
+        self.drawn, self._batch, self._search, self._run = drawn, batch, search, run
         # Whoever asks for more failures has the same estimate.
         self._estimate = self._digest(search.model_copy(update={"find": SearchFind()}), "estimate")
         self._confirm = self._digest(search, "confirm")
         self._number = self._done = 0
         self._found: list[tuple[Particles, list[_Failed]]] = []
-        self._may_simulate, self._bundles, self._others = may_simulate, dict[str, Path](), dict[str, Path]()
+        self._drive, self._may_simulate = drive or self._driven, may_simulate
+        self._folders: dict[frozenset[str], dict[str, Path]] = {}
 
     def _digest(self, search: Search, part: Literal["estimate", "confirm"]) -> str:
         return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
@@ -404,7 +461,7 @@ class _Steps:
     def scores(self, particles: Particles) -> Float64[np.ndarray, "particles"]:
         """Returns how far the next step's episodes were from failing."""
         report_progress(STAGE, self._done, self._search.budget.episodes)
-        answers = self._answers(self._estimate, self._number, self._drawn.requests(particles))
+        answers = self._answers(self._estimate, self._number, self.drawn.requests(particles))
         self._number += 1
         self._done += len(answers.scores)
         self.failed += len(answers.failures)
@@ -419,14 +476,11 @@ class _Steps:
         For each that vanishes the next one is taken.
         """
         wanted, driven = self._search.find.distinct, list[FoundFailure]()
-        particles = Particles(
-            *(np.concatenate(parts) for parts in zip(*(each for each, _ in self._found), strict=True))
-        )
-        failures = [each for _, part in self._found for each in part]
-        traits = self._drawn.traits(particles, failures)
+        particles, failures = self._met()
+        traits = self.drawn.traits(particles, failures)
         order = farthest_first(traits, _TRIES * wanted)
         while part := order[len(driven) :][: wanted - sum(each.confirmed for each in driven)]:
-            requests = self._drawn.requests(particles.take(np.array(part, np.intp)))
+            requests = self.drawn.requests(particles.take(np.array(part, np.intp)))
             first = len(driven)
             again = self._answers(self._confirm, 2 * first, requests).failures
             reference = self._answers(self._confirm, 2 * first + 1, requests, REFERENCE).failures
@@ -444,6 +498,15 @@ class _Steps:
             ]
         alike = counts_of_nearest(traits, order[: len(driven)])
         return [each.model_copy(update={"alike": count}) for each, count in zip(driven, alike, strict=True)]
+
+    def traits(self) -> FailureTraits:
+        """Returns by what all failures are told apart."""
+        return self.drawn.traits(*self._met())
+
+    def _met(self) -> tuple[Particles, list[_Failed]]:
+        """Returns all failures, in the order in which they were met."""
+        parts = zip(*(each for each, _ in self._found), strict=True)
+        return Particles(*(np.concatenate(part) for part in parts)), [each for _, part in self._found for each in part]
 
     def _answers(self, asked: str, number: int, requests: Sequence[EpisodeRequest], engine: str = "") -> _Answers:
         """Returns what came of a step, from the store if it is there and its owner vouches for it.
@@ -479,15 +542,13 @@ class _Steps:
         Raises:
             StageFailed: Somebody has cancelled it.
         """
-        if self._run and read(self._batch.store, "pipeline-run", self._run).status in {"Canceling", "Canceled"}:
+        if is_canceled(self._batch.store, self._run):
             raise StageFailed("Canceled", "its run was canceled on request", self._run)
 
     def _simulated(self, requests: Sequence[EpisodeRequest], engine: str) -> _Answers:
-        if not self._bundles:
-            self._bundles = bundles(self._batch)
         plan, measure = self._batch.plan, self._search.measure
         engine = engine or plan.engine
-        rows = self._driven(requests, engine, self._bundles)
+        rows = self._drive(requests, engine)
         failures = {
             place: _Failed(reason=why, place_m=(_finite(row.final_x_m), _finite(row.final_y_m)))
             for place, row in enumerate(rows)
@@ -502,22 +563,19 @@ class _Steps:
 
     def _common(self, failing: list[int], requests: Sequence[EpisodeRequest], engine: str) -> frozenset[int]:
         """Returns the places of episodes, of those that failed, that fail with the other version, too."""
-        other = self._drawn.other
+        other = self.drawn.other
         if other is None or not failing:
             return frozenset()
         asked = [requests[place].model_copy(update={"robot": other}) for place in failing]
-        if not self._others:
-            self._others = unpacked(self._batch.store, sorted(asked[0].bundles))
-        rows = self._driven(asked, engine, self._others)
+        rows = self._drive(asked, engine)
         return frozenset(place for place, row in zip(failing, rows, strict=True) if _why(row, self._search.measure))
 
-    def _driven(
-        self, requests: Sequence[EpisodeRequest], engine: str, folders: Mapping[str, Path]
-    ) -> list[EpisodeResult]:
+    def _driven(self, requests: Sequence[EpisodeRequest], engine: str) -> list[EpisodeResult]:
         """Returns what came of episodes that run some bundles alone."""
-        plan = self._batch.plan
-        runner = ChunkRunner(folders, engine, plan.recordings.rateHz, lambda _: None)
-        return resimulate(self._batch, requests, runner.run, _lanes(plan.lanes, len(requests)))
+        digests = frozenset(requests[0].bundles)
+        if digests not in self._folders:
+            self._folders[digests] = unpacked(self._batch.store, sorted(digests))
+        return drive_episodes(self._batch, requests, engine, self._folders[digests])
 
 
 def _finite(place_m: float) -> float:

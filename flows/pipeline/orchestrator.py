@@ -13,6 +13,7 @@ from functools import reduce
 from typing import ParamSpec, TypeVar
 
 from flows.batch.batch_end import WrittenReport, write_report
+from flows.batch.search_batch import SearchWorkers
 from flows.batch.trend_history import write_trend_of_run
 from flows.pipeline.run_gate import GateAnswer
 from flows.pipeline.stage_report import MadeAsset, with_alarm
@@ -122,6 +123,10 @@ class Orchestrator:
 
     def world_writers(self, store: Store) -> ExportWorkers | None:  # noqa: ARG002 - of Prefect's
         """Returns what hands exported worlds to workers; None where this process writes them."""
+        self.wanted_workers()
+
+    def search_workers(self) -> SearchWorkers | None:
+        """Returns what has a search's episodes driven on workers; None where this process drives them."""
         self.wanted_workers()
 
     def spread_batch(self, batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:

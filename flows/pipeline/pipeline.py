@@ -396,8 +396,11 @@ def search(work: ParsedRun, batch: JobRecord | None) -> tuple[BatchSearch | None
     if section is None or batch is None:
         return None, ()
     start_s = _begin("search")
+    search_them = partial(run_step, search_batch)
+    if workers := orchestrator().search_workers():  # as for worlds, they show a task run for each piece
+        search_them = partial(search_batch, workers=workers)
     # The id is a string of its own; `flows.pipeline.run_gate` says why.
-    found = run_step(search_batch, work.store.url, parse_reference(batch.arn).path, section, run=work.run.id).found
+    found = search_them(work.store.url, parse_reference(batch.arn).path, section, run=work.run.id).found
     url = write_search(work.store, found)
     return found, _logged(search_report(found, url, _since(start_s)))
 

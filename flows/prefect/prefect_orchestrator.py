@@ -11,6 +11,7 @@ from prefect.exceptions import MissingResult
 from prefect.runtime import flow_run
 
 from flows.batch.batch_end import WrittenReport
+from flows.batch.search_batch import SearchWorkers
 from flows.pipeline.orchestrator import Orchestrator, orchestrated_by
 from flows.pipeline.run_gate import GateAnswer
 from flows.pipeline.stage_report import MadeAsset
@@ -28,7 +29,7 @@ from flows.prefect.flow_runs import (
     watch_cancellation,
 )
 from flows.prefect.prefect_events import log_on_page
-from flows.prefect.spread_work import spread_batch, world_makers, world_writers
+from flows.prefect.spread_work import search_workers, spread_batch, world_makers, world_writers
 from flows.prefect.worker_cluster import wanted_workers
 from specs import untrusted_text
 from specs.data.run_report import PipelineReport
@@ -180,6 +181,10 @@ class PrefectOrchestrator(Orchestrator):
     def world_writers(self, store: Store) -> ExportWorkers | None:
         """Returns what hands exported worlds to the workers that SIMYARD_WORKERS names."""
         return world_writers(store)
+
+    def search_workers(self) -> SearchWorkers | None:
+        """Returns what has a search's episodes driven on the workers that SIMYARD_WORKERS names."""
+        return search_workers()
 
     def spread_batch(self, batch: OpenBatch, location: OutputLocation, workers: Workers) -> BatchMetrics | None:
         """Commits the chunks of a batch on workers."""

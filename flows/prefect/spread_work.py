@@ -1,8 +1,10 @@
-"""Spreads a batch's chunks, and the making and the export of worlds, over the workers of a cluster, through the store.
+"""Spreads a batch's chunks, the making and the export of worlds, and a search's episodes over the workers of a cluster.
 
-Chunks are the same as on one machine, and whoever simulates one commits it, so that the tables are the same bytes.
+Chunks are the same as on one machine, and whoever simulates one commits it, so that the tables are the same bytes. So
+are a search's answers, for an episode has the same bits whatever is simulated beside it.
 """
 
+import functools
 import os
 import platform
 import time
@@ -13,9 +15,14 @@ from prefect import task
 from prefect.futures import PrefectFuture
 
 from flows.batch.batch_steps import EPISODES, simulate_chunk
+from flows.batch.replay_episode import unpacked
+from flows.batch.search_batch import STAGE, SearchResult, SearchWorkers
+from flows.batch.search_episodes import DriveEpisodes, drive_episodes, is_canceled, shared_out
 from flows.prefect.prefect_events import announce_changes
-from flows.prefect.tasks import TASK_OPTIONS, named_by, show_progress
+from flows.prefect.tasks import TASK_OPTIONS, named_by, show_progress, show_search
 from flows.prefect.worker_cluster import Numbers, PieceOutcome, Width, on_workers, spread, wanted_workers
+from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.errors import StageFailed
 from specs.field_types import OutputLocation
 from specs.job_kinds import JobKind
 from specs.pipeline.world_sections import WorldFormat
@@ -332,3 +339,93 @@ def _simulate_numbers(
 def _is_authentic(batch: OpenBatch, number: int) -> bool:
     found = stored_chunk(batch.store, batch.id, number, batch.authenticator)
     return found is not None and found.authentic
+
+
+class EpisodesDone(NamedTuple):
+    """What came of a search's episodes on a worker, piece by piece, and the seconds that it took."""
+
+    rows: list[list[EpisodeResult]]
+    wall_s: float
+
+
+def search_workers() -> SearchWorkers | None:
+    """Returns what has a search's episodes driven on workers, if SIMYARD_WORKERS names some; else None.
+
+    Raises:
+        DocumentError: It names none that there are.
+    """
+    workers = wanted_workers()
+
+    def on_them(batch: OpenBatch, run: str, search: Callable[[DriveEpisodes], SearchResult]) -> SearchResult:
+        assert workers  # noqa: S101 - it is returned only then
+        ended: list[SearchResult] = []
+
+        def steps(width: Width) -> None:
+            with show_progress(STAGE, "search-progress"):
+                ended.append(search(functools.partial(_driven_on_workers, batch, run, width)))
+
+        on_workers(workers, "search", batch.id, steps)
+        show_search(ended[0])
+        return ended[0]
+
+    return on_them if workers else None
+
+
+def _driven_on_workers(
+    batch: OpenBatch, run: str, width: Width, requests: Sequence[EpisodeRequest], engine: str
+) -> list[EpisodeResult]:
+    """Returns what came of a step's episodes, in their order.
+
+    Raises:
+        StageFailed: Somebody has cancelled the run, or a piece was lost several times.
+    """
+    pieces, rows = shared_out(batch, requests, width()), dict[int, list[EpisodeResult]]()
+
+    def hand_out(numbers: Numbers) -> PrefectFuture[Any]:
+        return simulate_episodes.with_options(task_run_name=_piece("episodes", numbers)).submit(
+            batch.store.url,
+            batch.id,
+            [pieces[number] for number in numbers],
+            engine=engine,
+            authenticator=batch.authenticator,
+        )
+
+    def missing(numbers: Numbers) -> Numbers:
+        return tuple(number for number in numbers if number not in rows)
+
+    def on_end(end: PieceOutcome) -> float:
+        done: EpisodesDone = end.result
+        rows.update(zip(end.numbers, done.rows, strict=True))
+        return done.wall_s
+
+    def going() -> bool:
+        return not is_canceled(batch.store, run)
+
+    spread(range(len(pieces)), hand_out, width=width, going=going, missing=missing, on_end=on_end)
+    if missing(tuple(range(len(pieces)))):
+        raise StageFailed("Canceled", "its run was canceled on request", run)
+    return [row for number in range(len(pieces)) for row in rows[number]]
+
+
+@task(name="simulate-episodes", **TASK_OPTIONS)
+def simulate_episodes(
+    store_url: str,
+    batch: str,
+    pieces: list[tuple[EpisodeRequest, ...]],
+    *,
+    engine: str,
+    authenticator: BatchAuthenticator,
+) -> EpisodesDone:
+    """Returns what came of some pieces of a search's episodes; runs on a worker, which may be another machine.
+
+    Args:
+        store_url: Where the batch's record, worlds and bundles are.
+        batch: The batch's id.
+        pieces: The episodes; all run the same applications.
+        engine: What drives them.
+        authenticator: The batch's.
+    """
+    start_s, opened = time.monotonic(), load_batch(open_store(store_url), batch, authenticator)
+    folders = unpacked(opened.store, sorted(pieces[0][0].bundles))
+    rows = [drive_episodes(opened, piece, engine, folders) for piece in pieces]
+    return EpisodesDone(rows, time.monotonic() - start_s)

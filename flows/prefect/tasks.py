@@ -212,7 +212,8 @@ def _show_audit(_parameters: Parameters, detail: dict[str, JsonValue]) -> None:
     create_markdown_artifact(body, key=document_artifact_key("parity-audit"))
 
 
-def _show_search(_parameters: Parameters, result: SearchResult) -> None:
+def show_search(result: SearchResult) -> None:
+    """Leaves what a search came to as an artifact."""
     found = result.found
     shown = (f"{each.reason}: {each.circumstances}; on C MuJoCo: {each.on_reference}" for each in found.numbered)
     lines = [f"- {escape_markdown(each)}" for each in shown]
@@ -235,7 +236,10 @@ audit_batch = as_task(
     batch_steps.audit_batch, "audit", progress=(batch_steps.AUDIT, "audit-progress"), show=_show_audit
 )
 search_batch = as_task(
-    search_steps.search_batch, "search", progress=(search_steps.STAGE, "search-progress"), show=_show_search
+    search_steps.search_batch,
+    "search",
+    progress=(search_steps.STAGE, "search-progress"),
+    show=lambda _parameters, result: show_search(result),
 )
 judge_batch = as_task(run_gate.judge_batch, "judge", name="judge", show=_show_verdict)
 

@@ -18,6 +18,7 @@ from tasks.simulate.batch.chunk_store import chunk_numbers, chunk_start
 from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.integration.runs import assert_same, finished, jobs, simyard, small_document, worlds, write_document
+from tests.integration.searched_document import searched, searched_document
 from tests.servers.eventually import eventually
 
 pytestmark = pytest.mark.integration
@@ -66,6 +67,18 @@ def test_ray_workers_write_the_tables_of_one_process(tmp_path: Path, small_run: 
     )
     assert result.returncode == 0, result.stdout + result.stderr
     assert_same(open_store(store.as_uri()), open_store((small_run / ".simyard").as_uri()))
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(1500)
+def test_dask_workers_search_to_the_bytes_of_one_process(tmp_path: Path) -> None:
+    document = str(searched_document(tmp_path / "document"))
+    alone, spread = (open_store((tmp_path / name).as_uri()) for name in ("alone", "spread"))
+    for store, how in ((alone, {"SIMYARD_WORKERS": ""}), (spread, {"SIMYARD_WORKERS": "dask:2"})):
+        ended = finished("run", document, "--store", store.url, **how)
+        assert ended.returncode == 0, ended.stdout + ended.stderr
+    assert [key for key in alone.keys("searches/") if key in spread.keys("searches/")]
+    assert searched(spread) == searched(alone)
 
 
 @pytest.mark.long

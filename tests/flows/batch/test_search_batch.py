@@ -3,7 +3,7 @@
 import json
 import math
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any
@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import flows.batch.search_batch as module
+from flows.batch import search_episodes
 from flows.batch.replay_episode import bundles
 from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, replay_found, search_batch, stored_search
+from flows.batch.search_episodes import DriveEpisodes, drive_episodes, shared_out
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.data.people import People
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
@@ -63,7 +64,7 @@ class Simulated:
         self.asked: list[list[EpisodeRequest]] = []
         self.engines: list[str] = []
         self._steps = steps
-        monkeypatch.setattr(module, "resimulate", self)
+        monkeypatch.setattr(search_episodes, "resimulate", self)
 
     def __call__(self, _batch: OpenBatch, requests: Sequence[EpisodeRequest], run: Simulate, _lanes: int) -> list[Row]:
         if len(self.asked) == self._steps:
@@ -364,12 +365,31 @@ def test_a_run_that_is_canceled_begins_no_further_step(batch: OpenBatch, monkeyp
     assert not simulated.asked
 
 
-@pytest.mark.parametrize(
-    ("batch_lanes", "episodes", "lanes"),
-    [(16, 2, 16), (16, 40, 64), (16, 100, 256), (256, 2, 64), (256, 100, 256), (512, 500, 512), (48, 64, 64)],
-)
-def test_a_step_has_the_lanes_of_few_programs(batch_lanes: int, episodes: int, lanes: int):
-    assert module._lanes(batch_lanes, episodes) == lanes
+def test_workers_drive_all_episodes_to_the_bytes_of_one_process(store: Store, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    batch = made(store)
+    alone = found(batch)
+    steps = {key: store.get(key).body for key in store.keys("searches/")}
+    for key in steps:
+        store.delete(key)
+    asked, driven = [*simulated.asked], list[list[EpisodeRequest]]()
+
+    def workers(batch: OpenBatch, run: str, search: Callable[[DriveEpisodes], SearchResult]) -> SearchResult:
+        assert not run
+
+        def drive(requests: Sequence[EpisodeRequest], engine: str) -> list[Row]:
+            driven.append([*requests])
+            pieces = shared_out(batch, requests, 2)
+            return [row for piece in pieces for row in drive_episodes(batch, piece, engine, bundles(batch))]
+
+        return search(drive)
+
+    spread = search_batch(store.url, batch.id, SEARCH, workers=workers)
+    assert (spread, driven) == (alone, asked)
+    assert {key: store.get(key).body for key in store.keys("searches/")} == steps
+    again = search_batch(store.url, batch.id, SEARCH, workers=workers)
+    assert (again.found, again.simulated) == (alone.found, 0)
+    assert driven == asked  # of what is in the store no worker is asked
 
 
 def test_only_failures_that_were_found_can_be_replayed(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):

@@ -4,18 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from tasks.storage.base.store import Store
 from tasks.storage.store_url import open_store
 from tests.integration.runs import finished, kill_when, simyard
-from tests.integration.searched_document import searched_document
+from tests.integration.searched_document import searched, searched_document
 
 pytestmark = [pytest.mark.soak, pytest.mark.timeout(1500)]
-
-
-def searched(store: Store) -> dict[str, bytes]:
-    """Returns what a search has left: its steps, what it found, and the gate's evidence."""
-    named = [key for key in store.keys("results/") if key.endswith(("search.json", "evidence.json"))]
-    return {key: store.get(key).body for key in [*store.keys("searches/"), *named]}
 
 
 @pytest.fixture(scope="module")
