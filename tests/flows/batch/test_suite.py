@@ -11,6 +11,7 @@ from flows.batch.suite import regression_suite
 from flows.pipeline.references import finder
 from flows.pipeline.tested_batch import batch_plan
 from specs.data.episode import reason
+from specs.data.people import People
 from specs.errors import DocumentError
 from specs.pipeline.search_section import Distribution, Search, SearchBudget, SearchFind
 from tasks.documents.pipeline_file import read_pipeline
@@ -40,12 +41,12 @@ def batch(store: Store) -> OpenBatch:
     return load_batch(store, open_batch(store, plan, request(plan), "tok").id)
 
 
-def searched(batch: OpenBatch) -> BatchSearch:
+def searched(batch: OpenBatch, **physics: str) -> BatchSearch:
     """Returns what a search could have found: two failures, and one that vanished."""
     first, second = batch.plan.worlds[:2]
     failed = FoundFailure(
-        world=first, seed=3, environment={"FAULT": "0.5"}, reason="collision", replayed="collision", reference="stuck",
-        alike=3,
+        world=first, seed=3, environment={"FAULT": "0.5", **physics}, reason="collision", replayed="collision",
+        reference="stuck", alike=3,
     )  # fmt: skip
     found = BatchSearch(
         batch=batch.id,
@@ -79,6 +80,21 @@ def test_each_confirmed_failure_is_a_request_with_its_world_seed_and_variables(b
         (asked.robot, asked.scenario, asked.duration_s) for asked in [batch.layout.request(0)]
     }
     assert "# 2: collision in " in suite.text()
+
+
+def test_its_requests_say_how_late_commands_are_and_what_people_are_like(store: Store, tmp_path: Path):
+    plan = pushing_plan(store, people=People(count=4))
+    batch = load_batch(store, open_batch(store, plan, request(plan), "people").id)
+    own = {"robot.controlDelay_s": "0.15", "people.count": "2", "people.unaware": "0.123456789"}
+    found = searched(batch, **own)
+    file = tmp_path / "suite.yaml"
+    file.write_text(regression_suite(store, batch.id).text())
+    section = read_pipeline(file).simulationBatch
+    assert section
+    again = [*Layout(batch_plan(section, [], store, finder(store, {}))).requests()]
+    wanted = [found_request(batch, each) for each in found.failures]
+    assert [(each.environment, each.people) for each in again] == [(each.environment, each.people) for each in wanted]
+    assert all(own.items() <= each.environment.items() for each in again)
 
 
 def test_a_batch_that_nobody_searched_has_none(batch: OpenBatch):
