@@ -30,9 +30,7 @@ from tasks.results.playback.playback import ColumnDeviation
 from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
 from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
-from tasks.results.statistics.particles import Particles, Space
-from tasks.results.statistics.populations import FAILED
-from tasks.results.statistics.rare_failures import Estimated, failure_probability
+from tasks.results.statistics.rare_failures import FAILED, Estimated, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.engines.engine_table import REFERENCE
@@ -44,7 +42,7 @@ from tasks.storage.store_url import open_store
 
 STAGE = "Search"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
-_FORM = 5
+_FORM = 4
 _SEEDS = 2**32
 # The score of an episode that fails with the other version, too: no failure, and nothing is nearer to one.
 _NEAREST = 0.0
@@ -290,8 +288,7 @@ class _DrawnEpisodes:
         self._over = dict(sorted(search.over.items()))
         self._smooth = [name for name, each in self._over.items() if each.choice is None]
         self._choices = [name for name, each in self._over.items() if each.choice is not None]
-        values = (*(len(self._over[name].choice or ()) for name in self._choices), len(self._worlds))
-        self.space = Space(len(self._smooth), len(values) + 1, values)
+        self.space = Space(len(self._smooth), len(self._choices) + 2)
 
     def _other_version(self, store: Store, number: str) -> ApplicationLaunch:
         """Returns how another version of the robot application is launched: as the batch's is.

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from tasks.results.statistics.failure_causes import Factor, FailureCauses, _told, failure_causes
-from tasks.results.statistics.particles import Particles, Scores, Space
+from tasks.results.statistics.rare_failures import Particles, Scores, Space
 from tests.results.statistics.test_rare_failures import estimated
 
 _WORLDS = 8

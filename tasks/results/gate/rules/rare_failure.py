@@ -7,7 +7,7 @@ from specs.pipeline.gate_section import FailureBar
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.rule_answers import answer_below, confidence_text, nothing_counted, sentence
 
-_METHODS = {"thinned": "Horvitz-Thompson", "splitting": "multilevel splitting", "draws": "Clopper-Pearson"}
+_METHODS = {"splitting": "multilevel splitting", "draws": "Clopper-Pearson"}
 
 
 def _judge(asked: FailureBar, material: GateMaterial, label: str) -> RuleVerdict:
