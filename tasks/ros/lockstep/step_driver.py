@@ -85,7 +85,9 @@ class StepDriver:
             limit_s, restless = self._patience.stage_s, lane.detector.restless(now_s)
             late = f"the application did not come to rest within {limit_s:g} s, {lane.late} times"
             _LOG.warning("%s, %.1f s after %s was sent: %s", late, now_s - lane.begun_s, lane.topic, restless)
-            if lane.late >= self._patience.late_limit:
+            if lane.application.watch.stopped():  # a stopped node acknowledges nothing, so it never seems at rest
+                lane.failure = lane.application.stopped()
+            elif lane.late >= self._patience.late_limit:
                 lane.failure = ": ".join(filter(None, (late, restless)))
         lane.collect(time_ns)
         if lane.failure:

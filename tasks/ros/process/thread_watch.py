@@ -313,6 +313,10 @@ class ThreadWatch:
                 return f"waits in {where.decode(errors='replace')}" if told else "runs"
         return ""
 
+    def stopped(self) -> bool:
+        """Returns whether a thread is stopped by a signal now, whatever others do."""
+        return any(self._state(thread) in _STOPPED for thread in list(self._threads.values()))
+
     def awake(self) -> int:
         """Returns the thread that the last look found awake; 0 for none."""
         return self._hot.tid if self._hot is not None else 0

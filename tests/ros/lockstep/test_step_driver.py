@@ -110,6 +110,14 @@ def test_a_lane_that_takes_too_long_is_late_and_the_log_says_after_what_and_why(
     assert f"after {CLOCK} was sent: process {os.getpid()}, thread {worker.folder.name}: runs" in told
 
 
+def test_a_lane_with_a_stopped_process_that_never_seems_at_rest_fails_with_that_reason(
+    lane: RosLane, worker: FakeThread, poller: FakeThread, drive: Drive
+) -> None:
+    poller.be("T")
+    drive(BusyPump(worker, 60_000_000_000, until=lambda: bool(lane.failure)), lambda _: None)
+    assert lane.failure == "a process was stopped by a signal"
+
+
 def test_a_lane_whose_thread_waited_for_a_core_is_not_late(lane: RosLane, worker: FakeThread, drive: Drive) -> None:
     drive(BusyPump(worker, 0), no_fault)
     assert lane.late == 0

@@ -139,8 +139,10 @@ def test_one_that_was_stopped_is_said_to_be(start: Start) -> None:
     process = start("import os, time; os.write(1, b'.'); time.sleep(600)")
     watched = watch(process)
     until(watched, Rest.ASLEEP)
+    assert not watched.stopped()
     process.send_signal(signal.SIGSTOP)
     until(watched, Rest.STOPPED)
+    assert watched.stopped()
     watched.close()
 
 
