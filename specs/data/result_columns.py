@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, cast
 
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.data.outcomes import OUTCOME_REASONS
+from specs.data.physics import varied_people
 
 if TYPE_CHECKING:  # who checks a document needs the names of columns, and no NumPy
     import numpy as np
@@ -78,6 +79,12 @@ def _requested(name: str, kind: ColumnType, unit: str, meaning: str) -> Column:
 def _shared(value: Callable[[EpisodeRequest], object]) -> "Callable[[BatchColumns], Cells]":
     """Returns what makes a column of something that many requests share."""
     return lambda episodes: episodes.requests.shared(value)
+
+
+def _people_there(request: EpisodeRequest) -> int:
+    """Returns how many people walk in an episode, whose variables may say so."""
+    people = varied_people(request.people, request.environment)
+    return people.count if people else 0
 
 
 def _field(name: str) -> "Callable[[BatchColumns], Cells]":
@@ -175,7 +182,7 @@ REQUESTED = (
         "int32",
         "",
         "How many people walk in the world.",
-        _shared(lambda request: request.people.count if request.people else 0),
+        _shared(_people_there),
     ),
     Column(
         "boxes",

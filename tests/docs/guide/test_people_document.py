@@ -18,6 +18,7 @@ from tests.repository import ROOT
 
 DOCUMENT = (ROOT / "docs/guide/people.md").read_text()
 BLOCKS: list[dict[str, Any]] = [yaml.safe_load(block) for block in blocks_in(DOCUMENT, "yaml")]
+(VARIED,) = (batch for block in BLOCKS if "matrix" in (batch := block.get("simulationBatch", {})))
 REQUEST = {
     "maxJobDurationInSeconds": 60,
     "robotApplications": [{"application": "courier", "launchConfig": {}}],
@@ -36,13 +37,18 @@ def test_a_document_with_people_is_run_and_replayed(tmp_path: Path):
     document: dict[str, Any] = small_document()
     del document["worldExport"], document["deployment"]
     document["simulationBatch"] |= BLOCKS[0]["simulationBatch"]
+    document["simulationBatch"]["matrix"] |= VARIED["matrix"]
     document["gate"] = {"successRate": {"atLeast": 0.1}}
     store = (tmp_path / "store").as_uri()
     done = finished("run", str(write_document(tmp_path, document)), "--direct", "--store", store)
     assert done.returncode == 0, done.stdout + done.stderr
     (path,) = tmp_path.glob("store/buckets/results/**/results.parquet")
     rows = pq.read_table(path).to_pylist()
-    assert {row["people"] for row in rows} == {4}
+    counts = VARIED["matrix"]["physics"]["people.count"]
+    assert {(row["people"], dict(row["environment"])["people.count"]) for row in rows} == {(k, str(k)) for k in counts}
+    page = path.with_name("report.html").read_text()
+    assert "By people.count" in page
+    assert f"{counts[0]} or {counts[1]} in each world" in page
     assert all((row["min_person_m"] < 1.2) == (row["person_personal_s"] > 0.0) for row in rows)
     assert len({row["min_person_m"] for row in rows}) > len(rows) // 2
     batch = re.findall(r"arn:simyard:simulation-job-batch:(\S+)", done.stdout)[0]

@@ -213,6 +213,20 @@ def test_the_page_says_how_many_people_walked(tmp_path: Path, walk: tuple[int, .
     assert f"<dt>People</dt><dd>{said}</dd>" in report_page(view(tmp_path, among, answered)).decode()
 
 
+def test_numbers_of_people_that_a_matrix_varies_have_their_own_rates(tmp_path: Path):
+    asked, answered = episodes()
+    counts_of = ("8", "2")
+    varied = [
+        each.model_copy(update={"people": People(count=4), "environment": {"people.count": counts_of[number % 2]}})
+        for number, each in enumerate(asked)
+    ]
+    found = view(tmp_path, varied, answered, variables={"people.count": counts_of})
+    table = tables(found)["By people.count"]
+    assert [(row.label, row.counts) for row in table.rows] == [("8", "6 of 6"), ("2", "0 of 4, 2 canceled")]
+    assert table.rows[0].interval == "42.9 to 100.0\u00a0%"
+    assert "<dt>People</dt><dd>2 or 8 in each world</dd>" in report_page(found).decode()
+
+
 def test_the_page_says_nothing_of_people_where_nobody_walked(tmp_path: Path):
     assert "<dt>People</dt>" not in report_page(view(tmp_path)).decode()
 
