@@ -171,6 +171,7 @@ def search(
     against: str | None = None,
     episodes: int = 20_000,
     distinct: int = 20,
+    explore: int = 0,
     confidence: float = 0.95,
     relative_error: float | None = None,
     seed: int = 0,
@@ -188,6 +189,7 @@ def search(
         against: Number of another version of the robot application: a failure is an episode in which that one passes.
         episodes: How many may be simulated, 1,000 to 1,000,000; those that failed are driven by the other version, too.
         distinct: How many failures are reported, at most 100; each is simulated twice more, once on C MuJoCo.
+        explore: How many more episodes are simulated near failures that were met, to meet others.
         confidence: Of the interval.
         relative_error: The search ends once the interval reaches so far from the probability, as a share of it, 0.01 to
             1; left out, it spends its episodes.
@@ -211,7 +213,7 @@ def search(
         "over": {name: {**each} for name, each in over.items()},
         "measure": measure,
         **({} if against is None else {"against": against}),
-        "find": {"distinct": distinct},
+        "find": {"distinct": distinct, "episodes": explore},
         "budget": {"episodes": episodes},
         "estimate": {"confidence": confidence, **({} if relative_error is None else {"relativeError": relative_error})},
         "seed": seed,

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 import simyard
 from benchmarks.harness import ROOT, machine, markdown, options, show
 from flows.batch.search_batch import drawn_failures, met_failures
-from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget
+from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget, SearchFind
 from tasks.results.statistics.distinct_failures import FailureTraits
 from tasks.results.statistics.rare_failures import Particles
 from tasks.simulate.devices import prepare_devices
@@ -26,7 +26,7 @@ from tasks.storage.jobs.records import records
 from tasks.storage.resource_names import find_batch_name
 from tasks.storage.store_url import open_store
 
-EPISODES, WORLDS, VALUES, APART = 10_000, 2, 10, 0.5
+EPISODES, EXPLORED, WORLDS, VALUES, APART = 10_000, 2_500, 2, 10, 0.5
 OVER = {
     "MAX_SPEED": Distribution(uniform=(0.3, 0.8)),
     "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.1)),
@@ -70,7 +70,8 @@ def _launch(package: str, file: str) -> dict[str, object]:
 
 def failures(way: str, store: Store, batch: str, seed: int) -> FailureTraits:
     """Returns all failures that a way of spending episodes meets."""
-    search = Search(over=OVER, budget=SearchBudget(episodes=EPISODES), seed=len(WAYS) * seed + WAYS.index(way))
+    budget, find = SearchBudget(episodes=EPISODES - EXPLORED), SearchFind(episodes=EXPLORED)
+    search = Search(over=OVER, budget=budget, find=find, seed=len(WAYS) * seed + WAYS.index(way))
     if way == "search":
         return met_failures(store, batch, search)
     random = np.random.default_rng(search.seed)
@@ -96,9 +97,7 @@ def grid(random: np.random.Generator) -> Particles:
 
 def cells(found: FailureTraits) -> int:
     """Returns how many cells failures are in."""
-    tenths = np.minimum(found.numbers * 10.0, 9.0).astype(np.int64)
-    places = np.floor(found.place_m).astype(np.int64)
-    return len(np.unique(np.column_stack([found.reason, found.world, places, tenths, found.choices]), axis=0))
+    return len(np.unique(found.cells(), axis=0))
 
 
 def far_apart(found: FailureTraits) -> int:

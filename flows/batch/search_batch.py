@@ -17,20 +17,20 @@ import numpy as np
 from jaxtyping import Float64
 
 from flows.batch.replay_episode import JobReplay, bundles, playback, unpacked
-from flows.batch.search_episodes import DriveEpisodes, drive_episodes, is_canceled
+from flows.batch.search_episodes import DriveEpisodes, drive_episodes, is_canceled, score_of, why_failed
 from specs.base import Fault, Spec, canonical_document, canonical_json, digest
-from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult, reason, success
+from specs.data.episode import ApplicationLaunch, EpisodeRequest, EpisodeResult
 from specs.data.physics import PHYSICAL, no_such_people, step_of
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.applications.registry import resolve
 from tasks.progress.listener import report_progress
-from tasks.results.gate.missing_data import ROBOTS_OWN
 from tasks.results.playback.playback import ColumnDeviation
 from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
+from tasks.results.statistics.explored_failures import GENERATION, near_failures
 from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
-from tasks.results.statistics.rare_failures import FAILED, Estimated, Particles, Space, failure_probability
+from tasks.results.statistics.rare_failures import Estimated, Particles, Space, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.engines.engine_table import REFERENCE
@@ -127,6 +127,7 @@ def met_failures(store: Store, batch: str, search: Search) -> FailureTraits:
     opened = load_batch(store, batch)
     steps = _Steps(opened, search, _DrawnEpisodes(opened, search))
     _estimated(steps, search)
+    steps.explore()
     return steps.traits()
 
 
@@ -155,6 +156,7 @@ def _run_search(
     drawn = _DrawnEpisodes(opened, search)
     steps = _Steps(opened, search, drawn, run, drive, may_simulate=may_simulate)
     estimated = _estimated(steps, search)
+    steps.explore()
     likely, distinct = estimated.probability, steps.distinct()
     found = BatchSearch(
         batch=opened.id,
@@ -208,7 +210,7 @@ def replay_found(store: Store, text: str, number: int) -> JobReplay:
     request = found_request(batch, asked)
     again = replay_request(batch, request, folders)
     row, robot = again.driven.row, folders[request.robot.digest]
-    why = _why(row, search.search.measure)
+    why = why_failed(row, search.search.measure)
     same, shown = why == asked.reason, playback(batch.id, again, robot)
     return JobReplay(
         job=name,
@@ -394,7 +396,7 @@ class _Asked(Spec):
     form: int
     plan: str
     search: Search
-    part: Literal["estimate", "confirm"]
+    part: Literal["estimate", "explore", "confirm"]
 
 
 class _Failed(Spec):
@@ -426,7 +428,7 @@ class _StoredAnswers(Spec):
 
 
 class _Steps:
-    """The steps of a search, each simulated once: those of its estimate, then those that confirm what it found.
+    """The steps of a search, each simulated once: of its estimate, those near failures, and those that confirm them.
 
     Attributes:
         drawn: Its episodes.
@@ -449,20 +451,38 @@ class _Steps:
         self.drawn, self._batch, self._search, self._run = drawn, batch, search, run
         # Whoever asks for more failures has the same estimate.
         self._estimate = self._digest(search.model_copy(update={"find": SearchFind()}), "estimate")
+        near = SearchFind(episodes=search.find.episodes)
+        self._explore = self._digest(search.model_copy(update={"find": near}), "explore")
         self._confirm = self._digest(search, "confirm")
         self._number = self._done = 0
         self._found: list[tuple[Particles, list[_Failed]]] = []
         self._drive, self._may_simulate = drive or self._driven, may_simulate
         self._folders: dict[frozenset[str], dict[str, Path]] = {}
 
-    def _digest(self, search: Search, part: Literal["estimate", "confirm"]) -> str:
+    def _digest(self, search: Search, part: Literal["estimate", "explore", "confirm"]) -> str:
         return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
 
     def scores(self, particles: Particles) -> Float64[np.ndarray, "particles"]:
         """Returns how far the next step's episodes were from failing."""
-        report_progress(STAGE, self._done, self._search.budget.episodes)
-        answers = self._answers(self._estimate, self._number, self.drawn.requests(particles))
         self._number += 1
+        return self._scores(self._estimate, self._number - 1, particles)
+
+    def explore(self) -> None:
+        """Drives episodes near failures that were met, as many as are asked for; where there is none, none.
+
+        They stand for nothing, and count for no estimate.
+        """
+        left = self._search.find.episodes
+        for number, first in enumerate(range(0, left, GENERATION)):
+            particles, failures = self._met()
+            if not failures:
+                return
+            traits, count = self.drawn.traits(particles, failures), min(GENERATION, left - first)
+            self._scores(self._explore, number, near_failures(particles, traits, count, self._search.seed, number))
+
+    def _scores(self, asked: str, number: int, particles: Particles) -> Float64[np.ndarray, "particles"]:
+        report_progress(STAGE, self._done, self._search.episodes)
+        answers = self._answers(asked, number, self.drawn.requests(particles))
         self._done += len(answers.scores)
         self.failed += len(answers.failures)
         self.common += answers.common
@@ -552,11 +572,11 @@ class _Steps:
         failures = {
             place: _Failed(reason=why, place_m=(_finite(row.final_x_m), _finite(row.final_y_m)))
             for place, row in enumerate(rows)
-            if (why := _why(row, measure))
+            if (why := why_failed(row, measure))
         }
         common = self._common([*failures], requests, engine)
         return _Answers(
-            scores=tuple(_NEAREST if place in common else _score(row, measure) for place, row in enumerate(rows)),
+            scores=tuple(_NEAREST if place in common else score_of(row, measure) for place, row in enumerate(rows)),
             failures={place: each for place, each in failures.items() if place not in common},
             common=len(common),
         )
@@ -568,7 +588,9 @@ class _Steps:
             return frozenset()
         asked = [requests[place].model_copy(update={"robot": other}) for place in failing]
         rows = self._drive(asked, engine)
-        return frozenset(place for place, row in zip(failing, rows, strict=True) if _why(row, self._search.measure))
+        return frozenset(
+            place for place, row in zip(failing, rows, strict=True) if why_failed(row, self._search.measure)
+        )
 
     def _driven(self, requests: Sequence[EpisodeRequest], engine: str) -> list[EpisodeResult]:
         """Returns what came of episodes that run some bundles alone."""
@@ -589,23 +611,3 @@ def _bytes_of(answers: _Answers) -> bytes:
 
 def _reason(failures: Mapping[int, _Failed], place: int) -> str:
     return failures[place].reason if place in failures else ""
-
-
-def _score(row: EpisodeResult, measure: str) -> float | None:
-    """Returns how far an episode was from failing: its measure, or that it failed.
-
-    Raises:
-        StageFailed: It is not the robot that did not end it.
-    """
-    passed = success(row)
-    if passed is None or (row.status == "Failed" and row.failure_code not in ROBOTS_OWN):
-        raise StageFailed(row.failure_code or "Canceled", f"an episode of the search: {row.failure_reason}")
-    value = getattr(row, measure)
-    if not passed or (value is not None and value < 0.0):
-        return FAILED
-    return None if value is None or math.isnan(value) else float(value)
-
-
-def _why(row: EpisodeResult, measure: str) -> str:
-    """Returns why an episode failed, in a word or two; empty if it did not."""
-    return reason(row) or (measure if _score(row, measure) == FAILED else "")

@@ -4,7 +4,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from specs.data.episode import EpisodeRequest, EpisodeResult
+from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
+from specs.errors import StageFailed
+from tasks.results.gate.missing_data import ROBOTS_OWN
+from tasks.results.statistics.rare_failures import FAILED
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import ChunkRunner
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES
@@ -57,3 +60,23 @@ def _lanes(batch: int, episodes: int) -> int:
     """Returns how many lanes a step's program has: the fewest that hold it, of those of the batch, a few, and all."""
     most = max(batch, DEFAULT_LANES)
     return min((each for each in (batch, _FEW_LANES) if each >= episodes), default=most)
+
+
+def score_of(row: EpisodeResult, measure: str) -> float | None:
+    """Returns how far an episode was from failing: its measure, or that it failed.
+
+    Raises:
+        StageFailed: It is not the robot that did not end it.
+    """
+    passed = success(row)
+    if passed is None or (row.status == "Failed" and row.failure_code not in ROBOTS_OWN):
+        raise StageFailed(row.failure_code or "Canceled", f"an episode of the search: {row.failure_reason}")
+    value = getattr(row, measure)
+    if not passed or (value is not None and value < 0.0):
+        return FAILED
+    return None if value is None or math.isnan(value) else float(value)
+
+
+def why_failed(row: EpisodeResult, measure: str) -> str:
+    """Returns why an episode failed, in a word or two; empty if it did not."""
+    return reason(row) or (measure if score_of(row, measure) == FAILED else "")

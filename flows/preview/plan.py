@@ -383,7 +383,7 @@ def _search_lines(
     """
     if search is None:
         return
-    most, over = search.budget.episodes, ", ".join([*sorted(search.over), "worlds and seeds"])
+    most, over = search.episodes, ", ".join([*sorted(search.over), "worlds and seeds"])
     yield f"search            up to {_count(most, 'episode')} beside the batch's {plan.episodes:,}, over {over}"
     yield f"                  failures are where {search.measure} is below 0, and where an episode does not pass"
     if search.against:

@@ -80,9 +80,11 @@ class SearchFind(Spec):
 
     Attributes:
         distinct: At most so many that are unlike each other; each is simulated twice more, beside the budget.
+        episodes: How many are simulated near failures that were met, to meet others, beside the budget.
     """
 
     distinct: Annotated[Integer, Field(ge=1, le=MAX_DISTINCT)] = 20
+    episodes: Annotated[Integer, Field(ge=0, le=MAX_SEARCHED)] = 0
 
 
 class SearchBudget(Spec):
@@ -132,6 +134,11 @@ class Search(Ruled):
     budget: SearchBudget = Field(default=SearchBudget(), title="Budget")
     estimate: SearchEstimate = Field(default=SearchEstimate(), title="Estimate")
     seed: Seed = Field(default=0, title="Seed")
+
+    @property
+    def episodes(self) -> int:
+        """How many may be simulated, but for those that confirm failures."""
+        return self.budget.episodes + self.find.episodes
 
     @classmethod
     def findings(cls, data: object) -> Iterator[Finding]:

@@ -35,6 +35,12 @@ class FailureTraits(NamedTuple):
     numbers: Float64[np.ndarray, "failures numbers"]
     choices: Int[np.ndarray, "failures choices"]
 
+    def cells(self) -> Int[np.ndarray, "failures parts"]:
+        """Returns in which cell each is: its reason, world, metre of place (x, y), choices, and tenths of numbers."""
+        places = np.floor(self.place_m / OTHER_PLACE_M).astype(np.int64)
+        tenths = np.minimum(self.numbers * 10.0, 9.0).astype(np.int64)
+        return np.column_stack([self.reason, self.world, places, self.choices, tenths])
+
     def apart(self, one: int) -> Float64[np.ndarray, "failures"]:
         """Returns how far each is from one of them, 0 to 5."""
         other_world = self.world != self.world[one]

@@ -13,7 +13,16 @@ import pytest
 
 from flows.batch import search_episodes
 from flows.batch.replay_episode import bundles
-from flows.batch.search_batch import SearchResult, _DrawnEpisodes, _values, replay_found, search_batch, stored_search
+from flows.batch.search_batch import (
+    SearchResult,
+    _DrawnEpisodes,
+    _values,
+    drawn_failures,
+    met_failures,
+    replay_found,
+    search_batch,
+    stored_search,
+)
 from flows.batch.search_episodes import DriveEpisodes, drive_episodes, shared_out
 from specs.data.episode import EpisodeRequest, EpisodeResult, success
 from specs.data.people import People
@@ -363,6 +372,51 @@ def test_a_run_that_is_canceled_begins_no_further_step(batch: OpenBatch, monkeyp
     with pytest.raises(StageFailed, match="canceled on request"):
         search_batch(batch.store.url, batch.id, SEARCH, run.id)
     assert not simulated.asked
+
+
+EXPLORED = SEARCH.model_copy(update={"budget": SearchBudget(episodes=20_000), "find": SearchFind(episodes=300)})
+
+
+def test_episodes_near_failures_meet_more_of_them_and_count_for_no_estimate(
+    batch: OpenBatch, monkeypatch: pytest.MonkeyPatch
+):
+    simulated = Simulated(monkeypatch)
+    without = found(batch, EXPLORED.model_copy(update={"find": SearchFind()}))
+    asked = len(simulated.asked)
+    explored = found(batch, EXPLORED)
+    sizes = [len(each) for each in simulated.asked[asked:]]
+    assert sizes == [128, 128, 44, 20, 20]  # those that confirm come last
+    assert explored.simulated == sum(sizes)
+    assert explored.found.probability == without.found.probability
+    assert explored.found.causes == without.found.causes
+    assert without.found.failed + 50 < explored.found.failed == sum(each.alike for each in explored.found.failures)
+    traits = met_failures(batch.store, batch.id, EXPLORED)
+    assert len(traits.reason) == explored.found.failed
+
+
+def test_a_search_that_is_killed_near_failures_goes_on_there(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    whole = found(batch, EXPLORED).found
+    steps = {key: batch.store.get(key).body for key in batch.store.keys("searches/")}
+    for key in [*steps][-4:]:
+        batch.store.delete(key)
+    assert found(batch, EXPLORED).found == whole
+    assert {key: batch.store.get(key).body for key in batch.store.keys("searches/")} == steps
+
+
+def test_where_nothing_failed_nothing_is_near(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    search = EXPLORED.model_copy(update={"over": {"FAULT": Distribution(uniform=(0.5, 1.0))}})
+    answer = found(batch, search)
+    assert answer.simulated == answer.found.probability.episodes
+    assert answer.found.failed == 0
+
+
+def test_points_that_somebody_else_chooses_fail_where_they_fail(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    particles = Particles(np.array([[-3.2], [0.0], [-3.0]]), np.full((3, 2), 0.5))
+    traits = drawn_failures(batch.store, batch.id, SEARCH, particles)
+    assert traits.numbers.ravel().tolist() == pytest.approx([0.00069, 0.00135], rel=0.01)
 
 
 def test_workers_drive_all_episodes_to_the_bytes_of_one_process(store: Store, monkeypatch: pytest.MonkeyPatch):

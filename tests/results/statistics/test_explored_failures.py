@@ -1,0 +1,68 @@
+"""Episodes near failures that were met: what is changed of them, and that each place is as likely as another."""
+
+import numpy as np
+import pytest
+
+from tasks.results.statistics.distinct_failures import FailureTraits
+from tasks.results.statistics.explored_failures import near_failures
+from tasks.results.statistics.rare_failures import Particles
+
+
+def met(count: int, numbers: int = 2) -> tuple[Particles, FailureTraits]:
+    """Returns failures in cells of their own, all but the last one at one place."""
+    random = np.random.default_rng(3)
+    smooth, drawn = random.standard_normal((count, numbers)), np.full((count, 2), 0.25)
+    drawn[-1] = 0.75
+    place_m = np.zeros((count, 2))
+    place_m[-1] = 3.0
+    traits = FailureTraits(
+        reason=np.zeros(count, np.int64),
+        world=np.zeros(count, np.int64),
+        seed=np.arange(count),
+        place_m=place_m,
+        numbers=np.linspace(0.0, 1.0, count)[:, None] * np.ones(numbers),
+        choices=np.zeros((count, 0), np.int64),
+    )
+    return Particles(smooth, drawn), traits
+
+
+def test_a_place_is_tried_as_often_as_another_however_many_failures_it_has():
+    near = near_failures(*met(9), 4_000, 0, 0)
+    kept = (near.drawn == 0.75).all(1)  # of which a quarter have one of both drawn anew
+    assert kept[np.arange(4_000) % 4 != 2].mean() == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_quarter_changes_numbers_a_little_one_of_them_one_of_the_others_or_all_numbers():
+    particles, traits = met(2)
+    near = near_failures(particles, traits, 400, 0, 0)
+    first = (near.drawn < 0.5).all(1)
+    parents = particles.smooth[np.where(first, 0, 1)]
+    changed = (near.smooth != parents).sum(1)
+    kind = np.arange(400) % 4
+    assert changed[kind == 0].tolist() == [2] * 100
+    assert changed[kind == 1].tolist() == [1] * 100
+    assert changed[kind == 3].tolist() == [2] * 100
+    others = np.isin(near.drawn, [0.25, 0.75]).sum(1)
+    assert others[kind == 2].tolist() == [1] * 100
+    assert others[kind != 2].tolist() == [2] * 300
+    assert np.isin(near.smooth[kind == 2], particles.smooth).all()
+
+
+def test_without_numbers_one_of_the_others_is_drawn_anew():
+    near = near_failures(*met(3, numbers=0), 50, 0, 0)
+    assert near.smooth.shape == (50, 0)
+    assert (np.isin(near.drawn, [0.25, 0.75]).sum(1) == 1).all()
+
+
+def test_of_a_cell_the_failure_that_was_met_first_is_changed():
+    particles, traits = met(3)
+    same = traits._replace(numbers=np.full((3, 2), 0.55), place_m=np.zeros((3, 2)))
+    near = near_failures(particles, same, 40, 0, 0)
+    assert np.isin(near.smooth[np.arange(40) % 4 == 2], particles.smooth[0]).all()
+
+
+def test_what_is_drawn_follows_from_the_seed_and_the_generation():
+    first, again = (near_failures(*met(5), 20, 1, 2) for _ in range(2))
+    assert all(map(np.array_equal, first, again))
+    for other in (near_failures(*met(5), 20, 0, 2), near_failures(*met(5), 20, 1, 3)):
+        assert not np.array_equal(first.smooth, other.smooth)
