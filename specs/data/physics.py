@@ -1,4 +1,4 @@
-"""Physical parameters that episodes may vary: factors of what a ``robot.xml`` says, a delay, and what people are like.
+"""Physical parameters that episodes may vary: factors of a ``robot.xml``'s numbers, a delay, people, and the start.
 
 They stand among an episode's variables by names that no environment variable can have, so that matrices, searches,
 tables and comparisons treat them as they treat variables. Applications do not see them: a robot does not know how heavy
@@ -6,6 +6,7 @@ it is. They enter a program as numbers, so that a sweep over them is one program
 """
 
 from collections.abc import Iterable, Iterator, Mapping
+from math import pi
 from typing import Literal, NamedTuple, cast
 
 from specs.data.episode import CONTROL_HZ, CONTROL_S
@@ -20,12 +21,16 @@ PhysicalName = Literal[
     "people.count",
     "people.speed_ms",
     "people.unaware",
+    "start.x_share",
+    "start.y_share",
+    "start.yaw_rad",
 ]
 FACTORS: tuple[PhysicalName, ...] = ("robot.mass", "robot.friction", "robot.motorStrength")
 CONTROL_DELAY: PhysicalName = "robot.controlDelay_s"
 PEOPLE_COUNT: PhysicalName = "people.count"
 OF_PEOPLE: tuple[PhysicalName, ...] = (PEOPLE_COUNT, "people.speed_ms", "people.unaware")
-PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY, *OF_PEOPLE)
+OF_START: tuple[PhysicalName, ...] = ("start.x_share", "start.y_share", "start.yaw_rad")
+PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY, *OF_PEOPLE, *OF_START)
 LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0
 MOST_DELAY_STEPS = 20
 """Control steps that a command may be on its way to the actuators; a reading of a sensor may be as old."""
@@ -66,6 +71,9 @@ RANGES: Mapping[PhysicalName, Range] = {
     PEOPLE_COUNT: Range(1, MOST_PEOPLE, 1),
     "people.speed_ms": Range(LEAST_PACE_M_S, MOST_PACE_M_S),
     "people.unaware": Range(0.0, 1.0),
+    "start.x_share": Range(0.0, 1.0),
+    "start.y_share": Range(0.0, 1.0),
+    "start.yaw_rad": Range(-pi, pi),
 }
 
 
@@ -101,6 +109,26 @@ def control_delay_steps(environment: Mapping[str, str]) -> int | None:
     """Returns after how many control steps commands reach the actuators; None where an episode's variables say none."""
     text = environment.get(CONTROL_DELAY)
     return None if text is None else round(float(text) * CONTROL_HZ)
+
+
+class VariedStart(NamedTuple):
+    """Where an episode begins, whatever its scenario draws; None leaves that as it is.
+
+    Attributes:
+        x_share: Of the floor on which the robot can drive about from its scenario's start, what lies at smaller x.
+        y_share: Of that of this x, what lies at smaller y.
+        yaw_rad: Where it looks.
+    """
+
+    x_share: float | None
+    y_share: float | None
+    yaw_rad: float | None
+
+
+def varied_start(environment: Mapping[str, str]) -> VariedStart | None:
+    """Returns where an episode begins whose variables say so; None where they do not."""
+    own = [environment.get(name) for name in OF_START]
+    return VariedStart(*(None if each is None else float(each) for each in own)) if any(own) else None
 
 
 def varied_people(people: People | None, environment: Mapping[str, str]) -> People | None:

@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, cast
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from specs.base import Spec
-from specs.data.physics import PHYSICAL, RANGES, no_such_people
+from specs.data.physics import OF_START, PHYSICAL, RANGES, no_such_people
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
@@ -112,12 +112,28 @@ class SearchEstimate(Spec):
     confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = 0.95
 
 
+# What a search draws by a word: where robots begin, and what varies by itself and may be named all the same.
+_WORDS = {"start": "anywhere", "goals": "scenario", "worlds": "all"}
+
+
+def _spelled_out(over: object) -> object:
+    """Returns raw distributions with numbers in place of ``start: anywhere``, and without what varies by itself."""
+    if not isinstance(over, Mapping):
+        return over
+    raw = cast("Mapping[str, object]", over)
+    found = {name: each for name, each in raw.items() if each != _WORDS.get(name, _WORDS)}
+    if "start" in raw and "start" not in found:
+        found |= {name: {"uniform": [RANGES[name].least, RANGES[name].most]} for name in OF_START if name not in raw}
+    return found
+
+
 class Search(Ruled):
     """A search for rare failures of the batch's robot, and how probable they are.
 
     Attributes:
         over: Environment variables of the batch's request, and physical parameters, each with its
-            distribution. Worlds and seeds vary as well: each of the batch's worlds is as likely, and so is each seed.
+            distribution; ``start: anywhere`` is three of these. Worlds and seeds vary as well: each of the batch's
+            worlds is as likely, and so is each seed, and ``worlds: all`` and ``goals: scenario`` only say so.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
         against: Number of another version of the robot application: a failure is an episode in which that one passes.
@@ -127,7 +143,7 @@ class Search(Ruled):
         seed: Everything that is drawn follows from it.
     """
 
-    over: Annotated[dict[str, Distribution], Field(max_length=20)] = Field(title="Over")
+    over: Annotated[dict[str, Distribution], Field(max_length=20), BeforeValidator(_spelled_out)] = Field(title="Over")
     measure: str = Field(default="min_clearance_m", title="Measure")
     against: DeploymentVersion | None = Field(default=None, title="Against")
     find: SearchFind = Field(default=SearchFind(), title="Failures")
@@ -148,7 +164,9 @@ class Search(Ruled):
             yield Finding(("measure",), measure, f"one of {', '.join(MEASURES)}")
         over = part(data, "over")
         for name in _names(over):
-            if "." in name and name not in PHYSICAL:
+            if name in _WORDS and isinstance(part(over, name), str) and part(over, name) != _WORDS[name]:
+                yield Finding(("over", name), part(over, name), _WORDS[name])
+            elif "." in name and name not in PHYSICAL:
                 yield Finding(("over", name), name, f"an environment variable, or one of {', '.join(PHYSICAL)}")
             elif name in PHYSICAL and not all(map(RANGES[name].has, _bounds(part(over, name)))):
                 allowed = f"uniform, logUniform or normal with two bounds, each {RANGES[name]}"
@@ -178,7 +196,7 @@ def unsearchable(search: object, batch: object) -> Iterator[Finding]:
     allowed = f"a variable that the batch's request or matrix sets: {', '.join(known) or 'there is none'}"
     over = part(search, "over")
     for name in _names(over):
-        if name not in known and "." not in name:
+        if name not in known and "." not in name and not isinstance(part(over, name), str):
             yield Finding(("search", "over", name), name, allowed)
     for name, people in no_such_people(_names(over), part(batch, "people")):
         yield Finding(("search", "over", name), name, people)

@@ -6,11 +6,9 @@ again while the last one is where another robot is to stand at last: some scenar
 """
 
 from collections.abc import Sequence
-from typing import cast
 
 import numpy as np
 from jaxtyping import Float64
-from scipy import ndimage
 
 from specs.data.episode import EpisodeRequest
 from specs.data.world import Start, World
@@ -19,12 +17,10 @@ from tasks.simulate.application.contract import HostMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.world_arrays import WorldArrays
 from tasks.simulate.lane.shared_world import RobotsInputs
-from tasks.simulate.lane.staging import checked_placement, place
+from tasks.simulate.lane.staging import checked_placement, place, reached_cells
 
 # Between the circles around two hulls where they begin, and where they are to stand at last.
 APART_M = 0.3
-# Beside the circle around a hull where it begins.
-_ROOM_M = 0.05
 ATTEMPTS = 16
 _STREAM = 0x726F626F7473
 
@@ -129,11 +125,7 @@ def _start_beside(
     floor: HostMap, starts: Sequence[Float64[np.ndarray, "3"]], hull: Hull, draws: np.random.Generator
 ) -> Start | None:
     """Returns a place that the first robot gets to, apart from where others begin; None if there is none."""
-    free_cells = floor.clearance_m >= hull.radius_m + _ROOM_M
-    parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(free_cells, structure=np.ones((3, 3))))
-    column, row = np.rint((starts[0][:2] - floor.origin_m) / floor.cell_m).astype(int)
-    inside = 0 <= row < parts.shape[0] and 0 <= column < parts.shape[1]
-    rows, columns = np.nonzero((parts == parts[row, column]) & (parts > 0) if inside else parts > 0)
+    rows, columns = np.nonzero(reached_cells(floor, starts[0], hull))
     points = floor.origin_m.astype(np.float64) + float(floor.cell_m) * np.stack([columns, rows], axis=1)
     free = points[_all_apart(points, starts, 2 * hull.radius_m + APART_M)]
     if not len(free):

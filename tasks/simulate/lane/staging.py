@@ -3,17 +3,18 @@
 import hashlib
 from collections import OrderedDict
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
-from jaxtyping import Float32, Float64
+from jaxtyping import Bool, Float32, Float64
+from scipy import ndimage
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
-from specs.data.physics import control_delay_steps, physical_factors
+from specs.data.physics import VariedStart, control_delay_steps, physical_factors, varied_start
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
-from tasks.simulate.application.contract import FloorMap, Placement, Scenario
+from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.box_places import HostBoxes
 from tasks.simulate.geometry.depth_picture import DepthScene
@@ -70,7 +71,7 @@ def place(
     *,
     rng: np.random.Generator | None = None,
 ) -> Placement:
-    """Returns where an episode starts and which goals it has, drawn by its seed.
+    """Returns where an episode starts and which goals it has, drawn by its seed; its variables may move the start.
 
     Args:
         scenario: Draws them.
@@ -81,11 +82,60 @@ def place(
         rng: What draws instead of the episode's seed.
 
     Raises:
-        BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at.
+        BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at; or the
+            robot has no room to begin elsewhere.
     """
     rng = rng or np.random.default_rng(request.own_seed)
     drawn = call_bundle(_SCENARIO, "scenario.place", scenario.place, world, arrays.floor, hull.radius_m, rng)
-    return checked_placement(scenario, drawn)
+    placement, varied = checked_placement(scenario, drawn), varied_start(request.environment)
+    if varied is None:
+        return placement
+    return placement._replace(start=_varied(placement.start, varied, arrays.floor, hull))
+
+
+def _varied(
+    start: Float64[np.ndarray, "3"], varied: VariedStart, floor: HostMap, hull: Hull
+) -> Float64[np.ndarray, "3"]:
+    """Returns a start with what an episode's variables say of it; one share without the other is of the middle.
+
+    A share is that of cells in the order of their columns, and then of a column's in the order of its rows: so all of
+    the floor is as likely where both are uniform, and a little more of a share is a little further.
+
+    Raises:
+        BundleCrash: There is no room to begin.
+    """
+    start = start.copy()
+    if varied.yaw_rad is not None:
+        start[2] = varied.yaw_rad
+    if varied.x_share is None and varied.y_share is None:
+        return start
+    x_share, y_share = (0.5 if each is None else each for each in (varied.x_share, varied.y_share))
+    cells = np.argwhere(reached_cells(floor, start, hull).T)
+    if not len(cells):
+        raise BundleCrash(_SCENARIO, "start: the world has no room for the robot to begin in")
+    column = cells[_at(x_share, len(cells)), 0]
+    own = cells[cells[:, 0] == column]
+    start[:2] = floor.origin_m.astype(np.float64) + float(floor.cell_m) * own[_at(y_share, len(own))]
+    return start
+
+
+def _at(share: float, count: int) -> int:
+    return min(int(share * count), count - 1)
+
+
+# Beside the circle around a hull where it begins.
+_ROOM_M = 0.05
+
+
+def reached_cells(floor: HostMap, start: Float64[np.ndarray, "3"], hull: Hull) -> Bool[np.ndarray, "rows columns"]:
+    """Returns in which cells of a floor a robot has room, of those it gets to from the one nearest to a start."""
+    free = floor.clearance_m >= hull.radius_m + _ROOM_M
+    cells = np.argwhere(free)
+    if not len(cells):
+        return free
+    parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(free, structure=np.ones((3, 3))))
+    away = cells[:, ::-1] - (start[:2] - floor.origin_m) / floor.cell_m
+    return parts == parts[tuple(cells[np.argmin((away**2).sum(1))])]
 
 
 def checked_placement(scenario: Scenario, drawn: Placement) -> Placement:

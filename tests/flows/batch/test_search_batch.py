@@ -298,6 +298,15 @@ def test_people_vary_where_the_batch_has_some(batch: OpenBatch, store: Store):
     assert drawn.environment == {**some.layout.request(0).environment, "people.count": "2", "people.unaware": "0.5"}
 
 
+def test_starts_are_shares_of_the_floor_and_a_direction(batch: OpenBatch):
+    search = Search.model_validate({"over": {"start": "anywhere"}})
+    drawn = _DrawnEpisodes(batch, search)
+    assert [each.name for each in drawn.factors()][:3] == ["start.x_share", "start.y_share", "start.yaw_rad"]
+    (asked,) = drawn.requests(Particles(np.zeros((1, 3)), np.full((1, 2), 0.5)))
+    assert (asked.environment["start.x_share"], asked.environment["start.y_share"]) == ("0.5", "0.5")
+    assert float(asked.environment["start.yaw_rad"]) == 0.0
+
+
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):
     search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, budget=SearchBudget(episodes=1_000))
     drawn = _DrawnEpisodes(batch, search)

@@ -1,16 +1,18 @@
-"""Shortest ways of staged episodes: those of equal tasks are measured once, also where the tasks are chunks apart."""
+"""Staged episodes: ways of equal tasks are measured once, also chunks apart, and variables say where a robot begins."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
 
-from tasks.simulate.application.contract import Placement
+from tasks.simulate.application.bundle_code import BundleCrash
+from tasks.simulate.application.contract import HostMap, Placement
 from tasks.simulate.application.robot_model import Hull
 from tasks.simulate.geometry.world_arrays import WorldArrays, arrays_of_worlds
 from tasks.simulate.lane import staging
-from tasks.simulate.lane.staging import Lane, moved_lane, with_shortest_paths
+from tasks.simulate.lane.staging import Lane, moved_lane, place, with_shortest_paths
 from tests.factories.simulations import cluttered, delivery
 
 HULL = Hull(radius_m=0.2, low_m=0.02, high_m=0.38, mass_kg=2.0)
@@ -88,3 +90,53 @@ def test_a_robot_starts_beside_its_place_even_far_from_the_origin(x_m: float, be
 
 def test_a_lane_that_is_not_moved_is_the_same():
     assert np.array_equal(moved_lane(lane(3.7), (0.0, 0.0)).placement.start, lane(3.7).placement.start)
+
+
+# Begins in the left of two rooms.
+_SCENARIO: Any = SimpleNamespace(
+    arrived_m=0.3, place=lambda *_: Placement(np.array([0.1, 0.1, 0.7]), np.array([[0.3, 0.1]]))
+)
+# Cells of 10 cm: a room of seven cells in an L, a wall, and a room that nobody gets to. All have room but the wall.
+_ROOMS = np.array([[1, 1, 1, 0, 1], [1, 1, 1, 0, 1], [1, 0, 0, 0, 1]], np.float32)
+
+
+def starts(environment: dict[str, str], rooms: np.ndarray = _ROOMS) -> list[float]:
+    """Returns where an episode with such variables begins."""
+    floor = HostMap(
+        rooms, np.zeros(2, np.float32), np.array(0.1, np.float32), np.array([0.0, 0.0, 0.5, 0.3], np.float32)
+    )
+    arrays = stage()._replace(floor=floor)
+    request = delivery(0, world="w").model_copy(update={"environment": environment})
+    placement = place(_SCENARIO, request, cluttered(1), arrays, HULL)
+    assert placement.goals_m.tolist() == [[0.3, 0.1]]
+    return placement.start.tolist()
+
+
+def test_without_a_variable_of_the_start_an_episode_begins_where_its_scenario_says():
+    assert starts({"MAX_SPEED": "0.5"}) == [0.1, 0.1, 0.7]
+
+
+def test_shares_of_the_floor_are_as_likely_wherever_a_robot_gets_to_from_there():
+    shares = [(row + 0.5) / 42 for row in range(42)]
+    found = [
+        tuple(starts({"start.x_share": str(x), "start.y_share": str(y)})[:2]) for x in shares for y in shares[3::7]
+    ]
+    counts = {(round(x / 0.1), round(y / 0.1)): found.count((x, y)) for x, y in found}
+    cells = {(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (2, 0), (2, 1)}
+    assert counts == dict.fromkeys(cells, 36)
+
+
+@pytest.mark.parametrize(("share", "x_m"), [("0", 0.0), ("1", 0.2)])
+def test_both_ends_of_a_share_are_on_the_floor(share: str, x_m: float):
+    start = starts({"start.x_share": share, "start.y_share": share})
+    assert start == pytest.approx([x_m, x_m / 2.0, 0.7])
+
+
+def test_one_share_alone_is_of_the_middle_and_a_direction_alone_moves_nobody():
+    assert starts({"start.x_share": "0"}) == pytest.approx([0.0, 0.1, 0.7])
+    assert starts({"start.yaw_rad": "-3"}) == [0.1, 0.1, -3.0]
+
+
+def test_a_world_without_room_is_the_scenarios_failure():
+    with pytest.raises(BundleCrash, match="start: the world has no room for the robot to begin in"):
+        starts({"start.x_share": "0.5"}, np.zeros((2, 2), np.float32))

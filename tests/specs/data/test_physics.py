@@ -6,6 +6,7 @@ from specs.data.people import People
 from specs.data.physics import (
     CONTROL_DELAY,
     RANGES,
+    VariedStart,
     application_variables,
     beyond_range,
     control_delay_steps,
@@ -13,6 +14,7 @@ from specs.data.physics import (
     physical_factors,
     step_of,
     varied_people,
+    varied_start,
 )
 from tasks.simulate.plan.chunks import program_key, split_environment
 from tests.factories.episodes import request
@@ -77,3 +79,10 @@ def test_people_vary_where_there_are_some_and_their_speed_where_they_choose_it()
     assert [name for name, _ in no_such_people(names, None)] == ["people.speed_ms", "people.count"]
     assert [*no_such_people(names, 3)] == [*no_such_people(names, {"count": 3})] == []
     assert [name for name, _ in no_such_people(names, {"count": 3, "model": "recorded"})] == ["people.speed_ms"]
+
+
+def test_an_episodes_variables_say_where_it_begins():
+    assert varied_start({"MAX_SPEED": "0.5"}) is None
+    assert varied_start({"start.x_share": "0"}) == VariedStart(0.0, None, None)
+    assert varied_start({"start.y_share": "1", "start.yaw_rad": "-0.5"}) == VariedStart(None, 1.0, -0.5)
+    assert application_variables({"start.x_share": "0", "A": "x"}) == {"A": "x"}

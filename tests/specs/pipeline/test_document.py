@@ -362,6 +362,27 @@ def test_people_vary_where_a_batch_has_some():
     assert place == "search.over.people.unaware"
 
 
+def test_a_search_may_begin_anywhere_and_name_what_varies_by_itself():
+    over = {"start": "anywhere", "goals": "scenario", "worlds": "all", "start.yaw_rad": {"uniform": [0, 1]}}
+    search = spec(simulationBatch=swept_batch(), search=searched(over=over)).search
+    assert search is not None
+    assert {name: each.uniform for name, each in search.over.items()} == {
+        "start.x_share": (0.0, 1.0),
+        "start.y_share": (0.0, 1.0),
+        "start.yaw_rad": (0.0, 1.0),
+    }
+    assert type(search).model_validate(search.model_dump(mode="json")) == search
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "allowed"),
+    [("start", "somewhere", "anywhere"), ("goals", "mine", "scenario"), ("worlds", "one", "all")],
+)
+def test_a_word_that_a_search_does_not_know_is_refused_with_the_one_that_it_knows(name: str, value: str, allowed: str):
+    found = faults(simulationBatch=swept_batch(), search=searched(over={name: value}))
+    assert (f"search.over.{name}", allowed) in [(place, message.rsplit(": ", 1)[-1]) for place, message in found]
+
+
 def test_a_search_needs_a_batch_of_one_request():
     ((place, said),) = faults(worlds=[OWN], search=searched())
     assert (place, said) == ("search", "simulationBatch beside it, whose request and worlds it searches")
