@@ -3,7 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, cast
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from specs.base import Spec
 from specs.data.physics import OF_START, PHYSICAL, RANGES, no_such_people
@@ -127,6 +129,16 @@ def _spelled_out(over: object) -> object:
     return found
 
 
+class _OrWord:
+    """Says in the JSON schema that a distribution may be a word: Prefect compares documents with it, words and all."""
+
+    def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        """Returns the schema of distributions, or words, by name."""
+        schema, words = handler(core_schema), {"enum": [*_WORDS.values()]}
+        either = {"if": {"type": "string"}, "then": words, "else": schema["additionalProperties"]}
+        return {**schema, "additionalProperties": either}
+
+
 class Search(Ruled):
     """A search for rare failures of the batch's robot, and how probable they are.
 
@@ -143,7 +155,9 @@ class Search(Ruled):
         seed: Everything that is drawn follows from it.
     """
 
-    over: Annotated[dict[str, Distribution], Field(max_length=20), BeforeValidator(_spelled_out)] = Field(title="Over")
+    over: Annotated[dict[str, Distribution], Field(max_length=20), BeforeValidator(_spelled_out), _OrWord()] = Field(
+        title="Over"
+    )
     measure: str = Field(default="min_clearance_m", title="Measure")
     against: DeploymentVersion | None = Field(default=None, title="Against")
     find: SearchFind = Field(default=SearchFind(), title="Failures")

@@ -148,6 +148,15 @@ def test_the_server_speaks_of_what_was_meant_and_not_of_either(spec: object, tol
     assert told in str(said.value)
 
 
+def test_the_server_takes_the_words_of_a_search_and_no_others():
+    over: dict[str, object] = {"start": "anywhere", "worlds": "all", "MAX_SPEED": {"uniform": [0, 1]}}
+    document: dict[str, object] = {"name": "searched", "search": {"over": over}}
+    validate({"spec": document}, schema("pipeline"), raise_on_error=True)
+    document["search"] = {"over": {"start": "somewhere"}}
+    with pytest.raises(ValidationError, match="somewhere"):
+        validate({"spec": document}, schema("pipeline"), raise_on_error=True)
+
+
 def test_a_file_becomes_the_document_and_its_folder_the_base(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(ROOT)
     given = {"spec": {"document": "examples/worlds-only.yaml"}, "store": None, "base": "."}
