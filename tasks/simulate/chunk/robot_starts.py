@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from specs.data.episode import EpisodeRequest
+from specs.data.physics import OF_START, varied_start
 from specs.data.world import Start, World
 from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import HostMap, Placement, Scenario
@@ -99,11 +100,14 @@ def _given(
 
     Raises:
         BundleCrash: It raises, or does not give one for each.
-        RobotsRefused: Some begin in one another.
+        RobotsRefused: Some begin in one another, or variables say that they begin elsewhere.
     """
     place_robots = getattr(scenario, "place_robots", None)
     if place_robots is None:
         return None
+    if varied_start(requests[0].environment) is not None:
+        elsewhere = f"nothing of {', '.join(OF_START)}; scenario.place_robots says where all of them begin"
+        raise RobotsRefused(f"robots: {len(requests)}: {elsewhere}")
     name, code, rng = "scenario.place_robots", "SimulationApplicationCrash", np.random.default_rng(requests[0].seed)
     drawn = call_bundle(code, name, place_robots, world, arrays.floor, hull.radius_m, rng, len(requests))
     found = [checked_placement(scenario, each) for each in call_bundle(code, name, list, drawn)]

@@ -163,3 +163,12 @@ def test_a_scenario_that_puts_robots_into_one_another_fails_them():
     rows = driven(facing(2, "0.1"), {"hand/hall": hall(2.0)})
     assert {(row.status, row.failure_code) for row in rows} == {("Failed", "InvalidInput")}
     assert all("number 1 begins in another" in row.failure_reason for row in rows)
+
+
+@pytest.mark.parametrize("name", ["start.x_share", "start.yaw_rad"])
+def test_robots_that_their_scenario_puts_do_not_begin_elsewhere_in_silence(name: str):
+    asked = facing(2, "0.8")
+    moved = [each.model_copy(update={"environment": {**each.environment, name: "0.5"}}) for each in asked]
+    rows = driven(moved, {"hand/hall": hall(2.0)})
+    assert {(row.status, row.failure_code) for row in rows} == {("Failed", "InvalidInput")}
+    assert all("scenario.place_robots says where all of them begin" in row.failure_reason for row in rows)
