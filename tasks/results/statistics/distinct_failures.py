@@ -37,7 +37,8 @@ class FailureTraits(NamedTuple):
 
     def cells(self) -> Int[np.ndarray, "failures parts"]:
         """Returns in which cell each is: its reason, world, metre of place (x, y), choices, and tenths of numbers."""
-        places = np.floor(self.place_m / OTHER_PLACE_M).astype(np.int64)
+        # A robot whose state blew up may be farther away than a whole number says.
+        places = np.clip(np.floor(self.place_m / OTHER_PLACE_M), -(2.0**53), 2.0**53).astype(np.int64)
         tenths = np.minimum(self.numbers * 10.0, 9.0).astype(np.int64)
         return np.column_stack([self.reason, self.world, places, self.choices, tenths])
 

@@ -66,3 +66,10 @@ def test_what_is_drawn_follows_from_the_seed_and_the_generation():
     assert all(map(np.array_equal, first, again))
     for other in (near_failures(*met(5), 20, 0, 2), near_failures(*met(5), 20, 1, 3)):
         assert not np.array_equal(first.smooth, other.smooth)
+
+
+def test_a_robot_that_is_farther_away_than_whole_numbers_go_is_in_a_cell():
+    _, traits = met(2)
+    place_m = np.array([[1e30, 0.0], [-1e300, 0.0]])
+    cells = traits._replace(place_m=place_m).cells()
+    assert len(np.unique(cells[:, :4], axis=0)) == 2
