@@ -86,7 +86,8 @@ class SearchFind(Spec):
     """
 
     distinct: Annotated[Integer, Field(ge=1, le=MAX_DISTINCT)] = 20
-    episodes: Annotated[Integer, Field(ge=0, le=MAX_SEARCHED)] = 0
+    # A search without any has the digest, and so the steps, that it had before there were some.
+    episodes: Annotated[Integer, Field(ge=0, le=MAX_SEARCHED, exclude_if=lambda value: value == 0)] = 0
 
 
 class SearchBudget(Spec):
@@ -119,12 +120,15 @@ _WORDS = {"start": "anywhere", "goals": "scenario", "worlds": "all"}
 
 
 def _spelled_out(over: object) -> object:
-    """Returns raw distributions with numbers in place of ``start: anywhere``, and without what varies by itself."""
+    """Returns raw distributions with numbers in place of ``start: anywhere``, and without what varies by itself.
+
+    Other words are left out, too: `Search.findings` tells of them.
+    """
     if not isinstance(over, Mapping):
         return over
     raw = cast("Mapping[str, object]", over)
-    found = {name: each for name, each in raw.items() if each != _WORDS.get(name, _WORDS)}
-    if "start" in raw and "start" not in found:
+    found = {name: each for name, each in raw.items() if not (name in _WORDS and isinstance(each, str))}
+    if raw.get("start") == _WORDS["start"]:
         found |= {name: {"uniform": [RANGES[name].least, RANGES[name].most]} for name in OF_START if name not in raw}
     return found
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, cast
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float32, Float64
+from jaxtyping import Bool, Float32, Float64, Int
 from scipy import ndimage
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
@@ -36,6 +36,9 @@ _SCENARIO: CrashCode = "SimulationApplicationCrash"
 # Episodes that differ in a swept value alone have the same task, and are chunks apart. A hundred bytes or two each.
 _TASKS_KNOWN = 1 << 16
 _known_m: OrderedDict[bytes, float] = OrderedDict()
+# Which cells of a floor a hull gets to from which; with each floor, so that no other one has its number meanwhile.
+_FLOORS_KNOWN = 64
+_known_parts: OrderedDict[tuple[int, float], tuple[np.ndarray, np.ndarray, np.ndarray]] = OrderedDict()
 
 
 class Lane(NamedTuple):
@@ -129,13 +132,24 @@ _ROOM_M = 0.05
 
 def reached_cells(floor: HostMap, start: Float64[np.ndarray, "3"], hull: Hull) -> Bool[np.ndarray, "rows columns"]:
     """Returns in which cells of a floor a robot has room, of those it gets to from the one nearest to a start."""
-    free = floor.clearance_m >= hull.radius_m + _ROOM_M
-    cells = np.argwhere(free)
+    parts, cells = _parts(floor, hull)
     if not len(cells):
-        return free
-    parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(free, structure=np.ones((3, 3))))
+        return np.zeros(parts.shape, np.bool_)
     away = cells[:, ::-1] - (start[:2] - floor.origin_m) / floor.cell_m
     return parts == parts[tuple(cells[np.argmin((away**2).sum(1))])]
+
+
+def _parts(floor: HostMap, hull: Hull) -> tuple[Int[np.ndarray, "rows columns"], Int[np.ndarray, "cells 2"]]:
+    """Returns which part of a floor each cell is of, 0 for none, and the cells of all parts; of a world, once."""
+    key = (id(floor.clearance_m), hull.radius_m)
+    if key not in _known_parts:
+        free = floor.clearance_m >= hull.radius_m + _ROOM_M
+        parts, _ = cast("tuple[np.ndarray, int]", ndimage.label(free, structure=np.ones((3, 3))))
+        _known_parts[key] = floor.clearance_m, parts, np.argwhere(free)
+        while len(_known_parts) > _FLOORS_KNOWN:
+            _known_parts.popitem(last=False)
+    _known_parts.move_to_end(key)
+    return _known_parts[key][1:]
 
 
 def checked_placement(scenario: Scenario, drawn: Placement) -> Placement:

@@ -413,6 +413,16 @@ def test_a_search_that_is_killed_near_failures_goes_on_there(batch: OpenBatch, m
     assert {key: batch.store.get(key).body for key in batch.store.keys("searches/")} == steps
 
 
+def test_steps_near_failures_are_those_of_as_many_and_not_of_others(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    simulated = Simulated(monkeypatch)
+    found(batch, EXPLORED)
+    asked = len(simulated.asked)
+    found(batch, EXPLORED.model_copy(update={"find": SearchFind(episodes=100)}))
+    assert [len(each) for each in simulated.asked[asked:]] == [100, 20, 20]
+    again = found(batch, EXPLORED.model_copy(update={"find": SearchFind(distinct=3, episodes=300)}))
+    assert again.simulated == 2 * 3  # whoever asks for fewer of them has the same ones near
+
+
 def test_where_nothing_failed_nothing_is_near(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
     Simulated(monkeypatch)
     search = EXPLORED.model_copy(update={"over": {"FAULT": Distribution(uniform=(0.5, 1.0))}})

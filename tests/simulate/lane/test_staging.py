@@ -137,6 +137,27 @@ def test_one_share_alone_is_of_the_middle_and_a_direction_alone_moves_nobody():
     assert starts({"start.yaw_rad": "-3"}) == [0.1, 0.1, -3.0]
 
 
+def test_which_cells_of_a_world_a_robot_gets_to_is_found_out_once(monkeypatch: pytest.MonkeyPatch):
+    label, labelled = staging.ndimage.label, list[object]()
+    counted = SimpleNamespace(label=lambda *args, **rest: labelled.append(args) or label(*args, **rest))
+    monkeypatch.setattr(staging, "ndimage", counted)
+    rooms = _ROOMS.copy()
+    first = starts({"start.x_share": "0.9"}, rooms)
+    assert starts({"start.x_share": "0.9"}, rooms) == first
+    assert len(labelled) == 1
+    rooms = np.zeros_like(_ROOMS)
+    rooms[0, 0] = 1.0
+    assert starts({"start.x_share": "0.9"}, rooms)[:2] == [0.0, 0.0]
+    assert len(labelled) == 2
+
+
+def test_of_many_worlds_only_the_last_ones_are_known(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(staging, "_FLOORS_KNOWN", 3)
+    for _ in range(5):
+        starts({"start.x_share": "0.9"}, _ROOMS.copy())
+    assert len(staging._known_parts) == 3
+
+
 def test_a_world_without_room_is_the_scenarios_failure():
     with pytest.raises(BundleCrash, match="start: the world has no room for the robot to begin in"):
         starts({"start.x_share": "0.5"}, np.zeros((2, 2), np.float32))

@@ -3,8 +3,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from specs.base import canonical_document
+from specs.base import canonical_document, digest
 from specs.pipeline.document import PipelineSpec, canonical_digest, inert_fields, place_worlds
+from specs.pipeline.search_section import Search
 from specs.pipeline.world_sections import FORMATS
 
 JOB: dict[str, Any] = {
@@ -380,7 +381,16 @@ def test_a_search_may_begin_anywhere_and_name_what_varies_by_itself():
 )
 def test_a_word_that_a_search_does_not_know_is_refused_with_the_one_that_it_knows(name: str, value: str, allowed: str):
     found = faults(simulationBatch=swept_batch(), search=searched(over={name: value}))
-    assert (f"search.over.{name}", allowed) in [(place, message.rsplit(": ", 1)[-1]) for place, message in found]
+    assert [(place, message.rsplit(": ", 1)[-1]) for place, message in found] == [(f"search.over.{name}", allowed)]
+
+
+def test_a_search_without_more_failures_has_the_digest_that_it_had_before_there_were_some():
+    search = Search.model_validate(searched())
+    assert canonical_document(search)["find"] == {"distinct": 20}
+    explored = Search.model_validate(searched(find={"episodes": 128}))
+    assert canonical_document(explored)["find"] == {"distinct": 20, "episodes": 128}
+    assert Search.model_validate(canonical_document(explored)) == explored
+    assert digest(explored) != digest(search)
 
 
 def test_a_search_needs_a_batch_of_one_request():
