@@ -16,10 +16,11 @@ from scipy.special import ndtri
 
 import simyard
 from benchmarks.harness import ROOT, machine, markdown, options, show
-from flows.batch.search_batch import drawn_failures, met_failures
+from flows.batch.search_batch import DrawnEpisodes, SearchSteps
 from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget, SearchFind
 from tasks.results.statistics.distinct_failures import FailureTraits
 from tasks.results.statistics.rare_failures import Particles
+from tasks.simulate.batch.batch_record import load_batch
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records
@@ -72,14 +73,16 @@ def failures(way: str, store: Store, batch: str, seed: int) -> FailureTraits:
     """Returns all failures that a way of spending episodes meets."""
     budget, find = SearchBudget(episodes=EPISODES - EXPLORED), SearchFind(episodes=EXPLORED)
     search = Search(over=OVER, budget=budget, find=find, seed=len(WAYS) * seed + WAYS.index(way))
+    opened = load_batch(store, batch)
+    steps, random = SearchSteps(opened, search, DrawnEpisodes(opened, search)), np.random.default_rng(search.seed)
     if way == "search":
-        return met_failures(store, batch, search)
-    random = np.random.default_rng(search.seed)
-    if way == "grid":
-        return drawn_failures(store, batch, search, grid(random))
-    return drawn_failures(
-        store, batch, search, Particles(random.standard_normal((EPISODES, len(OVER))), random.random((EPISODES, 2)))
-    )
+        steps.estimate()
+        steps.explore()
+    elif way == "grid":
+        steps.scores(grid(random))
+    else:
+        steps.scores(Particles(random.standard_normal((EPISODES, len(OVER))), random.random((EPISODES, 2))))
+    return steps.traits()
 
 
 def grid(random: np.random.Generator) -> Particles:

@@ -116,35 +116,6 @@ def stored_search(store: Store, batch: str, search: Search) -> BatchSearch | Non
         return None
 
 
-def met_failures(store: Store, batch: str, search: Search) -> FailureTraits:
-    """Returns by what the failures are told apart that a search over a batch has met, all of them.
-
-    Raises:
-        ResourceNotFound: There is no such batch, or what it needs is gone.
-        DocumentError: The batch has several requests, or does not have the variables.
-        StageFailed: As `search_batch`.
-    """
-    opened = load_batch(store, batch)
-    steps = _Steps(opened, search, _DrawnEpisodes(opened, search))
-    _estimated(steps, search)
-    steps.explore()
-    return steps.traits()
-
-
-def drawn_failures(store: Store, batch: str, search: Search, particles: Particles) -> FailureTraits:
-    """Returns by what the failures are told apart among some points of what a search varies, which it does not choose.
-
-    Raises:
-        ResourceNotFound: There is no such batch, or what it needs is gone.
-        DocumentError: The batch has several requests, or does not have the variables.
-        StageFailed: As `search_batch`.
-    """
-    opened = load_batch(store, batch)
-    steps = _Steps(opened, search, _DrawnEpisodes(opened, search))
-    steps.scores(particles)
-    return steps.traits()
-
-
 class _NotSimulatedError(Exception):
     """A step is to be simulated, and must not be."""
 
@@ -153,9 +124,9 @@ def _run_search(
     opened: OpenBatch, search: Search, run: str = "", drive: DriveEpisodes | None = None, *, may_simulate: bool = True
 ) -> SearchResult:
     """Returns what a search over a batch found; see `search_batch`."""
-    drawn = _DrawnEpisodes(opened, search)
-    steps = _Steps(opened, search, drawn, run, drive, may_simulate=may_simulate)
-    estimated = _estimated(steps, search)
+    drawn = DrawnEpisodes(opened, search)
+    steps = SearchSteps(opened, search, drawn, run, drive, may_simulate=may_simulate)
+    estimated = steps.estimate()
     steps.explore()
     likely, distinct = estimated.probability, steps.distinct()
     found = BatchSearch(
@@ -169,23 +140,6 @@ def _run_search(
         common=steps.common,
     )
     return SearchResult(found, steps.simulated)
-
-
-def _estimated(steps: "_Steps", search: Search) -> Estimated:
-    """Returns how probable a failure is, by the scores of steps."""
-    going = failure_probability(
-        steps.drawn.space,
-        budget=search.budget.episodes,
-        confidence=search.estimate.confidence,
-        seed=search.seed,
-        relative_error=search.estimate.relativeError,
-    )
-    particles = next(going)
-    while True:
-        try:
-            particles = going.send(steps.scores(particles))
-        except StopIteration as end:
-            return end.value
 
 
 def replay_found(store: Store, text: str, number: int) -> JobReplay:
@@ -252,7 +206,7 @@ def _like(first: EpisodeRequest, index: int, world: str, seed: int, own: Mapping
     )
 
 
-class _DrawnEpisodes:
+class DrawnEpisodes:
     """Episodes like a batch's, drawn as a search says.
 
     Attributes:
@@ -427,7 +381,7 @@ class _StoredAnswers(Spec):
     answers: _Answers
 
 
-class _Steps:
+class SearchSteps:
     """The steps of a search, each simulated once: of its estimate, those near failures, and those that confirm them.
 
     Attributes:
@@ -441,7 +395,7 @@ class _Steps:
         self,
         batch: OpenBatch,
         search: Search,
-        drawn: _DrawnEpisodes,
+        drawn: DrawnEpisodes,
         run: str = "",
         drive: DriveEpisodes | None = None,
         *,
@@ -461,6 +415,22 @@ class _Steps:
 
     def _digest(self, search: Search, part: Literal["estimate", "explore", "confirm"]) -> str:
         return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
+
+    def estimate(self) -> Estimated:
+        """Returns how probable a failure is, by the scores of its steps."""
+        going = failure_probability(
+            self.drawn.space,
+            budget=self._search.budget.episodes,
+            confidence=self._search.estimate.confidence,
+            seed=self._search.seed,
+            relative_error=self._search.estimate.relativeError,
+        )
+        particles = next(going)
+        while True:
+            try:
+                particles = going.send(self.scores(particles))
+            except StopIteration as end:
+                return end.value
 
     def scores(self, particles: Particles) -> Float64[np.ndarray, "particles"]:
         """Returns how far the next step's episodes were from failing."""

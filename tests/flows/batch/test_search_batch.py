@@ -14,11 +14,10 @@ import pytest
 from flows.batch import search_episodes
 from flows.batch.replay_episode import bundles
 from flows.batch.search_batch import (
+    DrawnEpisodes,
     SearchResult,
-    _DrawnEpisodes,
+    SearchSteps,
     _values,
-    drawn_failures,
-    met_failures,
     replay_found,
     search_batch,
     stored_search,
@@ -244,7 +243,7 @@ def test_one_that_is_asked_for_again_simulates_nothing(batch: OpenBatch, monkeyp
 
 
 def test_worlds_seeds_and_variables_are_those_of_the_distributions(batch: OpenBatch):
-    drawn = _DrawnEpisodes(batch, SEARCH)
+    drawn = DrawnEpisodes(batch, SEARCH)
     generator = np.random.default_rng(0)
     particles = Particles(generator.standard_normal((400, 1)), generator.random((400, 2)))
     requests = drawn.requests(particles)
@@ -276,7 +275,7 @@ def test_a_distribution_has_its_bounds_and_its_median(
 
 def test_a_robots_mass_varies_where_the_batch_does_not_set_it(batch: OpenBatch):
     search = Search(over={"robot.mass": Distribution(uniform=(0.5, 1.5))}, budget=SearchBudget(episodes=1_000))
-    (drawn,) = _DrawnEpisodes(batch, search).requests(Particles(np.zeros((1, 1)), np.full((1, 2), 0.5)))
+    (drawn,) = DrawnEpisodes(batch, search).requests(Particles(np.zeros((1, 1)), np.full((1, 2), 0.5)))
     assert drawn.environment == {**batch.layout.request(0).environment, "robot.mass": "1"}
 
 
@@ -284,23 +283,23 @@ def test_whole_steps_of_a_delay_are_as_likely_as_each_other(batch: OpenBatch):
     search = Search(over={"robot.controlDelay_s": Distribution(uniform=(0.05, 0.15))})
     smooth = NormalDist().inv_cdf
     particles = Particles(np.array([[smooth((row + 0.5) / 9)] for row in range(9)]), np.full((9, 2), 0.5))
-    drawn = [each.environment["robot.controlDelay_s"] for each in _DrawnEpisodes(batch, search).requests(particles)]
+    drawn = [each.environment["robot.controlDelay_s"] for each in DrawnEpisodes(batch, search).requests(particles)]
     assert drawn == ["0.05"] * 3 + ["0.1"] * 3 + ["0.15"] * 3
 
 
 def test_people_vary_where_the_batch_has_some(batch: OpenBatch, store: Store):
     search = Search(over={"people.count": Distribution(uniform=(1, 3)), "people.unaware": Distribution(uniform=(0, 1))})
     with pytest.raises(DocumentError, match=r"over\.people\.count: .*a batch with people"):
-        _DrawnEpisodes(batch, search)
+        DrawnEpisodes(batch, search)
     plan = pushing_plan(store, people=People(count=4))
     some = load_batch(store, open_batch(store, plan, request(plan), "people").id)
-    (drawn,) = _DrawnEpisodes(some, search).requests(Particles(np.zeros((1, 2)), np.full((1, 2), 0.5)))
+    (drawn,) = DrawnEpisodes(some, search).requests(Particles(np.zeros((1, 2)), np.full((1, 2), 0.5)))
     assert drawn.environment == {**some.layout.request(0).environment, "people.count": "2", "people.unaware": "0.5"}
 
 
 def test_starts_are_shares_of_the_floor_and_a_direction(batch: OpenBatch):
     search = Search.model_validate({"over": {"start": "anywhere"}})
-    drawn = _DrawnEpisodes(batch, search)
+    drawn = DrawnEpisodes(batch, search)
     assert [each.name for each in drawn.factors()][:3] == ["start.x_share", "start.y_share", "start.yaw_rad"]
     (asked,) = drawn.requests(Particles(np.zeros((1, 3)), np.full((1, 2), 0.5)))
     assert (asked.environment["start.x_share"], asked.environment["start.y_share"]) == ("0.5", "0.5")
@@ -309,7 +308,7 @@ def test_starts_are_shares_of_the_floor_and_a_direction(batch: OpenBatch):
 
 def test_choices_are_as_likely_as_each_other(batch: OpenBatch):
     search = Search(over={"FAULT": Distribution(choice=("0", "7"))}, budget=SearchBudget(episodes=1_000))
-    drawn = _DrawnEpisodes(batch, search)
+    drawn = DrawnEpisodes(batch, search)
     assert drawn.space == (0, 3)
     places = (np.arange(10) + 0.5) / 10
     requests = drawn.requests(Particles(np.zeros((10, 0)), np.stack([places, places, places], axis=1)))
@@ -399,8 +398,11 @@ def test_episodes_near_failures_meet_more_of_them_and_count_for_no_estimate(
     assert explored.found.probability == without.found.probability
     assert explored.found.causes == without.found.causes
     assert without.found.failed + 50 < explored.found.failed == sum(each.alike for each in explored.found.failures)
-    traits = met_failures(batch.store, batch.id, EXPLORED)
-    assert len(traits.reason) == explored.found.failed
+    steps = SearchSteps(batch, EXPLORED, DrawnEpisodes(batch, EXPLORED))
+    assert steps.estimate().probability == explored.found.probability
+    steps.explore()
+    assert len(steps.traits().reason) == explored.found.failed
+    assert len(simulated.asked) == asked + len(sizes)
 
 
 def test_a_search_that_is_killed_near_failures_goes_on_there(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
@@ -434,8 +436,9 @@ def test_where_nothing_failed_nothing_is_near(batch: OpenBatch, monkeypatch: pyt
 def test_points_that_somebody_else_chooses_fail_where_they_fail(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
     Simulated(monkeypatch)
     particles = Particles(np.array([[-3.2], [0.0], [-3.0]]), np.full((3, 2), 0.5))
-    traits = drawn_failures(batch.store, batch.id, SEARCH, particles)
-    assert traits.numbers.ravel().tolist() == pytest.approx([0.00069, 0.00135], rel=0.01)
+    steps = SearchSteps(batch, SEARCH, DrawnEpisodes(batch, SEARCH))
+    steps.scores(particles)
+    assert steps.traits().numbers.ravel().tolist() == pytest.approx([0.00069, 0.00135], rel=0.01)
 
 
 def test_workers_drive_all_episodes_to_the_bytes_of_one_process(store: Store, monkeypatch: pytest.MonkeyPatch):
