@@ -33,11 +33,10 @@ prepare_devices()
 import jax  # noqa: E402 - it reads its settings when it is imported
 import jax.numpy as jnp  # noqa: E402
 
-from tasks.simulate.application.contract import Body  # noqa: E402
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of  # noqa: E402
 from tasks.simulate.geometry.obstacles import obstacles  # noqa: E402
 from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, walks_in  # noqa: E402
-from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, walk  # noqa: E402
+from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, robot_disc, walk  # noqa: E402
 
 FAR_M, HULL_M = 500.0, 0.2
 # What numbers of 32 bits may lose of a distance.
@@ -124,10 +123,10 @@ def stacked(scenes: Sequence[Scene]) -> PeopleInputs:
 @jax.jit
 def minute(people: PeopleInputs, before: PeopleState) -> tuple[PeopleState, Float[jax.Array, "steps lanes people 2"]]:
     """Returns the people a minute later, and their places in all its steps."""
-    robot = Body(jnp.full(3, FAR_M), jnp.zeros(3), jnp.zeros(0), jnp.zeros(3))
+    robot = robot_disc(jnp.full(2, FAR_M), jnp.zeros(2), HULL_M)
 
     def step(state: PeopleState, _: None) -> tuple[PeopleState, jax.Array]:
-        after = jax.vmap(lambda own, each: walk(own, each, robot, HULL_M))(people, state)
+        after = jax.vmap(lambda own, each: walk(own, each, [robot]))(people, state)
         return after, after.place_m
 
     return jax.lax.scan(step, before, None, length=MINUTE_STEPS)

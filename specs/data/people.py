@@ -7,7 +7,7 @@ from pydantic import Field
 from specs.base import Spec
 from specs.field_types import Integer, Number
 
-MOST_PEOPLE = 8
+MOST_PEOPLE = 16
 LEAST_PACE_M_S, MOST_PACE_M_S = 0.1, 2.0
 PERSON_RADIUS_M = 0.25
 """Of the upright cylinder that stands for a person: half of the widest shoulders."""

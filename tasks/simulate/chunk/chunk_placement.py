@@ -281,10 +281,11 @@ def _placed_together(
         lanes.append(lane)
     placements = placed_robots(scenarios, requests, world, arrays, program.hull)
     inputs = robots_inputs(placements, program.hull) if len(requests) > 1 else [None]
+    people = _people(requests[0], world, placements, program)
     found = [
         lane._replace(
             placement=placement,
-            people=_people(lane.request, world, placement, program),
+            people=people,
             hull_depth_m=seen_hull_m(lane.camera, robot),
             boxes=_boxes(lane, placement, program),
             robots=others,
@@ -296,8 +297,10 @@ def _placed_together(
     return found
 
 
-def _people(request: EpisodeRequest, world: World, placement: Placement, program: Program) -> HostPeople | None:
-    """Returns who walks about in an episode.
+def _people(
+    request: EpisodeRequest, world: World, placements: Sequence[Placement], program: Program
+) -> HostPeople | None:
+    """Returns who walks about in an episode, or in the one that several robots share.
 
     Raises:
         PeopleRefused: The world has no room for them.
@@ -305,7 +308,8 @@ def _people(request: EpisodeRequest, world: World, placement: Placement, program
     people = varied_people(request.people, request.environment)
     if people is None:
         return None
-    return walks_in(world).people(people, request.seed, placement.start[:2], program.hull.radius_m)
+    starts_m = np.stack([placement.start[:2] for placement in placements])
+    return walks_in(world).people(people, request.seed, starts_m, program.hull.radius_m)
 
 
 def _boxes(lane: Lane, placement: Placement, program: Program) -> HostBoxes | None:

@@ -138,7 +138,8 @@ Row = Float[jax.Array, "numbers"]
 Rows = Float32[np.ndarray, "lanes numbers"]
 PackedInputs = PackedLanes[LaneInputs]
 PackedState = PackedLanes[LaneState]
-# Of what a row tells a record: the pose, the velocity, the goal's index and the impulse; people follow.
+# Of what a row tells a record: the pose, the velocity, the goal's index and the impulse; people, other robots and boxes
+# follow.
 _RECORDED = 8
 
 
@@ -289,10 +290,13 @@ def _keep(record: Any, step: int, observed: Observation, controls: Rows, recorde
     record.pose[:, step], record.velocity[:, step] = recorded[:, :3], recorded[:, 3:6]
     record.goal_index[:, step], record.impulse_ns[:, step] = recorded[:, 6], recorded[:, 7]
     record.control[:, step], record.ranges_m[:, step] = controls, observed.ranges_m
-    # Of people, other robots and boxes an episode has one kind alone.
-    movers_m = next((each for each in (record.people_m, record.robots_m, record.boxes_m) if each is not None), None)
-    if movers_m is not None:
-        movers_m[:, step] = recorded[:, _RECORDED:].reshape(movers_m[:, step].shape)
+    place = _RECORDED
+    for movers_m in (record.people_m, record.robots_m, record.boxes_m):
+        if movers_m is not None:
+            now = movers_m[:, step]
+            size = now[0].size
+            now[:] = recorded[:, place : place + size].reshape(now.shape)
+            place += size
 
 
 def _numbers(array: jax.Array) -> Row:

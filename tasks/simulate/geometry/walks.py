@@ -163,24 +163,25 @@ class Walks:
         chosen = points[sorted(set(beside))] if len(set(beside)) > 1 else points
         return _scattered(chosen, _MOST_PLACES)
 
-    def people(self, asked: People, seed: int, robot_m: Float64[np.ndarray, "2"], robot_radius_m: float) -> HostPeople:
+    def people(
+        self, asked: People, seed: int, robots_m: Float64[np.ndarray, "*robots 2"], robot_radius_m: float
+    ) -> HostPeople:
         """Returns the people of an episode, each drawn from its seed, whoever is beside it.
 
         Args:
             asked: How many, and how they are.
             seed: The episode's.
-            robot_m: Where its robot begins.
-            robot_radius_m: Of its hull.
+            robots_m: Where its robot begins, or its robots.
+            robot_radius_m: Of the hull.
 
         Raises:
             PeopleRefused: The world has not enough places to walk between, or not enough room for all to begin.
         """
         if asked.model == "recorded":
-            return _recorded(self._world, asked, robot_m, robot_radius_m)
+            return _recorded(self._world, asked, robots_m, robot_radius_m)
         if not self.legs:
             raise PeopleRefused(f"people: {asked.count}: {self._world.name} has no two places that a person fits in")
-        size = _LEAST if asked.count <= _LEAST else 2 * _LEAST
-        lone = _nobody(size, self.room._replace(clearance_m=self._left_m))
+        lone = _nobody(_places_for(asked.count), self.room._replace(clearance_m=self._left_m))
         begun: list[Float64[np.ndarray, 2]] = []
         for number in range(asked.count):
             rng = np.random.Generator(np.random.Philox(key=[seed % (1 << 64), _STREAM], counter=[0, 0, 0, number]))
@@ -194,7 +195,7 @@ class Walks:
             lone.corners_m[number, :count] = way.corners_m
             lone.corner_count[number] = count
             lone.stay_s[number, :count] = np.where(way.is_place, rng.uniform(*_STAYS_S, count), 0.0)
-            toward, place = _begin(way, rng, begun, robot_m, robot_radius_m)
+            toward, place = _begin(way, rng, begun, robots_m, robot_radius_m)
             if place is None:
                 walk = f"{self._world.name} has room for {number} people to begin in"
                 raise PeopleRefused(f"people: {asked.count}: {walk}")
@@ -258,6 +259,11 @@ def _scattered(points: Float64[np.ndarray, "points 2"], most: int) -> Float64[np
     return points[chosen]
 
 
+def _places_for(count: int) -> int:
+    """Returns how many people a program has places for, one for few numbers of them."""
+    return max(_LEAST, 1 << (count - 1).bit_length())
+
+
 def _nobody(size: int, room: HostMap) -> HostPeople:
     """Returns the arrays of so many people, none of whom is there."""
     numbers, two = np.zeros(size, np.float32), np.zeros((size, 2), np.float32)
@@ -282,7 +288,7 @@ def _begin(
     way: _Round,
     rng: np.random.Generator,
     others: list[Float64[np.ndarray, "2"]],
-    robot_m: Float64[np.ndarray, "2"],
+    robots_m: Float64[np.ndarray, "*robots 2"],
     robot_radius_m: float,
 ) -> tuple[int, Float64[np.ndarray, "2"] | None]:
     """Returns the corner to walk to, and a place on the way there that is clear of others; None if none was found."""
@@ -290,13 +296,15 @@ def _begin(
     for number, share in zip(rng.integers(len(ends), size=_DRAWS).tolist(), rng.random(_DRAWS).tolist(), strict=True):
         place = starts[number] + share * (ends[number] - starts[number])
         clear = [np.hypot(*(place - other)) >= 2 * PERSON_RADIUS_M + _APART_M for other in others]
-        from_robot_m = np.hypot(*(place - robot_m)) - robot_radius_m - PERSON_RADIUS_M
-        if all(clear) and from_robot_m >= _FROM_ROBOT_M:
+        from_robots_m = np.min(np.hypot(*(place - robots_m).T)) - robot_radius_m - PERSON_RADIUS_M
+        if all(clear) and from_robots_m >= _FROM_ROBOT_M:
             return number, place
     return 0, None
 
 
-def _recorded(world: World, asked: People, robot_m: Float64[np.ndarray, "2"], robot_radius_m: float) -> HostPeople:
+def _recorded(
+    world: World, asked: People, robots_m: Float64[np.ndarray, "*robots 2"], robot_radius_m: float
+) -> HostPeople:
     """Returns people who do the world's first walks again; its seed draws nothing of them.
 
     Raises:
@@ -305,7 +313,7 @@ def _recorded(world: World, asked: People, robot_m: Float64[np.ndarray, "2"], ro
     walks = (world.walks or ())[: asked.count]
     if len(walks) < asked.count:
         raise PeopleRefused(f"people: {asked.count}: {world.name} has {len(walks)} recorded walks")
-    size = _LEAST if asked.count <= _LEAST else 2 * _LEAST
+    size = _places_for(asked.count)
     knots = 1 << max(_LEAST_KNOTS, *(len(walk.times_s) for walk in walks)).bit_length()
     nothing = np.zeros((2, 2), np.float32)
     lone = _nobody(size, HostMap(nothing, nothing[0], np.ones((), np.float32), np.zeros(4, np.float32)))
@@ -317,7 +325,7 @@ def _recorded(world: World, asked: People, robot_m: Float64[np.ndarray, "2"], ro
         places_m[number, count:] = walk.points_m[-1]
         period_s[number] = walk.period_s or np.inf
         lone.there[number], lone.place_m[number] = True, walk.points_m[0]
-        if np.hypot(*(np.asarray(walk.points_m[0]) - robot_m)) < robot_radius_m + PERSON_RADIUS_M:
+        if np.min(np.hypot(*(np.asarray(walk.points_m[0]) - robots_m).T)) < robot_radius_m + PERSON_RADIUS_M:
             raise PeopleRefused(f"people: {asked.count}: {walk.name} begins where the robot does")
     return lone._replace(recording=Recording(at_s, places_m, period_s))
 

@@ -65,6 +65,7 @@ from tasks.simulate.lane.walkers import (
     meet,
     people_circles,
     people_cylinders,
+    robot_disc,
     to_collision_s,
     walk,
 )
@@ -315,7 +316,8 @@ def others_move(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) ->
         inputs, state = inputs._replace(put=box_solids(inputs.boxes, boxes)), state._replace(boxes=boxes)
     if inputs.people is None or state.people is None:
         return inputs, state
-    people = go_on(inputs.people, state.people, state.body, state.done, mechanics.hull.radius_m)
+    everyone = None if inputs.others is None else inputs.others.everyone
+    people = go_on(inputs.people, state.people, state.body, state.done, mechanics.hull.radius_m, everyone)
     return inputs._replace(standing_m=people.place_m), state._replace(people=people)
 
 
@@ -326,13 +328,28 @@ def put_boxes(
     return BoxesState(jnp.where(done, before.there, boxes_at(boxes, before, body.qpos[:2], step).there))
 
 
-def go_on(
-    people: PeopleInputs, before: PeopleState, body: Body, done: Bool[jax.Array, ""], hull_radius_m: float
+def go_on(  # noqa: PLR0917 - a lane, and who else is there
+    people: PeopleInputs,
+    before: PeopleState,
+    body: Body,
+    done: Bool[jax.Array, ""],
+    hull_radius_m: float,
+    everyone: Float[jax.Array, "robots 4"] | None = None,
 ) -> PeopleState:
-    """Returns the people of a lane a control step later; those of one that is done stay where they are."""
+    """Returns the people of a lane a control step later; those of one that is done stay where they are.
+
+    Args:
+        people: Of the lane.
+        before: Before the step.
+        body: The lane's robot, likewise.
+        done: Whether it is.
+        hull_radius_m: Of it, and of all others.
+        everyone: All robots of its world, as ``Others.everyone``; None of one that is alone.
+    """
     met, collision_s = before.meetings, to_collision_s(before, body, hull_radius_m)
     before = before._replace(meetings=met._replace(collision_s=jnp.minimum(met.collision_s, collision_s)))
-    gone = walk(people, before, body, hull_radius_m)
+    robots = [(body.qpos, body.qvel)] if everyone is None else [(each[:2], each[2:]) for each in everyone]
+    gone = walk(people, before, [robot_disc(place_m, velocity, hull_radius_m) for place_m, velocity in robots])
     return jax.tree.map(lambda old, new: jnp.where(done, old, new), before, gone)
 
 

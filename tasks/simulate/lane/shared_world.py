@@ -43,11 +43,14 @@ class Others(NamedTuple):
         place_m: Where each is (x, y).
         velocity: How it moves (m/s); not at all if it is done.
         still: Whether it stands still, or is done.
+        everyone: All robots of the world, the lane's own among them, in the order of their numbers: (x, y) and
+            velocity. So all its lanes have the same people. None before the first step.
     """
 
     place_m: Float[jax.Array, "*lanes robots 2"]
     velocity: Float[jax.Array, "*lanes robots 2"]
     still: Bool[jax.Array, "*lanes robots"]
+    everyone: Float[jax.Array, "*lanes all 4"] | None = None
 
 
 class RobotsState(NamedTuple):
@@ -90,9 +93,11 @@ def others_of(
         done: Likewise.
         still_steps: Likewise.
     """
-    velocity = jnp.where(done[:, None], 0.0, body.qvel[:, :2])
+    velocity, sharing = jnp.where(done[:, None], 0.0, body.qvel[:, :2]), robots.radius_m.shape[1] + 1
+    together = jnp.concatenate([body.qpos[:, :2], velocity], axis=1).reshape(-1, sharing, 4)
     return Others(
-        *(_beside(robots, each) for each in (body.qpos[:, :2], velocity, done | (still_steps >= _STILL_STEPS)))
+        *(_beside(robots, each) for each in (body.qpos[:, :2], velocity, done | (still_steps >= _STILL_STEPS))),
+        everyone=jnp.repeat(together, sharing, axis=0),
     )
 
 

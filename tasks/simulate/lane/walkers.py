@@ -1,6 +1,6 @@
 """People in a lane: how they walk in a control step, and how near the robot comes to them.
 
-Each follows the corners of its round, keeps clear of the others and, unless it does not see it, of the robot
+Each follows the corners of its round, keeps clear of the others and, unless it does not see them, of robots
 (``orca``), and of solids by the map of the room that a person has. Whoever gets no further turns to the right bit by
 bit, as two who stand before each other at a wall would stay there for good; after its patience it turns back to the
 place that it came from.
@@ -8,6 +8,7 @@ place that it came from.
 Who does a recorded walk again keeps clear of nobody: it is where the walk says, and waits while the robot stands there.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -21,7 +22,7 @@ from tasks.simulate.geometry.obstacles import PARKING_M
 from tasks.simulate.geometry.walks import Recording
 from tasks.simulate.lane.orca import Disc, HalfPlane, Scalar, Vector, choose, nearest_velocity, neighbour_plane
 
-# Of other people and the robot, so many of the nearest are kept clear of.
+# Of other people and robots, so many of the nearest are kept clear of.
 _NEIGHBOURS = 4
 _HORIZON_S = 2.0
 # Who likes to walk at a pace can be so much faster to get out of the way.
@@ -106,7 +107,7 @@ class PeopleState(NamedTuple):
 
     Attributes:
         place_m, velocity: Of each; far away where there is nobody.
-        meant: The velocity that each would have without the robot in its way: with that it walks into it.
+        meant: The velocity that each would have without robots in its way: with that it walks into one.
         toward: The corner that each walks to; of a recorded walk, how many control steps of it are done.
         way: 1 along its round, -1 back.
         stay_s: How long it still stays where it is.
@@ -136,30 +137,39 @@ def begin_people(people: PeopleInputs) -> PeopleState:
     return PeopleState(place_m, velocity, velocity, people.toward, way, still, still, meetings)
 
 
-def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: float) -> PeopleState:
+def robot_disc(place_m: Float[jax.Array, "numbers"], velocity: Float[jax.Array, "numbers"], radius_m: float) -> Disc:
+    """Returns a robot as people meet it.
+
+    Args:
+        place_m: Where it is (x, y, and what there is besides).
+        velocity: How it moves, likewise.
+        radius_m: Of its hull.
+    """
+    return Disc(_vector(place_m), _vector(velocity), jnp.full((), radius_m))
+
+
+def walk(people: PeopleInputs, state: PeopleState, robots: Sequence[Disc]) -> PeopleState:
     """Returns the people a control step later.
 
     Args:
         people: Of the lane.
         state: Before the step.
-        robot: Likewise.
-        robot_radius_m: Of its hull.
+        robots: All that drive in their world, at least one, likewise.
     """
     if people.recording is not None:
-        return _walk_again(people, people.recording, state, robot, robot_radius_m)
+        return _walk_again(people, people.recording, state, robots)
     place, velocity = _vector(state.place_m), _vector(state.velocity)
     state, onward = _next_corner(people, state, place)
     stays = state.stay_s > 0.0
     own = Disc(place, velocity, PERSON_RADIUS_M + jnp.where(state.way > 0, _PLAY_M, 0.0))
-    met = Disc(_vector(robot.qpos), _vector(robot.qvel), jnp.full((), robot_radius_m))
     turn_rad = people.lean_rad - _ASIDE_RAD_S * jnp.maximum(state.stalled_s - _ASIDE_AFTER_S, 0.0)
     cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
     lean = Vector(cos * onward.x - sin * onward.y, sin * onward.x + cos * onward.y)
     preferred = lean.scaled(jnp.where(stays, 0.0, people.speed_m_s))
     beside_m, out = _room(people, place)
-    planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, met)]
+    planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, robots)]
     chosen = nearest_velocity(planes, 2, preferred, _TOP_SPEED * people.speed_m_s)
-    stopped = _stopped_by(met, place, chosen)
+    stopped = _stopped_by(robots, place, chosen)
     walked = _on_the_floor(people, own, beside_m, out, stopped)
     walked = choose(people.there, walked, Vector(jnp.zeros_like(place.x), jnp.zeros_like(place.y)))
     slow = walked.dot(onward) < _SLOW * people.speed_m_s
@@ -175,14 +185,15 @@ def walk(people: PeopleInputs, state: PeopleState, robot: Body, robot_radius_m: 
     )
 
 
-def _walk_again(
-    people: PeopleInputs, walks: Recording, state: PeopleState, robot: Body, robot_radius_m: float
-) -> PeopleState:
-    """Returns the people a control step of their recorded walks later; who would walk into the robot waits."""
+def _walk_again(people: PeopleInputs, walks: Recording, state: PeopleState, robots: Sequence[Disc]) -> PeopleState:
+    """Returns the people a control step of their recorded walks later; who would walk into a robot waits."""
     step = state.toward + 1
     to_m = jnp.where(people.there[:, None], recorded_m(walks, step * CONTROL_S), state.place_m)
-    before_m, after_m = (jnp.sqrt(jnp.sum((each - robot.qpos[:2]) ** 2, axis=1)) for each in (state.place_m, to_m))
-    waits = (after_m < robot_radius_m + PERSON_RADIUS_M - _PRESS_M) & (after_m < before_m)
+    waits = jnp.zeros_like(people.there)
+    for robot in robots:
+        robot_m, near_m = _together(robot.place), robot.radius_m + PERSON_RADIUS_M - _PRESS_M
+        before_m, after_m = (jnp.sqrt(jnp.sum((each - robot_m) ** 2, axis=1)) for each in (state.place_m, to_m))
+        waits = waits | ((after_m < near_m) & (after_m < before_m))
     place_m = jnp.where(waits[:, None], state.place_m, to_m)
     velocity, meant = ((each - state.place_m) / CONTROL_S for each in (place_m, to_m))
     walked = jnp.sum(velocity**2, axis=1, keepdims=True) < _JUMP_M_S**2  # a walk that begins anew may jump
@@ -252,15 +263,18 @@ def _onward(since: Vector, to: Vector, place: Vector) -> Vector:
     return since.plus(along, gone_m).plus(place, -1.0).unit()
 
 
-def _neighbours(people: PeopleInputs, own: Disc, robot: Disc) -> list[HalfPlane]:
+def _neighbours(people: PeopleInputs, own: Disc, robots: Sequence[Disc]) -> list[HalfPlane]:
     """Returns what the nearest of others leave to each, nearest first; nobody does a robot's share."""
-    count = len(people.there)
+    count, in_all = len(people.there), len(people.there) + len(robots)
     x, y, vx, vy = (
-        jnp.append(mine, its)
-        for mine, its in zip((*own.place, *own.velocity), (*robot.place, *robot.velocity), strict=True)
+        jnp.append(mine, jnp.stack(theirs))
+        for mine, *theirs in zip(
+            (*own.place, *own.velocity), *((*each.place, *each.velocity) for each in robots), strict=True
+        )
     )
-    radius_m = jnp.append(own.radius_m, robot.radius_m)
-    seen = jnp.concatenate([people.there[None] & ~jnp.eye(count, dtype=bool), people.aware[:, None]], axis=1)
+    radius_m = jnp.append(own.radius_m, jnp.stack([each.radius_m for each in robots]))
+    aware = jnp.repeat(people.aware[:, None], len(robots), axis=1)
+    seen = jnp.concatenate([people.there[None] & ~jnp.eye(count, dtype=bool), aware], axis=1)
     squared = (x[None] - own.place.x[:, None]) ** 2 + (y[None] - own.place.y[:, None]) ** 2
     squared = jnp.where(seen, squared, jnp.inf)
     planes: list[HalfPlane] = []
@@ -268,9 +282,9 @@ def _neighbours(people: PeopleInputs, own: Disc, robot: Disc) -> list[HalfPlane]
         nearest = jnp.argmin(squared, axis=1)
         there = jnp.take_along_axis(squared, nearest[:, None], 1)[:, 0] < jnp.inf
         other = Disc(Vector(x[nearest], y[nearest]), Vector(vx[nearest], vy[nearest]), radius_m[nearest])
-        share = jnp.where(nearest == count, 1.0, 0.5)
+        share = jnp.where(nearest >= count, 1.0, 0.5)
         planes.append(neighbour_plane(own, other, share=share, horizon_s=_HORIZON_S, step_s=CONTROL_S, there=there))
-        squared = jnp.where(jnp.arange(count + 1)[None] == nearest[:, None], jnp.inf, squared)
+        squared = jnp.where(jnp.arange(in_all)[None] == nearest[:, None], jnp.inf, squared)
     return planes
 
 
@@ -310,13 +324,23 @@ def _wall_ahead(people: PeopleInputs, place: Vector, preferred: Vector) -> HalfP
     return _wall(out, preferred.dot(out.unit()) - room_m / _LOOK_S)
 
 
-def _stopped_by(robot: Disc, place: Vector, velocity: Vector) -> Vector:
-    """Returns the velocities with which people walk against the robot, but not into it."""
-    apart = robot.place.plus(place, -1.0)
-    to_robot = apart.unit()
-    room_m = jnp.sqrt(apart.dot(apart)) - robot.radius_m - PERSON_RADIUS_M + _PRESS_M
-    too_fast = velocity.dot(to_robot) - jnp.maximum(room_m, 0.0) / CONTROL_S
-    return velocity.plus(to_robot, -jnp.maximum(too_fast, 0.0))
+def _stopped_by(robots: Sequence[Disc], place: Vector, velocity: Vector) -> Vector:
+    """Returns the velocities with which people walk against robots, but not into them."""
+    toward, most_m_s = list[Vector](), list[Scalar]()
+    for robot in robots:
+        apart = robot.place.plus(place, -1.0)
+        room_m = jnp.sqrt(apart.dot(apart)) - robot.radius_m - PERSON_RADIUS_M + _PRESS_M
+        toward.append(apart.unit())
+        most_m_s.append(jnp.maximum(room_m, 0.0) / CONTROL_S)
+        too_fast = velocity.dot(toward[-1]) - most_m_s[-1]
+        velocity = velocity.plus(toward[-1], -jnp.maximum(too_fast, 0.0))
+    if len(robots) == 1:
+        return velocity
+    # Who slides along one may so come into another.
+    for to_robot, most in zip(toward, most_m_s, strict=True):
+        share = (most + _ROUNDED_M_S) / jnp.maximum(velocity.dot(to_robot), _ROUNDED_M_S)
+        velocity = velocity.scaled(jnp.minimum(share, 1.0))
+    return velocity
 
 
 def _apart(people: PeopleInputs, own: Disc, velocity: Vector) -> Vector:

@@ -25,9 +25,10 @@ EXAMPLE = yaml.safe_load((ROOT / "examples/several-robots.yaml").read_text())
 
 
 def test_a_document_takes_robots_as_the_page_writes_them():
-    (block,) = (block["simulationBatch"] for block in BLOCKS if "simulationBatch" in block)
-    section = SimulationBatch.model_validate({**EXAMPLE["simulationBatch"], **block})
+    alone, among = (block["simulationBatch"] for block in BLOCKS if "simulationBatch" in block)
+    section = SimulationBatch.model_validate({**EXAMPLE["simulationBatch"], **alone})
     assert section.robots == EXAMPLE["simulationBatch"]["robots"] == 3
+    assert SimulationBatch.model_validate({**EXAMPLE["simulationBatch"], **among}).people == among["people"] == 10
 
 
 def test_a_gate_takes_the_rule_that_the_page_writes():
@@ -48,6 +49,30 @@ def test_the_page_has_the_numbers_that_hold():
     assert f"has not gone {STILL_M:g} m for {STILL_S:g} s, and another one within {BLOCKED_M:g} m" in DOCUMENT
     assert f"at least {APART_M:g} m from" in DOCUMENT
     assert f"up to {ATTEMPTS} times" in DOCUMENT
+
+
+@pytest.mark.long
+def test_a_document_with_robots_and_people_is_run_and_replayed(tmp_path: Path):
+    document: dict[str, Any] = small_document()
+    del document["worldExport"], document["deployment"]
+    document["simulationBatch"] |= {**BLOCKS[0]["simulationBatch"], "people": 2}
+    document["simulationBatch"]["matrix"]["seeds"] = 2
+    document["gate"] = {"successRate": {"atLeast": 0.01}}
+    store = (tmp_path / "store").as_uri()
+    done = finished("run", str(write_document(tmp_path, document)), "--direct", "--store", store)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = tmp_path.glob("store/buckets/results/**/results.parquet")
+    rows = pq.read_table(path).to_pylist()
+    assert {(row["robots"], row["people"]) for row in rows} == {(3, 2)}
+    drove = [row for row in rows if row["status"] == "Completed"]
+    assert drove, [row["failure_reason"] for row in rows]
+    assert all(row["min_robot_m"] is not None and row["min_person_m"] is not None for row in drove)
+    number = drove[0]["index"]
+    again = finished("replay", f"{rows[0]['batch']}/{number}", "--store", store, "--output", str(tmp_path))
+    assert "deviation 0 in all" in again.stdout, again.stdout + again.stderr
+    drawing = (tmp_path / "replay.svg").read_text()
+    assert 'class="other"' in drawing
+    assert 'class="person"' in drawing
 
 
 @pytest.mark.long

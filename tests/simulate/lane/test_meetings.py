@@ -11,13 +11,27 @@ from specs.data.episode import CONTROL_S
 from specs.data.people import PERSON_RADIUS_M, TRANSIENT_S, People
 from tasks.simulate.application.contract import Body, PeopleWork
 from tasks.simulate.geometry.walks import walks_in
-from tasks.simulate.lane.walkers import Meetings, PeopleInputs, PeopleState, begin_people, meet, to_collision_s, walk
+from tasks.simulate.lane.walkers import (
+    Meetings,
+    PeopleInputs,
+    PeopleState,
+    begin_people,
+    meet,
+    robot_disc,
+    to_collision_s,
+    walk,
+)
 from tests.factories.simulations import hall
 
 HULL_M = 0.2
 REACH_M = HULL_M + PERSON_RADIUS_M
 WALL_M = 7.45
-meeting, walking, colliding = jax.jit(meet), jax.jit(walk), jax.jit(to_collision_s)
+meeting, colliding = jax.jit(meet), jax.jit(to_collision_s)
+
+
+@jax.jit
+def walking(person: PeopleInputs, state: PeopleState, body: Body) -> PeopleState:
+    return walk(person, state, [robot_disc(body.qpos, body.qvel, HULL_M)])
 
 
 @pytest.fixture(scope="module")
@@ -135,11 +149,11 @@ def test_a_person_who_walks_into_the_robot_means_to_walk_on(person: PeopleInputs
     blind = person._replace(aware=jnp.zeros_like(person.aware))
     state, far = begin_people(blind), robot(50.0)
     for _ in range(40):
-        state = walking(blind, state, far, HULL_M)
+        state = walking(blind, state, far)
     onward, place = state.velocity[0], state.place_m[0]
     assert float(jnp.hypot(*onward)) > 0.5
     np.testing.assert_allclose(state.meant[0], onward, atol=1e-5)
     before = place + onward / jnp.hypot(*onward) * (REACH_M + 0.01)
-    stopped = walking(blind, state, robot(*before.tolist()), HULL_M)
+    stopped = walking(blind, state, robot(*before.tolist()))
     assert float(jnp.hypot(*stopped.velocity[0])) < 0.5 * float(jnp.hypot(*onward))
     np.testing.assert_allclose(jnp.hypot(*stopped.meant[0]), jnp.hypot(*onward), rtol=0.05)

@@ -7,9 +7,8 @@ import pytest
 
 from specs.data.people import PERSON_RADIUS_M, People
 from specs.data.world import RecordedWalk
-from tasks.simulate.application.contract import Body
 from tasks.simulate.geometry.walks import PeopleRefused, walks_in
-from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, walk
+from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, robot_disc, walk
 from tests.factories.simulations import pen
 
 HULL_M, STEPS, FAR = 0.2, 1200, np.array([50.0, 50.0])
@@ -31,10 +30,10 @@ def people_of(*walks: RecordedWalk, robot_m: np.ndarray = FAR) -> PeopleInputs:
 
 def driven(people: PeopleInputs, robot_m: np.ndarray = FAR) -> np.ndarray:
     """Returns where people are after each control step of a minute."""
-    body = Body(jnp.append(jnp.asarray(robot_m, jnp.float32), 0.0), jnp.zeros(3), jnp.zeros(0), jnp.zeros(3))
+    robot = robot_disc(jnp.asarray(robot_m, jnp.float32), jnp.zeros(2), HULL_M)
 
     def step(state: PeopleState, _: None) -> tuple[PeopleState, jax.Array]:
-        after = walk(people, state, body, HULL_M)
+        after = walk(people, state, [robot])
         return after, after.place_m
 
     return np.asarray(jax.jit(lambda: jax.lax.scan(step, begin_people(people), None, length=STEPS))()[1])

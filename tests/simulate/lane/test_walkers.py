@@ -14,7 +14,7 @@ from tasks.simulate.engines.program import lane_mesh, split_over
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.walks import HostPeople, walks_in
-from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, walk
+from tasks.simulate.lane.walkers import PeopleInputs, PeopleState, begin_people, robot_disc, walk
 from tests.factories.simulations import cluttered, hall
 
 LANES, COUNT, STEPS, HULL_M = 8, 3, 2400, 0.2
@@ -31,10 +31,10 @@ def inputs(seeds: range, unaware: float = 0.0) -> PeopleInputs:
 @jax.jit
 def walked(people: PeopleInputs, robot_m: jax.Array) -> tuple[PeopleState, jax.Array]:
     """Returns where people are after two minutes, and their places in all steps, with a robot that stands."""
-    body = Body(jnp.append(robot_m, 0.0), jnp.zeros(3), jnp.zeros(0), jnp.zeros(3))
+    body = robot_disc(robot_m, jnp.zeros(2), HULL_M)
 
     def step(state: PeopleState, _: None) -> tuple[PeopleState, jax.Array]:
-        after = jax.vmap(lambda own, before: walk(own, before, body, HULL_M))(people, state)
+        after = jax.vmap(lambda own, before: walk(own, before, [body]))(people, state)
         return after, after.place_m
 
     return jax.lax.scan(step, jax.vmap(begin_people)(people), None, length=STEPS)
@@ -74,7 +74,7 @@ def test_people_walk_the_same_bits_on_one_device_and_on_all():
     robot = Body(jnp.full((lanes, 3), 1.0), jnp.zeros((lanes, 3)), jnp.zeros((lanes, 0)), jnp.zeros((lanes, 3)))
 
     def places(devices: int) -> np.ndarray:
-        own = jax.vmap(lambda own, before, body: walk(own, before, body, HULL_M))
+        own = jax.vmap(lambda own, before, body: walk(own, before, [robot_disc(body.qpos, body.qvel, HULL_M)]))
         step, state = jax.jit(split_over(lane_mesh(most=devices), own, 3)), jax.vmap(begin_people)(people)
         ways: list[np.ndarray] = []
         for _ in range(100):
@@ -93,6 +93,32 @@ def test_who_does_not_see_the_robot_stops_where_it_touches_it():
     apart = np.hypot(*np.moveaxis(np.asarray(walked(blind, jnp.asarray(on_the_way))[1])[:, 0, 0] - on_the_way, -1, 0))
     assert apart[0] > 1.0 - 0.1
     assert HULL_M + PERSON_RADIUS_M - 0.01 < apart.min() < HULL_M + PERSON_RADIUS_M + 0.01
+
+
+def test_who_does_not_see_robots_stops_where_it_touches_either_of_two():
+    """They stand side by side, with less room between them than a person needs."""
+    bare = walks_in(hall(4.0)).people(People(count=1, unaware=1.0), 1, np.full(2, FAR_M), HULL_M)
+    corners_m = np.zeros_like(bare.corners_m)
+    corners_m[0, :2] = [(-1.0, 0.0), (4.0, 0.0)]
+    bare = bare._replace(
+        corners_m=corners_m,
+        corner_count=np.full(4, 2, np.int32),
+        stay_s=np.ones_like(bare.stay_s),
+        toward=np.ones(4, np.int32),
+        place_m=corners_m[:, 0],
+    )
+    people = PeopleInputs(*jax.tree.map(jnp.asarray, bare))
+    gate_m = np.array([[2.0, HULL_M + 0.15], [2.0, -HULL_M - 0.15]])
+    robots = [robot_disc(jnp.asarray(place_m), jnp.zeros(2), HULL_M) for place_m in gate_m]
+
+    def step(state: PeopleState, _: None) -> tuple[PeopleState, jax.Array]:
+        after = walk(people, state, robots)
+        return after, after.place_m[0]
+
+    way = np.asarray(jax.jit(lambda: jax.lax.scan(step, begin_people(people), None, length=400))()[1])
+    apart_m = np.hypot(*np.moveaxis(way[:, None] - gate_m, -1, 0)) - HULL_M - PERSON_RADIUS_M
+    assert -0.01 < apart_m.min() < 0.01
+    assert (apart_m.min(axis=0) < 0.01).all()
 
 
 def narrow(west_m: float, east_m: float, width_m: float) -> World:

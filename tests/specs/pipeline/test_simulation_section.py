@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from specs.base import canonical_document
 from specs.data.boxes import Box
+from specs.data.people import MOST_PEOPLE
 from specs.pipeline.section_requests import undriven_faults
 from specs.pipeline.simulation_section import SimulationBatch
 
@@ -77,6 +78,13 @@ def test_people_walk_on_every_engine_and_are_audited(fields: dict[str, Any]):
     assert peopled(**fields).people == 2
 
 
+def test_as_many_people_as_there_are_places_for_walk_beside_several_robots():
+    assert peopled(people=MOST_PEOPLE, robots=3).people == MOST_PEOPLE
+    for people in (MOST_PEOPLE + 1, {"count": MOST_PEOPLE + 1}, 0):
+        with pytest.raises(ValidationError, match="people"):
+            peopled(people=people)
+
+
 def test_a_document_without_people_says_nothing_of_them():
     assert "people" not in canonical_document(section({}, {}))
 
@@ -101,7 +109,7 @@ NODES = {
 ONLY_ALONE: list[tuple[dict[str, Any], str]] = [
     ({"engine": "mujoco"}, "engine"),
     ({"engine": "mjx"}, "engine"),
-    ({"people": 2}, "people"),
+    ({"boxes": [{"size_m": [0.4, 0.4, 0.6]}]}, "boxes"),
     ({"audit": {"lanes": 8}}, "audit.lanes"),
     ({"recordings": {"picturesHz": 1.0}}, "recordings.picturesHz"),
     ({"operation": "CreateSimulationJob"}, "robots"),
