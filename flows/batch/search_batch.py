@@ -211,6 +211,7 @@ class DrawnEpisodes:
 
     Attributes:
         space: Its smooth coordinates are the numbers; the others are the choices, the world and the seed.
+        options: How many values each of the others has.
         other: The version that the search is against; None if it is against none.
     """
 
@@ -244,7 +245,8 @@ class DrawnEpisodes:
         self._over = dict(sorted(search.over.items()))
         self._smooth = [name for name, each in self._over.items() if each.choice is None]
         self._choices = [name for name, each in self._over.items() if each.choice is not None]
-        self.space = Space(len(self._smooth), len(self._choices) + 2)
+        self.options = (*(len(self._over[name].choice or ()) for name in self._choices), len(self._worlds), _SEEDS)
+        self.space = Space(len(self._smooth), len(self.options))
 
     def _other_version(self, store: Store, number: str) -> ApplicationLaunch:
         """Returns how another version of the robot application is launched: as the batch's is.
@@ -295,8 +297,7 @@ class DrawnEpisodes:
         from scipy.special import ndtr  # noqa: PLC0415 - it takes long to load
 
         reasons = {why: number for number, why in enumerate(dict.fromkeys(each.reason for each in failures))}
-        counts = [*(len(self._over[name].choice or ()) for name in self._choices), len(self._worlds), _SEEDS]
-        places = (particles.drawn * counts).astype(np.int64)
+        places = (particles.drawn * self.options).astype(np.int64)
         return FailureTraits(
             reason=np.array([reasons[each.reason] for each in failures], np.int64),
             world=places[:, -2],
@@ -350,7 +351,7 @@ class _Asked(Spec):
     form: int
     plan: str
     search: Search
-    part: Literal["estimate", "explore", "confirm"]
+    part: Literal["estimate", "near", "confirm"]
 
 
 class _Failed(Spec):
@@ -406,14 +407,14 @@ class SearchSteps:
         # Whoever asks for more failures has the same estimate.
         self._estimate = self._digest(search.model_copy(update={"find": SearchFind()}), "estimate")
         near = SearchFind(episodes=search.find.episodes)
-        self._explore = self._digest(search.model_copy(update={"find": near}), "explore")
+        self._explore = self._digest(search.model_copy(update={"find": near}), "near")
         self._confirm = self._digest(search, "confirm")
         self._number = self._done = 0
         self._found: list[tuple[Particles, list[_Failed]]] = []
         self._drive, self._may_simulate = drive or self._driven, may_simulate
         self._folders: dict[frozenset[str], dict[str, Path]] = {}
 
-    def _digest(self, search: Search, part: Literal["estimate", "explore", "confirm"]) -> str:
+    def _digest(self, search: Search, part: Literal["estimate", "near", "confirm"]) -> str:
         return digest(_Asked(form=_FORM, plan=self._batch.layout.plan_digest, search=search, part=part))
 
     def estimate(self) -> Estimated:
@@ -442,13 +443,15 @@ class SearchSteps:
 
         They stand for nothing, and count for no estimate.
         """
-        left = self._search.find.episodes
+        left, seed = self._search.find.episodes, self._search.seed
         for number, first in enumerate(range(0, left, GENERATION)):
             particles, failures = self._met()
             if not failures:
                 return
-            traits, count = self.drawn.traits(particles, failures), min(GENERATION, left - first)
-            self._scores(self._explore, number, near_failures(particles, traits, count, self._search.seed, number))
+            traits, options = self.drawn.traits(particles, failures), self.drawn.options
+            count = min(GENERATION, left - first)
+            near = near_failures(particles, traits, options, count=count, seed=seed, generation=number)
+            self._scores(self._explore, number, near)
 
     def _scores(self, asked: str, number: int, particles: Particles) -> Float64[np.ndarray, "particles"]:
         report_progress(STAGE, self._done, self._search.episodes)

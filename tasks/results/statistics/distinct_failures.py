@@ -14,6 +14,8 @@ from jaxtyping import Float64, Int
 
 OTHER_PLACE_M = 1.0
 """From here on two places of a world are others: a robot's own length or two, as for ``simyard shrink``."""
+OF_PLACE = 4
+"""So many columns of a cell say where: reason, world, and metre (x, y)."""
 
 
 class FailureTraits(NamedTuple):

@@ -7,6 +7,8 @@ from tasks.results.statistics.distinct_failures import FailureTraits
 from tasks.results.statistics.explored_failures import near_failures
 from tasks.results.statistics.rare_failures import Particles
 
+SEEDS = (2**32, 2**32)
+
 
 def met(count: int, numbers: int = 2) -> tuple[Particles, FailureTraits]:
     """Returns failures in cells of their own, all but the last one at one place."""
@@ -27,14 +29,14 @@ def met(count: int, numbers: int = 2) -> tuple[Particles, FailureTraits]:
 
 
 def test_a_place_is_tried_as_often_as_another_however_many_failures_it_has():
-    near = near_failures(*met(9), 4_000, 0, 0)
+    near = near_failures(*met(9), SEEDS, count=4_000, seed=0, generation=0)
     kept = (near.drawn == 0.75).all(1)  # of which a quarter have one of both drawn anew
     assert kept[np.arange(4_000) % 4 != 2].mean() == pytest.approx(0.5, abs=0.03)
 
 
 def test_a_quarter_changes_numbers_a_little_one_of_them_one_of_the_others_or_all_numbers():
     particles, traits = met(2)
-    near = near_failures(particles, traits, 400, 0, 0)
+    near = near_failures(particles, traits, SEEDS, count=400, seed=0, generation=0)
     first = (near.drawn < 0.5).all(1)
     parents = particles.smooth[np.where(first, 0, 1)]
     changed = (near.smooth != parents).sum(1)
@@ -49,22 +51,41 @@ def test_a_quarter_changes_numbers_a_little_one_of_them_one_of_the_others_or_all
 
 
 def test_without_numbers_one_of_the_others_is_drawn_anew():
-    near = near_failures(*met(3, numbers=0), 50, 0, 0)
+    near = near_failures(*met(3, numbers=0), SEEDS, count=50, seed=0, generation=0)
     assert near.smooth.shape == (50, 0)
     assert (np.isin(near.drawn, [0.25, 0.75]).sum(1) == 1).all()
+
+
+def test_another_choice_world_or_seed_is_never_the_one_that_failed_and_each_other_is_as_likely():
+    near = near_failures(*met(1, numbers=0), (4, 2**32), count=900, seed=0, generation=0)
+    world = (near.drawn[:, 0] * 4).astype(int)
+    kept = world == 3
+    assert (near.drawn[kept, 1] != 0.75).all()
+    assert (near.drawn[~kept, 1] == 0.75).all()
+    assert kept.mean() == pytest.approx(0.5, abs=0.06)
+    assert [np.mean(world[~kept] == each) for each in range(3)] == pytest.approx([1 / 3] * 3, abs=0.07)
+
+
+def test_in_one_world_alone_the_seed_is_another():
+    near = near_failures(*met(1, numbers=0), (1, 2**32), count=40, seed=0, generation=0)
+    assert (near.drawn[:, 0] == 0.75).all()
+    assert len(np.unique(near.drawn[:, 1])) == 40
 
 
 def test_of_a_cell_the_failure_that_was_met_first_is_changed():
     particles, traits = met(3)
     same = traits._replace(numbers=np.full((3, 2), 0.55), place_m=np.zeros((3, 2)))
-    near = near_failures(particles, same, 40, 0, 0)
+    near = near_failures(particles, same, SEEDS, count=40, seed=0, generation=0)
     assert np.isin(near.smooth[np.arange(40) % 4 == 2], particles.smooth[0]).all()
 
 
 def test_what_is_drawn_follows_from_the_seed_and_the_generation():
-    first, again = (near_failures(*met(5), 20, 1, 2) for _ in range(2))
+    first, again = (near_failures(*met(5), SEEDS, count=20, seed=1, generation=2) for _ in range(2))
     assert all(map(np.array_equal, first, again))
-    for other in (near_failures(*met(5), 20, 0, 2), near_failures(*met(5), 20, 1, 3)):
+    for other in (
+        near_failures(*met(5), SEEDS, count=20, seed=0, generation=2),
+        near_failures(*met(5), SEEDS, count=20, seed=1, generation=3),
+    ):
         assert not np.array_equal(first.smooth, other.smooth)
 
 
