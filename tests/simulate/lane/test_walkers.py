@@ -180,3 +180,18 @@ def test_two_who_go_their_ways_leave_room_for_turning_back():
     apart = np.hypot(*(places[:, 0] - places[:, 1]).T)
     assert apart[:100].min() == pytest.approx(2 * PERSON_RADIUS_M + 0.1, abs=0.02)
     assert apart.min() >= 2 * PERSON_RADIUS_M - 1e-4
+
+
+def test_who_turns_back_before_it_has_left_its_place_clears_that_place():
+    """It went back to where it stood, and so stood there for as long as its way was blocked."""
+    here, blocked, clear = (2.5, 0.0), (4.5, 0.0), (0.5, 0.0)
+    drawn = between(narrow(-0.5, 5.5, 0.8), 1, np.array([[here, blocked]]))
+    corners_m, stay_s, corner_count = drawn.corners_m.copy(), drawn.stay_s.copy(), drawn.corner_count.copy()
+    corners_m[0, :3], stay_s[0, :3], corner_count[0] = (here, blocked, clear), 5.0, 3
+    hasty = {"patience_s": np.full(4, 2.0, np.float32), "speed_m_s": np.full(4, 0.6, np.float32)}
+    one = drawn._replace(corners_m=corners_m, stay_s=stay_s, corner_count=corner_count, **hasty)
+    lane = PeopleInputs(*jax.tree.map(lambda part: jnp.asarray(part)[None], one))
+    robot_m = jnp.array([here[0] + HULL_M + PERSON_RADIUS_M + 0.02, 0.0])
+    way = np.asarray(walked(lane, robot_m)[1])[: round(30.0 / CONTROL_S), 0, 0]
+    assert way[:, 0].max() < here[0] + 0.1
+    assert way[:, 0].min() < clear[0] + 0.3
