@@ -1,11 +1,12 @@
-"""People who walk for ten minutes without a robot: how many come into furniture, into one another, or get stuck.
+"""People who walk for ten minutes: how many come into furniture, into one another, or get stuck.
 
     .venv/bin/python -m benchmarks.simulation.people [--apartments 200] [--count 4] [--minutes 10] [--first-seed 1]
-    .venv/bin/python -m benchmarks.simulation.people --source small_warehouse.world --models models --count 8
+    .venv/bin/python -m benchmarks.simulation.people --source warehouse.world --models models --count 10 --robots 3
 
 Apartments are of the templates that world generation is measured with, one seed after the other; a building of one's
 own is imported, and people walk there with many seeds. Places are looked at in each control step, by exact distances to
-solids instead of the map that people walk on.
+solids instead of the map that people walk on. Nobody is beside them, or so many shipped couriers, who drive from place
+to place all the time.
 """
 
 import argparse
@@ -17,9 +18,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Float64
 
-from benchmarks.harness import machine, markdown, options, show
+from benchmarks.harness import ROOT, machine, markdown, options, show
 from benchmarks.worlds.world_templates import HOMES, SAMPLES, read_template
-from specs.data.episode import CONTROL_S
+from specs.data.episode import CONTROL_S, ApplicationLaunch, EpisodeRequest
 from specs.data.people import MOST_PEOPLE, PERSON_HEIGHT_M, PERSON_RADIUS_M, People
 from specs.data.world import World
 from specs.pipeline.world_sections import WorldImport
@@ -33,6 +34,7 @@ prepare_devices()
 import jax  # noqa: E402 - it reads its settings when it is imported
 import jax.numpy as jnp  # noqa: E402
 
+from tasks.simulate.chunk.chunk_simulation import ready_parts  # noqa: E402
 from tasks.simulate.geometry.free_floor import clearance_m, solids_of  # noqa: E402
 from tasks.simulate.geometry.obstacles import obstacles  # noqa: E402
 from tasks.simulate.geometry.walks import HostPeople, PeopleRefused, walks_in  # noqa: E402
@@ -49,7 +51,10 @@ LOOKS = round(LOOK_S / CONTROL_S)
 MINUTE_STEPS = round(60.0 / CONTROL_S)
 # Its plan is that of another sample, of which it only raises the ceiling.
 TEMPLATES = tuple(name for name in (*SAMPLES, *HOMES) if name != "task-05-ceiling-height")
+COURIER, ROUNDS = "a" * 64, "b" * 64
+FOLDERS = {COURIER: ROOT / "applications/courier", ROUNDS: ROOT / "benchmarks/applications/endless"}
 HEAD = ("where", "worlds", "people", "in furniture", "overlaps", f"stuck > {STUCK_S:g} s", "longest (s)")
+ROBOTS_HEAD = ("robots", "nearest a person (m)", "driven each (m)", "goals each")
 
 
 class Scene(NamedTuple):
@@ -142,6 +147,78 @@ def ways(scenes: Sequence[Scene], minutes: int) -> Float[np.ndarray, "lanes step
     return np.moveaxis(np.concatenate(parts), 0, 1)[:, :, : int(np.count_nonzero(scenes[0].people.there))]
 
 
+class Beside(NamedTuple):
+    """What robots did beside people.
+
+    Attributes:
+        nearest_m: From a hull to a person, below 0 where they pressed against each other.
+        driven_m: How far each robot went.
+        goals: How many places it came to.
+    """
+
+    nearest_m: float
+    driven_m: Float64[np.ndarray, "robots"]
+    goals: np.ndarray
+
+
+def launched(name: str, digest: str, file: str) -> ApplicationLaunch:
+    """Returns an application of this repository that starts a file of its package."""
+    return ApplicationLaunch(name=name, version="1", digest=digest, package=name, launch_file=file)
+
+
+def ways_beside_robots(
+    scenes: Sequence[Scene], count: int, robots: int, minutes: int
+) -> tuple[list[Scene], list[Float[np.ndarray, "steps people 2"]], Beside]:
+    """Returns the scenes in which there is room for robots as well, where people are in each step, and what robots did.
+
+    Args:
+        scenes: All of one building.
+        count: How many people.
+        robots: How many robots.
+        minutes: For how long.
+
+    Raises:
+        SystemExit: There is none in any.
+    """
+    requests = [
+        EpisodeRequest(
+            index=number * robots + each,
+            world="building",
+            seed=scene.seed,
+            robot=launched("courier", COURIER, "go_to_goal"),
+            scenario=launched("endless", ROUNDS, "rounds"),
+            environment={},
+            duration_s=60.0 * minutes,
+            people=People(count=count),
+            robots=robots if robots > 1 else None,
+            number=each,
+        )
+        for number, scene in enumerate(scenes)
+        for each in range(robots)
+    ]
+    (part,) = ready_parts(requests, {"building": scenes[0].world}, FOLDERS, lanes=len(requests), engine="planar")
+    for why in sorted({row.failure_reason for row in part.rows}):
+        print(f"no room: {why}")
+    if part.run is None:
+        raise SystemExit("no room in any episode")
+    state, poses, people = part.run.begin(), list[np.ndarray](), list[np.ndarray]()
+    while not np.asarray(state.done).all():
+        state, record = part.run.advance(state)
+        poses.append(np.asarray(record.pose))
+        people.append(np.asarray(record.people_m))
+    pose, own = np.concatenate(poses, axis=1), np.concatenate(people, axis=1)
+    steps, lanes = minutes * MINUTE_STEPS, range(len(part.lanes))
+    pose, own = pose[: len(lanes), :steps], own[: len(lanes), :steps, :count]
+    away_m = [np.linalg.norm(own[lane] - pose[lane, :, None, :2], axis=-1).min() for lane in lanes]
+    beside = Beside(
+        float(min(away_m)) - part.program.hull.radius_m - PERSON_RADIUS_M,
+        np.linalg.norm(np.diff(pose[..., :2], axis=1), axis=-1).sum(axis=1).astype(np.float64),
+        np.asarray(state.goal_index)[: len(lanes)],
+    )
+    driven = [scenes[lane.request.index // robots] for lane in part.lanes[::robots]]
+    return driven, [own[lane] for lane in lanes[::robots]], beside
+
+
 def judged(scene: Scene, places_m: Float[np.ndarray, "steps people 2"]) -> Walked:
     """Returns what became of an episode's people."""
     solids = solids_of(obstacles(scene.world, STEP_M, PERSON_HEIGHT_M))
@@ -188,6 +265,7 @@ def parsed() -> Any:  # noqa: ANN401 - argparse's
     parser.add_argument("--count", type=int, default=4, help=f"people in each, at most {MOST_PEOPLE}")
     parser.add_argument("--minutes", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=1)
+    parser.add_argument("--robots", type=int, default=0, help="couriers that drive beside them, in an import alone")
     parser.add_argument("--source", type=Path, help="a building to import in place of apartments")
     parser.add_argument("--models", type=Path, action="append", default=[], help="folders of its models")
     return parser.parse_args()
@@ -205,12 +283,19 @@ def main() -> None:
         where, world = asked.source.stem, imported(asked.source, asked.models)
         seeds = range(asked.first_seed, asked.first_seed + asked.apartments)
         scenes = [scene(f"{where} {seed}", world, asked.count, seed) for seed in seeds]
-    found = [judged(each, way) for each, way in zip(scenes, ways(scenes, asked.minutes), strict=True)]
+    head, last = HEAD, list[str]()
+    if asked.robots and asked.source is not None:
+        scenes, walked_m, beside = ways_beside_robots(scenes, asked.count, asked.robots, asked.minutes)
+        each_did = (f"{beside.nearest_m:.3f}", f"{beside.driven_m.mean():.0f}", f"{beside.goals.mean():.1f}")
+        head, last = (*HEAD, *ROBOTS_HEAD), [str(len(beside.driven_m)), *each_did]
+    else:
+        walked_m = ways(scenes, asked.minutes)
+    found = [judged(each, way) for each, way in zip(scenes, walked_m, strict=True)]
     for each, walked in zip(scenes, found, strict=True):
         if walked.inside or walked.overlaps or walked.stood_s.max() > STUCK_S:
             stood = ", ".join(f"{stood_s:g}" for stood_s in walked.stood_s)
             print(f"{each.name}: {walked.inside} in furniture, {walked.overlaps} overlaps, stood {stood} s")
-    table = markdown([HEAD, row(where, scenes, found)])
+    table = markdown([head, [*row(where, scenes, found), *last]])
     title = f"{asked.minutes} minutes each, seeds {scenes[0].seed} to {scenes[-1].seed}"
     show("people", f"{title}; {machine()}\n\n{table}", asked.document)
 
