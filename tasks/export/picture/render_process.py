@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float, Float64
 
+from specs.data.mover_colors import BOX, NOSE, OTHER, PERSON, ROBOT
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.world import Color, Solid, Window, World, below_heads
 from tasks.export.format.mjcf import world_spec
@@ -296,10 +297,7 @@ def _to_light(number: int, count: int, azimuth_rad: float, *, sun: bool) -> Floa
     return found / np.linalg.norm(found)
 
 
-_HULL, _NOSE = (0.98, 0.67, 0.0, 1.0), (0.13, 0.13, 0.14, 1.0)
-_PERSON = (0.63, 0.26, 0.96, 1.0)
-_BOX = (0.55, 0.43, 0.25, 1.0)
-_ROBOT = (0.0, 0.51, 0.56, 1.0)
+_HULL, _NOSE, _PERSON, _BOX, _ROBOT = ((*each.shares, 1.0) for each in (ROBOT, NOSE, PERSON, BOX, OTHER))
 _AWAY_M = -1e3
 _GOT = b"!"
 

@@ -16,6 +16,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from specs.data.episode import EpisodeResult, reason
+from specs.data.mover_colors import BOX, OTHER, PERSON
 from specs.data.outcomes import mark_of
 from specs.data.people import PERSON_RADIUS_M
 from specs.data.world import Rectangle
@@ -103,7 +104,12 @@ _BESIDE_M = 0.06
 _GOAL_M = 0.1
 # What a camera saw, beside the plan: how wide, from where on, how many pictures, of how many pixels a side.
 _VIEW, _VIEW_TOP, _VIEW_EDGE, _MOST_PICTURES, _PICTURE_PX = 360.0, 64.0, 24.0, 120, 160
-_STYLE = """
+_MOVERS = "".join(
+    f".replay .{name}{{fill:{tint.code};fill-opacity:{opacity};stroke:#202124;stroke-width:1}}\n"
+    for name, tint, opacity in (("person", PERSON, ".75"), ("other", OTHER, ".75"), ("box", BOX, ".85"))
+)
+_STYLE = (
+    """
 .replay .way{fill:none;stroke:#b06000;stroke-width:2;stroke-opacity:.35}
 .replay .driven{fill:none;stroke:#b06000;stroke-width:3;stroke-linecap:round;stroke-linejoin:round}
 .replay .scan{fill:#1769d2;fill-opacity:.14;stroke:#1769d2;stroke-opacity:.5;stroke-width:.8}
@@ -111,10 +117,9 @@ _STYLE = """
 .replay .robot polygon{fill-opacity:.8;stroke:#202124;stroke-width:1}
 .replay .robot .edges polygon{fill:none;stroke-opacity:.6}
 .replay .robot path{fill:none;stroke:#202124;stroke-width:2.2;stroke-linecap:round;stroke-linejoin:round}
-.replay .person{fill:#a142f4;fill-opacity:.75;stroke:#202124;stroke-width:1}
-.replay .other{fill:#00838f;fill-opacity:.75;stroke:#202124;stroke-width:1}
-.replay .box{fill:#8d6e3f;fill-opacity:.85;stroke:#202124;stroke-width:1}
-.replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
+"""
+    + _MOVERS
+    + """.replay .goal{fill:#188038;fill-opacity:.12;stroke:#188038;stroke-width:1.6;stroke-dasharray:4 3}
 .replay .reached{fill:#188038;fill-opacity:.45;stroke:none}
 .replay .goal-name{fill:#0d652d;font-size:12px;font-weight:600;text-anchor:middle}
 .replay .touch{fill:none;stroke:#c5221f;stroke-width:2.4}
@@ -126,6 +131,7 @@ _STYLE = """
 @media (prefers-reduced-motion:reduce){.replay .moving{display:none}.replay .still{display:inline}}
 @media print{.replay .moving{display:none}.replay .still{display:inline}}
 """
+)
 
 
 def replay_svg(plan: str, playback: Playback, area: Rectangle) -> str:

@@ -18,6 +18,7 @@ from mcap.writer import CompressionType, Writer
 from pydantic import JsonValue
 from scipy.spatial import ConvexHull
 
+from specs.data.mover_colors import BOX, NOSE, OTHER, PERSON, ROBOT
 from specs.data.people import PERSON_HEIGHT_M, PERSON_RADIUS_M
 from specs.data.robot_shape import RobotPart
 from specs.data.world import Color, Solid, World, corners_m
@@ -27,8 +28,6 @@ from tasks.ros.message.camera_messages import depths_in_mm, jpeg_bytes, optical_
 WORLD_FRAME, ROBOT_FRAME, LIDAR_FRAME = "world", "robot", "lidar"
 _CAMERA_FRAMES = {"depth": "camera", "color": "color-camera"}
 Message = dict[str, JsonValue]
-_ROBOT, _NOSE, _PERSON, _OTHER = (0.98, 0.67, 0.0), (0.13, 0.13, 0.14), (0.63, 0.26, 0.96), (0.0, 0.51, 0.56)
-_BOX = (0.55, 0.43, 0.25)
 _GOAL, _WAY, _ZONE = (0.09, 0.5, 0.22), (0.69, 0.38, 0.0), (0.37, 0.41, 0.44)
 _GOAL_M, _THIN_M, _GROUND_M = 0.1, 0.01, 0.005
 _STRAIGHT: Message = {"bottom_scale": 1.0, "top_scale": 1.0}
@@ -171,14 +170,14 @@ def _robot(playback: Playback) -> Message:
             shapes[kind].append(primitive)
     if not playback.shape:
         upright = {"pose": pose(0.0, 0.0, (low + high) / 2), "size": vector(across, across, high - low)}
-        shapes["cylinders"].append({**upright, **_STRAIGHT, "color": _color(_ROBOT)})
+        shapes["cylinders"].append({**upright, **_STRAIGHT, "color": _color(ROBOT.shares)})
     nose: Message = {
         "pose": pose(0.0, 0.0, high + _THIN_M),
         "shaft_length": 0.6 * playback.radius_m,
         "shaft_diameter": 0.1 * playback.radius_m,
         "head_length": 0.4 * playback.radius_m,
         "head_diameter": 0.3 * playback.radius_m,
-        "color": _color(_NOSE),
+        "color": _color(NOSE.shares),
     }
     shapes["arrows"].append(nose)
     return _entity("robot", ROBOT_FRAME, **shapes)
@@ -187,18 +186,18 @@ def _robot(playback: Playback) -> Message:
 def _people(playback: Playback, sample: int, time_s: float) -> Message:
     """Returns the people of a sample as upright cylinders; the next sample's take their place."""
     places_m = playback.people_m[sample]
-    return _upright("people", places_m, (0.0, PERSON_HEIGHT_M, PERSON_RADIUS_M), _PERSON, time_s)
+    return _upright("people", places_m, (0.0, PERSON_HEIGHT_M, PERSON_RADIUS_M), PERSON.shares, time_s)
 
 
 def _robots(playback: Playback, sample: int, time_s: float) -> Message:
     """Returns the other robots of a sample in the same way."""
-    return _upright("robots", playback.robots_m[sample], (*playback.heights_m, playback.radius_m), _OTHER, time_s)
+    return _upright("robots", playback.robots_m[sample], (*playback.heights_m, playback.radius_m), OTHER.shares, time_s)
 
 
 def _boxes(boxes: BoxFilm, sample: int, time_s: float) -> Message:
     """Returns the boxes of a sample that stand there."""
     cubes: list[Message] = [
-        {"pose": pose(x, y, size_m[2] / 2), "size": vector(*size_m), "color": _color(_BOX)}
+        {"pose": pose(x, y, size_m[2] / 2), "size": vector(*size_m), "color": _color(BOX.shares)}
         for (x, y), size_m in boxes.standing(sample)
     ]
     return {"deletions": [], "entities": [{**_entity("boxes", cubes=cubes), "timestamp": time_of(time_s)}]}

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageChops, ImageDraw
 
+from specs.data.mover_colors import BOX, OTHER, PERSON, ROBOT
 from specs.data.people import PERSON_RADIUS_M
 from specs.data.world import Color, Solid, World, below_heads, corners_m
 from tasks.results.playback.playback import Playback
@@ -26,8 +27,7 @@ _HEADING = 34
 _VIEW, _LABEL = 400, 26
 _CUT_M = 1.45
 _PAPER, _INK, _WALL = (255, 255, 255), (32, 33, 36), (43, 47, 51)
-_ROBOT, _WAY, _TOUCH, _GOAL = (249, 171, 0), (176, 96, 0), (197, 34, 31), (24, 128, 56)
-_PERSON, _OTHER, _BOX = (161, 66, 244), (0, 131, 143), (141, 110, 63)
+_WAY, _TOUCH, _GOAL = (176, 96, 0), (197, 34, 31), (24, 128, 56)
 _ZONE = (95, 104, 112)
 _SCAN, _SCAN_ALPHA = (23, 105, 210), 0.16
 
@@ -112,16 +112,16 @@ class _Stage:
             self._disc(draw, playback.pose[touch, :2], playback.radius_m + 0.06, outline=_TOUCH)
         for (x, y), (wide, deep, _) in playback.boxes.standing(sample) if playback.boxes else ():
             corners = [self._at((x - wide / 2, y + deep / 2)), self._at((x + wide / 2, y - deep / 2))]
-            draw.rectangle(corners, fill=_BOX, outline=_INK)
+            draw.rectangle(corners, fill=BOX, outline=_INK)
         for person_m in playback.people_m[sample]:
-            self._disc(draw, person_m, PERSON_RADIUS_M, outline=_INK, fill=_PERSON)
+            self._disc(draw, person_m, PERSON_RADIUS_M, outline=_INK, fill=PERSON)
         for other_m in playback.robots_m[sample]:
-            self._disc(draw, other_m, playback.radius_m, outline=_INK, fill=_OTHER)
+            self._disc(draw, other_m, playback.radius_m, outline=_INK, fill=OTHER)
         x, y, yaw = (float(each) for each in playback.pose[sample])
         if playback.shape:
             self._robot(draw, x, y, yaw)
         else:
-            self._disc(draw, (x, y), playback.radius_m, outline=_INK, fill=_ROBOT)
+            self._disc(draw, (x, y), playback.radius_m, outline=_INK, fill=ROBOT)
         tip = (x + playback.radius_m * math.cos(yaw), y + playback.radius_m * math.sin(yaw))
         draw.line([self._at((x, y)), self._at(tip)], fill=_INK, width=3)
         _caption(draw, playback, sample)
