@@ -27,7 +27,7 @@ from tasks.simulate.engines.program import Program, Run, lane_sharding, put_lane
 from tasks.simulate.host.controllers import BlamesCrashes, HostControllers, JudgesJobs, TagsJobs, TellsMetrics
 from tasks.simulate.host.ros_judge import judged_row
 from tasks.simulate.lane.control_step import NO_CRASH, LaneInputs, LaneState, StepRecord
-from tasks.simulate.lane.lane_boxes import BoxesInputs, BoxesState, begin_boxes, box_places_m
+from tasks.simulate.lane.lane_boxes import BoxesInputs, begin_boxes, box_places_m
 from tasks.simulate.lane.recording import Ends, SampleRecorder, SliceSamples, slice_samples
 from tasks.simulate.lane.result_rows import Ended, finished_rows, stopped_row, withdrawn_row
 from tasks.simulate.lane.staging import Lane, filled_up, stack_lanes, with_shortest_paths
@@ -90,7 +90,7 @@ def lane_ends(lanes: Sequence[Lane], state: LaneState) -> Ends:
         boxes: BoxesInputs = jax.tree.map(lambda *each: np.stack(each), *map(BoxesInputs._make, some))
         starts_m = np.stack([lane.placement.start[:2] for lane in lanes]).astype(np.float32)
         boxes_start_m = box_places_m(boxes, begin_boxes(boxes, starts_m, np), np)
-        boxes_m = box_places_m(boxes, BoxesState(np.asarray(state.boxes.there)[: len(lanes)]), np)
+        boxes_m = box_places_m(boxes, np.asarray(state.boxes)[: len(lanes)], np)
     return Ends(
         steps=np.asarray(state.step),
         crashed=np.asarray(state.crash) != NO_CRASH,

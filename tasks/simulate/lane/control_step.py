@@ -37,7 +37,7 @@ from tasks.simulate.lane.chunk_applications import Applications, Numbers
 from tasks.simulate.lane.control_delay import Commands, delivered, no_commands, sent
 from tasks.simulate.lane.lane_boxes import (
     BoxesInputs,
-    BoxesState,
+    Standing,
     begin_boxes,
     box_outlines,
     box_places_m,
@@ -149,7 +149,7 @@ class LaneState(NamedTuple):
         metrics: What the scenario measures by itself, by name.
         people: Who walks about; None in a lane without people.
         robots: How it met other robots; None in a lane whose robot is alone.
-        boxes: What was put there; None in a lane without.
+        boxes: Which of those that are put there stand at their places; None in a lane without.
         commands: On their way to the actuators; None in a program without a delay.
     """
 
@@ -167,7 +167,7 @@ class LaneState(NamedTuple):
     crash: Int[jax.Array, ""]
     people: PeopleState | None = None
     robots: RobotsState | None = None
-    boxes: BoxesState | None = None
+    boxes: Standing | None = None
     commands: Commands | None = None
 
 
@@ -282,7 +282,7 @@ def _situation(
     inputs: LaneInputs,
     body: Body,
     step: Int[jax.Array, ""],
-    beside: tuple[PeopleState | None, BoxesState | None],
+    beside: tuple[PeopleState | None, Standing | None],
 ) -> Situation:
     outlines, scene, (people, boxes) = inputs.lidar_outlines, inputs.scene, beside
     if boxes is not None and inputs.boxes is not None:
@@ -322,10 +322,10 @@ def others_move(mechanics: "Mechanics", inputs: LaneInputs, state: LaneState) ->
 
 
 def put_boxes(
-    boxes: BoxesInputs, before: BoxesState, body: Body, step: Int[jax.Array, ""], done: Bool[jax.Array, ""]
-) -> BoxesState:
+    boxes: BoxesInputs, before: Standing, body: Body, step: Int[jax.Array, ""], done: Bool[jax.Array, ""]
+) -> Standing:
     """Returns which boxes of a lane are there in a control step; of one that is done those that were."""
-    return BoxesState(jnp.where(done, before.there, boxes_at(boxes, before, body.qpos[:2], step).there))
+    return jnp.where(done, before, boxes_at(boxes, before, body.qpos[:2], step))
 
 
 def go_on(  # noqa: PLR0917 - a lane, and who else is there

@@ -16,6 +16,8 @@ from tasks.simulate.geometry.box_places import HostBoxes
 from tasks.simulate.geometry.obstacles import PARKING_M
 
 Arrays = Any  # of NumPy on the host, of JAX in a program
+# Which of a lane's boxes stand at their places.
+Standing = Bool[Arrays, "... boxes"]
 
 
 class BoxesInputs(NamedTuple):
@@ -29,28 +31,18 @@ class BoxesInputs(NamedTuple):
     room_m: Float[Arrays, ""]
 
 
-class BoxesState(NamedTuple):
-    """What changes of the boxes in a lane.
-
-    Attributes:
-        there: Which stand at their places.
-    """
-
-    there: Bool[Arrays, "boxes"]
-
-
-def begin_boxes(boxes: BoxesInputs, robot_m: Float[Arrays, "... 2"], using: Any = jnp) -> BoxesState:  # noqa: ANN401 - NumPy or its like
+def begin_boxes(boxes: BoxesInputs, robot_m: Float[Arrays, "... 2"], using: Any = jnp) -> Standing:  # noqa: ANN401 - NumPy or its like
     """Returns the boxes of a lane, or of lanes, before the first control step."""
-    return boxes_at(boxes, BoxesState(using.zeros_like(boxes.touched)), robot_m, 0, using)
+    return boxes_at(boxes, using.zeros_like(boxes.touched), robot_m, 0, using)
 
 
 def boxes_at(
     boxes: BoxesInputs,
-    before: BoxesState,
+    before: Standing,
     robot_m: Float[Arrays, "... 2"],
     step: Int[Arrays, ""] | int,
     using: Any = jnp,  # noqa: ANN401 - NumPy or its like
-) -> BoxesState:
+) -> Standing:
     """Returns which boxes stand at their places in a control step.
 
     Args:
@@ -63,25 +55,25 @@ def boxes_at(
     beyond_m = using.maximum(using.abs(robot_m[..., None, :] - boxes.place_m) - boxes.half_m[..., :2], 0.0)
     clear = using.sum(beyond_m**2, axis=-1) >= boxes.room_m[..., None] ** 2
     due = (boxes.appears <= step) & (step < boxes.leaves)
-    return BoxesState(due & (before.there | clear))
+    return due & (before | clear)
 
 
-def box_places_m(boxes: BoxesInputs, state: BoxesState, using: Any = jnp) -> Float[Arrays, "... boxes 2"]:  # noqa: ANN401 - likewise
+def box_places_m(boxes: BoxesInputs, standing: Standing, using: Any = jnp) -> Float[Arrays, "... boxes 2"]:  # noqa: ANN401 - likewise
     """Returns where boxes are; far away, each by itself, those that are not there."""
     away = using.stack([-PARKING_M - 10.0 * np.arange(MOST_BOXES), np.full(MOST_BOXES, PARKING_M)], axis=-1)
-    return using.where(state.there[..., None], boxes.place_m, away.astype(boxes.place_m.dtype))
+    return using.where(standing[..., None], boxes.place_m, away.astype(boxes.place_m.dtype))
 
 
-def box_solids(boxes: BoxesInputs, state: BoxesState) -> Float[jax.Array, "boxes 8"]:
+def box_solids(boxes: BoxesInputs, standing: Standing) -> Float[jax.Array, "boxes 8"]:
     """Returns boxes as obstacles in the hull's band of heights, as ``LaneObstacles.boxes``."""
-    place_m = box_places_m(boxes, BoxesState(state.there & boxes.touched))
+    place_m = box_places_m(boxes, standing & boxes.touched)
     straight = jnp.broadcast_to(jnp.array([1.0, 0.0], place_m.dtype), place_m.shape)
     return jnp.concatenate([place_m, boxes.half_m[:, 2:], boxes.half_m, straight], axis=1)
 
 
-def box_outlines(boxes: BoxesInputs, state: BoxesState, height_m: float) -> Float[jax.Array, "boxes 4"]:
+def box_outlines(boxes: BoxesInputs, standing: Standing, height_m: float) -> Float[jax.Array, "boxes 4"]:
     """Returns boxes as a lidar sees them whose plane is at a height: (x, y, half x, half y)."""
-    high = BoxesState(state.there & (2.0 * boxes.half_m[:, 2] > height_m))
+    high = standing & (2.0 * boxes.half_m[:, 2] > height_m)
     return jnp.concatenate([box_places_m(boxes, high), boxes.half_m[:, :2]], axis=1)
 
 

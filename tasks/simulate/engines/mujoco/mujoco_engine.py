@@ -67,7 +67,7 @@ from tasks.simulate.lane.control_step import (
     observe,
     put_boxes,
 )
-from tasks.simulate.lane.lane_boxes import BoxesInputs, BoxesState, box_places_m, box_solids
+from tasks.simulate.lane.lane_boxes import BoxesInputs, Standing, box_places_m, box_solids
 from tasks.simulate.lane.staging import Lane
 from tasks.simulate.lane.walkers import PeopleInputs, PeopleState
 from tasks.simulate.plan.chunks import SLICE_STEPS
@@ -116,7 +116,7 @@ class HostProgram:
         [LaneInputs, LaneState, Decided, Float[Array, "lanes numbers"]], tuple[LaneState, Decided, jax.Array]
     ]
     walk: Callable[[PeopleInputs, PeopleState, Body, jax.Array], PeopleState]
-    put: Callable[[BoxesInputs, BoxesState, Body, jax.Array, jax.Array], tuple[BoxesState, jax.Array]]
+    put: Callable[[BoxesInputs, Standing, Body, jax.Array, jax.Array], tuple[Standing, jax.Array]]
     cache: ProgramCache
     host: HostApplication | None
     engine: EngineName = "mujoco"
@@ -290,8 +290,8 @@ def host_program(
 
 
 def _put_lane(
-    boxes: BoxesInputs, before: BoxesState, body: Body, step: jax.Array, done: jax.Array
-) -> tuple[BoxesState, Float[Array, "boxes 2"]]:
+    boxes: BoxesInputs, before: Standing, body: Body, step: jax.Array, done: jax.Array
+) -> tuple[Standing, Float[Array, "boxes 2"]]:
     after = put_boxes(boxes, before, body, step, done)
     return after, box_places_m(boxes, after)
 
