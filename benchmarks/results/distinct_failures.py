@@ -1,15 +1,18 @@
 """How many distinct failures a search finds beside plain random draws and a plain grid, with as many episodes each.
 
-    .venv/bin/python -m benchmarks.results.distinct_failures --store FOLDER [--seeds N] [--document FILE]
+    .venv/bin/python -m benchmarks.results.distinct_failures --store FOLDER [--case CASE] [--episodes N]
 
-The courier delivers in two apartments; its speed, the noise of its odometry and its mass vary. Failures of all three
-ways are counted alike, in two ways: cells of an archive (reason, world, place to a metre, tenth of each variable's
-distribution), and failures of which each is at least half a part from each other one (a part is another reason, another
-world, a metre, or all of the variables' distributions; another seed alone makes no other failure). A seed is
-30,000 episodes. What was simulated is in the store, and is not simulated again; take another folder after a change.
+The courier delivers in two apartments; its speed, the noise of its odometry, its mass and, in the case ``anywhere``,
+where it begins vary. Failures of all three ways are counted alike, in three ways: places (reason, world, metre), cells
+of an archive (place and tenth of each variable's distribution), and failures each at least half a part from another (a
+part is another reason, another world, a metre, or all of the variables' distributions; another seed alone makes no
+other failure). A quarter of a search's episodes look near failures for others. A seed is three times as many episodes
+as are said, of the grid as many as its values, worlds and seeds give. What was simulated is in the store, and is not
+simulated again; take another folder after a change.
 """
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -17,23 +20,53 @@ from scipy.special import ndtri
 import simyard
 from benchmarks.harness import ROOT, machine, markdown, options, show
 from flows.batch.search_batch import DrawnEpisodes, SearchSteps
+from specs.data.physics import OF_START, RANGES
 from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget, SearchFind
-from tasks.results.statistics.distinct_failures import FailureTraits
+from tasks.results.statistics.distinct_failures import OF_PLACE, FailureTraits
 from tasks.results.statistics.rare_failures import Particles
-from tasks.simulate.batch.batch_record import load_batch
+from tasks.simulate.batch.batch_record import OpenBatch, load_batch
 from tasks.simulate.devices import prepare_devices
-from tasks.storage.base.store import Store
 from tasks.storage.jobs.records import records
 from tasks.storage.resource_names import find_batch_name
 from tasks.storage.store_url import open_store
 
-EPISODES, EXPLORED, WORLDS, VALUES, APART = 10_000, 2_500, 2, 10, 0.5
-OVER = {
-    "MAX_SPEED": Distribution(uniform=(0.3, 0.8)),
-    "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.1)),
-    "robot.mass": Distribution(normal=Normal(mean=1.0, sd=0.1, atLeast=0.5, atMost=1.5)),
+WORLDS, APART = 2, 0.5
+_MASS = Distribution(normal=Normal(mean=1.0, sd=0.1, atLeast=0.5, atMost=1.5))
+
+
+class Case(NamedTuple):
+    """What varies.
+
+    Attributes:
+        over: By name.
+        values: So many of each variable a grid has.
+    """
+
+    over: dict[str, Distribution]
+    values: int
+
+
+CASES = {
+    "scenario": Case(
+        {
+            "MAX_SPEED": Distribution(uniform=(0.3, 0.8)),
+            "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.1)),
+            "robot.mass": _MASS,
+        },
+        10,
+    ),
+    "anywhere": Case(
+        {
+            "MAX_SPEED": Distribution(uniform=(0.2, 0.8)),
+            "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.3)),
+            "robot.mass": _MASS,
+            **{name: Distribution(uniform=(RANGES[name].least, RANGES[name].most)) for name in OF_START},
+        },
+        3,
+    ),
 }
 WAYS = ("search", "random draws", "grid")
+COUNTED = ("places", "cells", "far apart")
 
 
 def batch(store: Path) -> str:
@@ -69,38 +102,32 @@ def _launch(package: str, file: str) -> dict[str, object]:
     return {"application": package, "launchConfig": {"packageName": package, "launchFile": file}}
 
 
-def failures(way: str, store: Store, batch: str, seed: int) -> FailureTraits:
+def failures(case: Case, way: str, opened: OpenBatch, seed: int, episodes: int) -> FailureTraits:
     """Returns all failures that a way of spending episodes meets."""
-    budget, find = SearchBudget(episodes=EPISODES - EXPLORED), SearchFind(episodes=EXPLORED)
-    search = Search(over=OVER, budget=budget, find=find, seed=len(WAYS) * seed + WAYS.index(way))
-    opened = load_batch(store, batch)
+    near, over = episodes // 4, case.over
+    budget, find = SearchBudget(episodes=episodes - near), SearchFind(episodes=near)
+    search = Search(over=over, budget=budget, find=find, seed=len(WAYS) * seed + WAYS.index(way))
     steps, random = SearchSteps(opened, search, DrawnEpisodes(opened, search)), np.random.default_rng(search.seed)
     if way == "search":
         steps.estimate()
         steps.explore()
     elif way == "grid":
-        steps.scores(grid(random))
+        steps.scores(grid(case, random, episodes))
     else:
-        steps.scores(Particles(random.standard_normal((EPISODES, len(OVER))), random.random((EPISODES, 2))))
+        steps.scores(Particles(random.standard_normal((episodes, len(over))), random.random((episodes, 2))))
     return steps.traits()
 
 
-def grid(random: np.random.Generator) -> Particles:
-    """Returns ten values of each variable, from its least to its largest, in each world with as many drawn seeds.
+def grid(case: Case, random: np.random.Generator, episodes: int) -> Particles:
+    """Returns some values of each variable, from its least to its largest, in each world with as many drawn seeds.
 
     They are as likely as each other where the variable is drawn; 1 of 200 is beyond the first, and beyond the last.
     """
-    values = ndtri(np.linspace(0.005, 0.995, VALUES))
-    cells = VALUES ** len(OVER) * WORLDS
-    worlds = (np.arange(WORLDS) + 0.5) / WORLDS
-    axes = np.meshgrid(*[values] * len(OVER), worlds, np.arange(EPISODES // cells), indexing="ij")
+    values = [ndtri(np.linspace(0.005, 0.995, case.values))] * len(case.over)
+    seeds = episodes // (case.values ** len(case.over) * WORLDS)
+    axes = np.meshgrid(*values, (np.arange(WORLDS) + 0.5) / WORLDS, np.arange(seeds), indexing="ij")
     columns = [each.ravel() for each in axes]
     return Particles(np.stack(columns[:-2], 1), np.stack([columns[-2], random.random(len(columns[0]))], 1))
-
-
-def cells(found: FailureTraits) -> int:
-    """Returns how many cells failures are in."""
-    return len(np.unique(found.cells(), axis=0))
 
 
 def far_apart(found: FailureTraits) -> int:
@@ -113,35 +140,37 @@ def far_apart(found: FailureTraits) -> int:
     return count
 
 
-def table(store: Store, batch: str, seeds: int) -> str:
-    """Returns, per seed and way, the failures, the cells, and those far apart; and how many times the search has."""
-    rows = [("seed", "way", "failures", "cells", "search has so many times", "far apart", "search has so many times")]
+def table(case: Case, batch: OpenBatch, seeds: int, episodes: int) -> str:
+    """Returns, per seed and way, failures and what is counted of them, and how many times as many the search has."""
+    rows = [("seed", "way", "failures", *(f"{each}{times}" for each in COUNTED for times in ("", ", of the search")))]
     for seed in range(seeds):
-        counts: dict[str, tuple[int, int]] = {}
+        ours: list[int] = []
         for way in WAYS:
-            found = failures(way, store, batch, seed)
-            counts[way] = cells(found), far_apart(found)
-            (some, few), (ours, own) = counts[way], counts["search"]
-            rows.append(
-                (str(seed), way, str(len(found.reason)), str(some), _times(ours, some), str(few), _times(own, few))
-            )
+            found = failures(case, way, batch, seed, episodes)
+            own = found.cells()
+            counts = [len(np.unique(own[:, :OF_PLACE], axis=0)), len(np.unique(own, axis=0)), far_apart(found)]
+            ours = ours or counts
+            shown = [text for our, each in zip(ours, counts, strict=True) for text in (str(each), _times(our, each))]
+            rows.append((str(seed), way, str(len(found.reason)), *shown))
             print(rows[-1], flush=True)
     return markdown(rows)
 
 
 def _times(ours: int, others: int) -> str:
-    return f"{ours / others:.1f}" if others else "-"
+    return f"{ours / others:.1f} times" if others else "-"
 
 
 def main() -> None:
     """Prints the table, and puts it into a document if one is named."""
     parser = options(__doc__)
     parser.add_argument("--store", type=Path, required=True, help="a folder that keeps what was simulated")
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--case", choices=[*CASES], default="scenario")
+    parser.add_argument("--episodes", type=int, default=10_000, help="of each way")
+    parser.add_argument("--seeds", type=int, default=1)
     chosen = parser.parse_args()
     prepare_devices()
-    store = open_store(chosen.store.absolute().as_uri())
-    rows = table(store, batch(chosen.store), chosen.seeds)
+    opened = load_batch(open_store(chosen.store.absolute().as_uri()), batch(chosen.store))
+    rows = table(CASES[chosen.case], opened, chosen.seeds, chosen.episodes)
     show("distinct failures", f"{machine()}\n\n{rows}", chosen.document)
 
 
