@@ -1,6 +1,6 @@
 """Simulation side by side: what one writes with MuJoCo's Python package, and Simyard's engines; closed loop with lidar.
 
-    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--robots] [--prisms]
+    .venv/bin/python benchmarks/simulation/engines.py [--scaling] [--batch] [--people] [--robots] [--beside] [--prisms]
     [--repeats N] [--without NAME ...] [--json FILE]
     .venv/bin/python benchmarks/simulation/engines.py --document docs/reference/engines.md    # all of it, into the
     document
@@ -42,6 +42,7 @@ SCALED_LANES, SCALED_OBSTACLES = (1, 16, 64, 256, 1024, 4096), (25, 100, 400)
 SCALING_REPEATS, WARM_RUNS = 3, 2
 WALKING, WALKED_OBSTACLES = (0, 1, 4, 8), 25
 SHARING = (1, 2, 4, 8)
+BESIDE = ((1, 0), (1, 8), (4, 0), (4, 8))
 
 
 class Turn(NamedTuple):
@@ -167,6 +168,23 @@ def shared(repeats: int) -> list[list[str]]:
     return table
 
 
+def beside(repeats: int) -> list[list[str]]:
+    """Returns a table over how many robots and people share a world on ``planar``."""
+    made: dict[tuple[int, int], Variant] = {
+        (robots, people): Ours(
+            "planar", LANES, WALKED_OBSTACLES, People(count=people) if people else None, robots=robots
+        )
+        for robots, people in BESIDE
+    }
+    found = turns({str(each): variant for each, variant in made.items()}, repeats, dict.fromkeys(map(str, made), 100))
+    costs = {each: median(turn.cpu_us for turn in found[str(each)]) for each in made}
+    table = [["robots", "people", "CPU us a control step of a robot", "a world x one robot among as many people"]]
+    for (robots, people), cost_us in costs.items():
+        times = robots * cost_us / costs[1, people]
+        table.append([str(robots), str(people), f"{cost_us:.1f}", f"{times:.2f}"])
+    return table
+
+
 def shaped(repeats: int) -> list[list[str]]:
     """Returns a table over what the boxes of a hall are written as, for each engine."""
     table = [["engine", "boxes, CPU us a control step", "prisms", "x boxes"]]
@@ -189,6 +207,7 @@ def main() -> None:
     parser.add_argument("--batch", action="store_true")
     parser.add_argument("--people", action="store_true")
     parser.add_argument("--robots", action="store_true")
+    parser.add_argument("--beside", action="store_true")
     parser.add_argument("--prisms", action="store_true")
     given = parser.parse_args()
     show("machine", machine(), given.document)
@@ -198,7 +217,7 @@ def main() -> None:
 
 def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]:
     """Yields each table that was asked for when it is measured, under its title."""
-    parts = given.scaling or given.batch or given.people or given.robots or given.prisms
+    parts = given.scaling or given.batch or given.people or given.robots or given.beside or given.prisms
     everything = given.document is not None and not parts
     if not parts:
         yield "side by side", rows(side_by_side(given.repeats, given.without))
@@ -210,6 +229,8 @@ def measured(given: argparse.Namespace) -> Iterator[tuple[str, list[list[str]]]]
         yield "people", walked(given.repeats)
     if given.robots:
         yield "robots", shared(given.repeats)
+    if given.beside:
+        yield "people beside robots", beside(given.repeats)
     if given.prisms:
         yield "prisms", shaped(given.repeats)
 
