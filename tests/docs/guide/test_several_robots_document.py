@@ -65,7 +65,7 @@ def test_a_document_with_robots_and_people_is_run_and_replayed(tmp_path: Path):
     rows = pq.read_table(path).to_pylist()
     assert {(row["robots"], row["people"]) for row in rows} == {(3, 2)}
     drove = [row for row in rows if row["status"] == "Completed"]
-    assert drove, [row["failure_reason"] for row in rows]
+    assert drove, [row["failure_code"] for row in rows]
     assert all(row["min_robot_m"] is not None and row["min_person_m"] is not None for row in drove)
     number = drove[0]["index"]
     again = finished("replay", f"{rows[0]['batch']}/{number}", "--store", store, "--output", str(tmp_path))
