@@ -23,7 +23,7 @@ from flows.batch.search_batch import DrawnEpisodes, SearchSteps
 from specs.data.physics import OF_START, RANGES
 from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget, SearchFind
 from tasks.results.statistics.distinct_failures import OF_PLACE, FailureTraits
-from tasks.results.statistics.rare_failures import Particles
+from tasks.results.statistics.particles import Particles
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch
 from tasks.simulate.devices import prepare_devices
 from tasks.storage.jobs.records import records

@@ -30,7 +30,8 @@ from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_
 from tasks.results.statistics.explored_failures import GENERATION, near_failures
 from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
-from tasks.results.statistics.rare_failures import Estimated, Particles, Space, failure_probability
+from tasks.results.statistics.particles import Particles, Space
+from tasks.results.statistics.rare_failures import Estimated, failure_probability
 from tasks.simulate.batch.batch_record import KIND, OpenBatch, load_batch
 from tasks.simulate.batch.chunk_run import load_worlds
 from tasks.simulate.engines.engine_table import REFERENCE
@@ -42,7 +43,7 @@ from tasks.storage.store_url import open_store
 
 STAGE = "Search"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
-_FORM = 4
+_FORM = 5
 _SEEDS = 2**32
 # The score of an episode that fails with the other version, too: no failure, and nothing is nearer to one.
 _NEAREST = 0.0
@@ -246,7 +247,7 @@ class DrawnEpisodes:
         self._smooth = [name for name, each in self._over.items() if each.choice is None]
         self._choices = [name for name, each in self._over.items() if each.choice is not None]
         self.options = (*(len(self._over[name].choice or ()) for name in self._choices), len(self._worlds), _SEEDS)
-        self.space = Space(len(self._smooth), len(self.options))
+        self.space = Space(len(self._smooth), len(self.options), self.options[:-1])
 
     def _other_version(self, store: Store, number: str) -> ApplicationLaunch:
         """Returns how another version of the robot application is launched: as the batch's is.
@@ -352,6 +353,13 @@ class _Asked(Spec):
     plan: str
     search: Search
     part: Literal["estimate", "near", "confirm"]
+
+
+class _StepOf(Spec):
+    """The episodes of a step, whose answers are no other episodes'; all else of them is the search's."""
+
+    asked: str
+    episodes: tuple[tuple[str, int, dict[str, str]], ...]
 
 
 class _Failed(Spec):
@@ -510,6 +518,8 @@ class SearchSteps:
             requests: The step's episodes.
             engine: What drives them; the batch's, if left out.
         """
+        episodes = tuple((each.world, each.seed, each.environment) for each in requests)
+        asked = digest(_StepOf(asked=asked, episodes=episodes))
         store, key = self._batch.store, search_step_key(self._batch.id, asked, number)
         stored, name = find_document(store, key, _StoredAnswers), f"step {number} of search {asked}"
         if stored and self._batch.authenticator.authenticates(stored.mac, name, _bytes_of(stored.answers)):

@@ -7,7 +7,7 @@ from pathlib import Path
 from specs.data.episode import EpisodeRequest, EpisodeResult, reason, success
 from specs.errors import StageFailed
 from tasks.results.gate.missing_data import ROBOTS_OWN
-from tasks.results.statistics.rare_failures import FAILED
+from tasks.results.statistics.populations import FAILED
 from tasks.simulate.batch.batch_record import OpenBatch
 from tasks.simulate.batch.chunk_run import ChunkRunner
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES

@@ -102,6 +102,11 @@ class FailureBar(Spec):
 
     atMost: Bar = Field(title="At most", description="Such as 0.001.")
     confidence: Confidence = Field(default=0.95, title="Confidence")
+    announced: bool = Field(
+        default=False,
+        title="Announced failures alone",
+        description="Presume that the measure or what varies tells of all ways to fail, and judge the interval alone.",
+    )
 
 
 class QuantileRule(Ruled):

@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 
 from tasks.results.statistics.distinct_failures import OF_PLACE, FailureTraits
-from tasks.results.statistics.rare_failures import Particles
+from tasks.results.statistics.particles import Particles
 
 GENERATION = 128
 """So many episodes are driven before those that failed among them are changed in their turn."""

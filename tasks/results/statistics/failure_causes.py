@@ -5,7 +5,8 @@ part of a variable's distribution says how probable a failure is there, without 
 variables do together is asked of a surrogate: a kernel logistic regression (Zhu and Hastie 2005, Journal of
 Computational and Graphical Statistics 14:185) of failures against plain draws that passed. It is fitted to some
 populations of the search and asked about others, which it has not seen: how well it tells their failures is shown
-beside all that it says.
+beside all that it says. Of thinned draws it is a regression of failures against whatever else was simulated: they were
+chosen by what varies alone, which changes nothing of how probable a failure is at a point.
 
 How much each variable carries is its Shapley effect (Owen 2014, SIAM/ASA Journal on Uncertainty Quantification 2:245):
 its share of the variance of the probability of failure, with what variables do together shared out among them. They add
@@ -23,7 +24,9 @@ from jaxtyping import Bool, Float64, Int
 
 from specs.base import Spec
 from tasks.results.statistics.intervals import Interval
-from tasks.results.statistics.rare_failures import Particles, Seen, scatter_interval
+from tasks.results.statistics.populations import Seen
+from tasks.results.statistics.rare_failures import scatter_interval
+from tasks.results.statistics.surrogate import Features, Points, logistic, logistic_weights, points_of, together
 
 PARTS = 10
 """So many parts of the same probability has the distribution of a number."""
@@ -33,16 +36,14 @@ _MOST_SHOWN = 10  # values of a choice, or worlds
 _FEWEST_FAILURES = 40
 _FEWEST_POPULATIONS = 6
 _FOLDS = 3
-_CENTRES = 120  # of the kernel
 _REDRAWN = 8  # times, for each failure, the variables that a set does not keep
 _ALL_ORDERS = 4  # variables at most of which all orders are taken; of more so many pairs of an order and its reverse:
 _ORDERS = 24
 # Tried for the surrogate: the kernel's width in standard deviations, and the penalty of its weights, the largest first.
 _WIDTHS = (1.0, 2.0)
 _RIDGES = (1.0, 0.1, 0.01, 0.001)
-# Of what is linear in a variable: were it as large as the kernel's, weak variables would seem weaker than they are.
-_FREE = 1e-3
 _MOST_FAILURES = 4_000
+_MOST_CHOSEN = 12_000  # failures and passes of thinned draws
 _POINTS = 200  # of failures on the map
 
 
@@ -138,26 +139,6 @@ class FailureCauses(Spec):
         )
 
 
-class _Points(NamedTuple):
-    """Points of the space: standard normal numbers, and which value each choice has."""
-
-    numbers: Float64[np.ndarray, "points numbers"]
-    choices: Int[np.ndarray, "points choices"]
-
-    def take(self, which: Int[np.ndarray, "some"] | Bool[np.ndarray, "points"]) -> "_Points":
-        return _Points(self.numbers[which], self.choices[which])
-
-    def keeping(self, kept: frozenset[int], other: "_Points") -> "_Points":
-        """Returns these with the other's values, but for the factors that are kept."""
-        count = self.numbers.shape[1]
-        numbers = np.isin(np.arange(count), [*kept])
-        choices = np.isin(np.arange(count, count + self.choices.shape[1]), [*kept])
-        return _Points(
-            np.where(numbers, self.numbers, other.numbers),
-            np.where(choices, self.choices, other.choices),
-        )
-
-
 def failure_causes(seen: Seen, factors: Sequence[Factor], probability: float, confidence: float) -> FailureCauses:
     """Returns what the failures of a search have in common.
 
@@ -169,14 +150,14 @@ def failure_causes(seen: Seen, factors: Sequence[Factor], probability: float, co
     """
     if not factors:
         return FailureCauses(why="nothing varies but the seed")
-    seen = _thinned(seen)
+    seen = _fewer(seen)
     populations = len(np.unique(seen.failed_of))
     if len(seen.weights) < _FEWEST_FAILURES or populations < _FEWEST_POPULATIONS:
         return FailureCauses(why=f"{len(seen.weights)} failures in {populations} populations are too few")
     if len(np.unique(_folds(seen)[seen.passed_of])) < _FOLDS:
         return FailureCauses(why="hardly an episode passed")
     counts = [len(each.parts) for each in factors if not each.number]
-    failed, passed = _points(seen.failed, counts), _points(seen.passed, counts)
+    failed, passed = points_of(seen.failed, counts), points_of(seen.passed, counts)
     surrogate = _HeldBack(seen, failed, passed, counts, probability)
     shares = _shares(surrogate, len(factors), np.unique(seen.failed_of), seen, confidence)
     if not shares:
@@ -194,21 +175,23 @@ def failure_causes(seen: Seen, factors: Sequence[Factor], probability: float, co
     )
 
 
-def _thinned(seen: Seen) -> Seen:
-    """Returns the same with fewer failures, each of which stands for more, where there are very many."""
+def _fewer(seen: Seen) -> Seen:
+    """Returns the same with fewer particles, each of which stands for more, where there are very many."""
     every = 1 + len(seen.weights) // _MOST_FAILURES
+    if seen.passed_weights is not None:
+        every = 1 + (len(seen.weights) + len(seen.passed_weights)) // _MOST_CHOSEN
+        kept = np.arange(0, len(seen.passed_weights), every)  # as many of a hundred as of failures
+        passed_weights = seen.passed_weights[kept]
+        seen = seen._replace(
+            passed=seen.passed.take(kept), passed_of=seen.passed_of[kept], passed_weights=passed_weights
+        )
     kept = np.arange(0, len(seen.weights), every)
     return seen._replace(
         failed=seen.failed.take(kept), weights=every * seen.weights[kept], failed_of=seen.failed_of[kept]
     )
 
 
-def _points(particles: Particles, counts: Sequence[int]) -> _Points:
-    drawn = particles.drawn[:, : len(counts)]
-    return _Points(particles.smooth, (drawn * np.array(counts, np.float64)).astype(np.int64))
-
-
-def _parts(points: _Points, at: int, factor: Factor) -> Int[np.ndarray, "points"]:
+def _parts(points: Points, at: int, factor: Factor) -> Int[np.ndarray, "points"]:
     """Returns in which part of a factor each point is."""
     from scipy.special import ndtr  # noqa: PLC0415 - it takes long to load
 
@@ -249,59 +232,6 @@ def _capped(interval: Interval) -> Interval:
     return Interval(lower=min(interval.lower, 1.0), upper=min(interval.upper, 1.0))
 
 
-class _Known(NamedTuple):
-    """What a surrogate is fitted to: failures, for how many each stands up to a factor, and plain draws that passed."""
-
-    failed: _Points
-    weights: Float64[np.ndarray, "failed"]
-    passed: _Points
-
-
-class _Features:
-    """What the evidence at a point is linear in: a Nystrom kernel to some of the points, the numbers, and 1."""
-
-    def __init__(self, known: _Known, width: float) -> None:
-        """Takes the centres of the kernel from what is known, half from failures.
-
-        Args:
-            known: Failures and passes.
-            width: Of the kernel.
-        """
-        draws = np.random.Generator(np.random.Philox(1))
-        self._width = width
-        self._centres = _together(_some(known.failed, _CENTRES // 2, draws), _some(known.passed, _CENTRES // 2, draws))
-        values, vectors = np.linalg.eigh(self._kernel(self._centres))
-        kept = values > 1e-6 * values[-1]
-        self._to_features = vectors[:, kept] / np.sqrt(values[kept])
-
-    def _kernel(self, points: _Points) -> Float64[np.ndarray, "points centres"]:
-        """Returns how alike points are to the centres: by their numbers, halved for each choice that differs."""
-        own, centres = points.numbers, self._centres.numbers
-        apart = (own**2).sum(1)[:, None] + (centres**2).sum(1) - 2.0 * own @ centres.T
-        alike = np.exp(-apart / (2.0 * self._width**2 * max(own.shape[1], 1)))
-        for mine, its in zip(points.choices.T, self._centres.choices.T, strict=True):
-            alike *= np.where(mine[:, None] == its, 1.0, 0.5)
-        return alike
-
-    def of(self, points: _Points) -> Float64[np.ndarray, "points features"]:
-        """Returns the features of points."""
-        kernel = self._kernel(points) @ self._to_features
-        return np.concatenate([kernel, points.numbers / self._width, np.ones((len(kernel), 1))], axis=1)
-
-    def penalty(self, ridge: float) -> Float64[np.ndarray, "features"]:
-        """Returns the penalty of each weight."""
-        kernel = self._to_features.shape[1]
-        penalty = np.full(kernel + self._centres.numbers.shape[1] + 1, ridge)
-        penalty[kernel:] = _FREE
-        return penalty
-
-    def evidence(self, points: _Points, weights: Float64[np.ndarray, "features"]) -> Float64[np.ndarray, "points"]:
-        """Returns the features of points times their weights, without the features, of which there are many."""
-        kernel = self._to_features.shape[1]
-        of_kernel, of_numbers = self._to_features @ weights[:kernel], weights[kernel:-1] / self._width
-        return self._kernel(points) @ of_kernel + points.numbers @ of_numbers + weights[-1]
-
-
 class _Surrogate(NamedTuple):
     """How probable a failure is at a point: kernel logistic regression.
 
@@ -311,56 +241,13 @@ class _Surrogate(NamedTuple):
         odds: Logarithm of how many failures there are for each pass, among all draws.
     """
 
-    features: _Features
+    features: Features
     weights: Float64[np.ndarray, "features"]
     odds: float
 
-    def probability(self, points: _Points) -> Float64[np.ndarray, "points"]:
+    def probability(self, points: Points) -> Float64[np.ndarray, "points"]:
         """Returns how probable a failure is at each."""
-        return _logistic(self.features.evidence(points, self.weights) + self.odds)
-
-
-def _logistic(odds: Float64[np.ndarray, "*any"]) -> Float64[np.ndarray, "*any"]:
-    return 0.5 * (1.0 + np.tanh(0.5 * odds))
-
-
-def _logistic_weights(
-    features: Float64[np.ndarray, "points features"],
-    kinds: Float64[np.ndarray, "points"],
-    counted: Float64[np.ndarray, "points"],
-    penalty: Float64[np.ndarray, "features"],
-    weights: Float64[np.ndarray, "features"],
-) -> Float64[np.ndarray, "features"]:
-    """Returns the weights of a penalised logistic regression, by Newton's steps from some that are near."""
-    for _ in range(30):
-        likely = _logistic(features @ weights)
-        slope = features.T @ (counted * (kinds - likely)) - penalty * weights
-        # A matrix times its own transpose takes half of what another product takes.
-        root = features * np.sqrt(counted * np.maximum(likely * (1.0 - likely), 1e-9))[:, None]
-        step = np.linalg.solve(root.T @ root + np.diag(penalty), slope)
-        weights = weights + step / max(1.0, np.abs(step).max() / 5.0)  # a long one overshoots
-        if np.abs(step).max() < 1e-4:
-            break
-    return weights
-
-
-def _together(*parts: _Points) -> _Points:
-    return _Points(np.concatenate([each.numbers for each in parts]), np.concatenate([each.choices for each in parts]))
-
-
-def _some(points: _Points, count: int, draws: np.random.Generator) -> _Points:
-    return points.take(draws.permutation(len(points.numbers))[:count])
-
-
-def _counted(known: _Known) -> tuple[Float64[np.ndarray, "points"], Float64[np.ndarray, "points"]]:
-    """Returns 1 for each failure and 0 for each pass, and how often each counts.
-
-    Both kinds count alike, so that a rare one is not drowned; the odds of a surrogate put that right.
-    """
-    failed, passed = len(known.weights), len(known.passed.numbers)
-    alike = min(failed, passed)
-    counted = np.concatenate([known.weights * (alike / known.weights.sum()), np.full(passed, alike / passed)])
-    return np.repeat([1.0, 0.0], [failed, passed]), counted
+        return logistic(self.features.evidence(points, self.weights) + self.odds)
 
 
 class _HeldBack:
@@ -370,12 +257,13 @@ class _HeldBack:
         told: How often a failure is found more probable than a pass.
     """
 
-    def __init__(self, seen: Seen, failed: _Points, passed: _Points, counts: Sequence[int], probability: float) -> None:
+    def __init__(self, seen: Seen, failed: Points, passed: Points, counts: Sequence[int], probability: float) -> None:
         self._seen, self._failed, self._passed, self._counts = seen, failed, passed, counts
         self._draws = np.random.Generator(np.random.Philox(0))
         folds = _folds(seen)
         self._failed_fold, self._passed_fold = folds[seen.failed_of], folds[seen.passed_of]
-        odds = float(np.log(probability / (1.0 - probability)))
+        # Failures of populations were chosen because they failed: the odds put that right.
+        odds = 0.0 if seen.passed_weights is not None else float(np.log(probability / (1.0 - probability)))
         fits = [each for width in _WIDTHS for each in self._fitted(odds, width)]
         _, self.told, self._surrogates = max(fits, key=lambda each: each[0])
 
@@ -388,19 +276,41 @@ class _HeldBack:
         surrogates: list[list[_Surrogate]] = [[] for _ in _RIDGES]
         for fold in range(_FOLDS):
             mine, other = self._failed_fold == fold, self._passed_fold == fold
-            known = _Known(self._failed.take(~mine), self._seen.weights[~mine], self._passed.take(~other))
+            failed, passed = self._failed.take(~mine), self._passed.take(~other)
+            kinds = np.repeat([1.0, 0.0], [len(failed.numbers), len(passed.numbers)])
+            counted = np.concatenate(self._counted(~mine, ~other))
+            of_mine, of_other = self._counted(mine, other)
             held = self._seen.weights[mine] / self._seen.weights[mine].sum()
-            features = _Features(known, width)
-            of_known = features.of(_together(known.failed, known.passed))
+            features = Features(failed, passed, width)
+            of_known = features.of(together(failed, passed))
             of_failed, of_passed = features.of(self._failed.take(mine)), features.of(self._passed.take(other))
             weights = np.zeros(of_known.shape[1])
             for at, ridge in enumerate(_RIDGES):
-                weights = _logistic_weights(of_known, *_counted(known), features.penalty(ridge), weights)
+                weights = logistic_weights(of_known, kinds, counted, features.penalty(ridge), weights)
                 failing, passing = of_failed @ weights, of_passed @ weights
-                likely[at] -= float(held @ np.logaddexp(0.0, -failing)) + float(np.logaddexp(0.0, passing).mean())
-                told[at] += _told(failing, held, passing) / _FOLDS
+                lost = of_mine @ np.logaddexp(0.0, -failing) + of_other @ np.logaddexp(0.0, passing)
+                likely[at] -= float(lost) / (of_mine.sum() + of_other.sum())
+                told[at] += _told(failing, held, passing, self._stand_for(other)) / _FOLDS
                 surrogates[at].append(_Surrogate(features, weights, odds))
         return list(zip(likely.tolist(), told.tolist(), surrogates, strict=True))
+
+    def _counted(
+        self, failed: Bool[np.ndarray, "failed"], passed: Bool[np.ndarray, "passed"]
+    ) -> tuple[Float64[np.ndarray, "some"], Float64[np.ndarray, "others"]]:
+        """Returns how often some failures and some passes count in a fit.
+
+        Both kinds of populations count alike, so that a rare one is not drowned; thinned draws count once each.
+        """
+        weights, passes = self._seen.weights[failed], int(passed.sum())
+        if self._seen.passed_weights is not None:
+            return np.ones(len(weights)), np.ones(passes)
+        alike = min(len(weights), passes)
+        return weights * (alike / weights.sum()), np.full(passes, alike / passes)
+
+    def _stand_for(self, passed: Bool[np.ndarray, "passed"]) -> Float64[np.ndarray, "some"]:
+        """Returns for which share of all passes some of them stand."""
+        weights = np.ones(len(passed)) if self._seen.passed_weights is None else self._seen.passed_weights
+        return weights[passed] / weights[passed].sum()
 
     def kept_sums(self, kept: frozenset[int]) -> Float64[np.ndarray, "populations"]:
         """Returns, of each population, the sum over its failures of how probable one is that keeps some factors."""
@@ -413,14 +323,14 @@ class _HeldBack:
                 sums += np.bincount(of, weights * again / _REDRAWN, self._seen.populations)
         return sums
 
-    def mean(self, points: _Points) -> Float64[np.ndarray, "points"]:
+    def mean(self, points: Points) -> Float64[np.ndarray, "points"]:
         """Returns how probable a failure is at each point, by all surrogates together."""
         return np.mean([each.probability(points) for each in self._surrogates], axis=0)
 
-    def drawn(self, count: int) -> _Points:
+    def drawn(self, count: int) -> Points:
         """Returns plain draws."""
         numbers = self._draws.standard_normal((count, self._failed.numbers.shape[1]))
-        return _Points(numbers, self._draws.integers(0, np.array(self._counts, np.int64), (count, len(self._counts))))
+        return Points(numbers, self._draws.integers(0, np.array(self._counts, np.int64), (count, len(self._counts))))
 
 
 def _folds(seen: Seen) -> Int[np.ndarray, "populations"]:
@@ -431,12 +341,16 @@ def _folds(seen: Seen) -> Int[np.ndarray, "populations"]:
 
 
 def _told(
-    failed: Float64[np.ndarray, "failed"], weights: Float64[np.ndarray, "failed"], passed: Float64[np.ndarray, "passed"]
+    failed: Float64[np.ndarray, "failed"],
+    weights: Float64[np.ndarray, "failed"],
+    passed: Float64[np.ndarray, "passed"],
+    stand_for: Float64[np.ndarray, "passed"],
 ) -> float:
     """Returns how often a failure has more evidence than a pass; a tie counts half."""
-    ordered = np.sort(passed)
-    below = np.searchsorted(ordered, failed, "left") + np.searchsorted(ordered, failed, "right")
-    return float(weights @ below) / (2.0 * len(passed))
+    order = np.argsort(passed, kind="stable")
+    ordered, up_to = passed[order], np.concatenate([[0.0], np.cumsum(stand_for[order])])
+    below = up_to[np.searchsorted(ordered, failed, "left")] + up_to[np.searchsorted(ordered, failed, "right")]
+    return float(weights @ below) / 2.0
 
 
 def _shares(
@@ -494,7 +408,7 @@ def _orders(count: int) -> list[tuple[int, ...]]:
     return [*some, *(each[::-1] for each in some)]
 
 
-def _map(surrogate: _HeldBack, factors: Sequence[Factor], failed: _Points, numbers: Sequence[int]) -> FailureMap:
+def _map(surrogate: _HeldBack, factors: Sequence[Factor], failed: Points, numbers: Sequence[int]) -> FailureMap:
     """Returns how probable failures are over two numbers, in the middle of each of their parts."""
     from scipy.special import ndtr, ndtri  # noqa: PLC0415 - it takes long to load
 
@@ -507,7 +421,7 @@ def _map(surrogate: _HeldBack, factors: Sequence[Factor], failed: _Points, numbe
         for place in middles:
             at = draws.numbers.copy()
             at[:, across], at[:, up] = place, upward
-            row.append(float(f"{surrogate.mean(_Points(at, draws.choices)).mean():.3g}"))
+            row.append(float(f"{surrogate.mean(Points(at, draws.choices)).mean():.3g}"))
         rows.append(tuple(row))
     some = failed.numbers[:: 1 + len(failed.numbers) // _POINTS][:, [across, up]]
     points = tuple((round(float(x), 3), round(float(y), 3)) for x, y in ndtr(some))

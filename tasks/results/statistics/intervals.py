@@ -92,6 +92,25 @@ def clopper_pearson(shown: float, n: float, tail: float) -> Interval:
     )
 
 
+def weighted_count_interval(estimate: float, variance: float, one_more: float, tail: float) -> Interval:
+    """Returns the interval of a share that is a sum of Poisson counts, each with a weight.
+
+    It is that of Fay and Feuer 1997 (Statistics in Medicine 16:791): above, it allows for one more count.
+
+    Args:
+        estimate: The share.
+        variance: Of it: the sum of the weights' squares.
+        one_more: The weight of that one more; with the largest that a count may have, the upper bound always holds.
+        tail: How often each bound may miss, between 0 and 0.5.
+    """
+    from scipy.special import gammaincinv  # noqa: PLC0415 - it takes long to load
+
+    lower = float(gammaincinv(estimate**2 / variance, tail)) * variance / estimate if estimate > 0.0 else 0.0
+    most, largest = estimate + one_more, variance + one_more**2
+    upper = float(gammaincinv(most**2 / largest, 1.0 - tail)) * largest / most
+    return Interval(lower=lower, upper=min(upper, 1.0))
+
+
 def paired_difference(gains: int, losses: int, n: int, confidence: float) -> Interval:
     """Returns the score interval of the difference of two shares that were measured on the same n things.
 

@@ -1,81 +1,57 @@
-"""The probability of a rare failure, by multilevel splitting, or by plain draws where those need fewer episodes.
+"""The probability of a rare failure, by as few episodes as it takes.
 
 What varies is drawn from its own distribution; an episode's score is how far it was from failing, and below 0 it
-failed. Failures of one in ten thousand are reached in steps: of a population of plain draws the nearest tenth is kept,
-Markov chains that stay within that level make a population of it again, of which the nearest tenth is kept, and so on:
-subset simulation (Au and Beck 2001, Probabilistic Engineering Mechanics 16:263). The probability is the product of the
-shares.
+failed. A pilot says about how rare failures are, and that says how they are counted:
 
-Levels that a population chooses for itself bias its estimate, and ties in scores more so (Brehier et al. 2016, Annals
-of Applied Probability 26:3559). So a pilot chooses them, and how far its chains step, and counts for nothing else. Then
-a number of populations, each independent of the others, goes through the same levels. With levels that are fixed and
-chains that keep the law of what lies within one, each one's estimate has no bias, however slowly chains mix, and
-whatever atoms and jumps scores have (Del Moral 2004, Feynman-Kac Formulae, theorem 7.4.2). What they scatter by gives
-the interval.
+- by plain draws, where those need fewest episodes;
+- by thinned draws, of which those are simulated that may fail, after populations of multilevel splitting have taught
+  which may;
+- by populations alone where failures are too rare for that, or where nobody can tell which may, as seeds decide.
 
 The algorithm is a generator: it yields what is to be simulated, and is sent scores. Its numbers follow from its seed
 and the scores alone, so that whoever keeps the scores takes it up again wherever it was left.
 """
 
 from collections.abc import Generator
-from math import ceil, exp, inf, sqrt
-from typing import Literal, NamedTuple
+from math import ceil, exp, sqrt
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int
+from jaxtyping import Float64
 
 from specs.base import Spec
-from tasks.results.statistics.intervals import Interval, clopper_pearson
+from tasks.results.statistics.intervals import Interval, clopper_pearson, weighted_count_interval
+from tasks.results.statistics.particles import Particles, Scores, Space, plain_particles, side_by_side
+from tasks.results.statistics.populations import (
+    LENGTH,
+    PASSED_KEPT,
+    PILOT_SHARE,
+    POPULATIONS,
+    Aim,
+    Pilot,
+    Seen,
+    joined,
+    reach_of,
+    seen_together,
+    simulated_pilot,
+    simulated_populations,
+)
+from tasks.results.statistics.thinned_draws import (
+    Counted,
+    Lot,
+    Thinned,
+    counted,
+    draws_for,
+    is_thinnable,
+    most_simulated,
+    thinned,
+)
 
-FAILED = -1.0
-"""A score of an episode that failed."""
-_FAILING = float(np.nextafter(0.0, FAILED))  # the last level: what lies within it failed
-
-POPULATIONS = 12
-"""So many are independent of each other."""
-_PASSED_KEPT = 3_000  # of plain draws that passed, about so many are kept for whoever asks what failures have in common
-_LENGTH = 10  # states of a chain: of a level a tenth is kept
-_FEWEST_CHAINS = 10  # of a population: fewer die out
-_PILOT_SHARE = 50  # of the budget, for each of the pilot's levels
-_PILOT_MOST = 4  # of the budget, for the pilot in all
-# How much more a chain's states scatter than as many draws: what Au and Beck 2001 find at most.
-_CORRELATION = 4.0
-# Of proposals along smooth coordinates (Papaioannou et al. 2015, Probabilistic Engineering Mechanics 41:89).
-_ACCEPTED = 0.44
-_NARROWEST = 1e-4
-
-
-class Space(NamedTuple):
-    """What varies.
-
-    Attributes:
-        smooth: How many coordinates are normal numbers, along which chains go in small steps.
-        drawn: How many are uniform numbers that are drawn anew or kept, such as a world and a seed; at least 1.
-    """
-
-    smooth: int
-    drawn: int
-
-
-class Particles(NamedTuple):
-    """Points of the space, each an episode.
-
-    Attributes:
-        smooth: Standard normal numbers.
-        drawn: Uniform numbers, 0 to 1.
-    """
-
-    smooth: Float64[np.ndarray, "particles smooth"]
-    drawn: Float64[np.ndarray, "particles drawn"]
-
-    def take(self, which: Int[np.ndarray, "chosen"]) -> "Particles":
-        """Returns some of them."""
-        return Particles(self.smooth[which], self.drawn[which])
-
-    def where(self, first: Bool[np.ndarray, "particles"], other: "Particles") -> "Particles":
-        """Returns each of these where ``first`` says so, else the other's."""
-        pick = first[:, None]
-        return Particles(np.where(pick, self.smooth, other.smooth), np.where(pick, self.drawn, other.drawn))
+# Chains of each of the populations that teach where failures are: a fifth of what the budget gives, and of these:
+_TAUGHT, _FEWEST_TEACHING, _MOST_TEACHING = 5, 6, 20
+# The lot that says whether thinned draws are better: an eighth of what is left then, or so many at most.
+_TRIAL, _MOST_OF_TRIAL = 8, 1_500
+_FEWEST_OF_LOT = 500
 
 
 class FailureProbability(Spec):
@@ -83,7 +59,9 @@ class FailureProbability(Spec):
 
     Attributes:
         estimate: The probability.
-        interval: Covers it with the confidence that was asked for.
+        interval: Covers it with the confidence that was asked for, if the measure or what varies tells of all failures;
+            of plain draws, always.
+        highest: An upper bound also if there are failures that nothing tells of.
         method: How it was found.
         why: Why so, as a sentence.
         episodes: How many were simulated in all, the pilot's among them.
@@ -94,7 +72,8 @@ class FailureProbability(Spec):
 
     estimate: float
     interval: Interval
-    method: Literal["splitting", "draws"]
+    highest: float
+    method: Literal["thinned", "splitting", "draws"]
     why: str
     episodes: int
     levels: tuple[float, ...] = ()
@@ -104,34 +83,19 @@ class FailureProbability(Spec):
     @property
     def sentence(self) -> str:
         """The probability, its interval, what it took, how it was found, and why it ended."""
-        how = "multilevel splitting" if self.method == "splitting" else "plain draws"
+        how = {"thinned": "thinned draws", "splitting": "multilevel splitting", "draws": "plain draws"}[self.method]
         ended = "; the interval is as narrow as asked for" if self.ended == "narrow" else ""
         within = f"({self.interval.lower:.3g} to {self.interval.upper:.3g})"
         where = f" where version {self.against} passes" if self.against else ""
+        unannounced = (
+            f"; at most {self.highest:.3g} if there are failures that nothing announces"
+            if self.highest > self.interval.upper
+            else ""
+        )
         return (
             f"fails{where} with probability {self.estimate:.3g} {within}, by "
-            f"{self.episodes:,} episodes of {how}: {self.why}{ended}"
+            f"{self.episodes:,} episodes of {how}: {self.why}{unannounced}{ended}"
         )
-
-
-class Seen(NamedTuple):
-    """Plain draws that passed, and particles that stand for all failures, each of a population.
-
-    Attributes:
-        failed: Particles that failed.
-        weights: Of each, the probability that it stands for in its population: they add up to its estimate.
-        failed_of: The population of each, from 0.
-        passed: Some of the plain draws that passed.
-        passed_of: The population of each.
-        populations: How many there are, those without a failure among them.
-    """
-
-    failed: Particles
-    weights: Float64[np.ndarray, "failed"]
-    failed_of: Int[np.ndarray, "failed"]
-    passed: Particles
-    passed_of: Int[np.ndarray, "passed"]
-    populations: int
 
 
 class Estimated(NamedTuple):
@@ -141,28 +105,6 @@ class Estimated(NamedTuple):
     seen: Seen
 
 
-class Aim(NamedTuple):
-    """How sharp an estimate has to be.
-
-    Attributes:
-        confidence: Of the interval, between 0 and 1.
-        relative_error: How far the interval may reach, as a share of the probability; None takes what the budget gives.
-    """
-
-    confidence: float
-    relative_error: float | None = None
-
-    def reached(self, estimate: float, interval: Interval) -> bool:
-        """Returns whether an interval is narrow enough."""
-        return self.relative_error is not None and 0.0 < _reach(estimate, interval) <= self.relative_error
-
-
-def _reach(estimate: float, interval: Interval) -> float:
-    """Returns how far an interval reaches, as a share of the estimate; infinite of none."""
-    return (interval.upper - interval.lower) / (2.0 * estimate) if estimate > 0.0 else inf
-
-
-Scores = Float64[np.ndarray, "particles"]
 Estimation = Generator[Particles, Scores, Estimated]
 
 
@@ -185,262 +127,180 @@ def failure_probability(
         ValueError: The budget is too small.
     """
     aim = Aim(confidence, relative_error)
-    if budget < 20 * _PILOT_SHARE:
-        raise ValueError(f"budget: {budget}: at least {20 * _PILOT_SHARE}")
-    pilot = yield from _pilot(space, budget, seed)
+    if budget < 20 * PILOT_SHARE:
+        raise ValueError(f"budget: {budget}: at least {20 * PILOT_SHARE}")
+    known = _Known(space, seed)
+    pilot = yield from known.keeping(simulated_pilot(space, budget, seed))
     left = budget - pilot.episodes
     if pilot.why_draws(left):
         return (yield from _plain_draws(space, left, pilot, aim, seed))
-    return (yield from _populations(space, pilot, left, aim, seed))
+    if not is_thinnable(pilot.about):
+        why = f"about 1 in {1.0 / pilot.about:,.0f} fails: too rare for plain draws, and for a choice among them"
+        return (yield from _populations(known, pilot, left, aim, why))
+    return (yield from _lots(known, pilot, left, aim))
 
 
-class _Pilot(NamedTuple):
-    """What a pilot found.
+_T = TypeVar("_T")
+
+
+class _Known:
+    """All that a search has simulated so far.
 
     Attributes:
-        levels: Scores, from far to near; the last one is a failure, unless it came to none.
-        shares: How much of a population lay within each.
-        spreads: How far chains step within each but the last.
-        episodes: How many it took.
-        stuck: Why it came to no failure; empty if it did.
+        space: What varies.
+        seed: The search's.
     """
 
-    levels: tuple[float, ...]
-    shares: tuple[float, ...]
-    spreads: tuple[float, ...]
-    episodes: int
-    stuck: str = ""
+    def __init__(self, space: Space, seed: int) -> None:
+        self.space, self.seed = space, seed
+        self._particles, self._scores = list[Particles](), list[Scores]()
+
+    def keeping(self, going: Generator[Particles, Scores, _T]) -> Generator[Particles, Scores, _T]:
+        """Yields what another generator does, keeps what it is sent, and returns what that returns."""
+        particles = next(going)
+        while True:
+            scores = yield particles
+            self._particles.append(particles)
+            self._scores.append(scores)
+            try:
+                particles = going.send(scores)
+            except StopIteration as end:
+                return end.value
 
     @property
-    def episodes_of_chain(self) -> int:
-        """How many episodes a population takes for each of its chains."""
-        return _LENGTH + (len(self.levels) - 1) * (_LENGTH - 1)
-
-    def chains(self, left: int) -> int:
-        """Returns how many chains each population may have for some episodes."""
-        return left // (POPULATIONS * self.episodes_of_chain)
-
-    def variance(self, size: int) -> float:
-        """Returns about the variance of what so many plain draws, and as many states at each level, say of 1."""
-        scatter = [1.0 + _CORRELATION * (at > 0) for at in range(len(self.shares))]
-        return sum((1.0 - share) / (share * size) * more for share, more in zip(self.shares, scatter, strict=True))
-
-    def chains_for(self, aim: Aim, left: int) -> int:
-        """Returns how many chains the first populations need for an interval that is as narrow as asked for."""
-        from scipy.special import stdtrit  # noqa: PLC0415 - it takes long to load
-
-        most = self.chains(left)
-        if aim.relative_error is None:
-            return most
-        reach = float(stdtrit(POPULATIONS - 1, (1.0 + aim.confidence) / 2.0))
-        wanted = ceil(self.variance(POPULATIONS * _LENGTH) * (reach / aim.relative_error) ** 2)
-        return min(max(wanted, _FEWEST_CHAINS), most)
-
-    def why_draws(self, left: int) -> str:
-        """Returns why plain draws are better for some episodes, as a sentence; empty if they are not."""
-        if self.stuck:
-            return self.stuck
-        about = float(np.prod(self.shares))
-        drawn = (1.0 - about) / (about * left)
-        each = POPULATIONS * _LENGTH * self.chains(left)
-        if self.chains(left) < _FEWEST_CHAINS:
-            return (
-                f"{left:,} episodes are too few for {POPULATIONS} populations through {len(self.levels)} levels; about "
-                f"1 in {1.0 / about:,.0f} fails"
-            )
-        split = self.variance(each)
-        if drawn > split:
-            return ""
-        return (
-            f"about 1 in {1.0 / about:,.0f} fails, so that plain draws come within {100 * sqrt(drawn):.0f} %, and "
-            f"splitting within {100 * sqrt(split):.0f} %"
-        )
+    def all(self) -> tuple[Particles, Scores]:
+        """The particles and their scores."""
+        return side_by_side(self._particles), np.concatenate(self._scores)
 
 
-def _pilot(space: Space, budget: int, seed: int) -> Generator[Particles, Scores, _Pilot]:
-    """Yields the particles of one population, which chooses levels for those that count; returns what it found."""
-    chains = max(budget // (_PILOT_SHARE * _LENGTH), 2)
-    levels, shares, spreads = list[float](), list[float](), list[float]()
-    particles = _plain(space, chains * _LENGTH, seed, (0, 0))
-    scores = yield particles
-    episodes, spread = len(scores), 0.5
-    while True:
-        level = _next_level(scores, chains)
-        if level is None:
-            stuck = f"the measure does not lead to a failure: all that come nearest have {float(scores.min()):g}"
-            return _Pilot((*levels,), (*shares,), (*spreads,), episodes, stuck)
-        levels.append(level)
-        shares.append(float(np.mean(scores <= level)))
-        if level < 0.0:
-            return _Pilot((*levels,), (*shares,), (*spreads,), episodes)
-        if episodes + chains * (_LENGTH - 1) > budget // _PILOT_MOST:
-            stuck = f"no failure came in sight within {episodes:,} episodes; the nearest had {float(scores.min()):g}"
-            return _Pilot((*levels,), (*shares,), (*spreads,), episodes, stuck)
-        chosen = _survivors(scores <= level, chains, seed, (0, len(levels), 0))
-        states = [(particles.take(chosen), scores[chosen])]
-        for step in range(1, _LENGTH):
-            draws = _uniforms(seed, (0, len(levels), step), chains, _columns(space))
-            before, known = states[-1]
-            proposed = _proposed(before, spread, draws)
-            answered = yield proposed
-            episodes += chains
-            within = answered <= level
-            states.append((proposed.where(within, before), np.where(within, answered, known)))
-            if space.smooth and (stepped := draws[:, 0] < _SMOOTH_ALONE).any():
-                spread *= exp((float(within[stepped].mean()) - _ACCEPTED) / sqrt(step))
-                spread = min(max(spread, _NARROWEST), 1.0)
-        spreads.append(spread)
-        particles, scores = _joined(states)
-
-
-def _next_level(scores: Scores, wanted: int) -> float | None:
-    """Returns the score that about so many lie within; None if there is no step from here towards failure.
-
-    Where a value is shared by more than half of the population, the next one below it is taken.
-    """
-    ordered = np.sort(scores)
-    level = float(ordered[wanted - 1])
-    if level < 0.0:
-        return _FAILING
-    if 2 * np.count_nonzero(scores <= level) <= len(scores):
-        return level
-    below = ordered[ordered < level]
-    if not len(below):
-        return None
-    return float(below[-1]) if below[-1] >= 0.0 else _FAILING
-
-
-def _populations(space: Space, pilot: _Pilot, left: int, aim: Aim, seed: int) -> Estimation:
+def _populations(known: _Known, pilot: Pilot, left: int, aim: Aim, why: str, *, first: int = 0) -> Estimation:
     """Yields the particles of independent populations; returns what they say together.
 
     Where an interval is wider than asked for, more populations of the same size are added, as many as their scatter
     says, and as the budget gives (Stein 1945, Annals of Mathematical Statistics 16:243).
+
+    Args:
+        known: What was simulated before.
+        pilot: Has the levels.
+        left: How many episodes may be simulated.
+        aim: How sharp the estimate has to be.
+        why: Why populations, as a sentence.
+        first: The number of the first population, from 0.
     """
     chains = pilot.chains_for(aim, left)
     cost = chains * pilot.episodes_of_chain
     count, estimates, plain_failures, episodes = POPULATIONS, np.zeros(0), 0, 0
     seen: list[Seen] = []
     while True:
-        found = yield from _side_by_side_populations(
-            space, pilot, chains, range(len(estimates), len(estimates) + count), seed
+        found = yield from simulated_populations(
+            known.space, pilot, chains, range(first + len(estimates), first + len(estimates) + count), known.seed
         )
         estimates = np.concatenate([estimates, found.estimates])
         seen.append(found.seen)
         plain_failures, episodes = plain_failures + found.plain_failures, episodes + found.episodes
-        plain = clopper_pearson(plain_failures, len(estimates) * chains * _LENGTH, (1.0 - aim.confidence) / 2.0)
+        plain_draws, tail = len(estimates) * chains * LENGTH, (1.0 - aim.confidence) / 2.0
+        plain = clopper_pearson(plain_failures, plain_draws, tail)
         estimate, interval = float(estimates.mean()), scatter_interval(estimates, aim.confidence, plain)
         count = (left - episodes) // cost
         if aim.relative_error is None or aim.reached(estimate, interval) or count < 1:
             break
-        reach = _reach(estimate, interval) / aim.relative_error
+        reach = reach_of(estimate, interval) / aim.relative_error
         count = min(count, max(ceil(len(estimates) * (min(reach, 1e3) ** 2 - 1.0)), POPULATIONS // 4))
+    scatter = float(estimates.var(ddof=1)) / len(estimates)
+    highest = weighted_count_interval(estimate, scatter, 1.0 / plain_draws, tail).upper
     probability = FailureProbability(
         estimate=estimate,
         interval=interval,
+        highest=max(highest, interval.upper),
         method="splitting",
-        why=f"about 1 in {1.0 / float(np.prod(pilot.shares)):,.0f} fails: too rare for plain draws",
+        why=why,
         episodes=pilot.episodes + episodes,
         levels=(*pilot.levels[:-1], 0.0),
         ended="narrow" if aim.reached(estimate, interval) else "spent",
     )
-    return Estimated(probability, _seen_together(seen))
+    return Estimated(probability, seen_together(seen))
 
 
-class _Populations(NamedTuple):
-    """What populations found.
+def _lots(known: _Known, pilot: Pilot, left: int, aim: Aim) -> Estimation:
+    """Yields populations, which teach where failures are, and then lots of thinned draws; returns what these say.
 
-    Attributes:
-        estimates: Of each.
-        plain_failures: How many of their plain draws failed.
-        episodes: How many they took.
-        seen: Their plain draws that passed, and their last particles, those that failed; numbered from 0.
+    A first lot says whether they scatter less than further populations would, which take the rest if not: seeds may
+    decide, which nobody can learn. So it counts no more than the populations that taught, or it would be kept where it
+    met too few failures.
     """
+    space, seed = known.space, known.seed
+    chains = min(max(pilot.chains(left) // _TAUGHT, _FEWEST_TEACHING), _MOST_TEACHING)
+    taught = yield from known.keeping(simulated_populations(space, pilot, chains, range(POPULATIONS), seed))
+    left -= taught.episodes
+    size = min(left // _TRIAL, _MOST_OF_TRIAL)
+    lot = Lot(space, seed, 1, draws_for(pilot.about, size), size)
+    trial = yield from known.keeping(thinned(lot, known.all, pilot.near, None))
+    spent, left = pilot.episodes + taught.episodes + len(trial.scores), left - len(trial.scores)
+    if pilot.scatter(left) < trial.scatter(left):
+        why = f"about 1 in {1.0 / pilot.about:,.0f} fails, and it can hardly be told which of many draws may"
+        return (yield from _populations(known, pilot._replace(episodes=spent), left, aim, why, first=POPULATIONS))
+    lots, found = list[Thinned](), counted([trial], aim.confidence)
+    drawn, about = len(trial.scores), found.estimate or pilot.about
+    while not lots or (left >= _FEWEST_OF_LOT and not aim.reached(found.estimate, found.interval)):
+        size = _size_of_next(found, drawn, aim, left, most_simulated(about))
+        lot = Lot(space, seed, len(lots) + 2, draws_for(about, size), size)
+        lots.append((yield from known.keeping(thinned(lot, known.all, pilot.near, lots[-1] if lots else trial))))
+        found, left = counted(lots, aim.confidence), left - len(lots[-1].scores)
+        spent, drawn = spent + len(lots[-1].scores), sum(len(each.scores) for each in lots)
+        about = found.estimate or about
+    probability = FailureProbability(
+        estimate=found.estimate,
+        interval=found.interval,
+        highest=found.highest,
+        method="thinned",
+        why=f"about 1 in {1.0 / pilot.about:,.0f} fails, and it can be told which of many draws may",
+        episodes=spent,
+        levels=(*pilot.levels[:-1], 0.0),
+        ended="narrow" if aim.reached(found.estimate, found.interval) else "spent",
+    )
+    return Estimated(probability, _seen_of_lots(lots))
 
-    estimates: Float64[np.ndarray, "populations"]
-    plain_failures: int
-    episodes: int
-    seen: Seen
 
-
-def _side_by_side_populations(
-    space: Space, pilot: _Pilot, chains: int, which: range, seed: int
-) -> Generator[Particles, Scores, _Populations]:
-    """Yields the particles of some populations, all of them at once; returns what each found.
+def _size_of_next(found: Counted, drawn: int, aim: Aim, left: int, most: int) -> int:
+    """Returns how many of the next lot are simulated: the rest, in lots that are as large, or as many as it takes.
 
     Args:
-        space: What varies.
-        pilot: Has the levels.
-        chains: Of each population.
-        which: Their numbers, of all that there are.
-        seed: The search's.
+        found: What the lots so far say.
+        drawn: How many of them were simulated.
+        aim: How sharp the estimate has to be.
+        left: How many episodes may be simulated.
+        most: How many of a lot may be.
     """
-    size = chains * _LENGTH
-    numbers = np.arange(which.start, which.stop) + 1
-    particles = _side_by_side([_plain(space, size, seed, (each, 0)) for each in numbers.tolist()])
-    scores = yield particles
-    plain_failures, episodes = int(np.count_nonzero(scores < 0.0)), len(scores)
-    shares = np.ones((len(pilot.levels), len(numbers)))
-    alive = np.arange(len(numbers))
-    plain, passing = particles, scores >= 0.0
-    for number, level in enumerate(pilot.levels):
-        within = scores.reshape(len(alive), size) <= level
-        shares[number] = 0.0
-        shares[number, alive] = within.mean(1)
-        kept = within.any(1)
-        if number + 1 == len(pilot.levels) or not kept.any():
-            break
-        # Each population's chains begin at those of its own that lie within the level.
-        starts = [
-            size * row + _survivors(within[row], chains, seed, (int(numbers[alive[row]]), number + 1, 0))
-            for row in np.flatnonzero(kept)
-        ]
-        alive, begin = alive[kept], np.concatenate(starts)
-        states = [(particles.take(begin), scores[begin])]
-        for step in range(1, _LENGTH):
-            keys = [(each, number + 1, step) for each in numbers[alive].tolist()]
-            draws = np.concatenate([_uniforms(seed, key, chains, _columns(space)) for key in keys])
-            before, known = states[-1]
-            proposed = _proposed(before, pilot.spreads[number], draws)
-            answered = yield proposed
-            episodes += len(answered)
-            inside = answered <= level
-            states.append((proposed.where(inside, before), np.where(inside, answered, known)))
-        # A population's particles stand together again: chains of one are in a row, and so are their states.
-        parts = [
-            _joined([(state.take(rows), known[rows]) for state, known in states]) for rows in _rows_of(alive, chains)
-        ]
-        particles = _side_by_side([part for part, _ in parts])
-        scores = np.concatenate([part for _, part in parts])
-    estimates, failing = np.prod(shares, axis=0), scores < 0.0
-    populations = np.repeat(alive, size)[failing]
-    counts = np.bincount(populations, minlength=len(numbers))
-    some = np.flatnonzero(passing)[:: 1 + int(passing.sum()) // _PASSED_KEPT]
-    seen = Seen(
-        failed=particles.take(np.flatnonzero(failing)),
-        weights=(estimates / np.maximum(counts, 1))[populations],
-        failed_of=populations,
-        passed=plain.take(some),
-        passed_of=some // size,
-        populations=len(numbers),
+    size = left
+    if aim.relative_error is not None:
+        reach = min(reach_of(found.estimate, found.interval) / aim.relative_error, 1e3)
+        size = max(ceil(drawn * reach**2) - drawn, _FEWEST_OF_LOT)
+        if left - size < _FEWEST_OF_LOT:
+            size = left
+    return ceil(size / ceil(size / most))
+
+
+def _seen_of_lots(lots: list[Thinned]) -> Seen:
+    """Returns what lots have seen, cut into as many populations as splitting has.
+
+    A population has a part of all draws, one after the other: how many of them fail varies as that of plain draws does.
+    """
+    whole = sum(len(each.scores) for each in lots)
+    particles, failing = (
+        side_by_side([each.particles for each in lots]),
+        np.concatenate([each.failing for each in lots]),
     )
-    return _Populations(estimates, plain_failures, episodes, seen)
-
-
-def _seen_together(parts: list[Seen]) -> Seen:
-    """Returns what parts of populations have seen, numbered on."""
-    first = np.cumsum([0, *(each.populations for each in parts)]).tolist()
+    weights = np.concatenate([each.weights * (len(each.scores) / whole) for each in lots])
+    population = np.concatenate([(POPULATIONS * each.places).astype(np.int64) for each in lots])
     return Seen(
-        failed=_side_by_side([each.failed for each in parts]),
-        weights=np.concatenate([each.weights for each in parts]),
-        failed_of=np.concatenate([each.failed_of + at for each, at in zip(parts, first, strict=False)]),
-        passed=_side_by_side([each.passed for each in parts]),
-        passed_of=np.concatenate([each.passed_of + at for each, at in zip(parts, first, strict=False)]),
-        populations=first[-1],
+        failed=particles.take(np.flatnonzero(failing)),
+        weights=POPULATIONS * weights[failing],
+        failed_of=population[failing],
+        passed=particles.take(np.flatnonzero(~failing)),
+        passed_of=population[~failing],
+        populations=POPULATIONS,
+        passed_weights=weights[~failing],
     )
-
-
-def _rows_of(alive: Int[np.ndarray, "alive"], chains: int) -> list[Int[np.ndarray, "chains"]]:
-    return [np.arange(chains * row, chains * (row + 1)) for row in range(len(alive))]
 
 
 def scatter_interval(estimates: Float64[np.ndarray, "populations"], confidence: float, plain: Interval) -> Interval:
@@ -471,13 +331,13 @@ def scatter_interval(estimates: Float64[np.ndarray, "populations"], confidence: 
 _DRAWN_AT_ONCE = 4096
 
 
-def _plain_draws(space: Space, left: int, pilot: _Pilot, aim: Aim, seed: int) -> Estimation:
+def _plain_draws(space: Space, left: int, pilot: Pilot, aim: Aim, seed: int) -> Estimation:
     """Yields plain draws, as many as are left or needed, and returns the share that failed with its exact interval."""
     failed = drawn = 0
     interval = Interval(lower=0.0, upper=1.0)
     parts: list[tuple[Particles, Scores]] = []
     for part, first in enumerate(range(0, left, _DRAWN_AT_ONCE)):
-        particles = _plain(space, min(_DRAWN_AT_ONCE, left - first), seed, (1, part))
+        particles = plain_particles(space, min(_DRAWN_AT_ONCE, left - first), seed, (1, part))
         scores = yield particles
         parts.append((particles, scores))
         failed, drawn = failed + int(np.count_nonzero(scores < 0.0)), drawn + len(scores)
@@ -487,12 +347,13 @@ def _plain_draws(space: Space, left: int, pilot: _Pilot, aim: Aim, seed: int) ->
     probability = FailureProbability(
         estimate=failed / drawn,
         interval=interval,
+        highest=interval.upper,
         method="draws",
         why=pilot.why_draws(left),
         episodes=pilot.episodes + drawn,
         ended="narrow" if aim.reached(failed / drawn, interval) else "spent",
     )
-    return Estimated(probability, _seen_of_draws(*_joined(parts)))
+    return Estimated(probability, _seen_of_draws(*joined(parts)))
 
 
 def _seen_of_draws(particles: Particles, scores: Scores) -> Seen:
@@ -500,7 +361,7 @@ def _seen_of_draws(particles: Particles, scores: Scores) -> Seen:
     population = np.arange(len(scores)) * POPULATIONS // len(scores)
     failing = np.flatnonzero(scores < 0.0)
     passing = np.flatnonzero(scores >= 0.0)
-    passing = passing[:: 1 + len(passing) // _PASSED_KEPT]
+    passing = passing[:: 1 + len(passing) // PASSED_KEPT]
     return Seen(
         failed=particles.take(failing),
         weights=1.0 / np.bincount(population, minlength=POPULATIONS)[population[failing]],
@@ -509,75 +370,3 @@ def _seen_of_draws(particles: Particles, scores: Scores) -> Seen:
         passed_of=population[passing],
         populations=POPULATIONS,
     )
-
-
-# Of proposals, so many step along smooth coordinates alone, and so many draw one of the others alone; the rest do both.
-_SMOOTH_ALONE, _DRAWN_ALONE = 0.5, 0.25
-
-
-def _columns(space: Space) -> int:
-    return 3 + space.smooth
-
-
-def _proposed(particles: Particles, spread: float, uniforms: Float64[np.ndarray, "particles columns"]) -> Particles:
-    """Returns where chains would go.
-
-    Each proposal keeps the law of plain draws (Cotter et al. 2013, Statistical Science 28:424), so that a chain that
-    goes there whenever it stays within a level keeps the law within it.
-
-    Args:
-        particles: Where chains are.
-        spread: How far smooth coordinates go; at 1 they are drawn anew.
-        uniforms: Which kind of proposal, which coordinate is drawn anew, its value, and a number for each smooth one.
-    """
-    from scipy.special import ndtri  # noqa: PLC0415 - it takes long to load
-
-    kind, which, value, steps = uniforms[:, 0], uniforms[:, 1], uniforms[:, 2], uniforms[:, 3:]
-    if not particles.smooth.shape[1]:
-        kind = np.full_like(kind, _SMOOTH_ALONE)
-    smooth = sqrt(1.0 - spread * spread) * particles.smooth + spread * ndtri(steps)
-    stays = (kind >= _SMOOTH_ALONE) & (kind < _SMOOTH_ALONE + _DRAWN_ALONE)
-    drawn = particles.drawn.copy()
-    anew = np.flatnonzero(kind >= _SMOOTH_ALONE)
-    drawn[anew, (which[anew] * drawn.shape[1]).astype(np.intp)] = value[anew]
-    return Particles(np.where(stays[:, None], particles.smooth, smooth), drawn)
-
-
-def _survivors(
-    within: Bool[np.ndarray, "particles"], chains: int, seed: int, key: tuple[int, ...]
-) -> Int[np.ndarray, "chains"]:
-    """Returns where chains begin: among those within a level, each as often as any other in the mean.
-
-    They are taken in turn in a drawn order, so that none is taken twice while another is left out.
-
-    Args:
-        within: Which particles lie within the level.
-        chains: How many begin.
-        seed: The search's.
-        key: Of the draw.
-    """
-    inside = np.flatnonzero(within)
-    drawn = _uniforms(seed, key, len(inside), 1)[:, 0]
-    return np.resize(inside[np.argsort(drawn, kind="stable")], chains)
-
-
-def _plain(space: Space, count: int, seed: int, key: tuple[int, ...]) -> Particles:
-    """Returns plain draws."""
-    from scipy.special import ndtri  # noqa: PLC0415 - it takes long to load
-
-    drawn = _uniforms(seed, (*key, 0), count, space.smooth + space.drawn)
-    return Particles(ndtri(drawn[:, : space.smooth]), drawn[:, space.smooth :])
-
-
-def _uniforms(seed: int, key: tuple[int, ...], rows: int, columns: int) -> Float64[np.ndarray, "rows columns"]:
-    """Returns numbers between 0 and 1, neither of which they are; each key has its own."""
-    generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=key)))
-    return generator.random((rows, columns)) * (1.0 - 2.0**-52) + 2.0**-53
-
-
-def _side_by_side(parts: list[Particles]) -> Particles:
-    return Particles(np.concatenate([each.smooth for each in parts]), np.concatenate([each.drawn for each in parts]))
-
-
-def _joined(states: list[tuple[Particles, Scores]]) -> tuple[Particles, Scores]:
-    return _side_by_side([state for state, _ in states]), np.concatenate([scores for _, scores in states])

@@ -52,7 +52,12 @@ def searched(batch: OpenBatch, **physics: str) -> BatchSearch:
         batch=batch.id,
         search=Search(over={"FAULT": Distribution(uniform=(0.0, 1.0))}),
         probability=FailureProbability(
-            estimate=0.1, interval=Interval(lower=0.05, upper=0.2), method="draws", why="it is", episodes=1000
+            estimate=0.1,
+            interval=Interval(lower=0.05, upper=0.2),
+            highest=0.2,
+            method="draws",
+            why="it is",
+            episodes=1000,
         ),
         failures=(failed, failed.model_copy(update={"world": second, "seed": 2**32 - 1})),
         vanished=(failed.model_copy(update={"seed": 4, "reference": ""}),),

@@ -320,6 +320,7 @@ def test_what_a_search_found_is_told_with_the_command_that_drives_each_failure(t
         probability=FailureProbability(
             estimate=0.001,
             interval=Interval(lower=0.0007, upper=0.0014),
+            highest=0.0014,
             method="splitting",
             why="about 1 in 1,000 fails",
             episodes=20_000,

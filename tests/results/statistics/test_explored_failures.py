@@ -5,7 +5,7 @@ import pytest
 
 from tasks.results.statistics.distinct_failures import FailureTraits
 from tasks.results.statistics.explored_failures import near_failures
-from tasks.results.statistics.rare_failures import Particles
+from tasks.results.statistics.particles import Particles
 
 SEEDS = (2**32, 2**32)
 

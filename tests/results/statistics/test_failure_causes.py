@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from scipy.stats import norm
 
 from tasks.results.statistics.failure_causes import Factor, FailureCauses, _told, failure_causes
-from tasks.results.statistics.rare_failures import Particles, Scores, Space
+from tasks.results.statistics.particles import Particles, Scores, Space
 from tests.results.statistics.test_rare_failures import estimated
 
 _WORLDS = 8
@@ -134,7 +134,9 @@ def test_the_surrogate_is_asked_about_failures_that_it_was_not_fitted_to():
 
 
 def test_a_tie_counts_half():
-    assert _told(np.array([1.0, 2.0]), np.array([0.5, 0.5]), np.array([1.0, 3.0])) == pytest.approx(0.375)
+    assert _told(
+        np.array([1.0, 2.0]), np.array([0.5, 0.5]), np.array([1.0, 3.0]), np.array([0.5, 0.5])
+    ) == pytest.approx(0.375)
 
 
 @pytest.mark.long

@@ -1,29 +1,28 @@
 """Rare failures: estimates without bias, intervals that cover, and the same numbers wherever a search is taken up."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 from scipy.special import ndtr, ndtri
 
+from tasks.results.statistics import rare_failures, thinned_draws
 from tasks.results.statistics.intervals import clopper_pearson
+from tasks.results.statistics.particles import Particles, Scores, Space
+from tasks.results.statistics.populations import FAILED, next_level
 from tasks.results.statistics.rare_failures import (
-    FAILED,
     Estimated,
     FailureProbability,
-    Particles,
-    Scores,
-    Space,
-    _next_level,
     failure_probability,
     scatter_interval,
 )
+from tasks.results.statistics.thinned_draws import Counted, Thinned, counted
 
 Score = Callable[[Particles], Scores]
 _SMOOTH = 4
 _WORLDS = 6
-# Of so many searches it is asked what only many can tell: a bias of a twentieth takes the longer one.
-_SEARCHES = [100, pytest.param(200, marks=pytest.mark.soak)]
+# Failures that are so rare are counted by thinned draws, of which fewer are needed than of rarer ones.
+_NOT_SO_RARE = 3e-3
 
 
 def plane(rare: float) -> Score:
@@ -51,6 +50,17 @@ def jumps(rare: float) -> Score:
     return score
 
 
+def modes(rare: float) -> Score:
+    """Returns the distance from three planes that face away from each other; the third has a tenth of all failures."""
+    first, second, third = -ndtri(np.array([0.6, 0.3, 0.1]) * rare)
+
+    def score(each: Particles) -> Scores:
+        x, y, z, t = each.smooth.T
+        return np.min([first - x, second + y, third - (z - t) / np.sqrt(2.0)], axis=0)
+
+    return score
+
+
 def worlds(rare: float) -> Score:
     """Returns scores to which worlds and seeds contribute as much as what is smooth."""
     shifts = 0.3 * np.arange(_WORLDS)
@@ -71,7 +81,8 @@ CASES: dict[str, tuple[Callable[[float], Score], Space]] = {
     "plane": (plane, Space(_SMOOTH, 1)),
     "atoms": (atoms, Space(_SMOOTH, 1)),
     "jumps": (jumps, Space(_SMOOTH, 1)),
-    "worlds": (worlds, Space(_SMOOTH, 2)),
+    "modes": (modes, Space(_SMOOTH, 1)),
+    "worlds": (worlds, Space(_SMOOTH, 2, (_WORLDS,))),
 }
 
 
@@ -93,9 +104,23 @@ def estimated(
             return end.value
 
 
-@pytest.mark.parametrize(("rare", "method"), [(1e-3, "splitting"), (0.2, "draws")])
-def test_failures_stand_for_the_estimate_of_their_population(rare: float, method: str):
-    score, space = worlds(rare), Space(_SMOOTH, 2)
+def seeds(rare: float) -> Score:
+    """Returns scores that a seed alone decides, so that nobody can tell which draws may fail."""
+    return lambda each: each.drawn[:, -1] - rare
+
+
+@pytest.mark.parametrize(
+    ("make", "space", "rare", "method"),
+    [
+        (worlds, Space(_SMOOTH, 2, (_WORLDS,)), _NOT_SO_RARE, "thinned"),
+        (seeds, Space(0, 2), 1e-3, "splitting"),
+        (worlds, Space(_SMOOTH, 2, (_WORLDS,)), 0.2, "draws"),
+    ],
+)
+def test_failures_stand_for_the_estimate_of_their_population(
+    make: Callable[[float], Score], space: Space, rare: float, method: str
+):
+    score = make(rare)
     probability, seen = estimated(score, space)
     assert probability.method == method
     of_each = np.bincount(seen.failed_of, seen.weights, seen.populations)
@@ -105,52 +130,64 @@ def test_failures_stand_for_the_estimate_of_their_population(rare: float, method
     assert {*seen.passed_of.tolist()} == {*range(seen.populations)}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("rare", [1e-3, 1e-4])
-def test_a_few_thousand_episodes_are_enough_for_the_order_of_magnitude(name: str, rare: float):
+def test_twenty_thousand_episodes_are_enough_for_the_order_of_magnitude_of_one_in_ten_thousand(name: str):
     make, space = CASES[name]
-    answer = found(make(rare), space)
-    assert answer.method == "splitting"
-    assert rare / 2.0 < answer.estimate < 2.0 * rare
+    answer = found(make(1e-4), space)
+    assert answer.method in {"thinned", "splitting"}
+    assert 0.5e-4 < answer.estimate < 2e-4
     assert answer.interval.lower < answer.estimate < answer.interval.upper
     assert answer.episodes <= 20_000
 
 
-@pytest.mark.long
+@pytest.mark.soak
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("rare", [1e-3, 1e-4])
-@pytest.mark.parametrize("searches", _SEARCHES)
-def test_estimates_have_no_bias_and_intervals_cover(name: str, rare: float, searches: int):
-    make, space = CASES[name]
-    answers = [found(make(rare), space, seed=seed) for seed in range(searches)]
-    estimates = np.array([each.estimate for each in answers])
-    assert abs(estimates.mean() / rare - 1.0) < 3.0 * estimates.std() / rare / np.sqrt(len(answers))
-    assert np.mean([each.interval.lower <= rare <= each.interval.upper for each in answers]) >= 0.93
+def test_estimates_have_no_bias_and_intervals_cover(name: str, rare: float):
+    searches(name, rare, 200, 20_000)
 
 
 @pytest.mark.long
-def test_one_in_ten_thousand_takes_a_tenth_of_plain_draws():
-    answers = [found(plane(1e-4), Space(_SMOOTH, 1), budget=50_000, seed=seed) for seed in range(100)]
-    error = np.std([each.estimate for each in answers]) / 1e-4
-    plain = np.sqrt((1.0 - 1e-4) / (1e-4 * 50_000))
-    assert (plain / error) ** 2 > 10.0
+@pytest.mark.parametrize("name", ["jumps", "modes", "worlds"])
+def test_a_dozen_estimates_have_no_bias_that_is_seen_and_ten_intervals_cover(name: str):
+    searches(name, 1e-3, 12, 10_000)
+
+
+def searches(name: str, rare: float, count: int, budget: int) -> None:
+    """Searches so many times, each with a seed of its own, and looks at what answers are together."""
+    make, space = CASES[name]
+    answers = [found(make(rare), space, budget=budget, seed=seed) for seed in range(count)]
+    estimates = np.array([each.estimate for each in answers])
+    assert abs(estimates.mean() / rare - 1.0) < 3.0 * estimates.std() / rare / np.sqrt(count)
+    covering = sum(each.interval.lower <= rare <= each.interval.upper for each in answers)
+    assert covering >= 0.93 * count - 1.2  # of a dozen, 2 may miss by chance: 1 in 50 dozens has more
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("rare", "budget", "gain"), [(1e-3, 10_000, 10.0), (1e-4, 20_000, 20.0)])
+def test_plain_draws_need_many_times_as_many_episodes(rare: float, budget: int, gain: float):
+    answers = [found(plane(rare), Space(_SMOOTH, 1), budget=budget, seed=seed) for seed in range(8)]
+    error = np.std([each.estimate for each in answers]) / rare
+    plain = np.sqrt((1.0 - rare) / (rare * budget))
+    assert (plain / error) ** 2 > gain
 
 
 def test_what_lies_within_a_tie_is_one_level():
     steps = np.repeat([1.0, 0.5, 0.0], [60, 30, 10])
-    assert _next_level(steps, 10) == 0.0
-    assert _next_level(steps, 20) == 0.5
+    assert next_level(steps, 10) == 0.0
+    assert next_level(steps, 20) == 0.5
 
 
 def test_a_value_of_most_of_a_population_is_no_level():
-    assert _next_level(np.array([0.3] * 9 + [0.2]), 5) == 0.2
-    level = _next_level(np.array([0.3] * 9 + [FAILED]), 5)
+    assert next_level(np.array([0.3] * 9 + [0.2]), 5) == 0.2
+    level = next_level(np.array([0.3] * 9 + [FAILED]), 5)
     assert level is not None
     assert FAILED <= level < 0.0
 
 
 def test_where_all_are_as_near_there_is_no_step():
-    assert _next_level(np.full(10, 0.3), 2) is None
+    assert next_level(np.full(10, 0.3), 2) is None
 
 
 def test_a_score_of_zero_is_no_failure():
@@ -188,12 +225,52 @@ def test_all_populations_that_died_out_leave_the_bound_of_plain_draws():
 def test_worlds_and_seeds_alone_may_vary():
     answer = found(lambda each: each.drawn[:, 1] - 1e-3, Space(0, 2))
     assert answer.method == "splitting"
+    assert "it can hardly be told which of many draws may" in answer.why
+    assert answer.highest >= answer.interval.upper
     assert 5e-4 < answer.estimate < 2e-3
 
 
-def test_the_same_seed_gives_the_same_answer_and_another_another():
-    first, again, other = (found(worlds(1e-3), Space(_SMOOTH, 2), seed=seed) for seed in (3, 3, 4))
-    assert first == again
+def test_the_lot_that_says_whether_lots_are_better_does_not_count(monkeypatch: pytest.MonkeyPatch):
+    """One that met too few failures would be kept, and one that met more would not: that is a bias."""
+    asked: list[list[Thinned]] = []
+
+    def spy(lots: Sequence[Thinned], confidence: float) -> Counted:
+        asked.append([*lots])
+        return counted(lots, confidence)
+
+    monkeypatch.setattr(rare_failures, "counted", spy)
+    answer = found(plane(_NOT_SO_RARE), Space(_SMOOTH, 1), budget=10_000)
+    assert answer.estimate == counted(asked[-1], 0.95).estimate
+    assert not any(asked[0][0] is each for each in asked[-1])
+
+
+def test_a_budget_that_is_too_large_for_one_lot_of_a_million_draws_is_for_several(monkeypatch: pytest.MonkeyPatch):
+    sizes: list[int] = []
+
+    def spy(lots: Sequence[Thinned], confidence: float) -> Counted:
+        sizes[:] = [len(each.scores) for each in lots]
+        return counted(lots, confidence)
+
+    monkeypatch.setattr(rare_failures, "counted", spy)
+    monkeypatch.setattr(thinned_draws, "_MOST_DRAWS", 20_000)
+    monkeypatch.setattr(rare_failures, "is_thinnable", lambda _: True)
+    answer = found(plane(_NOT_SO_RARE), Space(_SMOOTH, 1), budget=20_000)
+    assert answer.method == "thinned"
+    assert len(sizes) > 3
+    assert max(sizes) <= 2_500
+    assert 19_500 < answer.episodes <= 20_000
+
+
+def test_failures_that_nothing_announces_are_told_of():
+    thin, plain = found(plane(_NOT_SO_RARE), Space(_SMOOTH, 1)), found(plane(0.2), Space(_SMOOTH, 1))
+    assert f"; at most {thin.highest:.3g} if there are failures that nothing announces" in thin.sentence
+    assert thin.highest > thin.interval.upper
+    assert plain.highest == plain.interval.upper
+    assert "announces" not in plain.sentence
+
+
+def test_another_seed_gives_another_answer():
+    first, other = (found(worlds(_NOT_SO_RARE), Space(_SMOOTH, 2), budget=10_000, seed=seed) for seed in (3, 4))
     assert first.estimate != other.estimate
 
 
@@ -201,24 +278,27 @@ def test_a_search_that_is_sent_the_scores_that_were_kept_asks_for_the_same_parti
     kept: list[Scores] = []
 
     def keep(each: Particles) -> Scores:
-        kept.append(worlds(1e-3)(each))
+        kept.append(worlds(_NOT_SO_RARE)(each))
         return kept[-1]
 
-    whole = found(keep, Space(_SMOOTH, 2))
-    left = iter(kept[:10])
-    assert found(lambda each: next(left, worlds(1e-3)(each)), Space(_SMOOTH, 2)) == whole
+    whole = found(keep, Space(_SMOOTH, 2), budget=10_000)
+    assert whole.method == "thinned"
+    left = iter(kept[:-1])
+    again = found(lambda each: next(left, worlds(_NOT_SO_RARE)(each)), Space(_SMOOTH, 2), budget=10_000)
+    assert again == whole
 
 
-@pytest.mark.parametrize("budget", [1_000, 3_333, 20_000])
-def test_no_more_is_simulated_than_the_budget_allows(budget: int):
+@pytest.mark.parametrize(("budget", "method"), [(1_000, "draws"), (3_333, "draws"), (20_000, "thinned")])
+def test_no_more_is_simulated_than_the_budget_allows(budget: int, method: str):
     asked: list[int] = []
 
     def count(each: Particles) -> Scores:
         asked.append(len(each.smooth))
-        return plane(1e-3)(each)
+        return plane(_NOT_SO_RARE)(each)
 
     answer = found(count, Space(_SMOOTH, 1), budget=budget)
     assert sum(asked) == answer.episodes <= budget
+    assert answer.method == method
 
 
 def test_too_small_a_budget_is_refused():
@@ -229,24 +309,28 @@ def test_too_small_a_budget_is_refused():
 @pytest.mark.parametrize(
     ("name", "estimate", "lower", "upper", "episodes"),
     [
-        ("plane", 0.0012324900265804504, 0.0008044271225300878, 0.001888339693026031, 19_684),
-        ("atoms", 0.0009767612364716383, 0.0007836544873857968, 0.0012174530082208464, 19_684),
-        ("jumps", 0.0008984773596938775, 0.0006566511047939529, 0.001229361467587552, 19_936),
-        ("worlds", 0.0011927155729023087, 0.000886527426274428, 0.0016046547412773672, 19_684),
+        ("plane", 0.000998237824747241, 0.0009132257828339426, 0.001089033632829358, 10_000),
+        ("atoms", 0.000992154310922852, 0.0008974105461096518, 0.001094179361420489, 10_000),
+        ("jumps", 0.0009934226460333287, 0.000835685374985958, 0.0011722782011396053, 10_000),
+        ("modes", 0.0009855154897755237, 0.0009009318599599699, 0.0010759013939167757, 10_000),
+        ("worlds", 0.0010254416124472207, 0.0008367270319351926, 0.0013471532649018383, 10_000),
     ],
 )
 def test_a_seed_has_one_answer_whatever_lanes_simulate_it(
     name: str, estimate: float, lower: float, upper: float, episodes: int
 ):
     make, space = CASES[name]
-    answer = found(make(1e-3), space, seed=3)
-    assert answer.estimate == pytest.approx(estimate, rel=1e-12)
+    answer = found(make(1e-3), space, budget=10_000, seed=3)
+    assert answer.method == "thinned"
+    assert answer.estimate == pytest.approx(estimate, rel=1e-9)
     assert (answer.interval.lower, answer.interval.upper) == pytest.approx((lower, upper), rel=1e-9)
     assert answer.episodes == episodes
+    assert 0.5e-3 < answer.estimate < 2e-3
 
 
 def test_a_search_ends_when_its_interval_is_narrow_enough():
     narrow = found(plane(1e-3), Space(_SMOOTH, 1), budget=200_000, relative_error=0.3)
+    assert narrow.method == "thinned"
     assert narrow.ended == "narrow"
     assert narrow.episodes < 100_000
     assert (narrow.interval.upper - narrow.interval.lower) / 2.0 <= 0.3 * narrow.estimate
@@ -265,12 +349,17 @@ def test_plain_draws_end_when_their_interval_is_narrow_enough():
     assert narrow.episodes < 20_000
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", CASES)
-@pytest.mark.parametrize("searches", _SEARCHES)
+@pytest.mark.parametrize(
+    ("name", "searches"),
+    [
+        pytest.param("jumps", 12, marks=pytest.mark.long),
+        *(pytest.param(each, 200, marks=pytest.mark.soak) for each in CASES),
+    ],
+)
 def test_intervals_that_are_narrow_enough_still_cover(name: str, searches: int):
     make, space = CASES[name]
     answers = [found(make(1e-3), space, budget=200_000, seed=seed, relative_error=0.3) for seed in range(searches)]
     assert all(each.ended == "narrow" for each in answers)
-    assert np.mean([each.interval.lower <= 1e-3 <= each.interval.upper for each in answers]) >= 0.93
-    assert np.mean([each.estimate for each in answers]) == pytest.approx(1e-3, rel=0.03)
+    covering = sum(each.interval.lower <= 1e-3 <= each.interval.upper for each in answers)
+    assert covering >= 0.93 * searches - 1.2
+    assert np.mean([each.estimate for each in answers]) == pytest.approx(1e-3, rel=0.3 / np.sqrt(searches))

@@ -7,14 +7,16 @@ from specs.pipeline.gate_section import FailureBar
 from tasks.results.gate.rules.rule import Completeness, GateMaterial, GateRule, PlannedEpisodes, RuleVerdict
 from tasks.results.gate.rules.rule_answers import answer_below, confidence_text, nothing_counted, sentence
 
-_METHODS = {"splitting": "multilevel splitting", "draws": "Clopper-Pearson"}
+_METHODS = {"thinned": "Horvitz-Thompson", "splitting": "multilevel splitting", "draws": "Clopper-Pearson"}
 
 
 def _judge(asked: FailureBar, material: GateMaterial, label: str) -> RuleVerdict:
     found = material.rare
     if found is None:
         return nothing_counted(label, "the batch was not searched: a run of its document says how rare failures are")
-    answer = answer_below(found.interval, asked.atMost, found.episodes, sound=True)
+    upper = found.interval.upper if asked.announced else found.highest
+    judged = found.interval.model_copy(update={"upper": upper})
+    answer = answer_below(judged, asked.atMost, found.episodes, sound=True)
     return RuleVerdict(
         rule=label,
         verdict=answer,
@@ -28,7 +30,7 @@ def _judge(asked: FailureBar, material: GateMaterial, label: str) -> RuleVerdict
         counted=found.episodes,
         estimate=found.estimate,
         lower=found.interval.lower,
-        upper=found.interval.upper,
+        upper=upper,
     )
 
 

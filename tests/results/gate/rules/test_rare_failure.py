@@ -12,9 +12,14 @@ from tasks.results.statistics.rare_failures import FailureProbability
 from tests.factories.episodes import batch, counted
 
 
-def material(lower: float, upper: float) -> GateMaterial:
+def material(lower: float, upper: float, highest: float | None = None) -> GateMaterial:
     rare = FailureProbability(
-        estimate=0.001, interval=Interval(lower=lower, upper=upper), method="splitting", why="rare", episodes=20_000
+        estimate=0.001,
+        interval=Interval(lower=lower, upper=upper),
+        highest=highest or upper,
+        method="splitting",
+        why="rare",
+        episodes=20_000,
     )
     return GateMaterial(counted(batch(9, 0)), rare=rare)
 
@@ -35,6 +40,20 @@ def test_the_whole_interval_decides(lower: float, upper: float, verdict: Verdict
     assert (found.rules[0].lower, found.rules[0].upper, found.rules[0].counted) == (lower, upper, 20_000)
     assert found.sentence.endswith("at most 0.001 asked for")
     assert false_pass_chance(gate) == 0.025
+
+
+@pytest.mark.parametrize(
+    ("announced", "highest", "verdict"),
+    [(False, 0.001, "PASS"), (False, 0.0011, "INCONCLUSIVE"), (True, 0.0011, "PASS")],
+)
+def test_failures_that_nothing_announces_count_unless_it_is_said_that_there_are_none(
+    *, announced: bool, highest: float, verdict: Verdict
+):
+    gate = Gate(failureProbability=FailureBar(atMost=0.001, announced=announced))
+    found = judge(gate, material(0.0005, 0.0009, highest))
+    assert found.verdict == verdict
+    assert found.rules[0].upper == (0.0009 if announced else highest)
+    assert "at most 0.001 if there are failures that nothing announces" in found.sentence or highest > 0.001
 
 
 def test_a_batch_that_nobody_searched_is_inconclusive():
