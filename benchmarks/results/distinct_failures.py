@@ -3,14 +3,16 @@
     .venv/bin/python -m benchmarks.results.distinct_failures --store FOLDER [--case CASE] [--episodes N]
 
 The courier delivers in two apartments; its speed, the noise of its odometry, its mass and, in the case ``anywhere``,
-where it begins vary. Failures of all three ways are counted alike, in three ways: places (reason, world, metre), cells
-of an archive (place and tenth of each variable's distribution), and failures each at least half a part from another (a
-part is another reason, another world, a metre, or all of the variables' distributions; another seed alone makes no
-other failure). A quarter of a search's episodes look near failures for others. A seed is three times as many episodes
-as are said, of the grid as many as its values, worlds and seeds give. What was simulated is in the store, and is not
-simulated again; take another folder after a change.
+where it begins vary. In the case ``goals`` the search alone draws goals by numbers near which it may look, the others
+by seeds, as likely; what is counted knows nothing of these numbers. Failures of all three ways are counted alike, in
+three ways: places (reason, world, metre), cells of an archive (place and tenth of each variable's distribution), and
+failures each at least half a part from another (a part is another reason, another world, a metre, or all of the
+variables' distributions; another seed alone makes no other failure). A quarter of a search's episodes look near
+failures for others. A seed is three times as many episodes as are said, of the grid as many as its values, worlds and
+seeds give. What was simulated is in the store, and is not simulated again; take another folder after a change.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,7 +22,7 @@ from scipy.special import ndtri
 import simyard
 from benchmarks.harness import ROOT, machine, markdown, options, show
 from flows.batch.search_batch import DrawnEpisodes, SearchSteps
-from specs.data.physics import OF_START, RANGES
+from specs.data.physics import OF_GOALS, OF_START, RANGES, PhysicalName
 from specs.pipeline.search_section import Distribution, Normal, Search, SearchBudget, SearchFind
 from tasks.results.statistics.distinct_failures import OF_PLACE, FailureTraits
 from tasks.results.statistics.particles import Particles
@@ -40,27 +42,32 @@ class Case(NamedTuple):
     Attributes:
         over: By name.
         values: So many of each variable a grid has.
+        shares: What a search draws by numbers besides, and the others by seeds.
     """
 
     over: dict[str, Distribution]
     values: int
+    shares: dict[str, Distribution] = {}  # noqa: RUF012 - of a tuple; nobody writes to it
 
 
+def _shares(names: Sequence[PhysicalName]) -> dict[str, Distribution]:
+    return {name: Distribution(uniform=(RANGES[name].least, RANGES[name].most)) for name in names}
+
+
+_OVER = {
+    "MAX_SPEED": Distribution(uniform=(0.3, 0.8)),
+    "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.1)),
+    "robot.mass": _MASS,
+}
 CASES = {
-    "scenario": Case(
-        {
-            "MAX_SPEED": Distribution(uniform=(0.3, 0.8)),
-            "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.1)),
-            "robot.mass": _MASS,
-        },
-        10,
-    ),
+    "scenario": Case(_OVER, 10),
+    "goals": Case(_OVER, 10, _shares(OF_GOALS)),
     "anywhere": Case(
         {
             "MAX_SPEED": Distribution(uniform=(0.2, 0.8)),
             "ODOMETRY_SIGMA": Distribution(logUniform=(0.01, 0.3)),
             "robot.mass": _MASS,
-            **{name: Distribution(uniform=(RANGES[name].least, RANGES[name].most)) for name in OF_START},
+            **_shares(OF_START),
         },
         3,
     ),
@@ -104,7 +111,7 @@ def _launch(package: str, file: str) -> dict[str, object]:
 
 def failures(case: Case, way: str, opened: OpenBatch, seed: int, episodes: int) -> FailureTraits:
     """Returns all failures that a way of spending episodes meets."""
-    near, over = episodes // 4, case.over
+    near, over = episodes // 4, case.over | (case.shares if way == "search" else {})
     budget, find = SearchBudget(episodes=episodes - near), SearchFind(episodes=near)
     search = Search(over=over, budget=budget, find=find, seed=len(WAYS) * seed + WAYS.index(way))
     steps, random = SearchSteps(opened, search, DrawnEpisodes(opened, search)), np.random.default_rng(search.seed)
@@ -115,7 +122,8 @@ def failures(case: Case, way: str, opened: OpenBatch, seed: int, episodes: int) 
         steps.scores(grid(case, random, episodes))
     else:
         steps.scores(Particles(random.standard_normal((episodes, len(over))), random.random((episodes, 2))))
-    return steps.traits()
+    found = steps.traits()
+    return found._replace(numbers=found.numbers[:, [name in case.over for name in sorted(over)]])
 
 
 def grid(case: Case, random: np.random.Generator, episodes: int) -> Particles:

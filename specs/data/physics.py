@@ -1,4 +1,4 @@
-"""Physical parameters that episodes may vary: factors of a ``robot.xml``'s numbers, a delay, people, and the start.
+"""Physical parameters that episodes may vary: factors of a ``robot.xml``'s numbers, a delay, people, start and goals.
 
 They stand among an episode's variables by names that no environment variable can have, so that matrices, searches,
 tables and comparisons treat them as they treat variables. Applications do not see them: a robot does not know how heavy
@@ -24,13 +24,18 @@ PhysicalName = Literal[
     "start.x_share",
     "start.y_share",
     "start.yaw_rad",
+    "goals.x1_share",
+    "goals.y1_share",
+    "goals.x2_share",
+    "goals.y2_share",
 ]
 FACTORS: tuple[PhysicalName, ...] = ("robot.mass", "robot.friction", "robot.motorStrength")
 CONTROL_DELAY: PhysicalName = "robot.controlDelay_s"
 PEOPLE_COUNT: PhysicalName = "people.count"
 OF_PEOPLE: tuple[PhysicalName, ...] = (PEOPLE_COUNT, "people.speed_ms", "people.unaware")
 OF_START: tuple[PhysicalName, ...] = ("start.x_share", "start.y_share", "start.yaw_rad")
-PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY, *OF_PEOPLE, *OF_START)
+OF_GOALS: tuple[PhysicalName, ...] = ("goals.x1_share", "goals.y1_share", "goals.x2_share", "goals.y2_share")
+PHYSICAL: tuple[PhysicalName, ...] = (*FACTORS, CONTROL_DELAY, *OF_PEOPLE, *OF_START, *OF_GOALS)
 LEAST_FACTOR, MOST_FACTOR = 0.1, 10.0
 MOST_DELAY_STEPS = 20
 """Control steps that a command may be on its way to the actuators; a reading of a sensor may be as old."""
@@ -74,6 +79,7 @@ RANGES: Mapping[PhysicalName, Range] = {
     "start.x_share": Range(0.0, 1.0),
     "start.y_share": Range(0.0, 1.0),
     "start.yaw_rad": Range(-pi, pi),
+    **dict.fromkeys(OF_GOALS, Range(0.0, 1.0)),
 }
 
 
@@ -129,6 +135,24 @@ def varied_start(environment: Mapping[str, str]) -> VariedStart | None:
     """Returns where an episode begins whose variables say so; None where they do not."""
     own = [environment.get(name) for name in OF_START]
     return VariedStart(*(None if each is None else float(each) for each in own)) if any(own) else None
+
+
+GoalShares = tuple[tuple[float, float] | None, ...]
+"""Of each goal, in order, which of the places that its scenario draws it from: a share along x and one along y; None
+leaves it to the seed, as it does those that follow."""
+
+
+def varied_goals(environment: Mapping[str, str]) -> GoalShares:
+    """Returns the shares by which an episode's goals are drawn; empty where its variables say none.
+
+    One share without the other is of the middle.
+    """
+    own = [environment.get(name) for name in OF_GOALS]
+    if not any(own):
+        return ()
+    shares = [0.5 if each is None else float(each) for each in own]
+    pairs = zip(own[::2], own[1::2], shares[::2], shares[1::2], strict=True)
+    return tuple((x, y) if given_x or given_y else None for given_x, given_y, x, y in pairs)
 
 
 def varied_people(people: People | None, environment: Mapping[str, str]) -> People | None:

@@ -8,7 +8,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from specs.base import Spec
-from specs.data.physics import OF_START, PHYSICAL, RANGES, no_such_people
+from specs.data.physics import OF_GOALS, OF_START, PHYSICAL, RANGES, no_such_people
 from specs.data.result_columns import MEASURES
 from specs.field_types import EnvironmentVariableValue, Integer, Number
 from specs.pipeline.world_sections import Seed
@@ -115,12 +115,13 @@ class SearchEstimate(Spec):
     confidence: Annotated[Number, Field(ge=0.5, le=0.9999)] = 0.95
 
 
-# What a search draws by a word: where robots begin, and what varies by itself and may be named all the same.
-_WORDS = {"start": "anywhere", "goals": "scenario", "worlds": "all"}
+# What a search draws by a word: where robots begin and go to, and what varies by itself and may be named all the same.
+_WORDS = {"start": ("anywhere",), "goals": ("scenario", "shares"), "worlds": ("all",)}
+_SPELLED_OUT = {("start", "anywhere"): OF_START, ("goals", "shares"): OF_GOALS}
 
 
 def _spelled_out(over: object) -> object:
-    """Returns raw distributions with numbers in place of ``start: anywhere``, and without what varies by itself.
+    """Returns raw distributions with numbers in place of words that stand for some, and without what varies by itself.
 
     Other words are left out, too: `Search.findings` tells of them.
     """
@@ -128,8 +129,9 @@ def _spelled_out(over: object) -> object:
         return over
     raw = cast("Mapping[str, object]", over)
     found = {name: each for name, each in raw.items() if not (name in _WORDS and isinstance(each, str))}
-    if raw.get("start") == _WORDS["start"]:
-        found |= {name: {"uniform": [RANGES[name].least, RANGES[name].most]} for name in OF_START if name not in raw}
+    for (word, value), names in _SPELLED_OUT.items():
+        if raw.get(word) == value:
+            found |= {name: {"uniform": [RANGES[name].least, RANGES[name].most]} for name in names if name not in raw}
     return found
 
 
@@ -138,7 +140,7 @@ class _OrWord:
 
     def __get_pydantic_json_schema__(self, core_schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
         """Returns the schema of distributions, or words, by name."""
-        schema, words = handler(core_schema), {"enum": [*_WORDS.values()]}
+        schema, words = handler(core_schema), {"enum": [each for values in _WORDS.values() for each in values]}
         either = {"if": {"type": "string"}, "then": words, "else": schema["additionalProperties"]}
         return {**schema, "additionalProperties": either}
 
@@ -148,8 +150,9 @@ class Search(Ruled):
 
     Attributes:
         over: Environment variables of the batch's request, and physical parameters, each with its
-            distribution; ``start: anywhere`` is three of these. Worlds and seeds vary as well: each of the batch's
-            worlds is as likely, and so is each seed, and ``worlds: all`` and ``goals: scenario`` only say so.
+            distribution; ``start: anywhere`` is three of these, ``goals: shares`` four. Worlds and seeds vary as well:
+            each of the batch's worlds is as likely, and so is each seed, and ``worlds: all`` and ``goals: scenario``
+            only say so.
         measure: A column that is below 0 in a failure, and near 0 close to one; an episode that did not pass is a
             failure whatever it says.
         against: Number of another version of the robot application: a failure is an episode in which that one passes.
@@ -182,8 +185,8 @@ class Search(Ruled):
             yield Finding(("measure",), measure, f"one of {', '.join(MEASURES)}")
         over = part(data, "over")
         for name in _names(over):
-            if name in _WORDS and isinstance(part(over, name), str) and part(over, name) != _WORDS[name]:
-                yield Finding(("over", name), part(over, name), _WORDS[name])
+            if name in _WORDS and isinstance(part(over, name), str) and part(over, name) not in _WORDS[name]:
+                yield Finding(("over", name), part(over, name), " or ".join(_WORDS[name]))
             elif "." in name and name not in PHYSICAL:
                 yield Finding(("over", name), name, f"an environment variable, or one of {', '.join(PHYSICAL)}")
             elif name in PHYSICAL and not all(map(RANGES[name].has, _bounds(part(over, name)))):

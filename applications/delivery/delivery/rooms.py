@@ -84,25 +84,45 @@ class Rooms:
     def __init__(self, goals: "float | Float[jax.Array, ''] | None", route: str | None = None) -> None:
         self._goals, self._route = goals, route
 
-    def place(self, world: "World", floor: "HostMap", hull_radius_m: float, rng: np.random.Generator) -> Placement:
+    def place(
+        self,
+        world: "World",
+        floor: "HostMap",
+        hull_radius_m: float,
+        rng: np.random.Generator,
+        shares: "Sequence[tuple[float, float] | None]" = (),
+    ) -> Placement:
         """Returns the world's start, and goals: a route's, or drawn so that each lies in another room.
 
         An imported world's zones are rooms; in a world without any, goals are anywhere within reach. Where the world
         says no start, it is the origin, and the robot faces any way.
 
+        Args:
+            world: Where.
+            floor: Its map.
+            hull_radius_m: The robot's.
+            rng: Draws all goals but those that have shares.
+            shares: Of the first goals, two numbers between 0 and 1 that say which of its places it is; where they are
+                uniform, goals are as likely as those that ``rng`` draws.
+
         Raises:
-            ValueError: GOALS or ROUTE is none that the world has, or the robot can reach no floor from the start.
+            ValueError: GOALS or ROUTE is none that the world has, a route's goals have shares, or the robot can reach
+                no floor from the start.
         """
         ground = _ground(world, floor, hull_radius_m)
         if not len(ground.points):
             at = "the origin" if world.start is None else "({:g}, {:g})".format(*ground.start_m)
             raise ValueError(f"{world.name}: no floor for a robot of {hull_radius_m:.2f} m radius around {at}")
         route = None if self._route is None else _route(world, self._route)
+        if route is not None and shares:
+            raise ValueError(f"ROUTE: {self._route!r}: says what goals there are: no goals.x1_share beside it")
         count = self._count(DEFAULT_GOALS if route is None else len(route))
         goals: list[Float64[np.ndarray, 2]] = list(() if route is None else route[:count])
         here = np.array(ground.start_m)
-        for _ in range(count - len(goals)):
-            here = _draw_goal(ground, here, rng)
+        while len(goals) < count:
+            share = shares[len(goals)] if len(goals) < len(shares) else None
+            places = _goal_places(ground, here)
+            here = _draw_goal(places, rng) if share is None else _goal_of(places, *share)
             goals.append(here)
         yaw = rng.uniform(-np.pi, np.pi) if world.start is None else world.start.yaw_rad
         return Placement(np.array([*ground.start_m, yaw]), np.stack(goals), (np.array(count, np.int32),))
@@ -196,21 +216,44 @@ def _points(floor: "HostMap", cells: np.ndarray) -> Float64[np.ndarray, "points 
     return floor.origin_m.astype(np.float64) + float(floor.cell_m) * np.stack([columns, rows], axis=1)
 
 
-def _draw_goal(ground: _Ground, here: Float64[np.ndarray, "2"], rng: np.random.Generator) -> Float64[np.ndarray, "2"]:
-    """Returns a point in another room or zone than ``here``; where there is none to go to, a point far away.
+def _goal_places(ground: _Ground, here: Float64[np.ndarray, "2"]) -> "list[Float64[np.ndarray, 'points 2']]":
+    """Returns the points of each room or zone but that of ``here``; where there is none to go to, points far away.
 
-    In a world without rooms it is any point that is not quite near.
+    In a world without rooms they are all points that are not quite near.
 
     Args:
-        ground: Its rooms are drawn from, each as likely as the other.
+        ground: Its rooms are goals, each as likely as the other.
         here: Where the robot comes from.
-        rng: Draws the room, then the point.
     """
     rooms = [points for room, points in ground.within if len(points) and not room.holds(*here[:, None])[0]]
     if rooms:
-        candidates = rooms[int(rng.integers(len(rooms)))]
-    else:
-        distance = np.hypot(*(ground.points - here).T)
-        least_m = distance.max() / 2
-        candidates = ground.points[distance >= (least_m if ground.rooms else min(least_m, _NEAR_M))]
-    return candidates[int(rng.integers(len(candidates)))]
+        return rooms
+    distance = np.hypot(*(ground.points - here).T)
+    least_m = distance.max() / 2
+    return [ground.points[distance >= (least_m if ground.rooms else min(least_m, _NEAR_M))]]
+
+
+def _draw_goal(
+    places: "Sequence[Float64[np.ndarray, 'points 2']]", rng: np.random.Generator
+) -> Float64[np.ndarray, "2"]:
+    """Returns a point of a room, each room as likely as the other, and each of its points."""
+    points = places[int(rng.integers(len(places)))]
+    return points[int(rng.integers(len(points)))]
+
+
+def _goal_of(
+    places: "Sequence[Float64[np.ndarray, 'points 2']]", x_share: float, y_share: float
+) -> Float64[np.ndarray, "2"]:
+    """Returns the point of two shares: one of all rooms, and within it of its points by their x, the other of a column.
+
+    As likely as those that are drawn where both are uniform; a little more of a share is a little further.
+    """
+    room = _share_of(x_share, len(places))
+    points = places[room]
+    x_m = np.sort(points[:, 0])[_share_of(x_share * len(places) - room, len(points))]
+    column = points[points[:, 0] == x_m]
+    return column[_share_of(y_share, len(column))]
+
+
+def _share_of(share: float, count: int) -> int:
+    return min(int(share * count), count - 1)

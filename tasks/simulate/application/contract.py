@@ -183,7 +183,8 @@ class Scenario(Protocol):
     arrays, whatever other episodes have. In training alone, where all episodes share a program, ``init`` gets the last
     goal repeated until all have as many: ``given`` can hold the number. It may also have ``arrived_m`` (how near to a
     goal is there; 0 without it, None for goals that are no destinations) and ``metrics(state)``, a dictionary of
-    scalars.
+    scalars. Its ``place`` may have an argument ``shares`` (`specs.data.physics.GoalShares`), which is given where
+    variables of an episode say by which numbers its goals are drawn.
     """
 
     def place(self, world: World, floor: HostMap, hull_radius_m: float, rng: np.random.Generator) -> Placement:

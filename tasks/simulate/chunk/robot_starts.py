@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from specs.data.episode import EpisodeRequest
-from specs.data.physics import OF_START, varied_start
+from specs.data.physics import OF_GOALS, OF_START, varied_goals, varied_start
 from specs.data.world import Start, World
 from tasks.simulate.application.bundle_code import BundleCrash, call_bundle
 from tasks.simulate.application.contract import HostMap, Placement, Scenario
@@ -44,8 +44,12 @@ def placed_robots(
 
     Raises:
         BundleCrash: A scenario raises, or returns what cannot be.
-        RobotsRefused: There is no room for so many.
+        RobotsRefused: There is no room for so many, or variables would give all of them the same goals.
     """
+    if len(requests) > 1 and varied_goals(requests[0].environment):
+        raise RobotsRefused(
+            f"robots: {len(requests)}: nothing of {', '.join(OF_GOALS)}: each robot has goals of its own"
+        )
     if len(requests) > 1 and (found := _given(scenarios[0], requests, world, arrays, hull)) is not None:
         return found
     found = list[Placement]()

@@ -1,6 +1,7 @@
 """Stages episodes on the host: draws starts and goals, finds shortest ways, stacks everything lane by lane."""
 
 import hashlib
+import inspect
 from collections import OrderedDict
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
@@ -11,7 +12,7 @@ from jaxtyping import Bool, Float32, Float64, Int
 from scipy import ndimage
 
 from specs.data.episode import CONTROL_S, EpisodeRequest
-from specs.data.physics import VariedStart, control_delay_steps, physical_factors, varied_start
+from specs.data.physics import VariedStart, control_delay_steps, physical_factors, varied_goals, varied_start
 from specs.data.world import World
 from tasks.simulate.application.bundle_code import BundleCrash, CrashCode, call_bundle
 from tasks.simulate.application.contract import FloorMap, HostMap, Placement, Scenario
@@ -74,7 +75,7 @@ def place(
     *,
     rng: np.random.Generator | None = None,
 ) -> Placement:
-    """Returns where an episode starts and which goals it has, drawn by its seed; its variables may move the start.
+    """Returns where an episode starts and which goals it has, drawn by its seed; its variables may move them.
 
     Args:
         scenario: Draws them.
@@ -86,10 +87,14 @@ def place(
 
     Raises:
         BundleCrash: The scenario raises, or returns no finite start, or no goal, or no distance to arrive at; or the
-            robot has no room to begin elsewhere.
+            robot has no room to begin elsewhere; or variables move goals that the scenario draws by the seed alone.
     """
-    rng = rng or np.random.default_rng(request.own_seed)
-    drawn = call_bundle(_SCENARIO, "scenario.place", scenario.place, world, arrays.floor, hull.radius_m, rng)
+    rng, shares = rng or np.random.default_rng(request.own_seed), varied_goals(request.environment)
+    draw: Any = scenario.place
+    if shares and "shares" not in call_bundle(_SCENARIO, "scenario.place", inspect.signature, draw).parameters:
+        raise BundleCrash(_SCENARIO, "goals: scenario.place has no argument shares: it draws goals by the seed alone")
+    given = {"shares": shares} if shares else {}
+    drawn = call_bundle(_SCENARIO, "scenario.place", draw, world, arrays.floor, hull.radius_m, rng, **given)
     placement, varied = checked_placement(scenario, drawn), varied_start(request.environment)
     if varied is None:
         return placement

@@ -1,6 +1,7 @@
 """The delivery scenario: where it sends a robot, and how it judges."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import cast
 
 import jax
 import jax.numpy as jnp
@@ -8,9 +9,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.stats import ks_2samp
 
-from applications.delivery.delivery.rooms import ARRIVED_M, HARD_IMPULSE_NS, STUCK_S, Progress, Rooms, Verdict, scenario
+from applications.delivery.delivery.rooms import (
+    ARRIVED_M,
+    HARD_IMPULSE_NS,
+    STUCK_S,
+    Progress,
+    Rooms,
+    Verdict,
+    _goal_places,
+    _ground,
+    scenario,
+)
 from specs.data.world import FloorZone, Rectangle, Route, Start, World
+from tasks.results.statistics.particles import Space, plain_particles
 from tasks.simulate.application.contract import REASONS, HostMap, Placement, Truth
 from tasks.simulate.geometry.obstacles import obstacles
 from tasks.simulate.geometry.world_arrays import floor_map
@@ -61,6 +74,47 @@ def test_in_a_single_room_goals_are_far_apart():
         for goal in placed(ONE_ROOM, seed).goals_m:
             assert np.hypot(*(goal - here)) > 1.2
             here = goal
+
+
+def shared(world: World, shares: Sequence[tuple[float, float] | None], goals: float = 2) -> np.ndarray:
+    """Returns the goals of shares; those without follow from a seed."""
+    return Rooms(goals).place(world, FLOORS[world.name], RADIUS_M, np.random.default_rng(5), shares).goals_m
+
+
+def test_goals_of_uniform_shares_are_as_likely_as_those_of_seeds():
+    for world in (WORLD, ONE_ROOM):
+        shares = plain_particles(Space(0, 4), 600, 0, (1,)).drawn.reshape(-1, 2, 2)
+        ours = np.array([shared(world, [(x, y) for x, y in each]) for each in shares.tolist()]).reshape(-1, 4)
+        seeds = np.array([placed(world, seed).goals_m for seed in range(600)]).reshape(-1, 4)
+        assert all(cast("tuple[float, float]", ks_2samp(ours[:, at], seeds[:, at]))[1] > 0.01 for at in range(4))
+
+
+def test_each_place_of_a_room_has_the_same_part_of_the_shares():
+    ground = _ground(WORLD, FLOORS[WORLD.name], RADIUS_M)
+    (points,) = _goal_places(ground, np.zeros(2))
+    columns, counts = np.unique(points[:, 0], return_counts=True)
+    found = list[tuple[float, float]]()
+    for column, count in enumerate(counts.tolist()):
+        x_share = (counts[:column].sum() + 0.5) / len(points)
+        found += [tuple(shared(WORLD, [(x_share, (row + 0.5) / count)], 1)[0]) for row in range(count)]
+    assert sorted(found) == sorted(map(tuple, points))
+    assert len(columns) > 5
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_a_little_more_of_a_share_is_a_goal_a_little_further(share: float):
+    before = np.array([shared(WORLD, [(share, y)], 1)[0] for y in (0.2, 0.22)])
+    assert before[0, 0] == before[1, 0]
+    assert 0.0 <= before[1, 1] - before[0, 1] < 0.3
+    near = shared(WORLD, [(min(share + 0.01, 1.0), 0.2)], 1)[0]
+    assert 0.0 <= near[0] - before[0, 0] < 0.3
+
+
+def test_goals_without_shares_follow_from_the_seed():
+    first, second = shared(WORLD, [None, (0.5, 0.5)])
+    np.testing.assert_array_equal(first, placed(WORLD, 5).goals_m[0])
+    np.testing.assert_array_equal(shared(WORLD, [(0.5, 0.5), None])[0], shared(WORLD, [(0.5, 0.5)])[0])
+    assert not np.array_equal(second, placed(WORLD, 5).goals_m[1])
 
 
 def test_a_robot_that_fits_nowhere_is_told_so():
@@ -171,6 +225,11 @@ FLOORS[OWN.name] = mapped(OWN)
 
 def routed(route: str, goals: float | None = None) -> Placement:
     return Placement(*Rooms(goals, route).place(OWN, FLOORS["own"], RADIUS_M, np.random.default_rng(0)))
+
+
+def test_a_route_has_no_shares():
+    with pytest.raises(ValueError, match=r"ROUTE: 'dock': says what goals there are"):
+        Rooms(None, "dock").place(OWN, FLOORS["own"], RADIUS_M, np.random.default_rng(0), [(0.5, 0.5)])
 
 
 def test_a_robot_starts_where_its_world_says():

@@ -70,7 +70,7 @@ def test_the_document_is_one():
 
 
 def test_each_physical_parameter_and_its_bounds_are_named():
-    assert re.findall(r"^\| `((?:robot|people|start)\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
+    assert re.findall(r"^\| `((?:robot|people|start|goals)\.\w+)` \|", DOCUMENT, re.MULTILINE) == [*PHYSICAL]
     assert f"| {LEAST_FACTOR:g} to {MOST_FACTOR:g}; 1 is what the `robot.xml` says, bit for bit |" in DOCUMENT
     for name in OF_PEOPLE:
         assert re.search(

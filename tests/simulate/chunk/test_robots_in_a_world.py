@@ -165,6 +165,16 @@ def test_a_scenario_that_puts_robots_into_one_another_fails_them():
     assert all("number 1 begins in another" in row.failure_reason for row in rows)
 
 
+def test_robots_of_a_world_do_not_all_have_the_goals_of_one():
+    asked = [
+        each.model_copy(update={"environment": {**each.environment, "goals.x1_share": "0.5"}})
+        for each in facing(2, "0.8")
+    ]
+    rows = driven(asked, {"hand/hall": hall(2.0)})
+    assert {(row.status, row.failure_code) for row in rows} == {("Failed", "InvalidInput")}
+    assert all("each robot has goals of its own" in row.failure_reason for row in rows)
+
+
 @pytest.mark.parametrize("name", ["start.x_share", "start.yaw_rad"])
 def test_robots_that_their_scenario_puts_do_not_begin_elsewhere_in_silence(name: str):
     asked = facing(2, "0.8")

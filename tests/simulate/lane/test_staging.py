@@ -158,6 +158,30 @@ def test_of_many_worlds_only_the_last_ones_are_known(monkeypatch: pytest.MonkeyP
     assert len(staging._known_parts) == 3
 
 
+def goals(environment: dict[str, str], scenario: SimpleNamespace) -> list[list[float]]:
+    """Returns the goals of an episode with such variables."""
+    request = delivery(0, world="w").model_copy(update={"environment": environment})
+    return place(cast("Any", scenario), request, cluttered(1), stage(), HULL).goals_m.tolist()
+
+
+def test_a_scenario_is_given_the_shares_of_goals_where_variables_say_some():
+    given = list[object]()
+
+    def drawn(*_: object, shares: object = "none") -> Placement:
+        given.append(shares)
+        return Placement(np.zeros(3), np.array([[0.3, 0.1]]))
+
+    scenario = SimpleNamespace(arrived_m=0.3, place=drawn)
+    assert goals({"goals.x1_share": "0.25"}, scenario) == goals({"MAX_SPEED": "0.5"}, scenario)
+    assert given == [((0.25, 0.5), None), "none"]
+
+
+def test_shares_of_goals_that_a_scenario_does_not_know_are_its_failure():
+    assert goals({"MAX_SPEED": "0.5"}, _SCENARIO) == [[0.3, 0.1]]
+    with pytest.raises(BundleCrash, match=r"goals: scenario\.place has no argument shares"):
+        goals({"goals.y2_share": "0.5"}, _SCENARIO)
+
+
 def test_a_world_without_room_is_the_scenarios_failure():
     with pytest.raises(BundleCrash, match="start: the world has no room for the robot to begin in"):
         starts({"start.x_share": "0.5"}, np.zeros((2, 2), np.float32))

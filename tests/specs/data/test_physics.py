@@ -13,6 +13,7 @@ from specs.data.physics import (
     no_such_people,
     physical_factors,
     step_of,
+    varied_goals,
     varied_people,
     varied_start,
 )
@@ -86,3 +87,10 @@ def test_an_episodes_variables_say_where_it_begins():
     assert varied_start({"start.x_share": "0"}) == VariedStart(0.0, None, None)
     assert varied_start({"start.y_share": "1", "start.yaw_rad": "-0.5"}) == VariedStart(None, 1.0, -0.5)
     assert application_variables({"start.x_share": "0", "A": "x"}) == {"A": "x"}
+
+
+def test_an_episodes_variables_say_by_which_shares_its_goals_are_drawn():
+    assert varied_goals({"MAX_SPEED": "0.5", "start.x_share": "0.5"}) == ()
+    assert varied_goals({"goals.x1_share": "0", "goals.y1_share": "0.25"}) == ((0.0, 0.25), None)
+    assert varied_goals({"goals.y2_share": "0"}) == (None, (0.5, 0.0))
+    assert application_variables({"goals.x1_share": "0", "A": "x"}) == {"A": "x"}

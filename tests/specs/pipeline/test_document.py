@@ -375,9 +375,25 @@ def test_a_search_may_begin_anywhere_and_name_what_varies_by_itself():
     assert type(search).model_validate(search.model_dump(mode="json")) == search
 
 
+def test_a_search_may_draw_goals_by_shares():
+    over = {"goals": "shares", "goals.y2_share": {"uniform": [0.2, 0.3]}}
+    search = spec(simulationBatch=swept_batch(), search=searched(over=over)).search
+    assert search is not None
+    assert {name: each.uniform for name, each in search.over.items()} == {
+        "goals.x1_share": (0.0, 1.0),
+        "goals.y1_share": (0.0, 1.0),
+        "goals.x2_share": (0.0, 1.0),
+        "goals.y2_share": (0.2, 0.3),
+    }
+    ((place, _),) = faults(
+        simulationBatch=swept_batch(), search=searched(over={"goals.x1_share": {"uniform": [0, 1.5]}})
+    )
+    assert place == "search.over.goals.x1_share"
+
+
 @pytest.mark.parametrize(
     ("name", "value", "allowed"),
-    [("start", "somewhere", "anywhere"), ("goals", "mine", "scenario"), ("worlds", "one", "all")],
+    [("start", "somewhere", "anywhere"), ("goals", "mine", "scenario or shares"), ("worlds", "one", "all")],
 )
 def test_a_word_that_a_search_does_not_know_is_refused_with_the_one_that_it_knows(name: str, value: str, allowed: str):
     found = faults(simulationBatch=swept_batch(), search=searched(over={name: value}))
