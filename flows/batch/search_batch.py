@@ -26,8 +26,13 @@ from specs.pipeline.search_section import Distribution, Search, SearchFind
 from tasks.applications.registry import resolve
 from tasks.progress.listener import report_progress
 from tasks.results.playback.playback import ColumnDeviation
-from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
-from tasks.results.statistics.explored_failures import GENERATION, near_failures
+from tasks.results.statistics.distinct_failures import (
+    GENERATION,
+    FailureTraits,
+    counts_of_nearest,
+    farthest_first,
+    near_failures,
+)
 from tasks.results.statistics.failure_causes import PARTS, WORLD, Factor, failure_causes
 from tasks.results.statistics.found_failures import BatchSearch, FoundFailure, read_search
 from tasks.results.statistics.particles import Particles, Space

@@ -1,11 +1,13 @@
-"""Failures that are unlike each other: which are chosen first, and how many others stand behind each."""
+"""Failures that are unlike each other: which are chosen first, how many others stand behind each, and what is changed
+of them to meet others: each place is as likely as another."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first
+from tasks.results.statistics.distinct_failures import FailureTraits, counts_of_nearest, farthest_first, near_failures
+from tasks.results.statistics.particles import Particles
 
 
 def traits(count: int, seed: int = 0, *, kinds: int = 3) -> FailureTraits:
@@ -64,3 +66,92 @@ def test_more_that_are_asked_for_begin_with_the_same_and_all_stand_behind_one(co
     assert len(chosen) == len({*chosen}) == min(count, most)
     assert farthest_first(found, most + 1)[: len(chosen)] == chosen
     assert sum(counts_of_nearest(found, chosen)) == count
+
+
+SEEDS = (2**32, 2**32)
+
+
+def met(count: int, numbers: int = 2) -> tuple[Particles, FailureTraits]:
+    """Returns failures in cells of their own, all but the last one at one place."""
+    random = np.random.default_rng(3)
+    smooth, drawn = random.standard_normal((count, numbers)), np.full((count, 2), 0.25)
+    drawn[-1] = 0.75
+    place_m = np.zeros((count, 2))
+    place_m[-1] = 3.0
+    traits = FailureTraits(
+        reason=np.zeros(count, np.int64),
+        world=np.zeros(count, np.int64),
+        seed=np.arange(count),
+        place_m=place_m,
+        numbers=np.linspace(0.0, 1.0, count)[:, None] * np.ones(numbers),
+        choices=np.zeros((count, 0), np.int64),
+    )
+    return Particles(smooth, drawn), traits
+
+
+def test_a_place_is_tried_as_often_as_another_however_many_failures_it_has():
+    near = near_failures(*met(9), SEEDS, count=4_000, seed=0, generation=0)
+    kept = (near.drawn == 0.75).all(1)  # of which a quarter have one of both drawn anew
+    assert kept[np.arange(4_000) % 4 != 2].mean() == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_quarter_changes_numbers_a_little_one_of_them_one_of_the_others_or_all_numbers():
+    particles, traits = met(2)
+    near = near_failures(particles, traits, SEEDS, count=400, seed=0, generation=0)
+    first = (near.drawn < 0.5).all(1)
+    parents = particles.smooth[np.where(first, 0, 1)]
+    changed = (near.smooth != parents).sum(1)
+    kind = np.arange(400) % 4
+    assert changed[kind == 0].tolist() == [2] * 100
+    assert changed[kind == 1].tolist() == [1] * 100
+    assert changed[kind == 3].tolist() == [2] * 100
+    others = np.isin(near.drawn, [0.25, 0.75]).sum(1)
+    assert others[kind == 2].tolist() == [1] * 100
+    assert others[kind != 2].tolist() == [2] * 300
+    assert np.isin(near.smooth[kind == 2], particles.smooth).all()
+
+
+def test_without_numbers_one_of_the_others_is_drawn_anew():
+    near = near_failures(*met(3, numbers=0), SEEDS, count=50, seed=0, generation=0)
+    assert near.smooth.shape == (50, 0)
+    assert (np.isin(near.drawn, [0.25, 0.75]).sum(1) == 1).all()
+
+
+def test_another_choice_world_or_seed_is_never_the_one_that_failed_and_each_other_is_as_likely():
+    near = near_failures(*met(1, numbers=0), (4, 2**32), count=900, seed=0, generation=0)
+    world = (near.drawn[:, 0] * 4).astype(int)
+    kept = world == 3
+    assert (near.drawn[kept, 1] != 0.75).all()
+    assert (near.drawn[~kept, 1] == 0.75).all()
+    assert kept.mean() == pytest.approx(0.5, abs=0.06)
+    assert [np.mean(world[~kept] == each) for each in range(3)] == pytest.approx([1 / 3] * 3, abs=0.07)
+
+
+def test_in_one_world_alone_the_seed_is_another():
+    near = near_failures(*met(1, numbers=0), (1, 2**32), count=40, seed=0, generation=0)
+    assert (near.drawn[:, 0] == 0.75).all()
+    assert len(np.unique(near.drawn[:, 1])) == 40
+
+
+def test_of_a_cell_the_failure_that_was_met_first_is_changed():
+    particles, traits = met(3)
+    same = traits._replace(numbers=np.full((3, 2), 0.55), place_m=np.zeros((3, 2)))
+    near = near_failures(particles, same, SEEDS, count=40, seed=0, generation=0)
+    assert np.isin(near.smooth[np.arange(40) % 4 == 2], particles.smooth[0]).all()
+
+
+def test_what_is_drawn_follows_from_the_seed_and_the_generation():
+    first, again = (near_failures(*met(5), SEEDS, count=20, seed=1, generation=2) for _ in range(2))
+    assert all(map(np.array_equal, first, again))
+    for other in (
+        near_failures(*met(5), SEEDS, count=20, seed=0, generation=2),
+        near_failures(*met(5), SEEDS, count=20, seed=1, generation=3),
+    ):
+        assert not np.array_equal(first.smooth, other.smooth)
+
+
+def test_a_robot_that_is_farther_away_than_whole_numbers_go_is_in_a_cell():
+    _, traits = met(2)
+    place_m = np.array([[1e30, 0.0], [-1e300, 0.0]])
+    cells = traits._replace(place_m=place_m).cells()
+    assert len(np.unique(cells[:, :4], axis=0)) == 2
