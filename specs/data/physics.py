@@ -100,7 +100,10 @@ def beyond_range(physics: object, where: Location) -> Iterator[Finding]:
         if allowed is None:
             continue  # its type says so
         each = [((number,), one) for number, one in enumerate(items(value))] or [((), value)]
-        yield from (Finding((*where, name, *place), one, str(allowed)) for place, one in each if not allowed.has(one))
+        numbers = ((place, one) for place, one in each if isinstance(one, int | float))  # of others their type says so
+        yield from (
+            Finding((*where, name, *place), one, str(allowed)) for place, one in numbers if not allowed.has(one)
+        )
 
 
 def physical_factors(environment: Mapping[str, str]) -> tuple[float, float, float] | None:

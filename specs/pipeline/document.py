@@ -212,6 +212,7 @@ def _unknown_names(data: object, imported: Sequence[object]) -> Iterator[Finding
     each_one = {name for names in varied.values() for name in names}
     shown = [f"{name} ({names[0]} to {names[-1]})" if names != (name,) else name for name, names in varied.items()]
     allowed = f'{", ".join(shown) or "no name, as the document has no section worlds"}; "<generation>/<world>", an ARN'
+    allowed += "" if shown else "; simyard list worlds shows those that are in the store"
     for loc, name in _named_worlds(data):
         known = each_one if loc[-1] == "world" else each_one | varied.keys()
         if "/" not in name and not name.startswith("arn:") and name not in known:

@@ -60,7 +60,10 @@ WorldChoice = Annotated[
         member("list"),
     ],
     by_shape(
-        'all, or a list of worlds such as "wgj-0123456789abcdef/world-1-1"', text=frozenset({"all"}), list=(list, tuple)
+        'all, or a list of worlds such as ["wgj-0123456789abcdef/world-1-1"]: those that the document imports by their '
+        "names, others as simyard list worlds shows them",
+        text=frozenset({"all"}),
+        list=(list, tuple),
     ),
 ]
 Template = Annotated[

@@ -50,6 +50,7 @@ _TYPES = {
     "bool_type": "true or false",
     "dict_type": "keys and values",
 }
+_NUMBERS = {"float_type": "a number", "int_type": "a whole number"}
 _PERCENT = 100
 MAX_FAULTS = 100
 """More than a person reads; the rest is counted."""
@@ -184,6 +185,8 @@ def fault_of(error: ErrorDetails, model: type[BaseModel]) -> Fault:
         allowed = object_text(model, error["loc"], value)
     if kind in ("tuple_type", "list_type"):
         allowed = list_text(model, error["loc"], value)
+    if kind in _NUMBERS:
+        allowed = number_text(value, error["loc"], _NUMBERS[kind])
     if kind in ("greater_than_equal", "less_than_equal"):
         allowed = _bounds(model, error["loc"], value) or allowed
     if kind == RULE:
@@ -291,8 +294,6 @@ _WORDS: dict[str, Callable[[dict[str, Any], object], str]] = {
     "string_too_long": _says("at most {max_length} characters"),
     "too_short": _count("at least", "min_length"),
     "too_long": _count("at most", "max_length"),
-    "float_type": lambda _, value: number_text(value),
-    "int_type": lambda _, value: number_text(value, "a whole number"),
     "greater_than_equal": _says("{ge} or more"),
     "less_than_equal": _says("{le} or less"),
     "less_than": _below,

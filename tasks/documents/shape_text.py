@@ -1,12 +1,13 @@
 """Where keys stand in a document, read from its models, and how a value of the wrong shape is written."""
 
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any, NamedTuple, get_args, get_origin
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from specs.rules import JsonOf, nearest_name
 
@@ -17,8 +18,26 @@ _MOST_KEYS = 3
 _SAMPLE_DEPTH = 3
 _PART_OF_A_KEY = 4
 _NEARLY_THE_SAME = 0.85
+_ALIKE = 0.65
 _LONGEST_QUOTE = 40
-_NUMBER_FIRST = re.compile(r"\s*([-+]?[0-9]+(?:\.[0-9]+)?)\s*([A-Za-z%°²³]+[23]?)?\s*\Z")
+_NUMBER_FIRST = re.compile(r"\s*([-+]?[0-9]+(?:\.[0-9]+)?)\s*([A-Za-z%°²³/]+[23]?)?\s*\Z")
+# What one of a unit is in the unit that documents have: metres, seconds, radians, and shares of 1.
+_UNITS = {
+    "%": 0.01,
+    **dict.fromkeys(("ms", "milliseconds"), 0.001),
+    **dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0),
+    **dict.fromkeys(("h", "hour", "hours"), 3600.0),
+    **dict.fromkeys(("d", "day", "days"), 86_400.0),
+    **dict.fromkeys(("mm", "millimetres"), 0.001),
+    **dict.fromkeys(("cm", "centimetres"), 0.01),
+    **dict.fromkeys(("km", "kilometres"), 1000.0),
+    **dict.fromkeys(("deg", "degree", "degrees", "°"), math.pi / 180.0),
+    **dict.fromkeys(("km/h", "kmh", "kph"), 1 / 3.6),
+    "cm/s": 0.01,
+    "mm/s": 0.001,
+    "deg/s": math.pi / 180.0,
+    "g": 0.001,
+}
 
 
 class KeyPlace(NamedTuple):
@@ -179,13 +198,13 @@ def meant_key(model: type[BaseModel], place: Place) -> tuple[str, str]:
     meant = same_word(key, known) or _containing(key, known)
     elsewhere = "" if meant else _belongs(key_places(model).get(key.lower(), ()), known_place(model, place[:-1]))
     meant = meant or same_word(key.removesuffix("s"), known) or same_word(f"{key}s", known)
-    return meant or ("" if elsewhere else nearest_name(key, known)), elsewhere
+    return meant or ("" if elsewhere else nearest_name(key, known, _ALIKE)), elsewhere
 
 
 def meant_text(text: str, known: Iterable[str]) -> str:
     """Returns the question whether one of the known words is meant, with a space behind it; else nothing."""
     words = list(known)
-    meant = same_word(text, words) or nearest_name(text, words)
+    meant = same_word(text, words) or _containing(text, words) or nearest_name(text, words)
     return f'did you mean "{meant}"? ' if meant else ""
 
 
@@ -199,7 +218,8 @@ def list_text(model: type[BaseModel], place: Place, value: object) -> str:
     """Returns how a list is written where something else stands."""
     key, inside = _key_of(place), _one_model(model, place)
     if isinstance(value, str | int | float) and not isinstance(value, bool) and inside is None:
-        quoted = json.dumps(value, ensure_ascii=False)
+        item = value if isinstance(value, str) or not _lists_text(model, place) else f"{value}"
+        quoted = json.dumps(item, ensure_ascii=False)
         return f"a list; write {key}: [{quoted if len(quoted) <= _LONGEST_QUOTE else '...'}]"
     if inside is None:
         return "a list"
@@ -220,13 +240,27 @@ def object_text(model: type[BaseModel], place: Place, value: object) -> str:
     return f"{told}; {_object_hint(models[0], place, value)}"
 
 
-def number_text(value: object, kind: str = "a number") -> str:
-    """Returns what is wrong with text where a number belongs."""
+def number_text(value: object, place: Place = (), kind: str = "a number") -> str:
+    """Returns what is wrong with text where a number belongs, and the number to write.
+
+    Args:
+        value: The text.
+        place: Where it stands.
+        kind: What belongs there.
+    """
     found = _NUMBER_FIRST.match(value) if isinstance(value, str) else None
-    number, rest = found.groups() if found else ("", "")
-    if not number or (kind != "a number" and "." in number):
+    if not found:
         return kind
-    return f"{kind}; write {number}, without {'its unit' if rest else 'quotes'}"
+    number, unit = found.groups()
+    factor = _UNITS.get((unit or "").lower(), 1.0)
+    if (unit == "%" and _key_of(place).endswith("Percentage")) or (unit == "ms" and _key_of(place).endswith("_ms")):
+        factor = 1.0
+    written = f"{round(float(number) * factor, 6):.12g}" if factor != 1.0 else number
+    if kind != "a number" and not re.fullmatch(r"[-+]?[0-9]+", written):
+        return kind
+    if factor != 1.0:
+        return f"{kind}; write {written} for {number} {unit}"
+    return f"{kind}; write {written}, without {'its unit' if unit else 'quotes'}"
 
 
 def missing_text(model: type[BaseModel], place: Place) -> str:
@@ -282,10 +316,42 @@ def _object_hint(model: type[BaseModel], place: Place, value: object) -> str:
         and set(value[0]) <= set(model.model_fields)
     ):
         return f"write {key}: {{...}}, without the [ ] or the - around it"
-    only = next(iter(model.model_fields)) if len(model.model_fields) == 1 else ""
-    if only and isinstance(value, int | float) and not isinstance(value, bool):
-        return f"write {key}: {{{only}: {value}}}"
-    return f"write {key}: {object_sample(model)}"
+    taker = _taker(model, value)
+    return f"write {key}: {{{taker}: {json.dumps(value)}}}" if taker else f"write {key}: {object_sample(model)}"
+
+
+def _taker(model: type[BaseModel], value: object) -> str:
+    """Returns the key that makes an object of numbers that stand alone; empty if none does by itself."""
+    numbers = value if isinstance(value, list) and value else [value]
+    if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in numbers):
+        return ""
+    needed = [name for name, field in model.model_fields.items() if field.is_required()]
+    for name in needed[:2] if needed else model.model_fields:
+        try:
+            model.model_validate({name: value})
+        except ValidationError:
+            continue
+        return name
+    return ""
+
+
+def _lists_text(model: type[BaseModel], place: Place) -> bool:
+    """Returns whether the lists at a place hold texts alone."""
+    known = known_place(model, place)
+    parents = models_at(model, known[:-1]) if known else []
+    annotations: list[Any] = [
+        one.model_fields[known[-1]].annotation for one in parents if known[-1] in one.model_fields
+    ]
+    return bool(annotations) and all(map(_holds_text, annotations))
+
+
+def _holds_text(annotation: Any) -> bool:  # noqa: ANN401 - any type expression
+    origin, inside = get_origin(annotation), get_args(annotation)
+    if origin is dict:
+        return _holds_text(inside[1])
+    if origin in (tuple, list):
+        return takes_text(inside[0])
+    return any(map(_holds_text, _members(annotation)))
 
 
 def _key_of(place: Place) -> str:

@@ -103,6 +103,69 @@ def test_a_whole_number_with_its_unit_is_told_without_it():
         }
 
 
+JOB = {"maxJobDurationInSeconds": 60, "robotApplications": [], "simulationApplications": []}
+
+
+@pytest.mark.parametrize(
+    ("section", "place", "advice"),
+    [
+        ({"people": {"count": 2, "unaware": "25 %"}}, "people.unaware", "a number; write 0.25 for 25 %"),
+        ({"people": {"count": 2, "speed_ms": "3.6 km/h"}}, "people.speed_ms", "a number; write 1 for 3.6 km/h"),
+        ({"people": {"count": 2, "speed_ms": "1 ms"}}, "people.speed_ms", "a number; write 1, without its unit"),
+        (
+            {"createSimulationJobRequests": [{**JOB, "maxJobDurationInSeconds": "2 min"}]},
+            "createSimulationJobRequests[0].maxJobDurationInSeconds",
+            "a whole number; write 120 for 2 min",
+        ),
+        (
+            {"createSimulationJobRequests": [{**JOB, "maxJobDurationInSeconds": "100 ms"}]},
+            "createSimulationJobRequests[0].maxJobDurationInSeconds",
+            "a whole number",
+        ),
+        (
+            {"matrix": {"physics": {"robot.controlDelay_s": ["100ms"]}}},
+            "matrix.physics.robot.controlDelay_s[0]",
+            "a number; write 0.1 for 100 ms",
+        ),
+    ],
+)
+def test_a_number_in_another_unit_is_told_in_the_one_that_belongs_there(
+    section: dict[str, JsonValue], place: str, advice: str
+):
+    batch = {"createSimulationJobRequests": [JOB], **section}
+    assert faults(pipeline(simulationBatch=batch))[f"simulationBatch.{place}"][1] == advice
+
+
+def test_a_number_alone_where_a_list_of_texts_belongs_is_told_as_text():
+    matrix = {"environmentVariables": {"SPEED": 0.3}, "physics": {"robot.mass": 1.1}}
+    found = faults(pipeline(simulationBatch={"createSimulationJobRequests": [JOB], "matrix": matrix}))
+    assert found["simulationBatch.matrix.environmentVariables.SPEED"][1] == 'a list; write SPEED: ["0.3"]'
+    assert found["simulationBatch.matrix.physics.robot.mass"][1] == "a list; write robot.mass: [1.1]"
+
+
+def test_numbers_alone_where_an_object_belongs_are_told_with_the_key_that_takes_them():
+    search = {"over": {"SPEED": [0.2, 0.8]}, "find": 5, "budget": 2000}
+    batch = {"createSimulationJobRequests": [JOB], "matrix": {"environmentVariables": {"SPEED": ["0.5"]}}}
+    found = faults(pipeline(simulationBatch=batch, search=search, gate={"successRate": 0.9}))
+    assert found["search.over.SPEED"][1].endswith("write SPEED: {uniform: [0.2, 0.8]}")
+    assert found["search.find"][1].endswith("write find: {distinct: 5}")
+    assert found["search.budget"][1].endswith("write budget: {episodes: 2000}")
+    assert found["gate.successRate"][1].endswith("write successRate: {atLeast: 0.9}")
+
+
+def test_what_a_search_varies_beside_over_is_told_to_stand_below_it():
+    search = {"over": {"robot.mass": {"uniform": [0.9, 1.1]}}, "start": "anywhere"}
+    found = faults(pipeline(simulationBatch={"createSimulationJobRequests": [JOB]}, search=search))
+    assert found["search.start"] == ('"anywhere"', "below over, where all stands that varies: over: {start: anywhere}")
+
+
+def test_a_world_that_is_no_name_is_told_with_the_command_that_lists_worlds():
+    for worlds in ("office", ["office"]):
+        found = faults(pipeline(simulationBatch={"createSimulationJobRequests": [JOB], "matrix": {"worlds": worlds}}))
+        ((_, allowed),) = [said for path, said in found.items() if path.startswith("simulationBatch.matrix")]
+        assert "simyard list worlds" in allowed
+
+
 def test_a_wrong_word_is_told_with_the_words_that_may_stand_there():
     room = {"Type": "Bedrom", "Name": "A"}
     body = {"Buildings": [{"Floors": [{"Floorplan": {"Rooms": [room]}}]}]}
