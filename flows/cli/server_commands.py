@@ -5,6 +5,7 @@
 
 import os
 import shlex
+import sys
 import time
 from pathlib import Path
 from typing import Annotated
@@ -164,11 +165,16 @@ def serve(
 
 
 def _show_keys(keys: Path, url: str, model: Path | None) -> None:
-    """Makes the first key, if there is no file of keys, and says what its client needs."""
+    """Makes the first key, if there is no file of keys, and tells a person at a terminal what its client needs."""
     made = first_key(keys)
     read_keys(keys)  # what is wrong with the file is said now, and not at each request
     if made is None:
         echo(f"# keys: {keys}  (simyard access list; simyard access export NAME)")
+        return
+    if not sys.stdout.isatty():  # a journal or a file, which keeps what is printed
+        echo(f"# a first key with all rights is in {keys}; for what its client needs, with the secret:")
+        file = "" if keys == access_file() else f" --access-keys {shlex.quote(str(keys))}"
+        echo(f"# simyard access export {made.name} --url {url}{file}")
         return
     echo(f"# a first key with all rights is in {keys}; its client needs:")
     for line in export_lines(made, url, model):

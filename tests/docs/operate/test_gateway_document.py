@@ -11,7 +11,7 @@ import pytest
 
 from flows.gateway.application import MOST_BODY_BYTES
 from specs.arn import KINDS
-from tasks.gateway.access.access_keys import RIGHTS
+from tasks.gateway.access.access_keys import RIGHTS, read_keys
 from tasks.gateway.connections import Bounds
 from tests.factories.gateway.served import await_answer
 from tests.repository import ROOT
@@ -58,10 +58,10 @@ def test_what_it_says_one_types_makes_keys_and_shows_what_was_done(
     assert "deployment-fleet/home" in done.stdout
     assert "revoked nightly" in done.stdout
     assert '"operation": "CreateFleet", "outcome": "done"' in done.stdout
-    secret = re.search(r"AWS_SECRET_ACCESS_KEY=(\S+)", told.decode())
-    assert secret
-    assert secret[1] in (tmp_path / "settings/simyard/access-keys").read_text()
-    assert secret[1] not in done.stdout
+    secrets = {key.name: key.secret for key in read_keys(tmp_path / "settings/simyard/access-keys").values()}
+    assert secrets["default"] not in done.stdout
+    assert f"# simyard access export default --url http://127.0.0.1:{port}" in told.decode().splitlines()
+    assert not [each for each in secrets.values() if each in told.decode()]
 
 
 def test_the_command_with_tls_names_both_files() -> None:

@@ -4,6 +4,7 @@ import json
 import shlex
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from typer.testing import CliRunner, Result
@@ -99,6 +100,24 @@ def test_a_file_of_keys_that_others_can_read_is_refused_at_the_start(keys: Path)
 def test_a_model_without_a_folder_is_not_silently_nothing() -> None:
     with pytest.raises(DocumentError, match="with --model"):
         typed("serve", "--model-only")
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_the_first_start_shows_the_secret_on_a_terminal_alone(
+    keys: Path, monkeypatch: pytest.MonkeyPatch, *, is_terminal: bool
+) -> None:
+    others = keys.with_name("other keys")
+    monkeypatch.setattr(server_commands, "serve_store", lambda *_: None)
+    monkeypatch.setattr("flows.queue.supervisor.LOGGERS", ())  # who serves logs from then on: these tests go on
+    monkeypatch.setattr(server_commands, "sys", SimpleNamespace(stdout=SimpleNamespace(isatty=lambda: is_terminal)))
+    told = typed("serve", "--workers", "0", "--port", "8931", "--access-keys", str(others)).output
+    (key,) = read_keys(others).values()
+    assert (key.secret in told) == is_terminal
+    if not is_terminal:
+        (command,) = [line.removeprefix("# simyard ") for line in told.splitlines() if line.startswith("# simyard ")]
+        made = typed(*shlex.split(command)).output
+        assert key.secret in made
+        assert "http://127.0.0.1:8931" in made
 
 
 def test_what_it_serves_asks_for_signatures_and_rights_and_writes_down_who_came(
