@@ -8,6 +8,7 @@ this module writes what an exception was made of.
 
 import json
 import logging
+import os
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -281,6 +282,23 @@ def _silent_console() -> Generator[None, None, None]:
 def _is_shown(record: logging.LogRecord) -> bool:
     """Returns whether a line is of another flow, such as one of the program's own, or grave."""
     return not _silent.get() or record.levelno >= logging.CRITICAL
+
+
+def tell_failures_once() -> None:
+    """Makes Prefect log what a flow of Simyard's failed with in its own words, without the way through Prefect.
+
+    A gate that says FAIL is no defect. The engine logs a traceback of it, and once more where a worker started it; the
+    exception itself goes on as before. SIMYARD_DEBUG=1 keeps the tracebacks.
+    """
+    for name in ("prefect.flow_runs", "prefect.engine"):
+        logging.getLogger(name).addFilter(_in_own_words)  # once, however many runs there are
+
+
+def _in_own_words(record: logging.LogRecord) -> bool:
+    failure = record.exc_info[1] if record.exc_info else None
+    if isinstance(failure, SimyardError) and os.environ.get("SIMYARD_DEBUG") != "1":
+        record.exc_info = None
+    return True
 
 
 def leave_heartbeats() -> None:

@@ -14,7 +14,13 @@ from prefect import Flow, flow
 from prefect.artifacts import create_table_artifact
 
 from flows.pipeline import pipeline as stages
-from flows.prefect.flow_calls import completed_job, completed_reaping, completed_run, result_serializer
+from flows.prefect.flow_calls import (
+    completed_job,
+    completed_reaping,
+    completed_run,
+    result_serializer,
+    tell_failures_once,
+)
 from flows.prefect.flow_runs import cancel_with_flow_run, end_abandoned_flow_runs
 from flows.prefect.parameters import (
     DeploymentParameter,
@@ -63,6 +69,7 @@ def as_flow(
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         given = shape.bind(*args, **kwargs)
         given.arguments["store"] = store_at(given.arguments.get("store"))
+        tell_failures_once()
         with under_prefect(stages):
             token = given.arguments.get("token")
             return completed(flow_result(lambda: stage(*given.args, **given.kwargs), token))

@@ -6,16 +6,21 @@ import pickle
 import re
 from collections.abc import Callable
 from contextlib import suppress
+from io import StringIO
+from logging import StreamHandler
 from pathlib import Path
 from threading import Event, Thread
 from types import SimpleNamespace
 from typing import cast
+from uuid import uuid4
 
 import pytest
 from prefect import flow_engine
 from prefect._internal.result_records import ResultRecord, ResultRecordMetadata
-from prefect.client.schemas.objects import State, StateType
+from prefect.client.schemas.objects import FlowRun, State, StateType
+from prefect.engine import engine_logger
 from prefect.logging import get_logger
+from prefect.logging.loggers import flow_run_logger
 from prefect.serializers import JSONSerializer
 from prefect.states import Cancelled
 from pydantic import JsonValue, ValidationError
@@ -27,6 +32,7 @@ from flows.prefect.flow_calls import (
     leave_heartbeats,
     result_of,
     result_serializer,
+    tell_failures_once,
 )
 from flows.resources.abandoned_jobs import ReapedJob
 from specs.base import Fault
@@ -276,3 +282,30 @@ def test_a_flow_does_not_wait_for_heartbeats_that_it_leaves(joined: list[Thread]
     leave_heartbeats()
     run_flow()
     assert joined == []
+
+
+@pytest.mark.parametrize(
+    ("failure", "debug", "is_traced"),
+    [
+        (PipelineNotPassed(REPORT), "", False),
+        (PipelineNotPassed(REPORT), "1", True),
+        (StageFailed("InternalServiceError", "because"), "", False),
+        (ZeroDivisionError("a defect"), "", True),
+    ],
+)
+def test_a_verdict_is_logged_without_a_traceback_and_a_defect_with_one(
+    monkeypatch: pytest.MonkeyPatch, failure: Exception, debug: str, *, is_traced: bool
+):
+    monkeypatch.setenv("SIMYARD_DEBUG", debug)
+    told = StringIO()
+    loggers = [flow_run_logger(FlowRun(flow_id=uuid4())).logger, engine_logger]  # those of flow_engine and of workers
+    tell_failures_once()
+    for logger in loggers:
+        monkeypatch.setattr(logger, "handlers", [StreamHandler(told)])  # and not the one that asks for a server
+    try:
+        raise failure
+    except type(failure) as exc:
+        for logger in loggers:
+            logger.error("it ended with %r", exc, exc_info=True)
+    assert told.getvalue().count("it ended with") == 2
+    assert told.getvalue().count("Traceback") == 2 * is_traced
