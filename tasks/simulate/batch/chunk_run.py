@@ -171,6 +171,7 @@ class ChunkPart(NamedTuple):
         recorder: Is given what the lanes do; None if nothing of the batch is recorded.
         whole: Whether it is all of a chunk that can be simulated.
         recorded: Which of its episodes the recorder keeps, if they are not cancelled.
+        coming: Chunks that are going to be run next, in their order, where the runner does not know them.
     """
 
     chunk: Chunk
@@ -180,6 +181,7 @@ class ChunkPart(NamedTuple):
     recorder: Recorder | None
     whole: bool = False
     recorded: RecordingChoice | None = None
+    coming: Sequence[PreparedChunk] = ()
 
 
 Simulate = Callable[[ChunkPart], Results]
@@ -355,7 +357,8 @@ class ChunkRunner:
     def run(self, part: ChunkPart) -> EpisodeColumns:
         """Returns the rows of a part, in request order."""
         # What does not fit into memory is not driven beside more.
-        coming = self.coming() if part.whole and len(part.chunk.requests) <= part.lanes else ()
+        fits = part.whole and len(part.chunk.requests) <= part.lanes
+        coming = (part.coming or self.coming()) if fits else ()
         client = SandboxClient(
             bundles=self.bundles,
             lanes=part.lanes,

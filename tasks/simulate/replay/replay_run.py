@@ -1,5 +1,6 @@
 """Replays an episode of a batch, and simulates some of its episodes again, together, as its chunks were simulated."""
 
+import functools
 from collections.abc import Mapping, Sequence
 from math import inf
 from pathlib import Path
@@ -10,7 +11,14 @@ from specs.data.world import World
 from specs.errors import ResourceNotFound
 from tasks.simulate.application.bundle_code import crash_code
 from tasks.simulate.batch.batch_record import OpenBatch, StopWatch
-from tasks.simulate.batch.chunk_run import ChunkPart, Simulate, batch_mounts, load_worlds
+from tasks.simulate.batch.chunk_run import (
+    ChunkPart,
+    PreparedChunk,
+    Simulate,
+    batch_mounts,
+    chunks_ahead,
+    load_worlds,
+)
 from tasks.simulate.plan.chunks import Chunk, most_steps, plan_chunks
 from tasks.simulate.replay.replay_result import ReplayResult, received_replay
 from tasks.simulate.sandbox.process_pool import ask_exclusive
@@ -149,11 +157,15 @@ def resimulate(
     rows = {index: failed_result(index, failure) for index, failure in why_not.items() if failure}
     watch = StopWatch(batch, [each.index for each in requests], inf)
 
-    def part(chunk: Chunk, lanes: int) -> Results:
-        asked = tuple(mounted.resolved(each) for each in chunk.requests)
-        return simulate(ChunkPart(chunk.model_copy(update={"requests": asked}), worlds, lanes, watch, None))
+    sound = [mounted.resolved(each) for each in requests if each.index not in rows]
+    chunks = [PreparedChunk(each, each, worlds, {}) for each in plan_chunks(sound, lanes)]
 
-    for chunk in plan_chunks([each for each in requests if each.index not in rows], lanes):
-        found = retry_with_fewer_lanes(chunk, lanes, part, lambda: False).rows
+    def part(coming: Sequence[PreparedChunk], whole: Chunk, chunk: Chunk, lanes: int) -> Results:
+        return simulate(ChunkPart(chunk, worlds, lanes, watch, None, chunk.requests == whole.requests, coming=coming))
+
+    for number, chunk in enumerate(chunks):
+        coming = [chunks[each] for each in chunks_ahead(range(number + 1, len(chunks)))]
+        simulate_part = functools.partial(part, coming, chunk.able)
+        found = retry_with_fewer_lanes(chunk.able, lanes, simulate_part, lambda: False).rows
         rows |= {row.index: row for row in found}
     return [rows[each.index] for each in asked_for]
