@@ -1,4 +1,7 @@
-"""JaxNav's robots: 256 at a time, one in each map, with 32 rays; all in one compiled loop. Runs where JaxMARL is."""
+"""JaxNav's robots: 256 at a time, one in each map, with 32 rays; all in one compiled loop. Runs where JaxMARL is.
+
+Told how many others are in its map, too, a step is of one robot among those, which are robots with the same rays.
+"""
 
 import os
 import sys
@@ -11,7 +14,7 @@ from jaxmarl.environments.jaxnav.jaxnav_env import JaxNav  # pyright: ignore[rep
 
 from benchmarks.rivals.turns import answer_turns
 
-ROBOTS, RAYS, TOGETHER = int(sys.argv[1]), int(sys.argv[2]), 50
+ROBOTS, RAYS, OTHERS, TOGETHER = int(sys.argv[1]), int(sys.argv[2]), int((*sys.argv, "0")[3]), 50
 
 
 def main() -> None:
@@ -20,14 +23,14 @@ def main() -> None:
     `step_env` leaves out the maps that `step` draws and throws away in each step, ten times as fast; robots that have
     ended stay, at the same cost.
     """
-    env = JaxNav(num_agents=1, lidar_num_beams=RAYS)
-    agent = env.agents[0]
+    env = JaxNav(num_agents=1 + OTHERS, lidar_num_beams=RAYS)
 
     def one(state: object, key: jax.Array) -> tuple[object, jax.Array]:
         keys = jax.random.split(key, ROBOTS)
-        actions = jax.random.uniform(key, (ROBOTS, 2), minval=jnp.array([0.0, -0.6]), maxval=jnp.array([1.0, 0.6]))
-        seen, state, *_ = jax.vmap(env.step_env)(keys, state, {agent: actions})
-        return state, seen[agent].sum()
+        low, high = jnp.array([0.0, -0.6]), jnp.array([1.0, 0.6])
+        actions = jax.random.uniform(key, (len(env.agents), ROBOTS, 2), minval=low, maxval=high)
+        seen, state, *_ = jax.vmap(env.step_env)(keys, state, dict(zip(env.agents, actions, strict=True)))
+        return state, seen[env.agents[0]].sum()
 
     @jax.jit
     def many(state: object, key: jax.Array) -> tuple[object, jax.Array]:

@@ -1,10 +1,12 @@
 """Control steps of robots a processor second: Simyard beside IR-SIM, JaxNav and PufferLib's Ocean, in one run.
 
     python -m benchmarks.rivals.navigation --python RIVALS_PYTHON --puffer FOLDER [--turns N] [--document FILE]
+    python -m benchmarks.rivals.navigation --python RIVALS_PYTHON --people 8 [--turns N] [--document FILE]
 
-RIVALS_PYTHON has ``ir-sim`` and ``jaxmarl`` installed; FOLDER is ``pufferlib`` in its source distribution of 3.0.0.
-What is not given is left out. Each is a process of its own, and as many processes as cores where a program uses one.
-They take turns while the others wait. The processor time is compared, which other work changes less than the wall.
+RIVALS_PYTHON has ``ir-sim`` and ``jaxmarl`` installed, and ``pysocialforce`` for people; FOLDER is ``pufferlib`` in its
+source distribution of 3.0.0. What is not given is left out. Each is a process of its own, and as many processes as
+cores where a program uses one. They take turns while the others wait. The processor time is compared, which other work
+changes less than the wall.
 """
 
 import json
@@ -74,6 +76,23 @@ def rivals(python: str | None, puffer: Path | None, folder: Path) -> Iterator[Ri
             yield Rival(f"Ocean {name}", toy[name], [str(built(puffer, name, folder))], cores, where)
 
 
+def among_people(python: str, people: int) -> Iterator[Rival]:
+    """Yields what moves a robot among people, or people alone."""
+    cores, here, walk = device_count(), {"PYTHONPATH": str(ROOT)}, str(people)
+    ours = (
+        f"10 physics steps with contact, 32 exact rays among 25 solids and {people} people who mind it, noise, scenario"
+    )
+    module = [sys.executable, "-m", "benchmarks.rivals.simyard_robots", "planar"]
+    yield Rival(OURS, ours, [*module, walk], environment=here)
+    told = f"moved without physics, 32 rays among 25 boxes and {people} circles that mind it (RVO)"
+    yield Rival("IR-SIM", told, [python, "-m", "benchmarks.rivals.irsim_robots", walk], cores, here)
+    told = f"moved without physics, 32 rays in steps of 5 cm, {people} others that are such robots and mind nobody"
+    yield Rival("JaxNav", told, [python, "-m", "benchmarks.rivals.jaxnav_robots", "256", "32", walk], environment=here)
+    told = f"no robot: {people} people by the social force among 25 walls"
+    command = [python, "-m", "benchmarks.rivals.social_force_people", walk]
+    yield Rival("PySocialForce", told, command, cores, here)
+
+
 class _Running:
     """A rival's processes."""
 
@@ -140,11 +159,14 @@ def main() -> None:
     asked = options(__doc__)
     asked.add_argument("--python", help="an interpreter that has ir-sim and jaxmarl")
     asked.add_argument("--puffer", type=Path, help="the folder pufferlib of its source distribution")
+    asked.add_argument("--people", type=int, default=0, help="how many walk beside a robot")
     asked.add_argument("--turns", type=int, default=7)
     given = asked.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        table = markdown(measured(list(rivals(given.python, given.puffer, Path(folder))), given.turns))
-    show("rivals", f"{machine()}\n\n{table}", given.document)
+        alone = rivals(given.python, given.puffer, Path(folder))
+        found = [*(among_people(given.python, given.people) if given.people else alone)]
+        table = markdown(measured(found, given.turns))
+    show("rivals among people" if given.people else "rivals", f"{machine()}\n\n{table}", given.document)
 
 
 if __name__ == "__main__":
