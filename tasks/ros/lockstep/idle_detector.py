@@ -152,8 +152,9 @@ class IdleDetector:
         self._in_vain: set[int] = set()
         self._noted = self._ticked = self._unlinked = self._fired = False
         self._usual_ns: dict[int, float] = {}
-        # Who has to poll, what was counted of it last, and when it was seen to poll; None while somebody else is awake.
-        self._due: dict[int, tuple[Runs, float]] | None = None
+        # Who has to poll, what was counted of it when it slept last, and when it was seen to poll; None while somebody
+        # else is awake. Of one that has not slept since it was to poll nothing is noted: it may have looked before.
+        self._due: dict[int, tuple[Runs | None, float]] | None = None
         self._orders: dict[int, PollOrders] = {}
         self._usual = _USUAL
         self._lapses: dict[int, _Lapse] = {}
@@ -412,7 +413,7 @@ class IdleDetector:
         elif self._due is not None and pids:
             self._due |= self._begin_orders(pids, now_s)
 
-    def _begin_orders(self, pids: Set[int], now_s: float) -> dict[int, tuple[Runs, float]]:
+    def _begin_orders(self, pids: Set[int], now_s: float) -> dict[int, tuple[Runs | None, float]]:
         """Returns who has to poll: all pollers of those processes, in which anybody else was run."""
         groups: dict[int, list[int]] = {}
         for tid in self.pollers:
@@ -420,20 +421,22 @@ class IdleDetector:
             if pids & {pid, 0} and (self._ticked or tid not in self.timers):
                 groups.setdefault(pid, []).append(tid)
         self._orders |= {pid: PollOrders(tids) for pid, tids in groups.items()}
-        due = {tid: (Runs.of(self._watch.now(tid)), now_s) for tids in groups.values() for tid in tids}
+        due = {tid: (self._asleep_runs(tid), now_s) for tids in groups.values() for tid in tids}
         self.next_s = now_s + _PEEK * min((self.pollers[tid] for tid in due), default=0.0)
         return due
 
     def _polled(self, now_s: float) -> bool:
         """Returns whether those who have to poll did so in every order; asks no others, so it costs little."""
         due, polled = self._due or {}, set[int]()
-        counted = {tid: Runs.of(self._watch.now(tid)) for tid in due}
-        awake = {tid for tid in due if self._watch.waits_for_core(tid)}
-        self._asleep = not awake
-        for tid in due.keys() - awake:
+        counted = {tid: runs for tid in due if (runs := self._asleep_runs(tid)) is not None}
+        self._asleep = len(counted) == len(due)
+        for tid, now in counted.items():
             noted, at_s = due[tid]
-            runs = counted[tid].times - noted.times
-            if runs > 0 and (counted[tid].ran_ns - noted.ran_ns) / runs > self._usual * self._usual_ns[tid] + _USUAL_NS:
+            if noted is None:
+                due[tid] = (now, now_s)
+                continue
+            runs = now.times - noted.times
+            if runs > 0 and (now.ran_ns - noted.ran_ns) / runs > self._usual * self._usual_ns[tid] + _USUAL_NS:
                 self._usual *= _USUAL
                 self._due = None
                 self._naps.touch({self._watch.process(tid)})
@@ -446,18 +449,29 @@ class IdleDetector:
                 return True
         if polled:  # Who polls meanwhile began before these had polled: only its next time counts.
             self._due = {
-                tid: (Runs.of(self._watch.now(tid)), now_s if tid in polled else at_s) for tid, (_, at_s) in due.items()
+                tid: (self._asleep_runs(tid), now_s if tid in polled else at_s) for tid, (_, at_s) in due.items()
             }
         for orders in self._orders.values():
             orders.add(polled)
         self.next_s = now_s + _PEEK * min(self.pollers[tid] for tid in due)
         return all(orders.all_seen for orders in self._orders.values())
 
+    def _asleep_runs(self, tid: int) -> Runs | None:
+        """Returns what is counted of a thread that sleeps: whatever it is run from now on, it looks after this.
+
+        One that is awake may have lost its core within a look, and is run once more for that same look: None.
+        """
+        runs = Runs.of(self._watch.now(tid))
+        return None if self._watch.waits_for_core(tid) else runs
+
     def _missed(self, tid: int, waited_s: float, now_s: float) -> bool:
-        """Returns whether a thread does not poll any more, as it seems; one that naps in its work may nap as long."""
+        """Returns whether a thread does not poll any more, as it seems; one that sleeps until a time is waited for.
+
+        A core that the machine's owner gives to others wakes nobody, and whoever sleeps on it looks late.
+        """
         if waited_s < max(_MISSED_S, _MISSED_POLLS * self.pollers[tid]):
             return False
-        return not (self._watch.naps(tid) and self.has_time(self._nap_s, now_s))
+        return not (self._watch.sleeps_until(tid) and self.has_time(self._nap_s, now_s))
 
     def _in_time(self, tid: int, now_s: float) -> bool:
         """Returns whether a thread only woke up as it does again and again, each tenth of a second or more seldom.

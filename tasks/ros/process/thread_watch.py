@@ -81,6 +81,8 @@ _STOPPED = b"Tt"
 _NAP = b"nanosleep"
 _UNTOLD = b"0"
 _CONDITION = b"futex"
+# What stands in a call's place where a thread runs, or is about to.
+_RUNS = "running"
 # Of futex(2): to wait, without and with a set of bits; other bits say which clock there is, and whose it is.
 _WAITS, _OPERATION = frozenset({0, 9}), 0x7F
 _LOOK_AGAIN_S = 0.002
@@ -281,7 +283,7 @@ class ThreadWatch:
         if self.runs == self._marked:
             return _NONE
         ran = [tid for tid in _differ(self.runs, self._marked) - exempt if tid in self._threads]
-        naps = frozenset(tid for tid in ran if _may_nap(self._threads[tid]) or self._waits_until(self._threads[tid]))
+        naps = frozenset(tid for tid in ran if self._naps(self._threads[tid]))
         woken = any(self._woken(tid) for tid in ran if tid not in naps)
         return None if woken else naps
 
@@ -291,17 +293,20 @@ class ThreadWatch:
 
     def resting(self) -> frozenset[int]:
         """Returns the sleepers, and the threads that wait on a condition until a time where that is a nap."""
-        return self.sleepers() | {tid for tid, thread in self._threads.items() if self._waits_until(thread)}
+        return self.sleepers() | {tid for tid, thread in self._threads.items() if self._naps_on_condition(thread)}
 
-    def _waits_until(self, thread: _Thread) -> bool:
-        """Returns whether a thread waits on a condition until a time; False where the kernel does not tell."""
-        if not self.limits or _CONDITION not in _waits_at(thread):
-            return False
-        with contextlib.suppress(OSError, ValueError):
-            # The number of the call, then what it was called with: an address, what to do, a value, the time.
-            words = Path(f"{self._proc}/{thread.pid}/task/{thread.tid}/syscall").read_text().split()
-            return len(words) > 4 and int(words[2], 16) & _OPERATION in _WAITS and int(words[4], 16) != 0
-        return False
+    def _naps_on_condition(self, thread: _Thread) -> bool:
+        """Returns whether a thread waits on a condition until a time, and that is a nap."""
+        return self.limits and _CONDITION in _waits_at(thread) and _waits_until(self._call(thread))
+
+    def _naps(self, thread: _Thread) -> bool:
+        return _may_nap(thread) or self._naps_on_condition(thread)
+
+    def _call(self, thread: _Thread) -> list[str]:
+        """Returns the system call that a thread is in, its number first; nothing where the kernel does not tell."""
+        with contextlib.suppress(OSError):
+            return Path(f"{self._proc}/{thread.pid}/task/{thread.tid}/syscall").read_text().split()
+        return []
 
     def doing(self, tid: int) -> str:
         """Returns what a thread does, for a person: where it waits is the kernel's name; empty if it is gone."""
@@ -343,6 +348,14 @@ class ThreadWatch:
         """Returns whether a thread may sleep by the wall's clock now, as ``time.sleep`` does."""
         thread = self._threads.get(tid)
         return thread is not None and _may_nap(thread)
+
+    def sleeps_until(self, tid: int) -> bool:
+        """Returns whether a thread wakes up by itself, or just did: it may nap, or waits on a condition for a time."""
+        thread = self._threads.get(tid)
+        if thread is None or _may_nap(thread):
+            return thread is not None
+        call = self._call(thread)
+        return call == [_RUNS] or (_CONDITION in _waits_at(thread) and _waits_until(call))
 
     def close(self) -> None:
         """Closes the files."""
@@ -408,6 +421,14 @@ def _waits_at(thread: _Thread) -> bytes:
 def _may_nap(thread: _Thread) -> bool:
     where = _waits_at(thread)
     return where == _UNTOLD or _NAP in where
+
+
+def _waits_until(call: list[str]) -> bool:
+    """Returns whether a system call waits on a condition until a time."""
+    # Its number, then what it was called with: an address, what to do, a value, the time.
+    with contextlib.suppress(ValueError):
+        return len(call) > 4 and int(call[2], 16) & _OPERATION in _WAITS and int(call[4], 16) != 0
+    return False
 
 
 def own_wait_s() -> float:

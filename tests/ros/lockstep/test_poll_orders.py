@@ -174,6 +174,50 @@ def test_a_poller_that_naps_in_its_work_may_nap_as_long_as_a_callback(
     assert POLLER not in detector.pollers
 
 
+# A call of futex(2) that waits on a condition: its number, an address, what to do, a value, until when.
+@pytest.mark.parametrize(
+    ("call", "waited_for"),
+    [("202 0x7f0 0x189 0x0 0x7f8", True), ("202 0x7f0 0x189 0x0 0x0", False), ("running", True), ("", False)],
+)
+def test_a_poller_that_sleeps_until_a_time_polls_again_though_it_is_late(
+    detector: IdleDetector, worker: FakeThread, poller: FakeThread, call: str, *, waited_for: bool
+) -> None:
+    """One whose core the machine's owner gave to others was given up, and its command came later or was lost."""
+    known(detector, poller)
+    poller.call = call
+    poller.be("S")
+    detector.begin(2.0, fresh=False, ticked=True)
+    worker.run()
+    detector.look(2.001)
+    assert ({detector.look(2.0 + 0.01 * k) for k in range(1, 90)} == {IdleState.WAITS}) is waited_for
+    assert (POLLER in detector.pollers) is waited_for
+
+
+def test_a_poller_that_lost_its_core_within_a_look_has_not_looked_again(
+    proc: Path, detector: IdleDetector, worker: FakeThread, poller: FakeThread
+) -> None:
+    """It is run once more for the same look, and had read before that what another poller changed meanwhile."""
+    other = fake_thread(proc, os.getpid(), POLLER + 1)
+    detector.application.watch.refresh([os.getpid()])
+    detector.count(0.0)
+    for each in (poller, other):
+        each.run(1000)
+    detector.find_pollers(1.0)
+    detector.begin(2.0, fresh=False, ticked=True)
+    worker.run()
+    other.runs += 1
+    other.be("R")
+    looks = [detector.look(2.001), detector.look(2.002)]
+    for number, each in enumerate((poller, other, poller)):  # so the other one's look is the one that it began with
+        each.run()
+        looks.append(detector.look(2.003 + 0.001 * number))
+    assert {*looks[1:], detector.look(2.006)} == {IdleState.WAITS}
+    for number, each in enumerate((other, poller)):
+        each.run()
+        looks.append(detector.look(2.007 + 0.001 * number))
+    assert [looks[-1], detector.look(2.009)] == [IdleState.WAITS, IdleState.QUIET]
+
+
 def test_two_threads_that_begin_to_poll_in_a_stage_are_found_in_it(
     detector: IdleDetector, worker: FakeThread, poller: FakeThread
 ) -> None:

@@ -18,6 +18,7 @@ class FakeThread:
     waited_ns: int = 0
     runs: int = 0
     waits_at: str = "futex_wait_queue"
+    call: str = ""
 
     def run(self, times: int = 1, *, ran_ns: int = 1000, waited_ns: int = 0) -> None:
         """Lets it run and sleep again, after it waited for a core for some time."""
@@ -36,6 +37,8 @@ class FakeThread:
         (self.folder / "stat").write_text(f"1 (node) {state} 1 1")
         (self.folder / "schedstat").write_text(f"{self.ran_ns} {self.waited_ns} {self.runs}\n")
         (self.folder / "wchan").write_text(self.waits_at)
+        if self.call:
+            (self.folder / "syscall").write_text(self.call)
 
 
 def fake_thread(proc: Path, pid: int, tid: int) -> FakeThread:
