@@ -20,11 +20,13 @@ OTHER_PLACE_M = 1.0
 """From here on two places of a world are others: a robot's own length or two, as for ``simyard shrink``."""
 OF_PLACE = 4
 """So many columns of a cell say where: reason, world, and metre (x, y)."""
-GENERATION = 128
+GENERATION = 64
 """So many episodes are driven before those that failed among them are changed in their turn."""
 _KEY = 2**31 + 1  # nothing of an estimate has this number
-_NEAR, _ONE, _OTHER, _ALL = range(4)  # what is changed, each in a quarter of the episodes
-_STEP = 0.5
+_NEAR, _ONE, _SOME, _OTHER = range(4)
+_KINDS = np.array([_NEAR, _ONE, _SOME, _NEAR, _ONE, _SOME, _NEAR, _OTHER])  # what is changed, of each eight episodes
+_STEPS = 0.5 ** np.arange(1, 6)
+_LEAST_WEIGHT = 0.1
 
 
 class FailureTraits(NamedTuple):
@@ -99,8 +101,9 @@ def near_failures(
 ) -> Particles:
     """Returns episodes near failures that were met.
 
-    A quarter of them have all numbers changed a little, a quarter one number drawn anew, a quarter another choice,
-    world or seed, and a quarter all numbers.
+    Of each eight three have all numbers changed a little, two one number drawn anew, two some of them, and one another
+    choice, world or seed. A number is drawn anew the less often the more it varies among failures at the same place: it
+    does not decide whether the robot fails there, and would lead nowhere else.
 
     Args:
         particles: The failures, at least one, in the order in which they were met.
@@ -115,14 +118,17 @@ def near_failures(
     kept = np.sort(np.unique(cells, axis=0, return_index=True)[1])
     places = np.unique(cells[kept, :OF_PLACE], axis=0, return_inverse=True)[1].ravel()
     sizes = np.bincount(places)
-    changed = particles.take(random.choice(kept, count, p=1.0 / (len(sizes) * sizes[places])))
+    chosen = random.choice(len(kept), count, p=1.0 / (len(sizes) * sizes[places]))
+    changed, weights = particles.take(kept[chosen]), _weights(traits.numbers[kept], places)[places[chosen]]
     smooth, drawn = changed.smooth, changed.drawn
     numbers, others = smooth.shape[1], np.flatnonzero(np.array(options) > 1)
-    kind = np.arange(count) % 4 if numbers else np.full(count, _OTHER)
-    fresh = random.standard_normal(smooth.shape)
-    smooth[kind == _NEAR] = (sqrt(1.0 - _STEP**2) * smooth + _STEP * fresh)[kind == _NEAR]
-    smooth[kind == _ALL] = fresh[kind == _ALL]
-    one, which = np.flatnonzero(kind == _ONE), random.integers(0, max(numbers, 1), count)
+    kind = _KINDS[np.arange(count) % len(_KINDS)] if numbers else np.full(count, _OTHER)
+    fresh, steps = random.standard_normal(smooth.shape), random.choice(_STEPS, (count, 1))
+    smooth[kind == _NEAR] = (np.sqrt(1.0 - steps**2) * smooth + steps * fresh)[kind == _NEAR]
+    some = (kind == _SOME)[:, None] & (random.random(smooth.shape) < 0.5 * weights)
+    smooth[some] = fresh[some]
+    one, shares = np.flatnonzero(kind == _ONE), weights.cumsum(1)
+    which = (random.random((count, 1)) * weights.sum(1, keepdims=True) > shares).sum(1)
     smooth[one, which[one]] = fresh[one, which[one]]
     # Another value than before: with the same one an episode would be simulated that is known to fail.
     other, which = np.flatnonzero(kind == _OTHER), random.choice(others, count)
@@ -130,3 +136,14 @@ def near_failures(
     before, further = (drawn[other, which] * most).astype(np.int64), random.integers(1, most)
     drawn[other, which] = ((before + further) % most + 0.5) / most
     return changed
+
+
+def _weights(
+    numbers: Float64[np.ndarray, "failures numbers"], places: Int[np.ndarray, "failures"]
+) -> Float64[np.ndarray, "places numbers"]:
+    """Returns of each place how often each number is to be drawn anew: 1 where it is the same in all failures there.
+
+    One that varies as much as plain draws do has the least weight.
+    """
+    spreads = [numbers[places == each].std(0) for each in range(places.max() + 1)]
+    return np.clip(1.0 - sqrt(12.0) * np.array(spreads), _LEAST_WEIGHT, 1.0)
