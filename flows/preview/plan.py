@@ -54,6 +54,7 @@ ASSUMED = (0.0, 0.05, 0.1)
 _NIGHTS = 5
 _WORTH_SAYING = 0.75
 _LAYOUTS = 2
+_LITTLE_S, _LITTLE = 5.0, 0.25
 
 
 class SeenSpread(NamedTuple):
@@ -362,12 +363,19 @@ def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, s
     yield f"                  {chunks} on {devices}, {programs}, {steps}"
     took = f"{_time(plan.wall_s, known=plan.known)} and {_gigabytes(plan.memory_bytes)}"
     if plan.known:
-        yield f"                  about {took}; from the last batch of these programs here"
+        yield f"                  about {took}; from the last batch of these programs here{_compiling(plan)}"
     else:
         yield f"                  time and memory unknown until these programs have run here: perhaps {took}"
     yield from (f"                  {_camera(each, plan)}" for each in plan.cameras)
     yield f"                  {_recordings(section)}{_bags(batch)}; {_audit(plan)}"
     yield f"                  applications run {confinement().sentence}"
+
+
+def _compiling(plan: EnginePlan) -> str:
+    """Returns how much longer a batch takes that has to compile; empty where that is little."""
+    if plan.compile_s < max(_LITTLE_S, _LITTLE * plan.wall_s.middle):
+        return ""
+    return f"; up to {plan.compile_s:.0f} s more where it has to compile, as for worlds of another size"
 
 
 def _search_lines(
@@ -400,7 +408,7 @@ def _search_lines(
     whole = engine_plan(alike, folders)
     took = _time(whole.wall_s, known=whole.known)
     unknown = f"time unknown until these programs have run here: perhaps {took}"
-    known = f"about {took} for all of them; from the last batch of these programs here"
+    known = f"about {took} for all of them; from the last batch of these programs here{_compiling(whole)}"
     yield f"                  {known if whole.known else unknown}"
     sure = f"{100 * search.estimate.confidence:g} % interval"
     if search.estimate.relativeError is None:

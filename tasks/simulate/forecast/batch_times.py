@@ -132,15 +132,30 @@ def remembered_wall_s(known: Sequence[BatchTiming], plan: BatchPlan, episodes: i
     # Lanes fall idle at a batch's end: the last episodes take as long as if there were as many as lanes.
     growth = (episodes + plan.lanes) / (like.episodes + plan.lanes)
     driven_s = (like.chunks_s - like.compile_s) * growth
-    first_s, audit_first_s = (
-        min(*taken, load_s) for taken in ([each.compile_s for each in known], [each.audit_compile_s for each in known])
-    )
+    first_s, audit_first_s = _first_s(known, load_s)
     # A batch that goes on, or has given worlds, makes none.
     made = next((each for each in reversed(known) if each.worlds_s > 0.0), like)
     making_s = made.worlds_s * worlds_of(plan) / made.worlds
     rest_s = _start_s(like) + making_s + like.after_s - like.audit_compile_s + audit_first_s
     total_s, margin = rest_s + first_s + driven_s, _MARGIN * max(growth, 1.0 / growth) ** 0.25
     return Span(low=total_s / margin, high=total_s * margin)
+
+
+def compiling_s(known: Sequence[BatchTiming], load_s: float) -> float:
+    """Returns how much longer a batch took at most that had to compile than `remembered_wall_s` says of one that loads.
+
+    Args:
+        known: What batches of its programs took.
+        load_s: To load all its programs.
+    """
+    if not known:
+        return 0.0
+    return max(each.compile_s + each.audit_compile_s for each in known) - sum(_first_s(known, load_s))
+
+
+def _first_s(known: Sequence[BatchTiming], load_s: float) -> tuple[float, float]:
+    """Returns what programs that are there take to load: those of the batch, and those of its audit."""
+    return min(load_s, *(each.compile_s for each in known)), min(load_s, *(each.audit_compile_s for each in known))
 
 
 def remembered_bytes(known: Sequence[BatchTiming]) -> Span | None:
@@ -185,6 +200,8 @@ def _batches_file(plan: BatchPlan) -> Path:
     longest_s = max((template.duration_s for template in plan.templates), default=0.0)
     machine = device_kind(), device_count()  # of one machine: cores may be fewer for this process
     known_by = (programs, plan.engine, plan.lanes, plan.audit, longest_s, plan.records(), machine)
+    met = [name for name in ("people", "boxes", "robots") if getattr(plan, name)]  # other programs, which take longer
+    known_by += ((*met,),) if met else ()
     return cache_folder() / "timings" / f"{hashlib.sha256(repr(known_by).encode()).hexdigest()}.json"
 
 

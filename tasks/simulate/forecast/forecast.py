@@ -30,7 +30,7 @@ from specs.launched_file import policy_file
 from tasks.simulate.application.mjcf_check import RobotRefused
 from tasks.simulate.devices import DeviceKind, device_count, device_kind
 from tasks.simulate.engines.engine_table import ENGINES, REFERENCE, EngineChoice, choose_engine
-from tasks.simulate.forecast.batch_times import Span, recall_batches, remembered_bytes, remembered_wall_s
+from tasks.simulate.forecast.batch_times import Span, compiling_s, recall_batches, remembered_bytes, remembered_wall_s
 from tasks.simulate.forecast.camera_costs import CameraPlan, Driven, camera_plans
 from tasks.simulate.host.declaration import ControllerKind, controller_kind
 from tasks.simulate.host.policy_check import check_policy
@@ -142,6 +142,7 @@ class EnginePlan(Spec):
         lane_steps_at_most: Physics steps of all lanes, if every episode took its full duration.
         wall_s: From the command to the batch's tables and audit.
         memory_bytes: The most that the process holds.
+        compile_s: How much longer it took at most where programs were compiled, as for worlds of another size.
         known: Whether both follow from the last batch of these programs here; else they are wide guesses.
         cameras: Of its robots, and what of the time is theirs.
     """
@@ -158,6 +159,7 @@ class EnginePlan(Spec):
     wall_s: Span
     memory_bytes: Span
     known: bool
+    compile_s: float = 0.0
     cameras: tuple[CameraPlan, ...] = ()
 
 
@@ -204,6 +206,7 @@ def engine_plan(plan: BatchPlan, folders: Mapping[str, Path]) -> EnginePlan:
         wall_s=remembered_wall_s(known, plan, layout.episodes, load_s) or guessed,
         memory_bytes=remembered_bytes(known) or _guessed_bytes(drives),
         known=bool(known),
+        compile_s=compiling_s(known, load_s),
         cameras=tuple(cameras),
     )
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from specs.data.people import People
 from tasks.progress.log_lines import log_duration
 from tasks.simulate.batch.metrics import METRICS, metrics_of, work_of
 from tasks.simulate.chunk.byproducts import ChunkTiming
@@ -13,6 +14,7 @@ from tasks.simulate.forecast import batch_times
 from tasks.simulate.forecast.batch_times import (
     BatchTiming,
     BatchWatch,
+    compiling_s,
     process_age_s,
     recall_batches,
     remember_batch,
@@ -60,6 +62,21 @@ def test_a_batch_takes_what_it_took():
 def test_what_was_compiled_once_is_loaded_from_then_on():
     assert told_s([COLD]) == pytest.approx(TOOK_S, rel=0.1)
     assert told_s([COLD, WARM]) == pytest.approx(TOOK_S)
+
+
+def test_how_long_compiling_took_is_known_beside_what_loading_takes():
+    assert compiling_s([COLD, WARM], LOAD_S) == pytest.approx(12.0 + 4.0 - 1.0 - 1.0)
+    assert compiling_s([COLD], LOAD_S) == pytest.approx(12.0 + 4.0 - 2 * LOAD_S)
+    assert compiling_s([WARM], LOAD_S) == 0.0
+    assert compiling_s([], LOAD_S) == 0.0
+
+
+def test_what_batches_without_people_took_says_nothing_of_one_with_them():
+    remember_batch(plan(), WARM)
+    among_people = plan(people=People(count=2))
+    assert recall_batches(among_people) == []
+    remember_batch(among_people, COLD)
+    assert recall_batches(plan(people=People(count=4))) == [COLD]
 
 
 def test_more_episodes_take_longer_and_are_known_less():
