@@ -149,15 +149,15 @@ class Pilot(NamedTuple):
         each = POPULATIONS * LENGTH * self.chains(left)
         if self.chains(left) < FEWEST_CHAINS:
             return (
-                f"{left:,} episodes are too few for {POPULATIONS} populations through {len(self.levels)} levels; about "
-                f"1 in {1.0 / about:,.0f} fails"
+                f"{left:,} episodes are too few for {POPULATIONS} populations through {len(self.levels)} levels; by a "
+                f"pilot about 1 in {1.0 / about:,.0f} fails"
             )
         split = self.variance(each)
         if drawn > split:
             return ""
         return (
-            f"about 1 in {1.0 / about:,.0f} fails, so that plain draws come within {100 * sqrt(drawn):.0f} %, and "
-            f"splitting within {100 * sqrt(split):.0f} %"
+            f"by a pilot about 1 in {1.0 / about:,.0f} fails, so that plain draws come within {100 * sqrt(drawn):.0f} "
+            f"%, and splitting within {100 * sqrt(split):.0f} %"
         )
 
 

@@ -135,7 +135,8 @@ def failure_probability(
     if pilot.why_draws(left):
         return (yield from _plain_draws(space, left, pilot, aim, seed))
     if not is_thinnable(pilot.about):
-        why = f"about 1 in {1.0 / pilot.about:,.0f} fails: too rare for plain draws, and for a choice among them"
+        rare = f"by a pilot about 1 in {1.0 / pilot.about:,.0f} fails"
+        why = f"{rare}: too rare for plain draws, and for a choice among them"
         return (yield from _populations(known, pilot, left, aim, why))
     return (yield from _lots(known, pilot, left, aim))
 
@@ -237,7 +238,7 @@ def _lots(known: _Known, pilot: Pilot, left: int, aim: Aim) -> Estimation:
     trial = yield from known.keeping(thinned(lot, known.all, pilot.near, None))
     spent, left = pilot.episodes + taught.episodes + len(trial.scores), left - len(trial.scores)
     if pilot.scatter(left) < trial.scatter(left):
-        why = f"about 1 in {1.0 / pilot.about:,.0f} fails, and it can hardly be told which of many draws may"
+        why = f"by a pilot about 1 in {1.0 / pilot.about:,.0f} fails, and it can hardly be told which of many draws may"
         return (yield from _populations(known, pilot._replace(episodes=spent), left, aim, why, first=POPULATIONS))
     lots, found = list[Thinned](), counted([trial], aim.confidence)
     drawn, about = len(trial.scores), found.estimate or pilot.about
@@ -253,7 +254,7 @@ def _lots(known: _Known, pilot: Pilot, left: int, aim: Aim) -> Estimation:
         interval=found.interval,
         highest=found.highest,
         method="thinned",
-        why=f"about 1 in {1.0 / pilot.about:,.0f} fails, and it can be told which of many draws may",
+        why=f"by a pilot about 1 in {1.0 / pilot.about:,.0f} fails, and it can be told which of many draws may",
         episodes=spent,
         levels=(*pilot.levels[:-1], 0.0),
         ended="narrow" if aim.reached(found.estimate, found.interval) else "spent",
