@@ -225,7 +225,8 @@ class DrawnEpisodes:
         """Takes the batch's request, whose variables are to be varied.
 
         Raises:
-            DocumentError: The batch has several requests, or does not have the variables.
+            DocumentError: The batch has several requests, does not have the variables, or its robot has another hull
+                than the version that the search is against.
             ResourceNotFound: A world is gone.
         """
         self._first, plan = batch.layout.request(0), batch.plan
@@ -259,11 +260,16 @@ class DrawnEpisodes:
 
         Raises:
             ResourceNotFound: There is no such version.
+            DocumentError: It has another hull, and so other starts and goals with the same seed.
         """
         robot = self._first.robot
         version = resolve(store, "robot-application", robot.name, number)
         builds = {each.architecture: each.digest for each in version.builds}
         digest = builds.get(robot.architecture or "X86_64", version.digest)
+        own, other = (_hull(store, each) for each in (robot.digest, digest))
+        if own != other:
+            same = f"a version with the batch's hull, {own}: with its own, {other}, it begins and goes elsewhere"
+            raise DocumentError.of("against", number, same, source="simyard")
         return robot.model_copy(update={"version": number, "digest": digest})
 
     def requests(self, particles: Particles) -> list[EpisodeRequest]:
@@ -312,6 +318,15 @@ class DrawnEpisodes:
             numbers=ndtr(particles.smooth),
             choices=places[:, :-2],
         )
+
+
+def _hull(store: Store, digest: str) -> str:
+    """Returns how wide and how high a robot is, which its floor, starts and goals follow from, for a person."""
+    from tasks.simulate.application.robot_file import read_robot_mjcf  # noqa: PLC0415 - it loads MuJoCo
+    from tasks.simulate.application.robot_model import compile_robot, hull_of  # noqa: PLC0415 - likewise
+
+    hull = hull_of(compile_robot(read_robot_mjcf(unpacked(store, [digest])[digest] / "robot.xml")))
+    return f"{hull.radius_m:.9g} m around and from {hull.low_m:.9g} to {hull.high_m:.9g} m high"
 
 
 def _chosen(options: Sequence[str], drawn: Float64[np.ndarray, "episodes"]) -> list[str]:

@@ -156,6 +156,15 @@ def test_against_another_version_only_failures_count_where_that_one_passes(
     assert {each.robot.digest for each in of_other}.isdisjoint(batch.plan.digests())
 
 
+def test_a_version_with_another_hull_is_refused(store: Store, batch: OpenBatch, tmp_path: Path):
+    folder = shutil.copytree(PUSHER, tmp_path / "pusher")
+    text = (folder / "robot.xml").read_text()
+    (folder / "robot.xml").write_text(text.replace('type="sphere" size="0.2"', 'type="sphere" size="0.19"'))
+    assert publish_bundle(store, "robot-application", "pusher", folder).number == 2
+    with pytest.raises(DocumentError, match=r"against: 2: .*the batch's hull, 0\.2 m around.*its own, 0\.19 m around"):
+        DrawnEpisodes(batch, SEARCH.model_copy(update={"against": "2"}))
+
+
 def test_against_itself_a_version_has_no_failure_of_its_own(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
     Simulated(monkeypatch)
     search = SEARCH.model_copy(update={"over": {"FAULT": Distribution(uniform=(0.0, 0.01))}, "against": "1"})
