@@ -39,6 +39,7 @@ from tasks.simulate.forecast.camera_costs import CameraPlan
 from tasks.simulate.forecast.forecast import EnginePlan, engine_plan, node_bytes, nodes_pace
 from tasks.simulate.geometry.obstacles import grid_cells
 from tasks.simulate.host.declaration import controller_kind
+from tasks.simulate.host.unread_variables import unread_variables
 from tasks.simulate.plan.batch_plan import DEFAULT_LANES, BatchPlan
 from tasks.simulate.plan.plan_batch import FindVersion, matrix_worlds, plan_batch
 from tasks.simulate.sandbox.confinement import confinement
@@ -252,6 +253,7 @@ def plan_lines(spec: PipelineSpec, base: Path, store: Store) -> Iterator[str]:
         for reason in (*failing_sources(found.batch), *host_failures(beside)):
             yield f"jobs will fail    {reason}"
         yield from _search_lines(spec.search, batch, plan, _folders(batch, trial))
+        yield from (f"no effect?        {line}" for line in _unread(batch, _folders(batch, trial)))
     if spec.gate:
         judged = replace(judged, searched=spec.search.budget.episodes if spec.search else 0)
         yield from _gate_lines(spec.gate, judged, batch, plan, seen_spread(store, spec.name))
@@ -342,6 +344,18 @@ def _planned(
 
 def _folders(batch: BatchPlan, store: Store) -> dict[str, Path]:
     return {digest: unpack(store, digest, cache_folder() / "bundles") for digest in batch.digests()}
+
+
+def _unread(batch: BatchPlan, folders: Mapping[str, Path]) -> list[str]:
+    """Returns what is to be said of variables that none of their episodes' applications name."""
+    found: list[str] = []
+    for template in batch.templates:
+        launches = template.robot, template.scenario
+        if any(each.command for each in launches):
+            continue  # the files of an image are in its layers
+        names = sorted(each for each in template.environment.keys() | batch.sweep.keys() if each.isidentifier())
+        found += unread_variables({each.name: folders[each.digest] for each in launches}, names)
+    return list(dict.fromkeys(found))
 
 
 def _batch_lines(plan: EnginePlan, batch: BatchPlan, section: SimulationBatch, sizes: int) -> Iterator[str]:

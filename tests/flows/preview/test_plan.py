@@ -116,6 +116,16 @@ def test_programs_are_counted_for_each_size_of_imported_worlds(
     assert "1 compiled program for each of 2 sizes of worlds," in "\n".join(plan_lines(spec, tmp_path, file_store))
 
 
+def test_a_variable_that_no_application_names_is_told(file_store: Store):
+    sections = read_pipeline(ROOT / "examples/people.yaml").model_dump(mode="json", exclude_none=True)
+    variables = {"MAX_SPEDE": ["0.4"], "MAX_SPEED": ["1"]}
+    sections["simulationBatch"]["matrix"] = {"worlds": "all", "seeds": 1, "environmentVariables": variables}
+    told = plan_lines(PipelineSpec.model_validate(sections), ROOT / "examples", file_store)
+    assert [line for line in told if line.startswith("no effect?")] == [
+        'no effect?        MAX_SPEDE: no file of courier or delivery has this name; did you mean "MAX_SPEED"?'
+    ]
+
+
 def test_what_is_turned_off_is_said(lines: Tell):
     told = lines(recordings={"episodes": "none"}, audit={"lanes": 0}, engine="mujoco")
     assert "courier: engine mujoco, asked for" in told
