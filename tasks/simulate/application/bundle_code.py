@@ -5,11 +5,13 @@ Another process sees which call is under way and since when, and may end this on
 
 import importlib
 import inspect
+import io
 import linecache
 import re
 import struct
 import sys
 import time
+import tokenize
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from importlib.machinery import (
@@ -297,7 +299,17 @@ def _syntax_frame(exc: SyntaxError) -> _Frame | None:
 
 def _source(file: str, line: int) -> str:
     linecache.checkcache(file)
-    return linecache.getline(file, line).strip()
+    return _without_comment(linecache.getline(file, line).strip())
+
+
+def _without_comment(line: str) -> str:
+    """Returns a line of Python without what its author says of it; a part of a statement as it is."""
+    try:
+        tokens = list(tokenize.generate_tokens(io.StringIO(line).readline))
+    except (tokenize.TokenError, SyntaxError):
+        return line
+    end = next((each.start[1] for each in tokens if each.type == tokenize.COMMENT), len(line))
+    return line[:end].rstrip()
 
 
 def _text(exc: BaseException) -> str:

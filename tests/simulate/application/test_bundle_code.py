@@ -129,6 +129,22 @@ def test_a_crash_is_told_in_one_line_with_the_authors_own_module_names(tmp_path:
     assert crash.value.reason.endswith(f"ValueError: first line pack.drive {place}")
 
 
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("raise ValueError('no #1') # noqa: TRY004 - our reason", "raise ValueError('no #1')"),
+        ("raise ValueError(  # why", "raise ValueError(  # why"),  # the line alone is no statement
+    ],
+)
+def test_a_crash_shows_its_line_without_the_comment(tmp_path: Path, line: str, told: str):
+    folder = bundle(tmp_path / "noted", 1)
+    closed = ")" if line.endswith("why") else ""
+    (folder / "pack" / "drive.py").write_text(f"{line}\n{closed}\n")
+    with pytest.raises(BundleCrash) as crash:
+        load_factory(folder, launch(f"{len(line):064x}"), "controller", "RobotApplicationCrash")
+    assert crash.value.reason.endswith(f"(pack/drive.py, line 1: {told})")
+
+
 def crashed(folder: Path, source: str, digest: str) -> str:
     """Returns why an application crashes when it is imported and its controller is made."""
     bundle(folder, 1)
