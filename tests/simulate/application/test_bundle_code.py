@@ -133,7 +133,7 @@ def test_a_crash_is_told_in_one_line_with_the_authors_own_module_names(tmp_path:
     ("line", "told"),
     [
         ("raise ValueError('no #1') # noqa: TRY004 - our reason", "raise ValueError('no #1')"),
-        ("raise ValueError(  # why", "raise ValueError(  # why"),  # the line alone is no statement
+        ("raise ValueError( # why", "raise ValueError( # why"),  # the line alone is no statement
     ],
 )
 def test_a_crash_shows_its_line_without_the_comment(tmp_path: Path, line: str, told: str):
