@@ -46,7 +46,7 @@ from tasks.storage.base.store import Store, create_once, encode_document, find_d
 from tasks.storage.resource_names import find_batch_name
 from tasks.storage.store_url import open_store
 
-STAGE = "Search"
+STAGE, CONFIRMED = "Search", "Failures confirmed"
 # Of the algorithm and of how episodes are drawn: another one has other steps.
 _FORM = 5
 _SEEDS = 2**32
@@ -485,6 +485,7 @@ class SearchSteps:
         report_progress(STAGE, self._done, self._search.episodes)
         answers = self._answers(asked, number, self.drawn.requests(particles))
         self._done += len(answers.scores)
+        report_progress(STAGE, self._done, self._search.episodes)
         self.failed += len(answers.failures)
         self.common += answers.common
         failing = sorted(answers.failures)
@@ -517,6 +518,7 @@ class SearchSteps:
                 )
                 for place, request in enumerate(requests)
             ]
+            report_progress(CONFIRMED, sum(each.confirmed for each in driven), wanted)
         alike = counts_of_nearest(traits, order[: len(driven)])
         return [each.model_copy(update={"alike": count}) for each, count in zip(driven, alike, strict=True)]
 

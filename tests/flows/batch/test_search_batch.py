@@ -29,6 +29,7 @@ from specs.data.people import People
 from specs.errors import DocumentError, ResourceNotFound, StageFailed
 from specs.pipeline.search_section import Distribution, Search, SearchBudget, SearchFind
 from tasks.applications.registry import publish_bundle
+from tasks.progress.listener import listen_to_progress
 from tasks.results.statistics.found_failures import write_search
 from tasks.results.statistics.particles import Particles, Space
 from tasks.simulate.batch.batch_record import OpenBatch, load_batch, open_batch
@@ -444,6 +445,20 @@ def test_steps_near_failures_are_those_of_as_many_and_not_of_others(batch: OpenB
     assert [len(each) for each in simulated.asked[asked:]] == [64, 36, 20, 20]
     again = found(batch, EXPLORED.model_copy(update={"find": SearchFind(distinct=3, episodes=300)}))
     assert again.simulated == 2 * 3  # whoever asks for fewer of them has the same ones near
+
+
+def test_it_is_told_how_far_it_is_to_its_last_episode(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
+    Simulated(monkeypatch)
+    told: list[tuple[str, int, int]] = []
+    search = SEARCH.model_copy(update={"over": {"FAULT": Distribution(uniform=(0.0, 0.01))}})
+    with listen_to_progress(lambda *each: told.append(each)):
+        answer = found(batch, search).found
+    told = list(dict.fromkeys(told))
+    assert told[0] == (search_module.STAGE, 0, 2_000)
+    assert told[-2:] == [
+        (search_module.STAGE, answer.probability.episodes, 2_000),
+        (search_module.CONFIRMED, 20, 20),
+    ]
 
 
 def test_where_nothing_failed_nothing_is_near(batch: OpenBatch, monkeypatch: pytest.MonkeyPatch):
