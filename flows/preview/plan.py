@@ -441,6 +441,8 @@ def _camera(camera: CameraPlan, plan: EnginePlan) -> str:
     part = Span(low=min(camera.batch_s.low, plan.wall_s.low), high=min(camera.batch_s.high, plan.wall_s.high))
     least, most = plan.wall_s.low - part.low, plan.wall_s.high - part.high
     without = _time(Span(low=min(least, most), high=max(least, most)), known=False)
+    if part.high < 1.0:
+        return f"{camera.robot}: {shown}: {pictures}; less than a second"
     return f"{camera.robot}: {shown}: {pictures}; at most {_time(part, known=False)}, without it {without}"
 
 

@@ -220,11 +220,16 @@ def test_what_a_camera_costs_is_told_with_the_time_without_it(file_store: Store,
     spec = own_robots(tmp_path, robot=(ROOT / "applications/courier/robot.xml").read_text())
     (module,) = (each for each in tmp_path.rglob("*.py") if "def controller(" in each.read_text())
     seeing = "class Eye:\n    columns, rows, rate_hz = 64, 48, 10.0\n\n\nclass Seer:\n    depth_camera = Eye()\n"
-    module.write_text(f"{module.read_text()}\n\n{seeing}")
+    blind = module.read_text()
+    module.write_text(f"{blind}\n\n{seeing}")
     told = "\n".join(plan_lines(spec, tmp_path, file_store))
     pictures = r"depth_camera of 64x48 at 10 Hz: [\d,]+ to [\d,]+ pictures a second of a core"
     line = pictures + r"; at most \S+ to \S+ (s|min|h), without it \S+ to"
     assert re.search(line, told), told
+
+    module.write_text(f"{blind}\n\n{seeing.replace('64, 48, 10.0', '2, 2, 0.1')}")
+    told = "\n".join(plan_lines(spec, tmp_path, file_store))
+    assert re.search(r"depth_camera of 2x2 at 0.1 Hz: .* a second of a core; less than a second\n", told), told
 
 
 def test_rows_of_c_mujoco_itself_are_driven_twice_and_not_audited(lines: Tell):
