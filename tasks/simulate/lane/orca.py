@@ -134,8 +134,8 @@ def nearest_velocity(planes: Sequence[HalfPlane], fixed: int, preferred: Vector,
     return _of_those_that_fail(fixed)(failed, tuple(planes), jnp.broadcast_to(most_m_s, failed.shape), found, first)
 
 
-# A step is a turn of a loop, so that what it found is computed once: the compiler would compute it again in each of the
-# operations that it makes of the next steps, and in each of theirs.
+# Written out, as long as what half-planes are made of was computed before: the compiler computes again, in each of the
+# operations that it makes of this, whatever no loop or division gives it.
 def _in_all(
     planes: Sequence[HalfPlane], most_m_s: Scalar, start: Vector, wanted: Vector, *, straight: bool
 ) -> tuple[Vector, Flag, Scalar]:
@@ -148,19 +148,13 @@ def _in_all(
         wanted: The velocity to come near to, or, ``straight``, the direction to go far in.
         straight: Which of them.
     """
-
-    def add(so_far: tuple[Vector, Flag, Scalar], added: tuple[Scalar, HalfPlane]) -> tuple[Any, None]:
-        (found, failed, at), (number, plane) = so_far, added
+    found, failed, at = start, jnp.zeros_like(start.x, bool), jnp.zeros_like(start.x, jnp.int32)
+    for number, plane in enumerate(planes):
+        best, possible = _on_line(plane, planes[:number], most_m_s, wanted, straight=straight)
         outside = plane.there & ~failed & (plane.beyond(found) > 0.0)
-        before = [other._replace(there=other.there & (place < number)) for place, other in enumerate(planes[:-1])]
-        best, possible = _on_line(plane, before, most_m_s, wanted, straight=straight)
         found = choose(outside & possible, best, found)
         fails = outside & ~possible
-        return (found, failed | fails, jnp.where(fails, number, at)), None
-
-    begin = (start, jnp.zeros_like(start.x, bool), jnp.zeros_like(start.x, jnp.int32))
-    numbers = jnp.arange(len(planes), dtype=jnp.int32)
-    (found, failed, at), _ = jax.lax.scan(add, begin, (numbers, _stacked(planes)))
+        failed, at = failed | fails, jnp.where(fails, number, at)
     return found, failed, at
 
 
@@ -202,16 +196,16 @@ def _of_those_that_fail(fixed: int) -> Callable[..., Vector]:
 
     def of_all(fails: Flag, *given: Any) -> Vector:  # noqa: ANN401 - half-planes, top speed, velocity, first that fails
         planes, most_m_s, start, first = jax.tree.map(jnp.ravel, given)
-        total = fails.size
-        order = jnp.nonzero(fails.ravel(), size=-(-total // _TOGETHER) * _TOGETHER, fill_value=total)[0]
+        # How many fail up to each: so those of a block are found by halving, where a list of all takes each by itself.
+        upto = jnp.cumsum(fails.ravel(), dtype=jnp.int32)
 
         def some(block: Scalar, found: Vector) -> Vector:
-            places = jax.lax.dynamic_slice_in_dim(order, block * _TOGETHER, _TOGETHER)
+            places = jnp.searchsorted(upto, block * _TOGETHER + jnp.arange(1, _TOGETHER + 1), method="scan_unrolled")
             theirs = jax.tree.map(lambda each: each.at[places].get(mode="clip"), (planes, most_m_s, start, first))
             best = _least_beyond(fixed, *theirs)
             return jax.tree.map(lambda old, new: old.at[places].set(new, mode="drop"), found, best)
 
-        blocks = (jnp.count_nonzero(fails) + _TOGETHER - 1) // _TOGETHER
+        blocks = (upto[-1] + _TOGETHER - 1) // _TOGETHER
         found = jax.lax.fori_loop(0, blocks, some, start)
         return jax.tree.map(lambda each: each.reshape(fails.shape), found)
 
@@ -228,18 +222,22 @@ def _of_those_that_fail(fixed: int) -> Callable[..., Vector]:
 def _least_beyond(fixed: int, planes: tuple[HalfPlane, ...], most_m_s: Scalar, start: Vector, first: Scalar) -> Vector:
     """Returns the velocity that goes beyond the half-planes of neighbours least, from the first that left none on."""
 
-    def add(so_far: tuple[Vector, Scalar], added: tuple[Scalar, HalfPlane]) -> tuple[Any, None]:
-        (found, allowed), (number, plane) = so_far, added
-        worse = plane.there & (number >= first) & (plane.beyond(found) > allowed)
+    def least_on(number: Scalar, plane: HalfPlane) -> tuple[Vector, Flag]:
         others = (_between(plane, other, place < number) for place, other in enumerate(planes[fixed:-1], fixed))
         inward = Vector(-plane.direction.y, plane.direction.x)
         between = [*planes[:fixed], *others]
         best, failed, _ = _in_all(between, most_m_s, inward.scaled(most_m_s), inward, straight=True)
+        return best, failed
+
+    def add(so_far: tuple[Vector, Scalar], added: tuple[Scalar, HalfPlane, tuple[Vector, Flag]]) -> tuple[Any, None]:
+        (found, allowed), (number, plane, (best, failed)) = so_far, added
+        worse = plane.there & (number >= first) & (plane.beyond(found) > allowed)
         found = choose(worse & ~failed, best, found)
         return (found, jnp.where(worse, plane.beyond(found), allowed)), None
 
-    numbers = jnp.arange(fixed, len(planes), dtype=jnp.int32)
-    (found, _), _ = jax.lax.scan(add, (start, jnp.zeros_like(start.x)), (numbers, _stacked(planes[fixed:])))
+    numbers, stacked = jnp.arange(fixed, len(planes), dtype=jnp.int32), _stacked(planes[fixed:])
+    each = jax.vmap(least_on)(numbers, stacked)
+    (found, _), _ = jax.lax.scan(add, (start, jnp.zeros_like(start.x)), (numbers, stacked, each))
     return found
 
 

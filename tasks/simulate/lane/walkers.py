@@ -8,8 +8,9 @@ place that it came from.
 Who does a recorded walk again keeps clear of nobody: it is where the walk says, and waits while the robot stands there.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+import functools
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -53,6 +54,9 @@ _TINY_M = 1e-6
 # Places behind a person that are looked at for a wall, and how far its surface gives way there.
 _BEHIND, _GIVE_M = 4, 0.02
 _TRANSIENT_STEPS = round(TRANSIENT_S / CONTROL_S)
+# Any tree of arrays.
+Given = TypeVar("Given")
+Found = TypeVar("Found")
 
 
 class PeopleInputs(NamedTuple):
@@ -166,8 +170,8 @@ def walk(people: PeopleInputs, state: PeopleState, robots: Sequence[Disc]) -> Pe
     cos, sin = jnp.cos(turn_rad), jnp.sin(turn_rad)
     lean = Vector(cos * onward.x - sin * onward.y, sin * onward.x + cos * onward.y)
     preferred = lean.scaled(jnp.where(stays, 0.0, people.speed_m_s))
-    beside_m, out = _room(people, place)
-    planes = [_wall_beside(beside_m, out), _wall_ahead(people, place, preferred), *_neighbours(people, own, robots)]
+    (beside_m, out), ahead = _turns(functools.partial(_room, people), [place, place.plus(preferred, _LOOK_S)])
+    planes = [_wall_beside(beside_m, out), _wall_ahead(*ahead, preferred), *_neighbours(people, own, robots)]
     chosen = nearest_velocity(planes, 2, preferred, _TOP_SPEED * people.speed_m_s)
     stopped = _stopped_by(robots, place, chosen)
     walked = _on_the_floor(people, own, beside_m, out, stopped)
@@ -226,7 +230,7 @@ def _next_corner(people: PeopleInputs, state: PeopleState, place: Vector) -> tup
     near = away.dot(away) <= jnp.where(is_place, _THERE_M, _BEND_M) ** 2
     arrived = near | (passed & ~is_place)
     way = jnp.where(arrived & is_place, 1, state.way)  # whoever went back for others sets out again
-    toward = jnp.where(arrived, (state.toward + way) % people.corner_count, state.toward)
+    toward = jnp.where(arrived, _around(people, state.toward + way), state.toward)
     left_s = jnp.maximum(state.stay_s - CONTROL_S, 0.0)
     stay_s = stay_s * jnp.where(state.way > 0, 1.0, _BACK_STAY)
     after = state._replace(toward=toward, way=way, stay_s=jnp.where(arrived & is_place, stay_s, left_s))
@@ -238,12 +242,19 @@ def _turned_back(people: PeopleInputs, state: PeopleState, place: Vector) -> Int
     before = _before(people, state)
     away = _corner(people, before).plus(place, -1.0)
     still_there = (_stay_s(people, before) > 0.0) & (away.dot(away) <= _THERE_M**2)
-    return jnp.where(still_there, (before - state.way) % people.corner_count, before)
+    return jnp.where(still_there, _around(people, before - state.way), before)
 
 
 def _before(people: PeopleInputs, state: PeopleState) -> Int[jax.Array, "people"]:
     """Returns the corner that each comes from."""
-    return (state.toward - state.way) % people.corner_count
+    return _around(people, state.toward - state.way)
+
+
+def _around(people: PeopleInputs, number: Int[jax.Array, "people"]) -> Int[jax.Array, "people"]:
+    """Returns the numbers of corners, of which those one before the first or behind the last go on at the other end."""
+    # A remainder takes a division of whole numbers, which no processor does for several at a time.
+    count = people.corner_count
+    return jnp.where(number < 0, number + count, jnp.where(number >= count, number - count, number))
 
 
 def _corner(people: PeopleInputs, number: Int[jax.Array, "people"]) -> Vector:
@@ -273,19 +284,36 @@ def _neighbours(people: PeopleInputs, own: Disc, robots: Sequence[Disc]) -> list
         )
     )
     radius_m = jnp.append(own.radius_m, jnp.stack([each.radius_m for each in robots]))
-    aware = jnp.repeat(people.aware[:, None], len(robots), axis=1)
-    seen = jnp.concatenate([people.there[None] & ~jnp.eye(count, dtype=bool), aware], axis=1)
-    squared = (x[None] - own.place.x[:, None]) ** 2 + (y[None] - own.place.y[:, None]) ** 2
+    aware = jnp.repeat(people.aware[None], len(robots), axis=0)
+    seen = jnp.concatenate([people.there[:, None] & ~jnp.eye(count, dtype=bool), aware])
+    squared = (x[:, None] - own.place.x[None]) ** 2 + (y[:, None] - own.place.y[None]) ** 2
     squared = jnp.where(seen, squared, jnp.inf)
-    planes: list[HalfPlane] = []
-    for _ in range(_NEIGHBOURS):
-        nearest = jnp.argmin(squared, axis=1)
-        there = jnp.take_along_axis(squared, nearest[:, None], 1)[:, 0] < jnp.inf
-        other = Disc(Vector(x[nearest], y[nearest]), Vector(vx[nearest], vy[nearest]), radius_m[nearest])
+
+    def nearest_but(gone: Bool[jax.Array, "all people"], _: None) -> tuple[jax.Array, tuple[Scalar, Scalar]]:
+        nearest_m, nearest = jnp.full(count, jnp.inf), jnp.zeros(count, jnp.int32)
+        for number in range(in_all):
+            nearer = ~gone[number] & (squared[number] < nearest_m)
+            nearest_m, nearest = jnp.where(nearer, squared[number], nearest_m), jnp.where(nearer, number, nearest)
+        return gone | (jnp.arange(in_all)[:, None] == nearest[None]), (nearest, nearest_m < jnp.inf)
+
+    def disc(nearest: Int[jax.Array, "people"]) -> Disc:
+        x_m, y_m, *velocity, other_m = (_chosen(nearest, each) for each in (x, y, vx, vy, radius_m))
+        return Disc(Vector(x_m, y_m), Vector(*velocity), other_m)
+
+    def plane(other: Disc, nearest: Int[jax.Array, "people"], there: Bool[jax.Array, "people"]) -> HalfPlane:
         share = jnp.where(nearest >= count, 1.0, 0.5)
-        planes.append(neighbour_plane(own, other, share=share, horizon_s=_HORIZON_S, step_s=CONTROL_S, there=there))
-        squared = jnp.where(jnp.arange(in_all)[None] == nearest[:, None], jnp.inf, squared)
-    return planes
+        return neighbour_plane(own, other, share=share, horizon_s=_HORIZON_S, step_s=CONTROL_S, there=there)
+
+    # Three loops, as in ``_turns``, each of few operations.
+    _, (nearest, there) = jax.lax.scan(nearest_but, jnp.zeros_like(seen), None, length=_NEIGHBOURS)
+    others = jax.lax.map(disc, nearest)
+    planes = jax.lax.map(lambda each: plane(*each), (others, nearest, there))
+    return [jax.tree.map(lambda each, turn=turn: each[turn], planes) for turn in range(_NEIGHBOURS)]
+
+
+def _chosen(number: Int[jax.Array, "people"], each: Float[jax.Array, "all"]) -> Scalar:
+    """Returns the one of all with each number. A choice among all: no processor looks up several places at a time."""
+    return functools.reduce(lambda so_far, k: jnp.where(number == k, each[k], so_far), range(1, len(each)), each[0])
 
 
 def _room(people: PeopleInputs, place: Vector) -> tuple[Scalar, Vector]:
@@ -319,8 +347,7 @@ def _wall_beside(room_m: Scalar, out: Vector) -> HalfPlane:
     return _wall(out, -room_m / _WALL_S)
 
 
-def _wall_ahead(people: PeopleInputs, place: Vector, preferred: Vector) -> HalfPlane:
-    room_m, out = _room(people, place.plus(preferred, _LOOK_S))
+def _wall_ahead(room_m: Scalar, out: Vector, preferred: Vector) -> HalfPlane:
     return _wall(out, preferred.dot(out.unit()) - room_m / _LOOK_S)
 
 
@@ -345,32 +372,40 @@ def _stopped_by(robots: Sequence[Disc], place: Vector, velocity: Vector) -> Vect
 
 def _apart(people: PeopleInputs, own: Disc, velocity: Vector) -> Vector:
     """Returns the velocities with which no two people come nearer than they touch: each may go half of the way."""
-    place = own.place
-    to = Vector(place.x[None] - place.x[:, None], place.y[None] - place.y[:, None])
+    place, count = own.place, len(people.there)
+    to = Vector(place.x[:, None] - place.x[None], place.y[:, None] - place.y[None])
     toward, length_m = to.unit(), jnp.sqrt(to.dot(to))
-    others = people.there[None] & ~jnp.eye(len(people.there), dtype=bool)
-    most_m_s = jnp.where(others, jnp.maximum(length_m / 2.0 - own.radius_m[:, None], 0.0) / CONTROL_S, jnp.inf)
-
-    def nearing(some: Vector) -> Float[jax.Array, "people others"]:
-        return toward.x * some.x[:, None] + toward.y * some.y[:, None]
-
-    over = jnp.maximum(nearing(velocity) - most_m_s, 0.0)
-    slid = Vector(velocity.x - jnp.sum(over * toward.x, axis=1), velocity.y - jnp.sum(over * toward.y, axis=1))
-    share = (most_m_s + _ROUNDED_M_S) / jnp.maximum(nearing(slid), _ROUNDED_M_S)
-    return slid.scaled(jnp.minimum(jnp.min(share, axis=1), 1.0))
+    others = people.there[:, None] & ~jnp.eye(count, dtype=bool)
+    most_m_s = jnp.where(others, jnp.maximum(length_m / 2.0 - own.radius_m[None], 0.0) / CONTROL_S, jnp.inf)
+    each = [(Vector(toward.x[k], toward.y[k]), most_m_s[k]) for k in range(count)]
+    # Added one after the other: a sum along an axis takes far longer than as many sums of all people.
+    over = [way.scaled(jnp.maximum(way.dot(velocity) - most, 0.0)) for way, most in each]
+    slid = velocity.plus(functools.reduce(Vector.plus, over), -1.0)
+    shares = [(most + _ROUNDED_M_S) / jnp.maximum(way.dot(slid), _ROUNDED_M_S) for way, most in each]
+    return slid.scaled(jnp.minimum(functools.reduce(jnp.minimum, shares), 1.0))
 
 
 def _on_the_floor(people: PeopleInputs, own: Disc, room_m: Scalar, out: Vector, velocity: Vector) -> Vector:
     """Returns the velocities that lead to where people have room: as they are, along the wall, or none."""
-    least_m = jnp.minimum(room_m, 0.0)
+    least_m, away = jnp.minimum(room_m, 0.0), out.unit()
 
     def fits(some: Vector) -> Bool[jax.Array, "people"]:
         return _room(people, own.place.plus(some, CONTROL_S))[0] >= least_m
 
-    away = out.unit()
-    along = _apart(people, own, velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0)))
-    whole = _apart(people, own, velocity)
-    return choose(fits(whole), whole, choose(fits(along), along, whole.scaled(0.0)))
+    along = velocity.plus(away, -jnp.minimum(velocity.dot(away), 0.0))
+    slid = _turns(functools.partial(_apart, people, own), [velocity, along])
+    (whole, along), fit = slid, _turns(fits, slid)
+    return choose(fit[0], whole, choose(fit[1], along, whole.scaled(0.0)))
+
+
+def _turns(function: Callable[[Given], Found], given: Sequence[Given]) -> list[Found]:
+    """Returns what a function makes of each, as turns of a loop.
+
+    So it is computed once: the compiler would compute it again in each of the operations that it makes of what follows.
+    """
+    stacked = jax.tree.map(lambda *each: jnp.stack(each), *given)
+    _, found = jax.lax.scan(lambda _, each: (None, function(each)), None, stacked)
+    return [jax.tree.map(lambda each, at=at: each[at], found) for at in range(len(given))]
 
 
 def meet(people: PeopleInputs, state: PeopleState, robot: Body, work: PeopleWork) -> Meetings:
