@@ -183,10 +183,11 @@ class Search(Ruled):
         measure = part(data, "measure")
         if isinstance(measure, str) and measure not in MEASURES:
             yield Finding(("measure",), measure, f"one of {', '.join(MEASURES)}")
-        for name in [*_WORDS, *OF_START]:
+        for name in [*_WORDS, *OF_START, *OF_GOALS]:
             if (given := part(data, name)) is not None:
-                word = f": {_WORDS[name]}" if name in _WORDS else ": {uniform: [...]}"
-                yield Finding((name,), given, f"below over, where all stands that varies: over: {{{name}{word}}}")
+                words = _WORDS.get(name, ("{uniform: [...]}",))
+                word = given if given in words else words[0]
+                yield Finding((name,), given, f"below over, where all stands that varies: over: {{{name}: {word}}}")
         over = part(data, "over")
         for name in _names(over):
             if name in _WORDS and isinstance(part(over, name), str) and part(over, name) not in _WORDS[name]:

@@ -153,10 +153,19 @@ def test_numbers_alone_where_an_object_belongs_are_told_with_the_key_that_takes_
     assert found["gate.successRate"][1].endswith("write successRate: {atLeast: 0.9}")
 
 
-def test_what_a_search_varies_beside_over_is_told_to_stand_below_it():
-    search = {"over": {"robot.mass": {"uniform": [0.9, 1.1]}}, "start": "anywhere"}
+@pytest.mark.parametrize(
+    ("name", "given", "told"),
+    [
+        ("start", "anywhere", "start: anywhere"),
+        ("goals", "shares", "goals: shares"),
+        ("goals", ["sofa"], "goals: scenario"),
+        ("goals.x1_share", {"uniform": [0, 1]}, "goals.x1_share: {uniform: [...]}"),
+    ],
+)
+def test_what_a_search_varies_beside_over_is_told_to_stand_below_it(name: str, given: object, told: str):
+    search = {"over": {"robot.mass": {"uniform": [0.9, 1.1]}}, name: given}
     found = faults(pipeline(simulationBatch={"createSimulationJobRequests": [JOB]}, search=search))
-    assert found["search.start"] == ('"anywhere"', "below over, where all stands that varies: over: {start: anywhere}")
+    assert found[f"search.{name}"][1] == f"below over, where all stands that varies: over: {{{told}}}"
 
 
 def test_a_world_that_is_no_name_is_told_with_the_command_that_lists_worlds():
